@@ -14,8 +14,6 @@ unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 QUICK := --hypothesis-profile quick
 FLIGHTS ?=
-# What `make bench` measures: all, or some of the names in docs/reference/bench.md.
-WHAT ?=
 # Where a wrong branch may hurt somebody, and the tests that are about it.
 GUARDED := links/core/deadman.py,links/rf/pacer.py,groundstation/pose/sources/intake.py,$\
     groundstation/core/safety/guards.py,groundstation/core/mission/mission.py
@@ -97,9 +95,8 @@ soak: setup ## long runs: minutes to hours
 	$(BIN)/python -m pytest -m soak --timeout 0 || test $$? = 5  # 5: nothing is marked soak
 	$(BIN)/python -m pytest -n $(WORKERS) --timeout 0 --hypothesis-profile big tests/property
 
-bench: setup ## measure this machine beside other simulators, which are half a gigabyte to install; WHAT=command: only that
-	@$(BIN)/uv sync --quiet --frozen --inexact --python $(BIN)/python --group peers
-	@$(BIN)/groundstation-sim bench $(WHAT) --peers
+bench: setup ## measure the program's timing on this machine, in minutes
+	@$(BIN)/groundstation-sim bench
 
 evidence: setup firmware ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" are recordings of others that you have imported
 	@rm -rf build/evidence && mkdir -p build/evidence
@@ -109,9 +106,9 @@ evidence: setup firmware ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" 
 	@test -z "$(FLIGHTS)" || $(BIN)/groundstation replay evidence $(FLIGHTS) --write docs/evidence.md
 	@$(BIN)/groundstation-sim dev firmware --write docs/evidence.md
 
-margins: setup ## every law tuned by one search under the same floors, in minutes: table, picture, evaluations
+margins: setup ## every law tuned by one search under the same floors, in minutes
 	@$(YIELD) $(BIN)/groundstation-sim compare --equal-margins --seeds 10 --workers $(WORKERS) \
-	    --table docs/equal-margins.csv --plot docs/equal-margins.png --write docs/explanation/equal-margins.md
+	    --write docs/explanation/equal-margins.md
 
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim dev reference --write docs/reference

@@ -406,17 +406,10 @@ def builders(
     """For each message number that tells of the vehicle's motion: (now, time since boot) [s] → message."""
     d = codec.dialect
     flags = KNOWN if own_estimate else STILL
-    odometry_message, timesync_message = d.MAVLink_odometry_message, d.MAVLink_timesync_message
-    local_position_ned_message = d.MAVLink_local_position_ned_message
-    attitude_quaternion_message = d.MAVLink_attitude_quaternion_message
-    estimator_status_message, ekf_status_report_message = (
-        d.MAVLink_estimator_status_message,
-        d.MAVLink_ekf_status_report_message,
-    )
 
     def odometry(now_s: float, boot_s: float) -> Message:
         seen = airframe.measure(now_s)
-        return odometry_message(
+        return d.MAVLink_odometry_message(
             int(boot_s * 1e6), MavFrame.LOCAL_NED, MavFrame.LOCAL_NED, *seen.position_ned,
             seen.attitude, *seen.velocity_ned, *seen.rates_rad_s, _UNKNOWN, _UNKNOWN,
             seen.resets, EstimatorKind.AUTOPILOT, 0,
@@ -424,21 +417,21 @@ def builders(
 
     def local_position(now_s: float, boot_s: float) -> Message:
         seen = airframe.measure(now_s)
-        return local_position_ned_message(int(boot_s * 1e3), *seen.position_ned, *seen.velocity_ned)
+        return d.MAVLink_local_position_ned_message(int(boot_s * 1e3), *seen.position_ned, *seen.velocity_ned)
 
     def attitude(now_s: float, boot_s: float) -> Message:
         turned, rates = airframe.feel(now_s)
-        return attitude_quaternion_message(int(boot_s * 1e3), *turned, *rates)
+        return d.MAVLink_attitude_quaternion_message(int(boot_s * 1e3), *turned, *rates)
 
     def timesync(now_s: float, boot_s: float) -> Message:
-        return timesync_message(0, int(boot_s * 1e9))
+        return d.MAVLink_timesync_message(0, int(boot_s * 1e9))
 
     def px4_estimator(now_s: float, boot_s: float) -> Message:
         ratios = (0.1, 0.1, 0.1, 0.1, 0.0, 0.0)
-        return estimator_status_message(int(boot_s * 1e6), flags, *ratios, 0.1, 0.1)
+        return d.MAVLink_estimator_status_message(int(boot_s * 1e6), flags, *ratios, 0.1, 0.1)
 
     def ardupilot_estimator(now_s: float, boot_s: float) -> Message:
-        return ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
+        return d.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
 
     return {
         d.MAVLINK_MSG_ID_ESTIMATOR_STATUS: px4_estimator,

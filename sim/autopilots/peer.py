@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
-from links.mavlink.protocol import frame_end
 from sim.autopilots.autopilot import SimulatedAutopilot
 from sim.autopilots.dialects import ArduPilotAutopilot, Px4Autopilot
 
@@ -26,27 +25,8 @@ class Wire(Protocol):
 
 
 Hear = Callable[[bytes, Any], None]
-"""Takes a frame and where it came from."""
+"""Takes bytes and where they came from: whole frames, or pieces of a stream, which the autopilot's codec joins."""
 OpenWire = Callable[[Hear], Awaitable[Wire]]
-
-
-class FrameCutter:
-    """Cuts a stream of bytes into MAVLink frames; what begins none is left out."""
-
-    def __init__(self, hear: Hear) -> None:
-        self._hear, self._rest = hear, b""
-
-    def feed(self, data: bytes) -> None:
-        """Take the next bytes."""
-        data, at = self._rest + data, 0
-        while at < len(data):
-            end = frame_end(data, at)
-            if end > len(data):
-                break
-            if end:
-                self._hear(data[at:end], None)
-            at = end or at + 1
-        self._rest = data[at:]
 
 
 class UdpWire(asyncio.DatagramProtocol):
@@ -83,7 +63,6 @@ class AcceptingTcp(asyncio.Protocol):
 
     def __init__(self, hear: Hear) -> None:
         self._hear = hear
-        self._cutter = FrameCutter(hear)
         self._transport: Any = None
         self.server: asyncio.AbstractServer | None = None
         """Listening server."""
@@ -92,11 +71,11 @@ class AcceptingTcp(asyncio.Protocol):
         """Somebody has connected (called by the event loop)."""
         if self._transport is not None:
             self._transport.abort()
-        self._transport, self._cutter = transport, FrameCutter(self._hear)
+        self._transport = transport
 
     def data_received(self, data: bytes) -> None:
         """Take bytes (called by the event loop)."""
-        self._cutter.feed(data)
+        self._hear(data, None)
 
     def sendto(self, frame: bytes) -> None:
         """Send one frame."""
@@ -144,41 +123,24 @@ def accept_at(address: tuple[str, int]) -> OpenWire:
     return open_wire
 
 
-class FarEnd(Protocol):
+class FarEnd(Wire, Protocol):
     """The far end of a serial port; :class:`sim.radio.radio.PtyWire` is one."""
 
     def listen(self, take: Callable[[bytes], None]) -> None:
         """Call ``take`` with whatever is written to the port."""
-
-    def say(self, data: bytes) -> None:
-        """Write to whoever has the port open."""
-
-
-class SerialEnd:
-    """Implements :class:`Wire` at the far end of a serial port, which its owner closes."""
-
-    def __init__(self, port: FarEnd) -> None:
-        self._port = port
-
-    def sendto(self, frame: bytes) -> None:
-        """Send one frame."""
-        self._port.say(frame)
-
-    def abort(self) -> None:
-        """Nothing to do."""
 
 
 def at_end_of(port: FarEnd) -> OpenWire:
     """The far end of a serial ``port``."""
 
     async def open_wire(hear: Hear) -> Wire:
-        port.listen(FrameCutter(hear).feed)
-        return SerialEnd(port)
+        port.listen(lambda data: hear(data, None))
+        return port
 
     return open_wire
 
 
-class AutopilotPeer(asyncio.DatagramProtocol):
+class AutopilotPeer:
     """Runs on the real and on the virtual loop alike."""
 
     def __init__(
@@ -195,7 +157,7 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         ``delay_s`` is how long what it says takes to leave, ``hearing_s`` how long what it is told takes to reach
         it, on top of what the network takes [s]. ``open_wire`` opens another wire instead of that UDP.
         """
-        self._open_wire = open_wire
+        self._open_wire = open_wire or speak_to(remote)
         self.open_second: OpenWire | None = None
         """Opens the wire of a second ground station, which hears all telemetry and the answers to what it asks."""
         self._second: Wire | None = None
@@ -204,7 +166,6 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         self.hearing_s = hearing_s
         self._unheard: deque[bytes] = deque()
         self._mute = self._deaf = False
-        self._remote = remote
         self.overhear: Callable[[float, bytes], None] | None = None
         """Sees every datagram as it comes, and when [s]."""
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -218,10 +179,7 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         loop = asyncio.get_running_loop()
         self._end = loop.create_future()
         self._loop = loop
-        if self._open_wire is not None:
-            self._transport = await self._open_wire(self.datagram_received)
-        else:
-            self._transport, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._remote)
+        self._transport = await self._open_wire(self.datagram_received)
         try:
             if self.open_second is not None:
                 self._second = await self.open_second(self._hear_second)
@@ -256,7 +214,7 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         loop.call_later(lasts_s, back)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        """Take one datagram (called by the event loop)."""
+        """Take what comes by the wire."""
         if self._loop is None:
             return
         if self.overhear is not None:

@@ -66,11 +66,13 @@ from sim.world import (
     Body,
     Physics,
     RateLoop,
+    SteadyWind,
     World,
     begin_eddies,
     begin_rotors,
     cell,
     compute_drag,
+    compute_steady,
     compute_turbulence,
     describe_air,
     describe_rotors,
@@ -465,9 +467,8 @@ class BatchWind:
 
     def __init__(self, worlds: Sequence[World], seeds: Sequence[int]) -> None:
         """Take the first eddies."""
-        self._mean, self._gust, self._step = (column(worlds, key) for key in ("wind_mean", "wind_gust", "wind_step"))
-        self._gust_hz, self._step_time_s = column(worlds, "wind_gust_hz"), column(worlds, "wind_step_time_s")
-        self._push_s = column(worlds, "wind_push_s")
+        keys = ("wind_mean", "wind_gust", "wind_gust_hz", "wind_step", "wind_step_time_s", "wind_push_s")
+        self._steady = SteadyWind(*(column(worlds, key) for key in keys))
         self._turbulence = column(worlds, "wind_turbulence")
         self._draws = [generator(seed, "turbulence") for seed in seeds] if self._turbulence.any() else []
         self._grid = 0
@@ -482,11 +483,7 @@ class BatchWind:
             if self._grid % BLOCK == 0:
                 self._block = self._draw()
             self._eddies = stir(self._eddies, tuple(self._block[self._grid % BLOCK]))
-        sine = OPS.sin(2.0 * np.pi * self._gust_hz * time_s)
-        since = (time_s - self._step_time_s) / np.where(self._push_s > 0.0, self._push_s, 1.0)
-        push = OPS.sin(np.pi * np.clip(since, 0.0, 1.0))
-        share = np.where(self._push_s > 0.0, push, 1.0) * (time_s >= self._step_time_s)
-        steady = self._mean + self._gust * sine + self._step * share
+        steady = np.array(compute_steady(OPS, self._steady, time_s))
         return steady + np.array(compute_turbulence(self._eddies, self._turbulence))
 
     def _draw(self) -> Array:
@@ -752,102 +749,8 @@ class Flights(NamedTuple):
     survived: npt.NDArray[np.bool_]
 
 
-class GustMarks:
-    """Answers of N flights to a step or push of the wind."""
-
-    def __init__(self, worlds: Sequence[World]) -> None:
-        pushed = [world.wind_step != ZERO for world in worlds]
-        self._begin_s = np.where(pushed, column(worlds, "wind_step_time_s"), np.nan)
-        """When the wind steps [s]; nan where it does not."""
-        self._last_off = self._begin_s
-        """When each was last as far off as does not count as back [s]."""
-        self.peak_m: Array = np.full(len(worlds), np.nan)
-
-    def steps(self, ends: Array, errors: Array) -> None:
-        """As :meth:`Marks.steps`."""
-        after = ends[:, None] >= self._begin_s
-        if after.any():
-            self.peak_m = np.fmax(self.peak_m, np.where(after, errors, np.nan).max(axis=0))
-            self._last_off = _find_last(ends, after & (errors >= BACK_M), self._last_off)
-
-    def compute_back(self, end_s: float) -> Any:
-        """Time after the gust [s] from which the error stays small; nan where it does not before ``end_s``."""
-        return np.where(self._last_off < end_s, self._last_off - self._begin_s, np.nan)
-
-
-def _find_last(ends: Array, marked: Any, before: Any) -> Any:
-    """The last of ``ends`` at which each flight is ``marked``, of shape (steps, N); ``before`` where none is."""
-    return np.where(marked.any(axis=0), ends[ends.size - 1 - np.argmax(marked[::-1], axis=0)], before)
-
-
-class ErrorMarks:
-    """Position errors of N flights."""
-
-    def __init__(self, count: int) -> None:
-        self._squares, self.max_m = np.zeros(count), np.zeros(count)
-        self._last_far, self._steps = np.zeros(count), 0
-
-    def steps(self, ends: Array, errors: Array) -> None:
-        """As :meth:`Marks.steps`."""
-        self._last_far = _find_last(ends, errors >= SETTLED_M, self._last_far)
-        steady = errors[ends >= STEADY_FROM_S]
-        for error in steady:
-            self._squares += error * error
-        if len(steady):
-            self.max_m = np.maximum(self.max_m, steady.max(axis=0))
-            self._steps += len(steady)
-
-    @property
-    def rms_m(self) -> Any:
-        """RMS over the steady part [m]."""
-        return np.sqrt(self._squares / max(self._steps, 1))
-
-    def compute_settled(self, end_s: float) -> Any:
-        """Time from which the error stays small [s]; nan where it does not before ``end_s``."""
-        return np.where(self._last_far < end_s, self._last_far, np.nan)
-
-
-class LyapunovMarks:
-    """V of N flights with b̃ from the truth, and the largest |b̂|."""
-
-    def __init__(self, count: int, told_kg: float, law: Law | None) -> None:
-        """The flights are told a mass of ``told_kg`` [kg]; ``law`` has the bounds, if there are any."""
-        self._told_kg, self._law = told_kg, law
-        self._b_hat2 = np.zeros(count)
-        self._v: list[Array] = []
-
-    def command(self, time_s: float, decision: Decision, estimate: Estimate, wind: Array) -> None:
-        """As :meth:`Marks.command`."""
-        law, seen = self._law, decision.diagnostics
-        x, y, z = seen.b_hat
-        self._b_hat2 = np.maximum(self._b_hat2, x * x + y * y + z * z)
-        if 0.0 < time_s < STEADY_FROM_S:
-            return
-        weight = 0.5 / law.kb if law is not None and law.kb > 0.0 else 0.0
-        wind = sought(wind, estimate, self._told_kg)
-        self._v.append(seen.v_known + weight * ((x - wind[0]) ** 2 + (y - wind[1]) ** 2 + (z - wind[2]) ** 2))
-
-    @property
-    def start(self) -> Array:
-        """V at the first command [m²/s²]."""
-        return self._v[0]
-
-    @property
-    def floor(self) -> Any:
-        """Median of V over the steady part [m²/s²]; nan without one."""
-        if len(self._v) <= 2:
-            return np.nan
-        v = np.array(self._v[1:])
-        return np.sort(v, axis=0)[len(v) // 2]
-
-    @property
-    def b_hat_share(self) -> Any:
-        """Largest |b̂| in shares of B + ε [-]."""
-        return np.sqrt(self._b_hat2) / (np.inf if self._law is None else self._law.b_bound + self._law.epsilon)
-
-
 class Marks:
-    """Score sheet of N flights."""
+    """Score sheet of N flights: commands and steps are kept as they come, and judged at the end."""
 
     def __init__(
         self, worlds: Sequence[World], duration_s: float, vehicle: Vehicle, law: Estimation, watch: BatchWatch
@@ -857,16 +760,21 @@ class Marks:
         ``watch`` is shown every command.
         """
         count = len(worlds)
+        self._duration, self._vehicle, self._watch = duration_s, vehicle, watch
+        self._law = law if isinstance(law, Law) else None
         self._alive = np.ones(count, bool)
-        self._saturated, self._late = np.zeros(count), 0
-        self._duration, self._watch = duration_s, watch
-        self._lyapunov = LyapunovMarks(count, vehicle.mass_kg, law if isinstance(law, Law) else None)
-        self._errors = ErrorMarks(count)
-        self._gust, self._lowest = GustMarks(worlds), np.full(count, -np.inf)
-        self._thrusts = vehicle.thrust_min_n, vehicle.thrust_max_n
-        self._margin = np.full(count, np.inf)
-        self._effort, self._efforts, self._steady = Effort(), np.zeros(count), 0
+        pushed = [world.wind_step != ZERO for world in worlds]
+        self._pushed_s = np.where(pushed, column(worlds, "wind_step_time_s"), np.nan)
+        """When the wind steps [s]; nan where it does not."""
+        self._effort = Effort()
         self._scale: tuple[Any, Any] = np.ones(count), np.zeros(count)
+        self._b_hat2 = np.zeros(count)
+        """Largest |b̂|² so far."""
+        self._commands: list[tuple[float, Any, Any, Any, Any]] = []
+        """Time [s], whether it was clamped, thrust [N], square of the effort and V, of each command."""
+        self._steps: list[tuple[Array, Array]] = []
+        """Ends of the steps of a frame [s], and errors of shape (steps, N) [m]."""
+        self._lowest = np.full(count, -np.inf)
 
     def mark_failed(self, who: Any) -> None:
         """These flights have failed."""
@@ -876,53 +784,67 @@ class Marks:
         """One command of each, what it was computed from, and the true disturbance b [m/s², NED] at that instant."""
         self._watch.look(decision)
         self._scale = estimate.effectiveness, estimate.effectiveness_deviation
-        self._lyapunov.command(time_s, decision, estimate, wind)
-        if time_s >= SATURATION_FROM_S:
-            self._saturated += decision.saturated
-            self._late += 1
-        square = self._effort.square(time_s, decision.drive.rates)
-        if time_s >= STEADY_FROM_S:
-            self._efforts += square
-            self._steady += 1
-            low, high = self._thrusts
-            thrust: Any = decision.drive.thrust
-            self._margin = np.minimum(self._margin, np.minimum(thrust - low, high - thrust))
+        seen, drive, law = decision.diagnostics, decision.drive, self._law
+        x, y, z = seen.b_hat
+        self._b_hat2 = np.maximum(self._b_hat2, x * x + y * y + z * z)
+        weight = 0.5 / law.kb if law is not None and law.kb > 0.0 else 0.0
+        north, east, down = sought(wind, estimate, self._vehicle.mass_kg)
+        v = seen.v_known + weight * ((x - north) ** 2 + (y - east) ** 2 + (z - down) ** 2)
+        square = self._effort.square(time_s, drive.rates)
+        self._commands.append((time_s, decision.saturated, drive.thrust, square, v))
 
     def steps(self, ends: Array, errors: Array, heights: Array) -> None:
         """The errors [m] of shape (steps, N) after the plant steps that end at ``ends`` [s after the release].
 
         ``heights`` are counted downwards [m, NED].
         """
-        if not ends.size:
-            return
-        self._errors.steps(ends, errors)
-        self._gust.steps(ends, errors)
-        self._lowest = np.maximum(self._lowest, heights.max(axis=0))
+        self._steps.append((ends, errors))
+        self._lowest = np.maximum(self._lowest, heights.max(axis=0, initial=-np.inf))
 
     def flights(self) -> Flights:
         """The figures; nan for those that crashed."""
-        nan = np.where(self._alive, 0.0, np.nan)
-        end_s = self._duration - 0.01
+        nan, end_s = np.where(self._alive, 0.0, np.nan), self._duration - 0.01
+        columns = [np.array(values) for values in zip(*self._commands, strict=True)]
+        times, saturated, thrusts, squares, v = columns
+        steady, clampable = times >= STEADY_FROM_S, times >= SATURATION_FROM_S
+        vehicle, law = self._vehicle, self._law
+        margins = np.minimum(thrusts - vehicle.thrust_min_n, vehicle.thrust_max_n - thrusts)[steady]
+        ends, errors = map(np.concatenate, zip(*self._steps, strict=True))
+        late = errors[ends >= STEADY_FROM_S]
+        settled_s = _find_last(ends, errors >= SETTLED_M, np.zeros(len(nan)))
+        after = ends[:, None] >= self._pushed_s
+        peak_m = np.where(after, errors, -np.inf).max(axis=0)
+        back_s = _find_last(ends, after & (errors >= BACK_M), self._pushed_s)
         violated, suspended = self._watch.shares()
         return Flights(
-            rms_m=self._errors.rms_m + nan,
-            max_m=self._errors.max_m + nan,
-            settle_s=self._errors.compute_settled(end_s) + nan,
-            effort_rad_s=np.sqrt(self._efforts / max(self._steady, 1)) + nan,
-            saturated=self._saturated / max(self._late, 1),
-            lyapunov_start=self._lyapunov.start,
-            lyapunov_floor=self._lyapunov.floor + nan,
+            rms_m=np.sqrt(_sum_up(late * late) / max(len(late), 1)) + nan,
+            max_m=late.max(axis=0, initial=0.0) + nan,
+            settle_s=np.where(settled_s < end_s, settled_s, np.nan) + nan,
+            effort_rad_s=np.sqrt(_sum_up(squares[steady]) / max(steady.sum(), 1)) + nan,
+            saturated=saturated[clampable].sum(axis=0) / max(clampable.sum(), 1),
+            lyapunov_start=v[0],
+            lyapunov_floor=(np.sort(v[steady], axis=0)[steady.sum() // 2] if steady.any() else np.nan) + nan,
             certificate_violated=violated + nan,
             certificate_suspended=suspended + nan,
-            b_hat_share_max=self._lyapunov.b_hat_share + nan,
-            thrust_margin_n=self._margin + nan,
+            b_hat_share_max=np.sqrt(self._b_hat2) / (np.inf if law is None else law.b_bound + law.epsilon) + nan,
+            thrust_margin_n=margins.min(axis=0, initial=np.inf) + nan,
             thrust_scale=self._scale[0] + nan,
             thrust_scale_deviation=self._scale[1] + nan,
-            gust_peak_m=self._gust.peak_m + nan,
-            gust_back_s=self._gust.compute_back(end_s) + nan,
+            gust_peak_m=np.where(np.isfinite(peak_m), peak_m, np.nan) + nan,
+            gust_back_s=np.where(back_s < end_s, back_s - self._pushed_s, np.nan) + nan,
             lowest_m=self._lowest,
             survived=self._alive,
         )
+
+
+def _sum_up(values: Array) -> Any:
+    """The sum of each flight's ``values``, of shape (steps, N): to the same bit, however many fly with it."""
+    return np.ascontiguousarray(values.T).sum(axis=1)
+
+
+def _find_last(ends: Array, marked: Any, none: Array) -> Any:
+    """The last of ``ends`` at which each flight is ``marked``, of shape (steps, N); ``none`` where it never is."""
+    return np.where(marked.any(axis=0), ends[ends.size - 1 - np.argmax(marked[::-1], axis=0)], none)
 
 
 HANDSHAKE_S = 1.2

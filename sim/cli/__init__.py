@@ -1,4 +1,4 @@
 """The commands of `groundstation-sim`."""
 
-from sim.cli.arguments import MEASUREMENTS, count, names, percent, seconds, whole
-from sim.cli.console import ProgressBar
+from sim.cli.arguments import count, names, seconds, whole
+from sim.cli.console import ProgressBar, typed_command

@@ -6,17 +6,13 @@ import math
 
 def seconds(text: str) -> float:
     """A length of time, at most a day."""
-    value = _number(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not 0.0 < value <= 86400.0:
         raise argparse.ArgumentTypeError(f"expected seconds, more than 0 and at most 86400, got {text}")
     return value
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan  # is within no bounds
 
 
 def count(text: str) -> int:
@@ -39,21 +35,9 @@ def _from(least: int, text: str) -> int:
     return value
 
 
-def percent(text: str) -> float:
-    """A share, below 90."""
-    value = _number(text)
-    if not 0.0 <= value < 90.0:
-        raise argparse.ArgumentTypeError(f"expected percent from 0 to below 90, got {text}")
-    return value
-
-
 def names(text: str) -> list[str]:
     """Names between commas, each once, and one at least."""
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
         raise argparse.ArgumentTypeError(f"expected names between commas, got {text!r}")
     return found
-
-
-MEASUREMENTS = ("tick", "flight", "command", "batch", "links")
-"""Measurements of ``groundstation-sim bench``, in their order: each a module of tests/proving/bench."""

@@ -8,21 +8,18 @@ import argparse
 import asyncio
 import json
 import os
-import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
-from groundstation.config import ConfigError, load, read_toml, refuse_io
+from groundstation.config import ConfigError, load, read_toml
 from groundstation.core.messages import STEADY_S, notice
 from groundstation.flight import ensure_flyable
 from groundstation.interfaces.cli import advise_name, completion_script, words_of_flying
@@ -53,10 +50,6 @@ T = TypeVar("T")
 __all__ = ["advise_name"]  # called by groundstation.runtime, as in the commands of groundstation
 FIGURE_S = 60.0
 """Default time on the trajectory of a mission [s]."""
-COMPARISON_S = 60.0
-"""Default of ``compare --duration`` (sim/__main__.py) [s]."""
-PLOT_DPI = 150
-"""Resolution of a picture [pixels per inch]. Chosen."""
 TEXT_COLUMNS = 118
 """Width of the text below the table of equal margins [characters]. Chosen."""
 
@@ -79,6 +72,7 @@ def _prove(command: str, module: str, args: argparse.Namespace) -> int:
     return int(getattr(load_proving(command, module), command)(args))
 
 
+bench = partial(_prove, "bench", "bench.bench")
 dev_faults = partial(_prove, "faults", "commands")
 dev_honest = partial(_prove, "honest", "commands")
 dev_alarms = partial(_prove, "alarms", "alarms")
@@ -88,19 +82,19 @@ dev_autopilots = partial(_prove, "autopilots", "onboard")
 
 def compare(args: argparse.Namespace) -> Exit:
     """Fly controllers side by side."""
-    from sim.cli import ProgressBar
+    from sim.cli import ProgressBar, typed_command
     from sim.studies import CONTROLLERS, check_plot, text_table, write_between_markers
     from sim.studies import compare as fly_side_by_side
     from sim.studies import plot as draw
 
-    if args.plot is not None:
-        check_plot(args.plot)
     if args.write is not None:
         split_at_markers(args.write)
     if args.equal_margins:
         return _at_equal_margins(args)
-    if args.table is not None or args.trials is not None:
-        raise ConfigError("--table" if args.table is not None else "--trials", "is for --equal-margins")
+    if args.trials is not None:
+        raise ConfigError("--trials", "is for --equal-margins")
+    if args.plot is not None:
+        check_plot(args.plot)
     with ProgressBar("flights", quiet=args.json) as bar:
         try:
             found = fly_side_by_side(
@@ -120,7 +114,7 @@ def compare(args: argparse.Namespace) -> Exit:
     if args.plot is not None:
         draw(args.plot, found.rows, found.flights)
     if args.write is not None:
-        write_between_markers(args.write, found.rows, _comparison(args))
+        write_between_markers(args.write, found.rows, typed_command())
     print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else text_table(found.rows))
     return Exit.DONE
 
@@ -129,20 +123,11 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
     """Tune every law under the same robustness floors, and fly the best gains of each once more."""
     from sim.cli import ProgressBar
     from sim.cli.tune import need_optuna
-    from sim.studies import (
-        SEARCHED_LAWS,
-        TRIALS,
-        compare_at_equal_margins,
-        describe_terms,
-        draw_equal_margins,
-        equal_margins_table,
-        read_trials,
-        write_trials,
-    )
-    from sim.studies.tune import Flyers
+    from sim.runs import Flyers
+    from sim.studies import SEARCHED_LAWS, TRIALS, compare_at_equal_margins, describe_terms, equal_margins_table
 
     need_optuna()
-    for option, values in (("--scenarios", args.scenarios), ("--set", args.overrides)):
+    for option, values in (("--scenarios", args.scenarios), ("--set", args.overrides), ("--plot", args.plot)):
         if values:
             raise ConfigError(option, "is told by --equal-margins itself")
     trials = args.trials or TRIALS
@@ -151,52 +136,21 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
         if name not in names:
             raise ConfigError("--controllers", f"expected some of {sorted(names)}, got {name!r}")
     laws = [law for law in SEARCHED_LAWS if not args.controllers or law.name.partition(",")[0] in args.controllers]
-    table: Path | None = args.table
-    if table is not None:
-        with refuse_io("--table", f"cannot write {table}"):
-            table.open("a").close()
     steps = sum(trials + 1 if law.start else 2 for law in laws)
     workers = args.workers or os.cpu_count() or 1
     with Flyers(workers) as flyers, ProgressBar("evaluations", steps, quiet=args.json) as progress:
-        found = compare_at_equal_margins(
-            flyers,
-            trials=trials,
-            seeds=args.seeds,
-            laws=laws,
-            known=read_trials(table) if table is not None else None,
-            keep=lambda tried: None if table is None else write_trials(table, tried),
-            on_done=progress.at,
-        )
-    if args.plot is not None:
-        draw_equal_margins(found.rows).savefig(args.plot, dpi=PLOT_DPI)
-    shown = f"{equal_margins_table(found.rows)}\n\n{textwrap.fill(describe_terms(trials, args.seeds), TEXT_COLUMNS)}"
+        found = compare_at_equal_margins(flyers, trials=trials, seeds=args.seeds, laws=laws, on_done=progress.step)
+    shown = f"{equal_margins_table(found)}\n\n{textwrap.fill(describe_terms(trials, args.seeds), TEXT_COLUMNS)}"
     if args.write is not None:
         replace_between_markers(args.write, shown)
-    print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else shown)
+    print(json.dumps({"rows": msgspec.to_builtins(found)}) if args.json else shown)
     return Exit.DONE
 
 
-def _comparison(args: argparse.Namespace) -> str:
-    """The command that makes this comparison's table and picture again, for the folder of ``--write``."""
-    words = ["groundstation-sim", "compare"]
-    for option in ("scenarios", "controllers"):
-        names = getattr(args, option)
-        words += [f"--{option}", ",".join(names)] if names else []
-    words += ["--seeds", str(args.seeds)]
-    words += ["--duration", f"{args.duration:g}"] if args.duration != COMPARISON_S else []
-    for override in args.overrides:
-        words += ["--set", override]
-    if args.plot is not None:
-        plot = os.path.relpath(args.plot.absolute(), args.write.absolute().parent)
-        words += ["--plot", Path(plot).as_posix()]
-    return shlex.join([*words, "--write", args.write.name])
-
-
 def campaign(args: argparse.Namespace) -> Exit:
-    """Fly one scenario many times, in drawn worlds; exit code 1 if a flight failed or differs from ``fly``."""
+    """Fly one scenario many times, in drawn worlds; exit code 1 if a flight failed."""
     from sim.cli import ProgressBar
-    from sim.studies import check_plot
-    from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, plot, report, run, text, verify
+    from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, report, run, text
 
     scenario = scenario_of(args.scenario)
     world, config = prepare(scenario, args.overrides)
@@ -209,8 +163,6 @@ def campaign(args: argparse.Namespace) -> Exit:
         draws=USUAL if args.draw is None else tuple(args.draw),
     )
     shared.check()  # a campaign that can't fly is refused before a cluster is called
-    if args.plot is not None:
-        check_plot(args.plot)
     here = args.workers or os.cpu_count() or 1
     start = perf_counter()
     if args.kernel is not None:
@@ -226,13 +178,8 @@ def campaign(args: argparse.Namespace) -> Exit:
             on_progress=progress.at,
         )
         facts = report(shared, rows, flown=flown, wall_s=perf_counter() - start, workers=crew.workers)
-    if args.verify:
-        facts["verified"] = verify(shared, rows, args.verify, workers=here)
-    if args.plot is not None:
-        plot(args.plot, shared, rows)
     print(json.dumps(facts) if args.json else text(facts))
-    agree = not args.verify or not facts["verified"]["apart"]
-    return Exit.DONE if agree and all(row.survived for row in rows) else Exit.FAILED
+    return Exit.DONE if all(row.survived for row in rows) else Exit.FAILED
 
 
 def tune(args: argparse.Namespace) -> Exit:
@@ -240,40 +187,6 @@ def tune(args: argparse.Namespace) -> Exit:
     from sim.cli.tune import report, search
 
     return report(args) if args.report else search(args)
-
-
-def bench(args: argparse.Namespace) -> Exit:
-    """Measure this machine."""
-    bench_ = load_proving("bench", "bench.bench")
-    for name in args.what:
-        if name not in bench_.WHAT:
-            raise ConfigError("bench", f"expected some of {list(bench_.WHAT)}, got {name!r}")
-    options = bench_.Options(peers=args.peers, seconds=args.seconds)
-    facts = bench_.measure_all(args.what or list(bench_.WHAT), options)
-    if args.json and args.what == ["links"]:
-        facts |= facts.pop("links")
-    print(json.dumps(facts) if args.json else bench_.text(facts))
-    return Exit.DONE
-
-
-def dev_bring_down(args: argparse.Namespace) -> Exit:
-    """Cut the commands of flights, and report how the bring-down ends."""
-    from sim.studies import CAUSES, cut_all, markdown
-
-    falls = _count_flights(args, len(CAUSES), lambda: cut_all(args.scenarios, args.flights))
-    _show(args, "dev bring-down", markdown(falls), f"{args.flights} flights each: medians, the worst in brackets. ")
-    return Exit.DONE
-
-
-def dev_intervals(args: argparse.Namespace) -> Exit:
-    """Fly excitation flights, and count how often the truth lies within the identified intervals."""
-    from sim.studies import coverage_table, identify_flights
-
-    flown = _count_flights(
-        args, 1, lambda: (f for name in args.scenarios for f in identify_flights(name, args.flights))
-    )
-    _show(args, "dev intervals", coverage_table(list(chain.from_iterable(flown)), args.flights))
-    return Exit.DONE
 
 
 def dev_upsets(args: argparse.Namespace) -> Exit:
@@ -288,41 +201,17 @@ def dev_upsets(args: argparse.Namespace) -> Exit:
         split_at_markers(args.write)
     with ProgressBar("batches", len(scenarios) * BATCHES) as counter:
         found = compare_upsets(scenarios, seeds=args.seeds, states=args.states, on_done=counter.step)
-    table = upsets_table(*found)
-    print(table)
-    if args.write is not None:
-        some = f" --scenarios {','.join(args.scenarios)}" if args.scenarios else ""
-        options = f"--seeds {args.seeds} --states {args.states} --write {args.write.name}"
-        words = f"groundstation-sim dev upsets{some} {options}"
-        replace_between_markers(args.write, f"{table}\n\nMade by `{words}`.")
+    _show(args, upsets_table(*found))
     return Exit.DONE
 
 
-def _count_flights(args: argparse.Namespace, kinds: int, fly_all: Callable[[], Iterable[T]]) -> list[T]:
-    """Collect all results of ``fly_all``, with a progress bar: ``kinds`` times ``--flights`` in each scenario.
+def _show(args: argparse.Namespace, table: str) -> None:
+    """Print ``table``; with ``--write``, put it into the page, too, with the command that made it."""
+    from sim.cli import typed_command
 
-    Wrong scenarios and a page without markers are refused before the first flight.
-    """
-    from sim.cli import ProgressBar
-
-    for name in args.scenarios:
-        scenario_of(name)
-    if args.write is not None:
-        split_at_markers(args.write)
-    results = []
-    with ProgressBar("flights", len(args.scenarios) * kinds * args.flights) as counter:
-        for one in fly_all():
-            results.append(one)
-            counter.step()
-    return results
-
-
-def _show(args: argparse.Namespace, command: str, table: str, about: str = "") -> None:
-    """Print ``table``; with ``--write``, write it to the page, too, with ``about`` and the command that made it."""
     print(table)
     if args.write is not None:
-        words = f"groundstation-sim {command} --flights {args.flights} --write {args.write.name}"
-        replace_between_markers(args.write, f"{table}\n\n{about}Made by `{words}`.")
+        replace_between_markers(args.write, f"{table}\n\nMade by `{typed_command()}`.")
 
 
 def scenarios(args: argparse.Namespace) -> Exit:

@@ -1,5 +1,6 @@
 """Output of ``groundstation-sim fly`` for a person: a progress bar, and a summary beside the paper's figures."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,11 @@ from groundstation.runtime import raw_stream
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 """Cabecinhas, Cunha, Silvestre, ACC 2013, section VI."""
+
+
+def typed_command() -> str:
+    """The command that runs now, as it was typed: a document says by it how its figures are made again."""
+    return shlex.join(["groundstation-sim", *sys.argv[1:]])
 
 
 class ProgressBar:

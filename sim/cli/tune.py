@@ -2,9 +2,7 @@
 
 import argparse
 import json
-import math
 import os
-import shlex
 import sys
 import textwrap
 from pathlib import Path
@@ -17,30 +15,27 @@ from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
 from groundstation.machine import replace_between_markers, split_at_markers, write_whole
 from groundstation.runtime import Exit, describe_install
-from groundstation.settings import Config
-from sim.cli.console import ProgressBar
+from sim.cli.console import ProgressBar, typed_command
+from sim.runs import Flyers
 from sim.studies.tune import (
     AXES,
     SEARCH_SEED,
     Evidence,
     Floors,
-    Flyers,
     Search,
     Staged,
     TuningTrial,
     criterion,
-    margins_table,
+    describe_evidence,
+    find_best,
+    make_station,
     markdown_table,
-    own,
     run,
     space,
     stage_scenarios,
-    station_of,
-    table,
-    text,
     toml,
-    unverified_toml,
     verify,
+    with_gains,
 )
 from sim.studies.tune import report as measured
 
@@ -58,16 +53,13 @@ def report(args: argparse.Namespace) -> Exit:
     margins = len(stages) * len(AXES)
     with Flyers(_workers(args)) as flyers, ProgressBar("margins", margins, quiet=args.json) as counter:
         reports = [
-            measured(stage, flyers, seeds=args.seeds, duration_s=args.duration, on_found=counter.step)
+            measured(stage, flyers, seeds=args.seeds, duration_s=args.duration, on_done=lambda _: counter.step())
             for stage in stages
         ]
+    made = f"{markdown_table(reports)}\n\n{textwrap.fill(criterion(reports[0]), 118)}"
     if args.write is not None:
-        made = textwrap.fill(criterion(reports[0]), 118)
-        replace_between_markers(args.write, f"{markdown_table(reports)}\n\n{made}\nMade by `{_command()}`.")
-    if args.json:
-        print(json.dumps({"margins": msgspec.to_builtins(reports)}))
-    else:
-        print("\n\n".join(map(text, reports)))
+        replace_between_markers(args.write, f"{made}\nMade by `{typed_command()}`.")
+    print(json.dumps({"margins": msgspec.to_builtins(reports)}) if args.json else made)
     return Exit.DONE if all(one.limit_cm is not None for one in reports) else Exit.FAILED
 
 
@@ -87,19 +79,17 @@ def search(args: argparse.Namespace) -> Exit:
         floors=Floors(delay_s=1e-3 * args.delay_margin, gain=0.01 * args.gain_margin),
         sampler_seed=args.seed,
     )
-    base = own(args.config, args.overrides) or station_of(stages[0])
-    keeper = _Keeper(base, args.out)
+    base = make_station(args.config, args.overrides, stages[0])
     with Flyers(_workers(args)) as flyers:
-        trials = _run_trials(args, wanted, flyers, keeper)
-        best = keeper.best
+        trials = _run_trials(args, wanted, flyers)
+        best = find_best(trials)
         if best is None:
             return _nothing(args, trials)
         evidence = verify(wanted, trials[0], best, flyers, args.verify)
     written = None if evidence.complaints else args.out
     if written is not None:
-        _write(written, toml(keeper.config(best), wanted, trials, best, evidence, _command()))
-    elif args.out is not None:
-        args.out.unlink(missing_ok=True)
+        tuned = msgspec.structs.replace(base, controller=with_gains(base.controller, best.gains))
+        _write(written, toml(tuned, wanted, trials, evidence, typed_command()))
     if args.json:
         print(json.dumps(_facts(trials, best, evidence, written)))
     else:
@@ -107,25 +97,25 @@ def search(args: argparse.Namespace) -> Exit:
     return Exit.FAILED if evidence.complaints else Exit.DONE
 
 
-def _run_trials(args: argparse.Namespace, wanted: Search, flyers: Flyers, keeper: "_Keeper") -> list[TuningTrial]:
-    """Run the search; ``keeper`` has the best trial so far, also when it is interrupted."""
+def _run_trials(args: argparse.Namespace, wanted: Search, flyers: Flyers) -> list[TuningTrial]:
+    """Run the search; one that is interrupted says how it goes on."""
     with ProgressBar("trials", args.trials, quiet=args.json) as counter:
-
-        def show_trial(trial: TuningTrial, best: TuningTrial) -> None:
-            counter.at(trial.number + 1)
-            keeper.keep(trial, best)
-
         try:
             return run(
                 wanted,
                 flyers,
                 trials=args.trials,
-                timeout_s=math.inf if args.timeout is None else args.timeout,
                 journal=journal_of(args.out),
-                on_trial=show_trial,
+                on_trial=lambda trial: counter.at(trial.number + 1),
             )
         except KeyboardInterrupt:
-            print(keeper.interrupted, file=sys.stderr)
+            kept = journal_of(args.out)
+            says = (
+                "nothing is kept of this search: with --out FILE.toml it would be"
+                if kept is None
+                else f"the trials are kept in {kept}: the same command goes on with them, or with --trials N ends at N"
+            )
+            print(says, file=sys.stderr)
             raise
 
 
@@ -144,37 +134,6 @@ def need_optuna() -> None:
 def journal_of(out: Path | None) -> Path | None:
     """Where the trials of a search are kept that writes to ``out``."""
     return None if out is None else out.with_name(f"{out.name}.trials")
-
-
-class _Keeper:
-    """Holds the best trial, and its configuration on disk from the moment that it is found."""
-
-    def __init__(self, base: Config, out: Path | None) -> None:
-        self._base = base
-        self._out = out
-        self.best: TuningTrial | None = None
-        """The best that beats the configuration as it came."""
-
-    @property
-    def interrupted(self) -> str:
-        """Describe the results that an interrupted search leaves."""
-        if self._out is None:
-            return "nothing is kept of this search: with --out FILE.toml it would be"
-        best = f"the best so far is in {self._out}, not verified" if self.best is not None else "none is better so far"
-        return f"the trials are kept in {journal_of(self._out)}: the same command goes on with them; {best}"
-
-    def config(self, best: TuningTrial) -> Config:
-        """The configuration with the gains of ``best``."""
-        from sim.studies.tune import with_gains
-
-        return msgspec.structs.replace(self._base, controller=with_gains(self._base.controller, best.gains))
-
-    def keep(self, trial: TuningTrial, best: TuningTrial) -> None:
-        """``trial`` has been tried; ``best`` is the best so far."""
-        if trial is best and trial.number > 0:
-            self.best = best
-            if self._out is not None:
-                _write(self._out, unverified_toml(self.config(best), best, _command()))
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -203,10 +162,6 @@ def _stages(args: argparse.Namespace, default: list[str]) -> list[Staged]:
 
 def _workers(args: argparse.Namespace) -> int:
     return int(args.workers or os.cpu_count() or 1)
-
-
-def _command() -> str:
-    return shlex.join(["groundstation-sim", *sys.argv[1:]])
 
 
 def _write(path: Path, content: str) -> None:
@@ -239,12 +194,7 @@ def _facts(
 
 
 def _text(search: Search, trials: list[TuningTrial], best: TuningTrial, evidence: Evidence, out: Path | None) -> str:
-    lines = [f"trial {best.number} of {len(trials)}:"]
-    for key in search.keys:
-        lines.append(f"    controller.{key.name} = {best.gains[key.name]:g}  # was {key.start:g}")
-    lines += ["", f"RMS error, median and worst of {evidence.seeds} flights that no search has seen, cm:"]
-    lines += table(evidence)
-    lines += ["", f"fails at, in {search.stages[0].scenario}:", *margins_table(evidence), ""]
+    lines = [f"trial {best.number} of {len(trials)}:", "", *describe_evidence(search, evidence), ""]
     if evidence.complaints:
         lines.append(f"NOT to be used, and not written: {'; '.join(evidence.complaints)}")
     elif out is not None:

@@ -244,10 +244,13 @@ class PtyWire:
         """The far end's file descriptor."""
         return self._far
 
-    def say(self, data: bytes) -> None:
-        """Let the module say something; what does not fit is lost."""
+    def sendto(self, data: bytes) -> None:
+        """Write to whoever has the port open; what does not fit is lost."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._far, data)
+
+    def abort(self) -> None:
+        """Stay: whoever has made it closes it."""
 
     def close(self) -> None:
         """Pull the plug; the path goes away."""

@@ -45,14 +45,6 @@ class Nearest(msgspec.Struct, frozen=True):
     """When it was, from the first vehicle's release [s]."""
 
 
-class StationRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """Report of one ground station about its flight."""
-
-    states: tuple[StateEntry, ...]
-    started_s: float | None
-    """When the figure began, on the event loop's clock [s]."""
-
-
 class FleetFlight(MissionVerdict, frozen=True, kw_only=True):
     """One vehicle's mission, and what its commands took."""
 
@@ -115,19 +107,37 @@ class Tracks:
 
 
 def judge(
-    number: int, name: str, config: Config, record: StationRecord, fault: str, tracks: Tracks, stage: FleetStage
+    number: int,
+    name: str,
+    config: Config,
+    states: Sequence[StateEntry],
+    started_s: float | None,
+    fault: str,
+    tracks: Tracks,
+    stage: FleetStage,
 ) -> FleetFlight:
-    """One vehicle's flight by the truth; ``fault`` is what made it come down early, where something did."""
+    """One vehicle's flight by the truth.
+
+    Args:
+        number: that of the vehicle.
+        name: its name.
+        config: what its ground station is told.
+        states: those that its ground station went through.
+        started_s: when its figure began, on the event loop's clock [s]; None where it did not.
+        fault: what made it come down early; empty where nothing did.
+        tracks: every step of every plant.
+        stage: the simulated side.
+    """
     plant, world = stage.stages[number].plant, stage.stages[number].world
     begun = tracks.begun_s
-    last = record.states[-1] if record.states else StateEntry(State.IDLE, begun, "nothing was heard of it")
+    last = states[-1] if states else StateEntry(State.IDLE, begun, "nothing was heard of it")
     return FleetFlight(
         name=name,
         landed=last.state == State.LANDED and not fault,
         why=fault or last.reason,
-        states=tuple(StateEntry(one.state, round(one.time_s - begun, 6), one.reason) for one in record.states),
+        states=tuple(StateEntry(one.state, round(one.time_s - begun, 6), one.reason) for one in states),
         touchdown_m_s=plant.floor.hardest_m_s,
-        **tracks.of[number].judge_figure(config.trajectory.build(), record.started_s, record.states, world.step_s),
+        **tracks.of[number].judge_figure(config.trajectory.build(), started_s, states, world.step_s),
         home_m=math.dist(world.start_ned[:2], tracks.last(number, world.start_ned)[:2]),
     )
 
@@ -203,9 +213,9 @@ async def fly_fleet(
         one.plant.advance(loop.time())
     vehicles = []
     for number, (member, outcome) in enumerate(zip(fleet.members, outcomes, strict=True)):
-        told = StationRecord(states=tuple(states[member.name]), started_s=flights[member.name].started_s)
+        started_s = flights[member.name].started_s
         fault = f"not over after {limit:g} s" if outcome is None else outcome.fault
-        vehicles.append(judge(number, member.name, member.core, told, fault, tracks, stage))
+        vehicles.append(judge(number, member.name, member.core, states[member.name], started_s, fault, tracks, stage))
     nearest = tracks.nearest(list(flights), [world.start_ned for world in worlds])
     return FleetMission(
         vehicles=tuple(vehicles), nearest=nearest, duration_s=ended_s, wall_s=time.perf_counter() - start
@@ -295,7 +305,8 @@ async def _fly_real(
     vehicles = []
     for number, member in enumerate(fleet.members):
         log = _Log(folder / "flights", member.name)
-        flown = judge(number, member.name, member.core, log.summarize(member.core), log.fault(), tracks, stage)
+        states, started_s, fault = log.states, log.started_at(member.core), log.fault()
+        flown = judge(number, member.name, member.core, states, started_s, fault, tracks, stage)
         vehicles.append(msgspec.structs.replace(flown, **log.timing(), **rounds[number].timing()))
     names, starts = [member.name for member in fleet.members], [world.start_ned for world in worlds]
     return {"vehicles": tuple(vehicles), "nearest": tracks.nearest(names, starts), "duration_s": duration}
@@ -364,7 +375,7 @@ class _Log:
     """Recording of one core."""
 
     def __init__(self, folder: Path, name: str) -> None:
-        self._states: list[StateEntry] = []
+        self.states: list[StateEntry] = []
         self._started_s: float | None = None
         self._ticks: list[float] = []
         self._computed: list[float] = []
@@ -386,7 +397,7 @@ class _Log:
                     arrivals[value["id"]] = value["arrival_s"]
                 case "/command":
                     pending = value["pose_id"], value["time_s"]
-                    if self._states and self._states[-1].state == State.TRACKING and self._started_s is None:
+                    if self.states and self.states[-1].state == State.TRACKING and self._started_s is None:
                         self._started_s = value["time_s"] - value["flight_time_s"]
                 case "/raw/sent" if pending is not None:
                     pose, begun = pending
@@ -395,20 +406,18 @@ class _Log:
                     if pose in arrivals:  # the first command that rests on it
                         self._ticks.append(value["time_s"] - arrivals.pop(pose))
                 case "/mission":
-                    if not self._states or self._states[-1].state != value["state"]:
-                        self._states.append(StateEntry(value["state"], value["time_s"], value["text"]))
+                    if not self.states or self.states[-1].state != value["state"]:
+                        self.states.append(StateEntry(value["state"], value["time_s"], value["text"]))
                 case _:
                     pass
 
-    def summarize(self, config: Config) -> StationRecord:
-        """Its states, and when the figure began."""
-        delay = config.vehicle.acting_delay_s
-        started = None if self._started_s is None else self._started_s + delay
-        return StationRecord(states=tuple(self._states), started_s=started)
+    def started_at(self, config: Config) -> float | None:
+        """When the figure began, on the event loop's clock [s]; None where it did not."""
+        return None if self._started_s is None else self._started_s + config.vehicle.acting_delay_s
 
     def fault(self) -> str:
         """Why it did not go as it was meant to; empty where the record says that it did."""
-        early = [one for one in self._states if one.state in (State.DESCENT, State.ABORTED, State.KILLED)]
+        early = [one for one in self.states if one.state in (State.DESCENT, State.ABORTED, State.KILLED)]
         return self._fault or (early[0].reason if early else "")
 
     def timing(self) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Simulation for programs and notebooks: fly one scenario, and read its recording as arrays.
 
 A flight's folder holds the configuration, the recording (flight.mcap, flight.tlog), the poses as CSV, and the result.
-A radio's frames, which no .tlog can hold, are kept as lines of hex.
 """
 
 import asyncio
@@ -28,7 +27,6 @@ from groundstation.machine import write_whole
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import FlightLog, LineRecord, Record
 from groundstation.settings import Config
-from sim.radio import MODULE
 from sim.runs.flight import Result, fly
 from sim.scenarios import BETAFLIGHT, Scenario, choose, prepare, prepare_own
 from sim.world import World
@@ -231,7 +229,6 @@ def _fly(plan: Plan, folder: "RunFolder | None", on_progress: Callable[[float, f
         seed=plan.seed,
         duration_s=plan.duration_s,
         autopilot=plan.ends.autopilot,
-        on_datagram=folder.datagram if folder is not None else None,
         on_pose=folder.pose if folder is not None else None,
         give=folder.give if folder is not None else None,
         on_progress=None if on_progress is None else lambda done_s: on_progress(done_s, plan.duration_s),
@@ -315,8 +312,6 @@ def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | Non
 
 RECORDING = "flight.mcap"
 """Name of the recording in a run's folder."""
-FRAMES = "frames.txt"
-"""Name of the file with a radio's frames in a run's folder."""
 
 
 class RunFolder:
@@ -333,12 +328,11 @@ class RunFolder:
         with refuse_io("--out", f"cannot write {path}"):
             path.mkdir(parents=True, exist_ok=True)
             write_whole(path / "config.toml", told.config)
-            for name in (RECORDING, "flight.tlog", FRAMES):
+            for name in (RECORDING, "flight.tlog"):
                 (path / name).unlink(missing_ok=True)
             # Times of the recording begin at 0, not at the wall clock: the same flight gives the same bytes.
             self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
             self._poses = TextOutput(path / IN_RUN_FOLDER)
-            self._frames = None if config.link.has_autopilot else TextOutput(path / FRAMES)
         self._poses.write(CSV_COLUMNS + "\n")
         self._world = world
         self._last_s = 0.0
@@ -359,18 +353,7 @@ class RunFolder:
         """Keep all records of a simulation that ends in an error: the last ones show its cause."""
         self._log.flush()
         self._log.leave()
-        self._close_texts()
-
-    def _close_texts(self) -> None:
-        for file in (self._poses, self._frames):
-            if file is not None:
-                file.close()
-
-    def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
-        """Take one datagram of the simulated network; a radio's frame becomes a line of hex."""
-        del source
-        if target == MODULE and self._frames is not None:
-            self._frames.write(f"{time_s:.6f} {data.hex(' ')}\n")
+        self._poses.close()
 
     def pose(self, pose: Pose) -> None:
         """Take one pose; `pose.kind = "csv"` can play the file again."""
@@ -383,7 +366,7 @@ class RunFolder:
             self._log.write(EndRecord(self._last_s, self._state, facts["why"]))
         rms_cm, max_cm = facts.get("rms_cm"), facts.get("max_cm")
         self._log.close(*(None if value is None else 0.01 * value for value in (rms_cm, max_cm)))
-        self._close_texts()
+        self._poses.close()
         result = {**facts, "sim": msgspec.to_builtins(self._world)}
         write_whole(self.path / "summary.json", json.dumps(result, indent=2) + "\n")
 

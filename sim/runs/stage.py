@@ -17,7 +17,7 @@ import tomli_w
 
 from groundstation.config import ConfigError, dump
 from groundstation.core.geometry import Vec3
-from groundstation.machine import sleep_until, write_whole
+from groundstation.machine import write_whole
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
 from links.core import signal
@@ -38,8 +38,8 @@ from sim.autopilots import (
 )
 from sim.radio import PtyWire, PulseReceiver, Receiver, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
 from sim.scenarios import BETAFLIGHT
-from sim.trackers import Mocap, TrackedBody, Tracker, make_tracker
-from sim.world import Body, Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, normals, rows, with_noise
+from sim.trackers import Mocap, SeenVehicle, make_tracker
+from sim.world import Body, Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, normals, rows
 
 if TYPE_CHECKING:
     from links.bridge import Bridge
@@ -111,7 +111,10 @@ class Stage:
             # Where its own estimate serves as the poses, it comes as late as the cameras' would.
             pose_delay_s = 0.0 if tracked is not None else world.pose_latency_s
             self._fit_autopilot(config.link, autopilot, parameters, pose_delay_s)
-        self.mocap = Mocap(world, self.plant, seed, *tracked, standing) if tracked is not None and alone else None
+        self.mocap: Mocap | None = None
+        if tracked is not None and alone:
+            name, tracker = tracked
+            self.mocap = Mocap(world, [SeenVehicle(name, self.plant, world, seed)], seed, tracker, standing)
 
     def _fit_autopilot(
         self, link: MavlinkLinkConfig, name: str, parameters: Mapping[str, float] | None, pose_delay_s: float
@@ -207,7 +210,7 @@ class Stage:
                 self._pty.listen(lambda data: radio.datagram_received(data, None))
                 group.create_task(radio.last())
             if self.radio is not None and self._telemetry_hz:
-                say = self._pty.say if self._pty is not None else self.radio.answer
+                say = self._pty.sendto if self._pty is not None else self.radio.answer
                 group.create_task(self.radio.tell(say, lambda now: self.vehicle.feel(now)[0], self._telemetry_hz))
             if self._bridge is not None:
                 self.bridge_task = group.create_task(self._bridge.run())
@@ -280,7 +283,11 @@ class FleetStage:
         names = [one[0] for one in tracked if one is not None]
         if tracked[0] is None or len(set(names)) < len(labs):
             raise ConfigError("--source", "expected one that shows every vehicle: vicon, natnet, qualisys, json")
-        self.mocap = FleetMocap(self.stages, names, tracked[0][1], seed)
+        vehicles = [
+            SeenVehicle(name, stage.plant, stage.world, seed + SEEDS_APART * number)
+            for number, (name, stage) in enumerate(zip(names, self.stages, strict=True))
+        ]
+        self.mocap = Mocap(worlds[0], vehicles, seed, tracked[0][1])
 
     async def run(self) -> None:
         """Let the world turn until cancelled."""
@@ -288,52 +295,6 @@ class FleetStage:
             for stage in self.stages:
                 group.create_task(stage.run())
             group.create_task(self.mocap.run())
-
-
-class FleetMocap:
-    """Cameras that run by themselves and send one frame with all bodies."""
-
-    def __init__(self, stages: Sequence[Stage], names: Sequence[str], tracker: Tracker, seed: int) -> None:
-        """Have ``tracker`` send where the vehicle of each stage is, by its name."""
-        self._bodies = [
-            (name, stage, normals(seed + SEEDS_APART * number, "noise", 6))
-            for number, (name, stage) in enumerate(zip(names, stages, strict=True))
-        ]
-        self._tracker = tracker
-        self._phase = generator(seed, "phase").random()
-        self.hidden: set[str] = set()
-        """Names of the bodies that the cameras do not see now."""
-        self._last: dict[str, TrackedBody] = {}
-        self.sent_s: float | None = None
-        """When the newest frame left, on the event loop's clock [s]."""
-
-    async def run(self) -> None:
-        """Emit until cancelled."""
-        loop, tracker = asyncio.get_running_loop(), self._tracker
-        world = self._bodies[0][1].world
-        await tracker.open()
-        period = 1.0 / world.pose_rate_hz
-        start, frame = loop.time() + self._phase * period, 0
-        try:
-            while True:
-                when = start + frame * period
-                await sleep_until(when)
-                seen = []
-                for name, stage, noise in self._bodies:
-                    truth = with_noise(stage.plant.truth(when), stage.world, next(noise))
-                    now = TrackedBody(name, truth.position_ned, truth.attitude, True)
-                    if name in self.hidden:  # the last that was seen of it
-                        now = self._last.get(name, now)._replace(tracked=False)
-                    self._last[name] = now
-                    seen.append(now)
-                loop.call_at(when + world.pose_latency_s, self._send, frame, when, seen)
-                frame += 1
-        finally:
-            tracker.close()
-
-    def _send(self, frame: int, when: float, seen: list[TrackedBody]) -> None:
-        self.sent_s = asyncio.get_running_loop().time()
-        self._tracker.send(frame, when, seen)
 
 
 APART_M = 3.0

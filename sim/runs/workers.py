@@ -1,27 +1,36 @@
 """Worker processes: flights on several cores, ended by Ctrl-C without a word of theirs, also while they start."""
 
+import concurrent.futures as cf  # noqa: TID251  # processes, no threads; no flight sees them
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor  # noqa: TID251  # processes, no threads; no flight sees them
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from types import TracebackType
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, Self, TypeVar
+
+from groundstation.config import ConfigError
 
 P = ParamSpec("P")
 A = TypeVar("A")
 T = TypeVar("T")
 
 
-class Workers(ProcessPoolExecutor):
+ENDED = (
+    'a process ended early: a script with several workers needs `if __name__ == "__main__":` above what it does, '
+    "as each of them reads it, too; or memory ran out: take fewer"
+)
+
+
+class Workers(cf.ProcessPoolExecutor):
     """Pool of processes. After an exception it begins nothing more."""
 
     def __init__(self, count: int) -> None:
         """Nothing is started before there is work. Spawned: a forked process would inherit this one's threads."""
         super().__init__(count, multiprocessing.get_context("spawn"), _obey_ctrl_c)
 
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> cf.Future[T]:
         """See :class:`concurrent.futures.Executor`; it may start a process."""
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             raise SystemExit(1)  # a worker reads the user's script, which asks for workers at once: who began says so
@@ -29,19 +38,54 @@ class Workers(ProcessPoolExecutor):
         with _ctrl_c_later():
             return super().submit(fn, *args, **kwargs)
 
-    def each(self, fn: Callable[[A], T], items: Iterable[A]) -> Iterator[T]:
-        """Apply ``fn`` to each item, results in order; all are begun at once.
-
-        Not ``map``, which cancels here what its own thread gives up as Ctrl-C ends the processes: that thread then
-        tells a traceback.
-        """
-        begun = [self.submit(fn, item) for item in items]
-        return (future.result() for future in begun)
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.shutdown(cancel_futures=True)
+
+
+class Flyers:
+    """Processes that fly, for as long as this is open. With one worker it is this process, and none is started."""
+
+    def __init__(self, workers: int) -> None:
+        """``workers`` >= 1."""
+        self.workers = workers
+        self._pool: Workers | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def as_done(self, fn: Callable[[A], T], work: Sequence[A]) -> Iterator[tuple[int, T]]:
+        """Number and result of each of ``work``, as they come.
+
+        Raises:
+            ConfigError: a process was ended from outside.
+        """
+        if self.workers == 1:
+            yield from ((i, fn(one)) for i, one in enumerate(work))
+            return
+        if self._pool is None:
+            self._pool = Workers(self.workers)
+        begun = {self._pool.submit(fn, one): i for i, one in enumerate(work)}
+        try:
+            for future in cf.as_completed(begun):
+                yield begun[future], future.result()
+        except BrokenProcessPool:
+            raise ConfigError("--workers", ENDED) from None
+
+    def each(
+        self, fn: Callable[[A], T], work: Sequence[A], on_done: Callable[[int], None] = lambda done: None
+    ) -> list[T]:
+        """Results in the order of ``work``; ``on_done`` hears how many there are."""
+        found: dict[int, T] = {}
+        for number, result in self.as_done(fn, work):
+            found[number] = result
+            on_done(len(found))
+        return [found[i] for i in range(len(work))]
 
 
 @contextmanager

@@ -460,16 +460,21 @@ def prepare(
 
 
 def prepare_own(
-    scenario: Scenario, path: Path, overrides: list[str], *, controller: str | None = None
+    scenario: Scenario, path: Path | None, overrides: list[str], *, controller: str | None = None
 ) -> tuple[World, Config, float | None]:
-    """Prepare a configuration file's vehicle in the air of ``scenario``; return also the duration it asks for [s].
+    """The truth and the configuration for the file at ``path``, in the air of ``scenario``, from its first point on.
+
+    Without a file it is the default configuration, for which ``overrides`` may tell another vehicle. The third value is
+    how long the configuration wants to fly [s], if it says: the landing is left out, as what is judged is how well the
+    trajectory is followed.
 
     Raises:
         ConfigError: as :func:`prepare`.
     """
-    truth, told = by_side(overrides, controller)
+    truth, overrides_told = by_side(overrides, controller)
     with _option(controller):
-        return own(scenario.world, path, told, lambda world: overridden(world, truth))
+        told = load(path, Config, overrides_told)
+        return *at_desk(scenario.world, told, lambda world: overridden(world, truth)), told.flight.duration_s
 
 
 def by_side(overrides: list[str], controller: str | None) -> tuple[list[str], list[str]]:
@@ -640,21 +645,6 @@ def others_of(told: Config) -> list[tuple[str, Vec3]]:
     east = report.highest_ned[1] + told.separation.distance_m + 1.0
     floor = told.flight.floor_z_m
     return [(name, (report.lowest_ned[0] + number, east, floor)) for number, name in enumerate(told.separation.others)]
-
-
-def own(
-    air: World, path: Path, overrides: list[str], overridden: Callable[[World], World]
-) -> tuple[World, Config, float | None]:
-    """The truth and the configuration for the file at ``path``, in the air of a scenario, from its first point on.
-
-    The third value is how long the configuration wants to fly [s], if it says: the landing is left out, as what is
-    judged is how well the trajectory is followed. ``overrides`` are of what is told; ``overridden`` changes the truth.
-
-    Raises:
-        ConfigError: see :func:`groundstation.config.loader.load`.
-    """
-    told = load(path, Config, overrides)
-    return *at_desk(air, told, overridden), told.flight.duration_s
 
 
 def at_desk(air: World, told: Config, overridden: Callable[[World], World]) -> tuple[World, Config]:

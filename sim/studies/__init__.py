@@ -1,6 +1,5 @@
 """Questions put to many flights: campaigns, comparisons, tuning, margins."""
 
-from sim.studies.bring_down import CAUSES, cut_all, markdown
 from sim.studies.budget import Contribution
 from sim.studies.comparison import (
     CONTROLLERS,
@@ -15,16 +14,12 @@ from sim.studies.comparison import (
     compare,
     compare_at_equal_margins,
     describe_terms,
-    draw_equal_margins,
     equal_margins_table,
     markdown_table,
     plot,
-    read_trials,
     rows,
     text_table,
     write_between_markers,
-    write_trials,
 )
-from sim.studies.intervals import coverage_table, identify_flights
 from sim.studies.upsets import BATCHES, VEHICLES, compare_upsets, upsets_table
 from sim.studies.vectors import LIMIT, worst_disagreement

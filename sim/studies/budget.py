@@ -2,7 +2,6 @@
 
 Of a simulated flight the world is known, and the same random numbers are drawn again. Of a real one nobody knows the
 world: its budget is that of a vehicle as told, in air as the observer saw it, before cameras as the simulator has them.
-Flights that share what is told are flown as arrays at once; the few, and what arrays can't fly, go through wire bytes.
 """
 
 from collections.abc import Callable
@@ -19,7 +18,6 @@ from groundstation.core.control import Custom
 from groundstation.core.messages import STEADY_S
 from groundstation.core.trajectory import OwnTrajectoryConfig
 from groundstation.settings import Config, read_flown_config
-from sim.batch import fly_batch, require_batchable
 from sim.runs import fly
 from sim.scenarios import at_desk, world_from
 from sim.world import STILL, World
@@ -30,8 +28,6 @@ LONGEST_S = 60.0
 """Longest part of a flight that is flown again [s]."""
 LIFTED = 10.0
 """Limits that are switched off are so many times as high; far more would be refused as another unit."""
-ARRAYS_FROM = 3
-"""Number of flights from which arrays are faster than wire bytes one by one [-]."""
 Flown: TypeAlias = tuple[World, Config]
 
 
@@ -206,7 +202,9 @@ def compute_budget(
     config = _accept_still_poses(config)
     without = [(source, source.off(world, config)) for source in SOURCES]
     without = [(source, changed) for source, changed in without if changed != (world, config)]
-    rms_cm, *errors = _fly_all([(world, config), *(changed for _, changed in without)], seed, duration_s)
+    flights = [(world, config), *(changed for _, changed in without)]
+    results = [fly(*flown, seed=seed, duration_s=duration_s) for flown in flights]
+    rms_cm, *errors = (one.verdict.rms_cm if one.completed else None for one in results)
     contributions = [
         Contribution(
             source=source.name,
@@ -233,35 +231,3 @@ def _accept_still_poses(config: Config) -> Config:
     if hasattr(pose, "drop_frozen"):
         pose = msgspec.structs.replace(pose, drop_frozen=False)
     return msgspec.structs.replace(config, pose=pose, gate=msgspec.structs.replace(config.gate, drop_frozen=False))
-
-
-def _fly_all(flights: list[Flown], seed: int, duration_s: float) -> list[float | None]:
-    """RMS errors [cm], in the order of ``flights``; None for what does not get to its end."""
-    found: dict[int, float | None] = {}
-    groups: list[list[int]] = []
-    for i, (world, config) in enumerate(flights):
-        firsts = ((members, flights[members[0]]) for members in groups)
-        alike = (members for members, (w, told) in firsts if told == config and w.plant == world.plant)
-        if (members := next(alike, None)) is None:
-            groups.append([i])
-        else:
-            members.append(i)
-    for members in groups:
-        chosen = [flights[i] for i in members]
-        config = chosen[0][1]
-        if len(members) < ARRAYS_FROM or not all(_is_batchable(*flight) for flight in chosen):
-            results = [fly(world, config, seed=seed, duration_s=duration_s) for world, _ in chosen]
-            found |= {i: r.verdict.rms_cm if r.completed else None for i, r in zip(members, results, strict=True)}
-            continue
-        flown = fly_batch([world for world, _ in chosen], config, [seed] * len(members), duration_s=duration_s)
-        for i, rms_m, survived in zip(members, flown.rms_m.tolist(), flown.survived.tolist(), strict=True):
-            found[i] = 100.0 * rms_m if survived else None
-    return [found[i] for i in range(len(flights))]
-
-
-def _is_batchable(world: World, config: Config) -> bool:
-    try:
-        require_batchable(world, config)
-    except ConfigError:
-        return False
-    return config.link.has_autopilot and not config.link.follows_poses

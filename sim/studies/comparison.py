@@ -6,15 +6,11 @@ not fly them with what :data:`FLOORS` have wrong, that takes more effort than :d
 rotors. All get our estimate and our inversion of the lags, and start from round gains.
 """
 
-import concurrent.futures as cf  # noqa: TID251  # processes, not threads, and none of them around an event loop
-import csv
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from itertools import chain, product
+from itertools import chain
 from numbers import Integral, Real
 from pathlib import Path
 from statistics import median
@@ -23,19 +19,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 
 from groundstation.analysis.report import figure_class
-from groundstation.config import ConfigError, lend, refuse_io, several, without_frames
+from groundstation.config import ConfigError, lend, several, without_frames
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S, Tick
 from groundstation.core.vehicle import Vehicle
-from groundstation.machine import open_whole, replace_between_markers
+from groundstation.machine import replace_between_markers
 from groundstation.runtime import require_package
-from sim.runs import LONGEST_S, TrueTrack, Workers, fly, lend_name, run_beside
+from sim.runs import LONGEST_S, FlightVerdict, Flyers, TrueTrack, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, by_side, overridden, prepare
 from sim.studies.tune import (
     DELAY,
     SEARCH_SEED,
     Floors,
-    Flyers,
     Key,
     Search,
     SortieOutcome,
@@ -43,6 +38,7 @@ from sim.studies.tune import (
     TuningTrial,
     broken_cost,
     failure,
+    fly_sortie,
     geometric_mean,
     limit_cm,
     loses_proof,
@@ -122,7 +118,7 @@ def compare(
         duration: of each flight [s], longer than 16.
         overrides: ``"key=value"`` each, for all, as ``--set``.
         workers: how many processes fly. More than one wants ``if __name__ == "__main__":`` around a script; a
-            controller that they could not import, as one written in a notebook, is flown in this one.
+            controller that they could not import, as one written in a notebook, has all fly in this one.
         traced: keep the error over time of the first flight through the gust front, to draw it.
         on_done: hears how many of how many flights are flown.
 
@@ -155,11 +151,13 @@ def compare(
         for case in work:  # what can't fly says so before anything flies
             _, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
             make_controller(config.controller, config.vehicle)
-        if on_done is not None:
-            on_done(0, len(work) * seeds)
-        return ControllerComparison(
-            fly_all(work, seeds, duration, workers=workers, own=own, traced=traced, on_done=on_done)
-        )
+        count, done = len(work) * seeds, on_done or (lambda flown, of: None)
+        done(0, count)
+        here = not all(_can_be_imported(name, thing) for name, thing in own.items())
+        with Flyers(1 if here else int(workers)) as flyers:
+            return ControllerComparison(
+                fly_all(work, seeds, duration, flyers, traced=traced, on_done=lambda flown: done(flown, count))
+            )
 
 
 class Case(msgspec.Struct, frozen=True):
@@ -170,8 +168,6 @@ class Case(msgspec.Struct, frozen=True):
     """As the table names it."""
     overrides: tuple[str, ...]
     """``--set`` overrides that choose it."""
-    kind: str = ""
-    """The controller's kind."""
     variant: int = 0
     """Which of the scenario's variants."""
 
@@ -182,14 +178,7 @@ class ComparedFlight(msgspec.Struct, frozen=True):
     case: Case
     seed: int
     survived: bool
-    rms_cm: float | None
-    max_cm: float | None
-    settle_s: float | None
-    effort_rad_s: float | None
-    peak_cm: float | None
-    """Largest error after the wind's step or push; None where there is none."""
-    back_s: float | None
-    """Time after the gust from which the error stays below 5 cm [s]; None where it never does."""
+    verdict: FlightVerdict
     trace: list[float] | None
     """True error [cm] from the start on, every :data:`TRACE_S`; only where asked for."""
 
@@ -226,10 +215,10 @@ def cases(scenarios: Iterable[str], controllers: Sequence[str], overrides: Seque
         for name in controllers:
             short, told = _short_name(name, controllers), (*overrides, f"controller.kind={name}")
             for number, variant in enumerate(SCENARIOS[scenario].variants or ((),)):
-                found.append(Case(scenario, short, (*variant, *told), name, number))
+                found.append(Case(scenario, short, (*variant, *told), number))
             if scenario == GUST and name == "adaptive":
                 off = ("controller.kb=0.0", "controller.composite=off")
-                found.append(Case(scenario, WITHOUT_ADAPTATION, (*overrides, *off), name))
+                found.append(Case(scenario, WITHOUT_ADAPTATION, (*overrides, *off)))
     return found
 
 
@@ -251,7 +240,6 @@ def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) 
     result = fly(
         world, config, seed=seed, duration_s=duration_s, on_tick=on_tick, on_step=track.step if traced else None
     )
-    verdict = result.verdict
     trace = None
     if traced:
         errors = track.errors(config.trajectory.build(), start)
@@ -261,69 +249,28 @@ def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) 
             if 0 <= index < len(trace):
                 trace[index] = max(trace[index], 100.0 * error)
         trace = trace[: int(result.duration_s / TRACE_S)]
-    return ComparedFlight(
-        case,
-        seed,
-        result.completed,
-        verdict.rms_cm,
-        verdict.max_cm,
-        verdict.settle_s,
-        verdict.effort_rad_s,
-        verdict.gust_peak_cm,
-        verdict.gust_back_s,
-        trace,
-    )
-
-
-BROKEN = (
-    'a process ended early: a script with several workers needs `if __name__ == "__main__":` above what it does, '
-    "as each of them reads it, too; or memory ran out: take fewer"
-)
+    return ComparedFlight(case, seed, result.completed, result.verdict, trace)
 
 
 def fly_all(
     work: Sequence[Case],
     seeds: int,
     duration_s: float,
+    flyers: Flyers,
     *,
-    workers: int = 1,
-    own: Mapping[str, object] | None = None,
     traced: bool = False,
-    on_done: Callable[[int, int], None] | None = None,
+    on_done: Callable[[int], None] = lambda done: None,
 ) -> list[ComparedFlight]:
     """Every case with seeds 0 … ``seeds`` - 1, in the order of ``work``; ``on_done`` hears how many are flown.
 
-    Only the first seed of the gust front is traced. What no other process could import of ``own``, and everything where
-    there is but one worker, is flown in this process.
+    Only the first seed of the gust front is ``traced``.
     """
-    here = {name for name, thing in (own or {}).items() if not _can_be_imported(name, thing)}
     flights = [
         partial(fly_case, case, seed, duration_s, traced=traced and seed == 0 and case.scenario == GUST)
         for case in work
         for seed in range(seeds)
     ]
-    homely = [workers == 1 or one.args[0].kind in here for one in flights]
-    flown: dict[int, ComparedFlight] = {}
-
-    def note(index: int, flight: ComparedFlight) -> None:
-        flown[index] = flight
-        if on_done is not None:
-            on_done(len(flown), len(flights))
-
-    with ExitStack() as stack:
-        futures: dict[cf.Future[ComparedFlight], int] = {}
-        if not all(homely):
-            pool = stack.enter_context(Workers(workers))
-            futures = {pool.submit(one): i for i, one in enumerate(flights) if not homely[i]}
-        for i, one in enumerate(flights):
-            if homely[i]:
-                note(i, run_beside(one))
-        try:
-            for future in cf.as_completed(futures):
-                note(futures[future], future.result())
-        except BrokenProcessPool:
-            raise ConfigError("--workers", BROKEN) from None
-    return [flown[i] for i in range(len(flights))]
+    return flyers.each(run_beside, flights, on_done)
 
 
 def _can_be_imported(name: str, thing: object) -> bool:
@@ -351,10 +298,14 @@ def worst_of_variants(flights: Sequence[tuple[int, float | None]]) -> float | No
 
 def _row(case: Case, flights: list[ComparedFlight]) -> ComparisonRow:
     crashed = sum(not one.survived for one in flights)
-    errors = [one.rms_cm for one in flights]
+    verdicts = [one.verdict for one in flights]
+    errors = [one.rms_cm for one in verdicts]
     known = [error for error in errors if error is not None] if not crashed else []
     # A flight that never settles counts as later than any.
-    settled = median([math.inf if one.settle_s is None else one.settle_s for one in flights])
+    settled = median([math.inf if one.settle_s is None else one.settle_s for one in verdicts])
+    nothing: tuple[float | None, float | None] = (None, None)
+    pushed = [(one.verdict.gust_peak_cm, one.verdict.gust_back_s) if one.survived else nothing for one in flights]
+    variants = [one.case.variant for one in flights]
     return ComparisonRow(
         case.scenario,
         case.controller,
@@ -364,11 +315,11 @@ def _row(case: Case, flights: list[ComparedFlight]) -> ComparisonRow:
         rms_cm=_middle(errors, crashed),
         rms_cm_min=min(known, default=None),
         rms_cm_max=max(known, default=None),
-        max_cm=_middle([one.max_cm for one in flights], crashed),
+        max_cm=_middle([one.max_cm for one in verdicts], crashed),
         settle_s=settled if not crashed and math.isfinite(settled) else None,
-        effort_rad_s=_middle([one.effort_rad_s for one in flights], crashed),
-        peak_cm=worst_of_variants([(one.case.variant, one.peak_cm if one.survived else None) for one in flights]),
-        back_s=worst_of_variants([(one.case.variant, one.back_s if one.survived else None) for one in flights]),
+        effort_rad_s=_middle([one.effort_rad_s for one in verdicts], crashed),
+        peak_cm=worst_of_variants([(variant, peak) for variant, (peak, _) in zip(variants, pushed, strict=True)]),
+        back_s=worst_of_variants([(variant, back) for variant, (_, back) in zip(variants, pushed, strict=True)]),
     )
 
 
@@ -657,9 +608,6 @@ ROTORS_CM = 1.0
 """Largest additional error on rotors [cm]."""
 ROTORS_SATURATED = 0.01
 """Largest additional share of commands at a limit on rotors [-]."""
-LQG_CM = {"paper": 0.055, "adverse": 0.68}
-"""The least that a linear-quadratic-Gaussian regulator was found to reach that knows lags, delays and the spectra of
-wind and noise exactly, and still flies with 21.5 ms of extra delay [cm]; no law is told as much."""
 TRIALS = 24
 """Number of evaluations of one search [-]."""
 SEEDS = 10
@@ -719,7 +667,8 @@ class EqualTerms:
             return _broken(number, gains, math.inf, "the proof does not hold for these gains", 10.0)
 
         def fly(chosen: Iterable[Staged]) -> list[SortieOutcome]:
-            return flyers.fly([s for one in chosen for s in sorties(one, search.flight_seeds, search.duration_s)])
+            work = [s for one in chosen for s in sorties(one, search.flight_seeds, search.duration_s)]
+            return flyers.each(fly_sortie, work)
 
         plain = dict(zip(FLOORED, fly(stages[name] for name in FLOORED), strict=True))
         rms_cm = geometric_mean([outcome.cost_cm for outcome in plain.values()])
@@ -768,60 +717,28 @@ class EqualMarginsRow(msgspec.Struct, frozen=True, kw_only=True):
     """Large push to the peak in its worst direction [cm]; None where a flight did not get to its end."""
 
 
-class EqualMargins(NamedTuple):
-    """Result of the searches."""
-
-    trials: dict[str, list[TuningTrial]]
-    """Law to all that was tried."""
-    rows: list[EqualMarginsRow]
-
-
 def compare_at_equal_margins(
     flyers: Flyers,
     *,
     trials: int = TRIALS,
     seeds: int = SEEDS,
     laws: Sequence[SearchedLaw] = SEARCHED_LAWS,
-    known: dict[str, list[TuningTrial]] | None = None,
-    keep: Callable[[dict[str, list[TuningTrial]]], None] = lambda trials: None,
-    on_done: Callable[[int], None] = lambda done: None,
-) -> EqualMargins:
+    on_done: Callable[[], None] = lambda: None,
+) -> list[EqualMarginsRow]:
     """Search the gains of each of ``laws`` with ``trials`` evaluations, and refly the best with ``seeds`` others.
 
-    Laws of which ``known`` has as many evaluations are not searched again, but the best there is judged anew. ``keep``
-    is shown all evaluations after each law. ``on_done`` hears how many are done; the flights at the end count as one
-    each law.
+    ``on_done`` is called after each evaluation; the flights at the end count as one each law.
     """
-    searched = dict(known or {})
     rows: list[EqualMarginsRow] = []
-    done = 0
-
-    def count() -> None:
-        nonlocal done
-        done += 1
-        on_done(done)
-
     for law in laws:
-        search, kept = _search(law), (known or {}).get(law.name, [])
-        if law.start and len(kept) >= trials:
-            found = kept[:trials]
-            done += trials
-        elif law.start:
-            found = run(search, flyers, trials=trials, judge=EqualTerms(), on_trial=lambda trial, best: count())
-        else:
-            found = [EqualTerms()(search, {}, flyers, 0)]
-            count()
-        searched[law.name] = found
-        keep(searched)
-        # Of those that keep the floors the best; where none does, the least broken. What a table has is judged anew.
-        ranked = sorted(found, key=lambda trial: trial.cost)
-        best = ranked[0]
-        if law.start and len(kept) >= trials:
-            again = (EqualTerms()(search, one.gains, flyers, one.number) for one in ranked if not one.broken)
-            best = next((one for one in again if not one.broken), best)
+        search = _search(law)
+        tries = trials if law.start else 1
+        found = run(search, flyers, trials=tries, judge=EqualTerms(), on_trial=lambda _: on_done())
+        # Of those that keep the floors the best; where none does, the least broken.
+        best = min(found, key=lambda trial: trial.cost)
         rows.append(_refly(law, best, len(found), flyers, seeds))
-        count()
-    return EqualMargins(searched, rows)
+        on_done()
+    return rows
 
 
 def _stages(law: SearchedLaw, scenarios: Sequence[str]) -> list[Staged]:
@@ -846,7 +763,7 @@ def _refly(law: SearchedLaw, best: TuningTrial, count: int, flyers: Flyers, seed
     stages = [stage.with_gains(best.gains) for stage in _stages(law, REFLOWN)]
     long_s = dict.fromkeys(JUDGED, JUDGED_S)
     work = [sorties(stage, range(seeds), long_s.get(stage.scenario, DURATION_S)) for stage in stages]
-    outcomes = iter(flyers.fly(list(chain.from_iterable(work))))
+    outcomes = iter(flyers.each(fly_sortie, list(chain(*work))))
     flown = {stage.scenario: [next(outcomes) for _ in range(seeds)] for stage in stages}
     delay_s: dict[str, float] = {}
     for stage in stages:
@@ -872,7 +789,7 @@ def _find_peak(law: SearchedLaw, best: TuningTrial, name: str, flyers: Flyers) -
     stage = stage.with_gains(best.gains)
     worlds = [overridden(stage.world, list(variant)) for variant in SCENARIOS[name].variants]
     stages = [msgspec.structs.replace(stage, world=world) for world in worlds]
-    outcomes = flyers.fly([one for each in stages for one in sorties(each, [0], DURATION_S)])
+    outcomes = flyers.each(fly_sortie, [one for each in stages for one in sorties(each, [0], DURATION_S)])
     peaks = [outcome.peak_cm if outcome.rms_cm is not None else None for outcome in outcomes]
     return worst_of_variants(list(enumerate(peaks)))
 
@@ -880,66 +797,6 @@ def _find_peak(law: SearchedLaw, best: TuningTrial, name: str, flyers: Flyers) -
 def _median(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return median(known) if len(known) == len(values) else None
-
-
-def find_dominators(rows: Sequence[EqualMarginsRow]) -> list[str]:
-    """Find the laws at least as accurate, calm and delay-tolerant as ours and better in one: a sentence each."""
-    said: list[str] = []
-    for ours, row in product(rows, rows):
-        if not ours.law.startswith("adaptive") or row.law.startswith("adaptive") or not row.keeps:
-            continue
-        for name in FLOORED:
-            theirs_cm, ours_cm = row.rms_cm[name], ours.rms_cm[name]
-            if theirs_cm is None or ours_cm is None:
-                continue
-            mine = (ours_cm, ours.effort_rad_s[name], -ours.delay_s[name])
-            other = (theirs_cm, row.effort_rad_s[name], -row.delay_s[name])
-            if all(a <= b for a, b in zip(other, mine, strict=True)) and other != mine:
-                said.append(f"{row.law} dominates {ours.law} in `{name}`")
-    return said
-
-
-COLUMNS = ("law", "evaluation", "rms_cm", "cost", "broken", "gains")
-
-
-def read_trials(path: Path) -> dict[str, list[TuningTrial]]:
-    """Read the table of :func:`write_trials`; empty without such a file.
-
-    Raises:
-        ConfigError: it is no such table.
-    """
-    found: dict[str, list[TuningTrial]] = {}
-    try:
-        rows = list(csv.DictReader(path.read_text("utf-8").splitlines())) if path.exists() else []
-        for row in rows:
-            gains = {name: float(value) for name, _, value in (one.partition("=") for one in row["gains"].split())}
-            trial = TuningTrial(
-                number=int(row["evaluation"]),
-                gains=gains,
-                rms_cm=float(row["rms_cm"]),
-                broken=[row["broken"]] if row["broken"] else [],
-                cost=float(row["cost"]),
-            )
-            found.setdefault(row["law"], []).append(trial)
-    except (OSError, KeyError, ValueError) as error:
-        raise ConfigError("--table", f"{path} is no table of evaluations: {error}") from None
-    return found
-
-
-def write_trials(path: Path, trials: dict[str, list[TuningTrial]]) -> None:
-    """Every evaluation as a row of CSV.
-
-    Raises:
-        ConfigError: the file can't be written.
-    """
-    with refuse_io("--table", f"cannot write {path}"), open_whole(path) as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for law, found in trials.items():
-            for one in found:
-                gains = " ".join(f"{name}={value:g}" for name, value in one.gains.items())
-                figures = f"{one.rms_cm:.4g}", f"{one.cost:.8g}"
-                writer.writerow([law, one.number, *figures, "; ".join(one.broken), gains])
 
 
 def equal_margins_table(rows: Sequence[EqualMarginsRow]) -> str:
@@ -960,40 +817,7 @@ def equal_margins_table(rows: Sequence[EqualMarginsRow]) -> str:
     for row in rows:
         gains = ", ".join(f"{name} {value:.3g}" for name, value in row.gains.items()) or "as they come"
         lines.append(f"| {row.law} | {row.evaluations} | {gains} |")
-    said = find_dominators(rows)
-    verdict = f"{'; '.join(said)}." if said else "No law that keeps all floors dominates the adaptive one in either."
-    return "\n".join(
-        [*lines, "", "Effort and delay: `paper` / `adverse`. Dominates: as close, as calm and as tolerant. " + verdict]
-    )
-
-
-def draw_equal_margins(rows: Sequence[EqualMarginsRow]) -> "Figure":
-    """RMS error against delay margin and against effort, in the two judged scenarios, with the LQG limit as a line."""
-    figure = figure_class()(figsize=(9.5, 7.0), layout="constrained")
-    panels: Any = figure.subplots(len(FLOORED), 2, squeeze=False, sharey="row", sharex="col")
-    for (left, right), name in zip(panels, FLOORED, strict=True):
-        for row in rows:
-            if (rms_cm := row.rms_cm[name]) is None:
-                continue
-            style = STYLES.get(row.law, {"color": "#0072B2", "marker": "*"})
-            look: dict[str, Any] = {"linestyle": "none", "markersize": 9, "label": row.law}
-            look |= {"color": style["color"], "marker": style["marker"], "fillstyle": "full" if row.keeps else "none"}
-            left.plot(1e3 * row.delay_s[name], rms_cm, **look)
-            right.plot(row.effort_rad_s[name], rms_cm, **look)
-        for panel in (left, right):
-            panel.axhline(LQG_CM[name], color="black", linestyle="--", linewidth=1.0, label="LQG limit")
-            panel.set_yscale("log")
-            panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-            panel.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
-            panel.grid(which="both", color="0.85", linewidth=0.8)
-        left.axvline(21.5, color="0.4", linewidth=0.8)
-        right.axvline(EFFORT_RAD_S[name], color="0.4", linewidth=0.8)
-        left.set_ylabel(f"{name}: RMS error [cm]")
-    panels[-1][0].set_xlabel("extra command delay at which it fails [ms]; floor at the grey line")
-    panels[-1][1].set_xlabel("effort [rad/s]; no more than the grey line")
-    handles, labels = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, ncols=4, loc="outside lower center", frameon=False)
-    return figure
+    return "\n".join([*lines, "", "Effort and delay: `paper` / `adverse`."])
 
 
 def describe_terms(trials: int, seeds: int) -> str:

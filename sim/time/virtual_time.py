@@ -71,11 +71,6 @@ class MemoryStream(asyncio.Transport):
         """Whoever takes what arrives."""
         self._protocol = protocol
 
-    def get_protocol(self) -> asyncio.BaseProtocol:
-        """Whoever takes what arrives."""
-        taker: asyncio.BaseProtocol = self._protocol
-        return taker
-
 
 class Listener:
     """Server as ``create_server`` returns it, as far as it is used here."""

@@ -4,6 +4,7 @@ from sim.trackers.trackers import (
     Mocap,
     NatNetServer,
     QtmServer,
+    SeenVehicle,
     TrackedBody,
     Tracker,
     json_encoder,

@@ -28,7 +28,7 @@ from groundstation.pose.sources import natnet_codec as natnet
 from groundstation.pose.sources import qualisys_codec as qtm
 from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec
-from sim.world import PositionWander, Quadrotor, TrueState, World, generator, normals, rows, with_noise
+from sim.world import PositionWander, Quadrotor, World, generator, normals, rows, with_noise
 
 CLOCK_AHEAD_S = 1000.0
 """Lead of the tracking computer's clock over ours [s]: the clocks are not synchronized."""
@@ -160,34 +160,51 @@ CIRCLE_RAD_S = 0.4
 """Angular speed of the other bodies [rad/s]."""
 
 
+class SeenVehicle:
+    """One vehicle before the cameras, and the noise of what they see of it."""
+
+    def __init__(self, name: str, plant: Quadrotor, world: World, seed: int) -> None:
+        """It is called ``name``; its noise is drawn from ``seed``."""
+        self.name, self.plant = name, plant
+        self._world = world
+        self._noise = normals(seed, "noise", 6)
+        self._wander = PositionWander(world, normals(seed, "cameras' wander", 3))
+
+    def measure(self, when: float) -> tuple[Vec3, Quat]:
+        """Place and attitude as the cameras find them at ``when`` [s]."""
+        truth = with_noise(self.plant.truth(when), self._world, next(self._noise))
+        truth = self._wander.distort(truth, self.plant.released_s)
+        return truth.position_ned, truth.attitude
+
+
 class Mocap:
     """Cameras that run by themselves: their phase against our frames is drawn from the seed."""
 
     def __init__(
         self,
         world: World,
-        plant: Quadrotor,
+        vehicles: Sequence[SeenVehicle],
         seed: int,
-        name: str,
         tracker: Tracker,
         standing: Sequence[tuple[str, Vec3]] = (),
     ) -> None:
-        """Have ``tracker`` send what the cameras see; the vehicle is called ``name``.
+        """Have ``tracker`` send what the cameras see of ``vehicles``; what befalls frames is that of the first one.
 
         ``standing`` are further bodies that stand still, each by its name and place [m, NED].
         """
         self._standing = [TrackedBody(other, place, so3.IDENTITY, True) for other, place in standing]
         self._world = world
-        self._plant = plant
+        self._vehicles = vehicles
         self._phase = generator(seed, "phase").random()
-        self._noise = normals(seed, "noise", 6)
         self._luck = rows(generator(seed, "pose loss").random, 1)
-        self._wander = PositionWander(world, normals(seed, "cameras' wander", 3))
-        self._name = name
         self._tracker = tracker
+        self.hidden: set[str] = set()
+        """Names of the vehicles that the cameras do not see now."""
+        self.sent_s: float | None = None
+        """When the newest frame left, on the event loop's clock [s]."""
         self._covered = False
         self._begun_s = 0.0
-        self._last: tuple[Vec3, Quat] | None = None
+        self._last: dict[str, tuple[Vec3, Quat]] = {}
 
     def cover(self, covered: bool) -> None:
         """Cover the cameras: no pose leaves until they are uncovered."""
@@ -195,7 +212,7 @@ class Mocap:
 
     def see(self, plant: Quadrotor) -> None:
         """Track ``plant`` as our vehicle from now on."""
-        self._plant = plant
+        self._vehicles[0].plant = plant
 
     def through(self, wrap: Callable[[Tracker], Tracker]) -> None:
         """Put ``wrap`` before the tracking computer: every frame passes it from now on."""
@@ -214,31 +231,37 @@ class Mocap:
                 when = start + frame * period
                 await sleep_until(when)
                 # The instant of the exposure is the scheduled one: a late wake-up must not move the truth.
-                truth = with_noise(self._plant.truth(when), world, next(self._noise))
-                truth = self._wander.distort(truth, self._plant.released_s)
+                poses = [vehicle.measure(when) for vehicle in self._vehicles]
                 if not self._loses(when, next(self._luck)[0]):
-                    bodies = self._observe(truth, when)
+                    bodies = self._observe(poses, when)
                     if world.pose_latency_s > 0.0:
-                        loop.call_at(when + world.pose_latency_s, self._tracker.send, frame, when, bodies)
+                        loop.call_at(when + world.pose_latency_s, self._send, frame, when, bodies)
                     else:
-                        self._tracker.send(frame, when, bodies)
+                        self._send(frame, when, bodies)
                 frame += 1
         finally:
             self._tracker.close()
 
-    def _observe(self, truth: TrueState, when: float) -> list[TrackedBody]:
-        """Our body first: where it is hidden, the last that was seen of it."""
+    def _send(self, frame: int, when: float, bodies: Sequence[TrackedBody]) -> None:
+        self.sent_s = asyncio.get_running_loop().time()
+        self._tracker.send(frame, when, bodies)
+
+    def _observe(self, poses: Sequence[tuple[Vec3, Quat]], when: float) -> list[TrackedBody]:
+        """Our body first: where one is hidden, the last that was seen of it."""
         world = self._world
-        position, attitude = truth.position_ned, truth.attitude
         others = [_circling(n, when) for n in range(world.other_bodies)]
-        hidden = self._mishap(when, world.occlusion_s, 0.5)
-        if hidden and self._last is not None:
-            position, attitude = self._last
-        elif self._mishap(when, world.swap_s, 0.75):
-            others[:1] = [(position, attitude)] if others else []
-            position, attitude = _circling(0, when)
-        self._last = position, attitude
-        bodies = [TrackedBody(self._name, position, attitude, not hidden)]
+        bodies = []
+        for number, (vehicle, true) in enumerate(zip(self._vehicles, poses, strict=True)):
+            pose = true
+            occluded = number == 0 and self._mishap(when, world.occlusion_s, 0.5)
+            hidden = occluded or vehicle.name in self.hidden
+            if hidden:
+                pose = self._last.get(vehicle.name, pose)
+            elif number == 0 and self._mishap(when, world.swap_s, 0.75):
+                others[:1] = [pose] if others else []
+                pose = _circling(0, when)
+            self._last[vehicle.name] = pose
+            bodies.append(TrackedBody(vehicle.name, *pose, not hidden))
         return bodies + [TrackedBody(f"other{n}", *pose, True) for n, pose in enumerate(others)] + self._standing
 
     def _mishap(self, when: float, length_s: float, share: float) -> bool:
@@ -249,7 +272,7 @@ class Mocap:
         """
         if length_s <= 0.0:
             return False
-        released, period = self._plant.released_s, self._world.mishap_period_s
+        released, period = self._vehicles[0].plant.released_s, self._world.mishap_period_s
         since = self._begun_s if released is None or when < released else released
         return 0.0 <= (when - since) % period - share * period < length_s
 
@@ -258,7 +281,7 @@ class Mocap:
         world = self._world
         if self._covered or luck < world.pose_loss:
             return True
-        released = self._plant.released_s
+        released = self._vehicles[0].plant.released_s
         if not world.outage_s or released is None or when < released:
             return False
         return (when - released) % world.outage_period_s >= world.outage_period_s - world.outage_s

@@ -27,11 +27,13 @@ from sim.world.quadrotor import (
 from sim.world.world import (
     STILL,
     RotorConstants,
+    SteadyWind,
     Wind,
     WindTunnel,
     World,
     begin_eddies,
     cell,
+    compute_steady,
     compute_turbulence,
     stir,
 )

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 
-from groundstation.core.geometry import Real, Vec3
+from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, add_scaled
 from groundstation.core.vehicle import GRAVITY
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -264,20 +264,25 @@ def compute_turbulence(eddies: Eddies, rms: Real) -> Vec3:
     return (rms * x, k * (ROOT3 * y - (ROOT3 - 1.0) * twice_y), k * (ROOT3 * z - (ROOT3 - 1.0) * twice_z))
 
 
-def steady(world: World, flight_time: float) -> Vec3:
+class SteadyWind(NamedTuple):
+    """Mean, gust and step or push of the wind, as in :class:`World`. Elementwise."""
+
+    mean: Vec3
+    gust: Vec3
+    gust_hz: Real
+    step: Vec3
+    step_time_s: Real
+    push_s: Real
+
+
+def compute_steady(ops: Ops, wind: SteadyWind, flight_time: float) -> Vec3:
     """Mean, gust and step or push [m/s², NED] at ``flight_time`` [s]."""
-    mx, my, mz = world.wind_mean
-    if world.wind_gust != (0.0, 0.0, 0.0):
-        sine = math.sin(2.0 * math.pi * world.wind_gust_hz * flight_time)
-        gx, gy, gz = world.wind_gust
-        mx, my, mz = mx + gx * sine, my + gy * sine, mz + gz * sine
-    if flight_time >= world.wind_step_time_s:
-        sx, sy, sz = world.wind_step
-        if world.wind_push_s > 0.0:
-            share = math.sin(math.pi * min((flight_time - world.wind_step_time_s) / world.wind_push_s, 1.0))
-            sx, sy, sz = share * sx, share * sy, share * sz
-        mx, my, mz = mx + sx, my + sy, mz + sz
-    return (mx, my, mz)
+    sine = ops.sin(2.0 * math.pi * wind.gust_hz * flight_time)
+    is_push = wind.push_s > 0.0
+    since = (flight_time - wind.step_time_s) / ops.where(is_push, wind.push_s, 1.0)
+    half_sine = ops.sin(math.pi * ops.clamp(since, 0.0, 1.0))
+    share = ops.where(flight_time >= wind.step_time_s, ops.where(is_push, half_sine, 1.0), 0.0)
+    return add_scaled(add_scaled(wind.mean, sine, wind.gust), share, wind.step)
 
 
 def cell(flight_time: float) -> int:
@@ -291,6 +296,10 @@ class Wind:
     def __init__(self, world: World, normals: Iterator[tuple[float, ...]]) -> None:
         """Take the world's wind figures, and rows of three standard normal numbers for the turbulence."""
         self._world = world
+        w = world
+        self._steady = SteadyWind(
+            w.wind_mean, w.wind_gust, w.wind_gust_hz, w.wind_step, w.wind_step_time_s, w.wind_push_s
+        )
         self._normals = normals
         self._restless = bool(world.wind_turbulence) or any(world.tunnel.rest_m_s2)
         self._index = -1
@@ -302,7 +311,7 @@ class Wind:
 
     def at(self, flight_time: float) -> Vec3:
         """b at ``flight_time`` [s] after release."""
-        x, y, z = steady(self._world, flight_time)
+        x, y, z = compute_steady(FLOATS, self._steady, flight_time)
         if self.push != (0.0, 0.0, 0.0):
             x, y, z = x + self.push[0], y + self.push[1], z + self.push[2]
         if not self._restless:

@@ -72,7 +72,6 @@ def test_a_crash_exits_1_and_says_why() -> None:
         (["fly", "--set", "nonsense"], "--set"),
         (["dev", "check-vectors", "absent.json"], "cannot read absent.json: No such file"),
         (["fly", "--out", "/dev/null/nowhere"], "cannot write"),
-        (["compare", "--equal-margins", "--table", "/nowhere/x.csv"], "cannot write /nowhere/x.csv: No such file"),
         (["dev", "firmware", "--write", "absent.md"], "cannot read absent.md: No such file"),
         (["serve", "--carried", "--duration", "1"], "--carried: expected --config FILE.toml beside it"),
     ],

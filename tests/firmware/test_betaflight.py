@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.flight import Flight
+from groundstation.analysis.identify import identify, read_stretch
 from sim.autopilots import STEP_S, BetaflightFirmware, betaflight, configure, describe_settings, pack_pulses
 from sim.autopilots.betaflight import LISTENS_S
 from sim.autopilots.onboard import LIFTING_SHARE
 from sim.radio import FAILSAFE_S
-from sim.runs import Stage, fly, fly_mission, from_floor
+from sim.runs import RECORDING, Stage, fly, from_floor, simulate
 from sim.runs.flight import Result
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from tests.flight.test_missions import SHORT, WAY
@@ -22,10 +22,9 @@ from tests.proving.firmware import (
     give_invalid,
     gust,
     hold_for_ever,
-    measure_rates,
     strike_down,
 )
-from tests.proving.takeoff_start import TakeoffStart
+from tests.proving.takeoff_start import fly_take_off
 
 pytestmark = pytest.mark.firmware
 
@@ -100,12 +99,8 @@ def test_a_stick_that_is_told_the_wrong_way_round_ends_the_flight_at_once() -> N
 def test_it_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, link: str, seed: int) -> None:
     world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
     world, config = from_floor(world, config, 1.0)
-    start = TakeoffStart()
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        start.watch(flight, stage, world)
-
-    result = fly_mission(world, config, seed=seed, autopilot=BETAFLIGHT, script=script)
+    took = fly_take_off(world, config, seed, BETAFLIGHT)
+    result, start = took.mission, took.start
     assert result.landed, result.why
     assert min(start.thrust) >= 0.75
     assert max(start.thrust) <= 1.25
@@ -166,14 +161,16 @@ def test_pulses_that_come_back_start_no_motor_until_the_arm_channel_has_been_dow
         assert give(1.0, 988, 2012) > 0.0
 
 
-def test_identify_finds_what_steps_on_the_plant_show() -> None:
-    measured = measure_rates()
-    for axis, (lag, delay, overshoot) in measured["steps"].items():
-        assert measured["responses"][axis] is not None, axis
-        value, low, high = measured["responses"][axis]
-        assert value == pytest.approx(lag + delay, rel=0.2), axis
-        assert high - low < 0.4 * value, axis
-        assert overshoot < (0.35 if axis == "yaw" else 0.25)
+def test_identify_finds_the_rates_that_the_scenario_tells(tmp_path: Path) -> None:
+    """Lag and delay from a command's leaving: the link's lead and DSM's frame on the wire come on top."""
+    told = ["trajectory.kind=excitation", "sim.start_ned=[0,0,-1]"]  # where it begins: a pull-in would clip thrust
+    simulate("paper", autopilot=BETAFLIGHT, link="dsm", duration=40.0, overrides=told, out=tmp_path)
+    found = identify(read_stretch(tmp_path / RECORDING)).parameters["rate_response"]
+    vehicle = by_betaflight(SCENARIOS["paper"]).told
+    to_receiver_s = 0.005 + 14 * 10 / 125000
+    assert found.value == pytest.approx(vehicle.rate_lag_s + vehicle.rate_delay_s + to_receiver_s, rel=0.2)
+    assert found.value is not None and found.interval is not None
+    assert found.interval[1] - found.interval[0] < 0.4 * found.value
 
 
 def test_the_firmware_ends_with_whoever_steps_it() -> None:

@@ -114,7 +114,7 @@ async def serial(port: str) -> AsyncIterator[str]:
             wire.listen(writer.write)
             try:
                 while data := await reader.read(4096):
-                    wire.say(data)
+                    wire.sendto(data)
             except OSError:
                 pass  # it restarts
             finally:

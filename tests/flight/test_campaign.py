@@ -160,7 +160,6 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow
         (["--set", "sim.command_delay_s=0.01"], "sim.command_delay_s: the commands of a batch act at once"),
         (["--set", "sim.occlusion_s=0.1"], "sim.occlusion_s: the cameras of a batch never take one body for another"),
         (["--set", "sim.swap_s=0.1"], "sim.swap_s: the cameras of a batch never take one body for another"),
-        (["--plot", "no/such.png"], "--plot: cannot write no/such.png: there is no such folder"),
     ],
 )
 def test_a_campaign_that_would_not_be_true_is_refused(

@@ -1,18 +1,12 @@
 """``compare --equal-margins``: who may win a search, what is kept of it, and what the table and the picture say."""
 
 import math
-from pathlib import Path
 
 import pytest
 
-from groundstation.config import ConfigError
 from groundstation.core.control.controllers import Pid
-from sim.studies import (
-    SEARCHED_LAWS,
-    compare_at_equal_margins,
-    read_trials,
-    write_trials,
-)
+from sim.runs import Flyers
+from sim.studies import SEARCHED_LAWS, compare_at_equal_margins
 from sim.studies import comparison as module
 from sim.studies.comparison import (
     FLOORS,
@@ -20,7 +14,7 @@ from sim.studies.comparison import (
     SearchedLaw,
     make_wrong,
 )
-from sim.studies.tune import Flyers, Search, SortieOutcome, TuningTrial, stage_scenarios
+from sim.studies.tune import Search, SortieOutcome, TuningTrial, stage_scenarios
 from sim.studies.tune.tune import BROKEN, Sortie
 from tests.flight.flights import UnflownFlyers
 
@@ -77,29 +71,18 @@ def test_a_floor_makes_one_thing_wrong_by_what_is_told() -> None:
     assert make_wrong(adverse, slow).world.rate_lag_s == pytest.approx(1.5 * adverse.config.vehicle.rate_lag_s)
 
 
-def test_a_search_is_kept_as_a_table_and_not_flown_again(tmp_path: Path) -> None:
-    kept: list[dict[str, list[TuningTrial]]] = []
-    searched = Judges()
-    found = compare_at_equal_margins(searched, trials=6, seeds=2, laws=[LAW], keep=lambda all_: kept.append(dict(all_)))
-    assert kept == [found.trials]
-    path = tmp_path / "trials.csv"
-    assert read_trials(path) == {}
-    write_trials(path, found.trials)
-    judges = Judges()
-    again = compare_at_equal_margins(judges, trials=6, seeds=2, laws=[LAW], known=read_trials(path))
-    assert [row.gains for row in again.rows] == [pytest.approx(row.gains) for row in found.rows]
-    plain = {sortie.seed for sortie in judges.flights if sortie.seed != 100}
+def test_the_best_of_each_law_is_flown_once_more_on_other_seeds() -> None:
+    judges, done = Judges(), list[int]()
+    (row,) = compare_at_equal_margins(judges, trials=6, seeds=2, laws=[LAW], on_done=lambda: done.append(1))
+    assert len(done) == 7
+    assert row.keeps and row.evaluations == 6
     reflown = {(sortie.stage.scenario, sortie.duration_s) for sortie in judges.flights if sortie.seed == 1}
     assert reflown == {(name, 60.0 if name in module.JUDGED else 20.0) for name in module.REFLOWN}, "whole laps"
-    assert plain == {0, 1} and len(judges.flights) < len(searched.flights)  # the best is judged anew, and no more
     pushed = [sortie for sortie in judges.flights if sortie.stage.scenario in module.PUSHED]
     assert {sortie.stage.scenario for sortie in pushed} == set(module.PUSHED)
     assert all(sortie.duration_s > sortie.stage.world.wind_step_time_s for sortie in pushed), "the push is flown"
-    best = min(found.trials["pid"], key=lambda trial: trial.cost)
-    assert found.rows[0].gains == best.gains and found.rows[0].keeps and found.rows[0].evaluations == 6
-    path.write_text("dear diary\n1\n", "utf-8")
-    with pytest.raises(ConfigError, match="no table of evaluations"):
-        read_trials(path)
+    flown = judges.flights[-1].stage.config.controller
+    assert isinstance(flown, Pid) and flown.p_position == pytest.approx(row.gains["p_position"])
 
 
 @pytest.mark.matrix  # twelve flights of a page of figures, which `make margins` makes

@@ -3,10 +3,9 @@
 import asyncio
 from collections.abc import Callable
 
-import msgspec
 import pytest
 
-from groundstation.core.geometry import so3
+from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.autopilots import Px4Autopilot
@@ -14,11 +13,10 @@ from sim.autopilots.dialects import POSCTL
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
-from sim.world import TrueState
 from tests.flight.test_missions import SHORT
 from tests.loops import until
 
-Wrong = Callable[[TrueState], TrueState]
+Wrong = Callable[[Vec3, Quat], tuple[Vec3, Quat]]
 
 
 def mission(script: Script, *overrides: str, scenario: str = "paper", figure_s: float = 6.0) -> MissionResult:
@@ -51,20 +49,19 @@ def seeing(wrong: Wrong, for_s: float) -> Script:
         mocap = stage.mocap
         assert mocap is not None
         right = mocap._observe
-        vars(mocap)["_observe"] = lambda truth, when: right(wrong(truth), when)
+        vars(mocap)["_observe"] = lambda poses, when: right([wrong(*pose) for pose in poses], when)
         await asyncio.sleep(for_s)
         del vars(mocap)["_observe"]
 
     return script
 
 
-def elsewhere(seen: TrueState) -> TrueState:
-    x, y, z = seen.position_ned
-    return msgspec.structs.replace(seen, position_ned=(x + 1.0, y, z))
+def elsewhere(place: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    return (place[0] + 1.0, *place[1:]), attitude
 
 
-def turned(seen: TrueState) -> TrueState:
-    return msgspec.structs.replace(seen, attitude=so3.multiply(seen.attitude, (0.0, 0.0, 0.0, 1.0)))
+def turned(place: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    return place, so3.multiply(attitude, (0.0, 0.0, 0.0, 1.0))
 
 
 def states(flown: MissionResult) -> list[str]:

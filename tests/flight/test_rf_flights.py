@@ -51,18 +51,6 @@ def test_channels_are_quantised_as_on_the_wire() -> None:
     assert coarse_cm is not None and coarse_cm > 2.0 * fine_cm
 
 
-def test_a_runs_folder_holds_every_frame_as_hex(tmp_path: Path) -> None:
-    world, config = prepare(SCENARIOS["paper"], [], link="dsm")
-    folder = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
-    fly(world, config, seed=0, duration_s=2.0, on_datagram=folder.datagram)
-    folder.close({"completed": True, "why": ""})
-    lines = (tmp_path / "frames.txt").read_text().splitlines()
-    assert len(lines) > 2.0 / world.frame_period_s
-    time_s, *frame = lines[-1].split()
-    assert float(time_s) > 2.0
-    assert len(bytes.fromhex("".join(frame))) == 14
-
-
 def test_a_radio_brings_no_poses() -> None:
     world, config = prepare(SCENARIOS["paper"], [], link="dsm", source="odometry")
     with pytest.raises(ConfigError, match="no other link brings poses"):

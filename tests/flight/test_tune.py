@@ -1,14 +1,11 @@
 """Tuning with whole flights: margins that agree with flights on either side, and a search end to end."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from groundstation.config import load
-from groundstation.settings import Config
 from sim.__main__ import main
-from sim.studies.tune import Flyers, SortieOutcome, sorties, stage_scenarios
+from sim.studies.tune import SortieOutcome, sorties, stage_scenarios, tune
 from sim.studies.tune.tune import Sortie
 
 BAD = """
@@ -39,22 +36,26 @@ def test_flights_through_a_step_of_the_wind_last_beyond_it() -> None:
     assert [sortie.duration_s for sortie in sorties(stage, [0], 20.0)] == [40.0]
 
 
-def test_an_interrupted_search_leaves_the_best_so_far_and_says_how_to_go_on(
+def test_an_interrupted_search_says_how_to_go_on_and_ends_with_the_trials_it_has(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "x.toml"
-    rounds = iter([1.0, 0.5])
+    out, flown = tmp_path / "x.toml", list[Sortie]()
 
-    def interrupted(self: Flyers, work: Sequence[Sortie]) -> list[SortieOutcome]:
-        for rms_cm in rounds:
-            return [SortieOutcome(rms_cm, "flown to the end")] * len(work)
-        raise KeyboardInterrupt
+    def come_to(sortie: Sortie) -> SortieOutcome:
+        flown.append(sortie)
+        if len(flown) > 12:
+            raise KeyboardInterrupt
+        return SortieOutcome(1.0 / len(flown), "flown to the end")
 
-    monkeypatch.setattr(Flyers, "fly", interrupted)
-    assert call(f"tune --scenarios paper --seeds 1 --workers 1 --out {out}", monkeypatch) == 130
-    assert "the same command goes on with them; the best so far is in" in capsys.readouterr().err
-    assert "NOT VERIFIED" in out.read_text()
-    load(out, Config)
+    monkeypatch.setattr(tune, "fly_sortie", come_to)
+    words = f"tune --scenarios paper --seeds 1 --workers 1 --verify 1 --out {out}"
+    assert call(words, monkeypatch) == 130
+    assert "the same command goes on with them, or with --trials N ends at N" in capsys.readouterr().err
+    assert not out.exists()
+    monkeypatch.setattr(tune, "fly_sortie", lambda _: SortieOutcome(0.5, "flown to the end"))
+    assert call(f"{words} --trials 3", monkeypatch) == 1, "no better on other seeds"
+    said = capsys.readouterr().out
+    assert said.startswith("trial 2 of 3:") and "NOT to be used, and not written" in said
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ def test_the_command_writes_its_table(monkeypatch: pytest.MonkeyPatch, tmp_path:
     text = page.read_text("utf-8")
     assert "\nold\n" not in text
     assert text.endswith("<!-- figures:end -->\n\nlast\n")
-    assert "Made by `groundstation-sim dev upsets --scenarios paper --seeds 1 --states 2 --write PAGE.md`." in text
+    assert f"Made by `groundstation-sim dev upsets --scenarios paper --seeds 1 --states 2 --write {page}`." in text
     for part in ("`paper`, figure: step 5", "`paper`, hold: step 5", *(f"`paper`, {law} |" for law in LAWS)):
         assert part in printed.getvalue()
         assert part in text

@@ -25,7 +25,7 @@ from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable
 from groundstation.runtime import Exit
 from sim.cli import ProgressBar
-from sim.runs import Stage, Workers, fly_mission, from_floor
+from sim.runs import Flyers, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
 from sim.studies import FLOORS, ModelError
 
@@ -187,19 +187,8 @@ def watch_all(
 ) -> list[Alarms]:
     """Fly each of ``watches`` with each of ``seeds``; ``on_done`` hears how many are flown."""
     work = [(watch, seed) for watch in watches for seed in seeds]
-    flown = list[WatchedFlight]()
-
-    def take(one: WatchedFlight) -> None:
-        flown.append(one)
-        on_done(len(flown))
-
-    if workers <= 1 or len(work) <= 1:
-        for watch, seed in work:
-            take(watch_flight(watch, seed))
-    else:
-        with Workers(min(workers, len(work))) as pool:
-            for one in pool.each(_watch_one, work):
-                take(one)
+    with Flyers(min(workers, len(work))) as flyers:
+        flown = flyers.each(_watch_one, work, on_done)
     each = len(seeds)
     return [Alarms(name=watch.name, flights=tuple(flown[i * each : (i + 1) * each])) for i, watch in enumerate(watches)]
 

@@ -36,7 +36,7 @@ from sim.time import VirtualTimeLoop, in_virtual_time
 from sim.world import FourRotors, World, generator, rows
 from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Meddler, late, stand_between, still
 from tests.proving.faults import Struck as StruckPose
-from tests.proving.takeoff_start import TakeoffStart, describe_worst
+from tests.proving.takeoff_start import HEAD, TakeOff, describe, fly_take_off
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduCopter"}
 MAKERS: Mapping[str, Callable[[Path], Make]] = {"px4": make_px4, "ardupilot": make_ardupilot}
@@ -162,23 +162,10 @@ SOURCES = ("vicon", "natnet")
 """Trackers in turn."""
 
 
-class TakeOff(msgspec.Struct, frozen=True):
-    """Mission from the floor and back, and its first second."""
-
-    mission: MissionResult
-    start: TakeoffStart
-
-
 def take_off(airworthy: Airworthy, told: Sequence[str], seed: int) -> TakeOff:
     """One short flight."""
     world, config = set_up((*told, *HOLD), 1.0, SOURCES[seed % len(SOURCES)])
-    start = TakeoffStart()
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        start.watch(flight, stage, world)
-
-    mission = fly_mission(world, config, seed=seed, autopilot=airworthy, script=script, confirm_s=ALIGNED_S)
-    return TakeOff(mission, start)
+    return fly_take_off(world, config, seed, airworthy, ALIGNED_S)
 
 
 def fly_figure(airworthy: Airworthy, told: Sequence[str], figure: Sequence[str], seed: int) -> MissionResult:
@@ -401,25 +388,7 @@ def tables(facts: Mapping[str, Facts]) -> str:
             lost = f", {len(flights) - len(rms)} of {len(flights)} lost" if len(rms) < len(flights) else ""
             told = f"{median(rms):.2f} ({max(rms):.2f})" if rms else "–"
             lines.append(f"| {name}, {figure} | {told}{lost} | {largest:.1f} | {FLIGHTS[figure][1]} |")
-    lines += [
-        "",
-        "| from the floor and back | landed | within all limits at lift-off | rotors, share of the weight "
-        "| climb off by | tilt | b̂ of its bound | worst touchdown | off the place of take-off |",
-        "|---" * 9 + "|",
-        "| must | all | all | 0.75 to 1.25 | 0.3 m/s | 8° | 0.5 | – | – |",
-    ]
-    for name, flown in facts.items():
-        missions, starts = [one.mission for one in flown.take_offs], [one.start for one in flown.take_offs]
-        seen = [one for one in starts if one.thrust]
-        landed = f"| {name} | {sum(one.landed for one in missions)} of {len(missions)} "
-        if not seen:  # none left the floor
-            lines.append(f"{landed}| 0 of {len(missions)} " + "| – " * 6 + "|")
-            continue
-        lines.append(
-            f"{landed}| {sum(one.smooth for one in starts)} of {len(starts)} "
-            f"{describe_worst(seen)}| {max(one.touchdown_m_s or 0.0 for one in missions):.2f} m/s "
-            f"| {100.0 * max(one.home_m for one in missions):.1f} cm |"
-        )
+    lines += ["", *HEAD, *(describe(name, flown.take_offs) for name, flown in facts.items())]
     lines += [
         "",
         "| struck on the eight, 1 m/s | up | aside | fastest | met the floor at | rotors off after "

@@ -10,7 +10,9 @@ from groundstation.core.control import Adaptive
 from groundstation.core.geometry import so3
 from groundstation.core.messages import CommandSent, FlightEvent
 from groundstation.flight import Flight
-from sim.runs import Stage
+from groundstation.settings import Config
+from sim.autopilots import Airworthy
+from sim.runs import MISSION_CONFIRM_S, MissionResult, Stage, fly_mission
 from sim.world import World
 
 
@@ -28,8 +30,6 @@ class TakeoffStart(msgspec.Struct):
     """Distance from the reference [m]."""
     aside_m: list[float] = []
     """And from over where it stood [m]."""
-    least_tilt_deg: float = 0.0
-    """The least lean by which any law, however quick, and told the wind beforehand, has stopped it by the end."""
     begun_s: float | None = None
     """When the law gave its first command."""
 
@@ -48,24 +48,15 @@ class TakeoffStart(msgspec.Struct):
     def watch(self, flight: Flight, stage: Stage, world: World) -> None:
         """Look at each command of ``flight``, which begins on the floor of ``world``."""
         weight_n = world.mass_kg * world.gravity
-        seen_s, pushed = 0.0, [0.0, 0.0, 0.0]  # by the rotors since it began [m/s, NED]
 
         def hear(event: FlightEvent) -> None:
             if not isinstance(event, CommandSent):
                 return
-            nonlocal seen_s
             tick = event.tick
             self.begun_s = tick.time_s if self.begun_s is None else self.begun_s
             if tick.time_s - self.begun_s > 1.0:
                 return
             truth = stage.plant.truth(asyncio.get_running_loop().time())
-            since_s = tick.time_s - self.begun_s
-            for k, down in enumerate(so3.third_column(truth.attitude)):
-                pushed[k] -= (since_s - seen_s) * truth.thrust_n / world.mass_kg * down
-            seen_s = since_s
-            # What the rotors gave sideways less the speed that is left is what had to be given, by whatever law.
-            aside = [push - speed for push, speed in zip(pushed[:2], truth.velocity_ned[:2], strict=True)]
-            self.least_tilt_deg = math.degrees(math.atan2(math.hypot(*aside), -pushed[2]))
             self.thrust.append(truth.thrust_n / weight_n)
             self.climb.append(abs(truth.velocity_ned[2] - tick.reference.velocity_ned[2]))
             self.tilt_deg.append(so3.angle_deg(so3.third_column(truth.attitude)[2]))
@@ -78,10 +69,47 @@ class TakeoffStart(msgspec.Struct):
         flight._subscribers += (hear,)
 
 
-def describe_worst(starts: Sequence[TakeoffStart]) -> str:
-    """Cells of a table: range of the thrust, worst climb, tilt and b̂ of ``starts``, which all left the floor."""
+class TakeOff(msgspec.Struct, frozen=True):
+    """Mission from the floor and back, and its first second."""
+
+    mission: MissionResult
+    start: TakeoffStart
+
+
+def fly_take_off(
+    world: World, config: Config, seed: int, autopilot: str | Airworthy, confirm_s: float = MISSION_CONFIRM_S
+) -> TakeOff:
+    """Fly a mission that begins on the floor of ``world``; arming is confirmed at ``confirm_s`` [s]."""
+    start = TakeoffStart()
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        start.watch(flight, stage, world)
+
+    mission = fly_mission(world, config, seed=seed, autopilot=autopilot, script=script, confirm_s=confirm_s)
+    return TakeOff(mission, start)
+
+
+HEAD = (
+    "| from the floor and back | landed | within all limits at lift-off | rotors, share of the weight "
+    "| climb off by | tilt | b̂ of its bound | worst touchdown | off the place of take-off |",
+    "|---" * 9 + "|",
+    "| must | all | all | 0.75 to 1.25 | 0.3 m/s | 8° | 0.5 | – | – |",
+)
+"""First lines of the table of take-offs."""
+
+
+def describe(name: str, flown: Sequence[TakeOff]) -> str:
+    """The line of the table for ``flown``: how many landed and began smoothly, and the worst of each figure."""
+    missions, starts = [one.mission for one in flown], [one.start for one in flown]
+    landed = f"| {name} | {sum(one.landed for one in missions)} of {len(missions)} "
+    seen = [one for one in starts if one.thrust]
+    if not seen:  # none left the floor
+        return f"{landed}| 0 of {len(missions)} " + "| – " * 6 + "|"
     return (
-        f"| {min(min(one.thrust) for one in starts):.2f} to {max(max(one.thrust) for one in starts):.2f} "
-        f"| {max(max(one.climb) for one in starts):.2f} m/s | {max(max(one.tilt_deg) for one in starts):.1f}° "
-        f"| {max(max(one.b) for one in starts):.2f} "
+        f"{landed}| {sum(one.smooth for one in starts)} of {len(starts)} "
+        f"| {min(min(one.thrust) for one in seen):.2f} to {max(max(one.thrust) for one in seen):.2f} "
+        f"| {max(max(one.climb) for one in seen):.2f} m/s | {max(max(one.tilt_deg) for one in seen):.1f}° "
+        f"| {max(max(one.b) for one in seen):.2f} "
+        f"| {max(one.touchdown_m_s or 0.0 for one in missions):.2f} m/s "
+        f"| {100.0 * max(one.home_m for one in missions):.1f} cm |"
     )

@@ -11,7 +11,7 @@ from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import campaign_of, flown
 from tests.growth import look, looks_within
 from tests.mavlink_table import FRAMES
-from tests.proving.bench.bench import Options, measure_all
+from tests.proving.bench.bench import measure_all
 from tests.proving.fuzz import LINKS, SOURCES, try_damaged
 
 pytestmark = pytest.mark.soak
@@ -93,7 +93,7 @@ def test_a_hundred_seeds_of_every_scenario_complete(scenario: str) -> None:
 
 
 def test_frames_and_commands_keep_time_beside_the_least_that_this_machine_allows() -> None:
-    facts = measure_all(["links"], Options(seconds=60.0))["links"]
+    facts = measure_all(["links"], 60.0)["links"]
     assert list(facts["pose_to_command"]) == list(facts["echo"]) == ["50", "100", "250"]
     if facts["fifo"]:
         assert facts["ratios"]["p99"] < 2.0

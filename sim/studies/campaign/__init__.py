@@ -8,10 +8,8 @@ from sim.studies.campaign.campaign import (
     Cluster,
     Crew,
     Local,
-    plot,
     program_sha256,
     report,
     run,
     text,
-    verify,
 )

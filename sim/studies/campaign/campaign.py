@@ -15,8 +15,6 @@ import logging
 import math
 import shlex
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import as_completed  # noqa: TID251  # processes, no threads, and no code of a flight sees them
-from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -33,7 +31,7 @@ from groundstation.machine import write_whole
 from groundstation.runtime import describe_install
 from groundstation.settings import Config
 from sim.batch import Flights, fly_batch, require_batchable
-from sim.runs import Workers, fly
+from sim.runs import Flyers
 from sim.world import World, generator
 
 
@@ -489,70 +487,20 @@ def _foreign(worker: str, mine: str, theirs: Any) -> ConfigError:
 
 
 class Local:
-    """Worker processes of this machine; a single worker is this process."""
+    """Processes of this machine."""
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
 
     def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:
         """The flights of each chunk of seeds, in any order."""
-        workers = min(self.workers, len(chunks))
-        if workers <= 1:
-            for chunk in chunks:
-                yield fly_chunk(campaign, chunk)
-            return
-        try:
-            with Workers(workers) as pool:
-                for done in as_completed([pool.submit(fly_chunk, campaign, chunk) for chunk in chunks]):
-                    yield done.result()
-        except BrokenProcessPool:
-            raise ConfigError(
-                "--batch",
-                "a process was ended from outside, perhaps for want of memory; take smaller batches, fewer workers",
-            ) from None
+        with Flyers(min(self.workers, max(len(chunks), 1))) as flyers:
+            for _, rows in flyers.as_done(partial(fly_chunk, campaign), chunks):
+                yield rows
 
 
 Crew = Local | Cluster
 """Executor of the batches, ``workers`` at once."""
-LIMIT_CM = 0.01
-"""Largest difference of two RMS errors of one flight [cm]."""
-
-
-def verify(campaign: Campaign, rows: Sequence[CampaignRow], count: int, *, workers: int) -> dict[str, Any]:
-    """Fly ``count`` of the ``rows`` again, chosen at random but always the same ones, in ``workers`` processes.
-
-    Returns how many, the largest distance of two RMS errors [cm] (None where none can be told), and the seeds of
-    those that lie too far apart or ended otherwise.
-    """
-    chosen = generator(rows[0].seed, "verify").choice(len(rows), min(count, len(rows)), replace=False)
-    sample = [rows[i] for i in sorted(chosen.tolist())]
-    again = partial(_refly, campaign)
-    if workers == 1:
-        return _compare(sample, map(again, sample))
-    with Workers(workers) as pool:
-        return _compare(sample, pool.each(again, sample))
-
-
-def _refly(campaign: Campaign, row: CampaignRow) -> tuple[bool, float | None]:
-    """Whether the flight came to its end, and its RMS error [cm]."""
-    world = draw_world(campaign.world, row.seed, campaign.draws)
-    result = fly(world, campaign.config, seed=row.seed, duration_s=campaign.duration_s)
-    return result.completed, result.verdict.rms_cm if result.completed else None
-
-
-def _compare(sample: Sequence[CampaignRow], flights: Iterable[tuple[bool, float | None]]) -> dict[str, Any]:
-    largest: float | None = None
-    apart: list[int] = []
-    for row, (completed, rms_cm) in zip(sample, flights, strict=True):
-        if completed != row.survived:
-            apart.append(row.seed)
-        elif rms_cm is not None and row.rms_cm is not None:
-            distance = abs(rms_cm - row.rms_cm)
-            largest = max(largest or 0.0, distance)
-            if distance > LIMIT_CM:
-                apart.append(row.seed)
-    return {"flights": len(sample), "largest_cm": largest, "limit_cm": LIMIT_CM, "apart": apart}
-
 
 PERCENTILES = (50, 90, 99)
 """Percentiles of the errors in a summary [%]."""
@@ -635,8 +583,6 @@ def text(facts: dict[str, Any]) -> str:
     ]
     if facts["ns_per_vehicle_step"] is not None:
         lines.append(f"{'plant, law, observer':24}{facts['ns_per_vehicle_step']:.0f} ns per vehicle-step of 2.5 ms")
-    if (verified := facts.get("verified")) is not None:
-        lines.append(_describe_verification(verified))
     lines += ["", "worst flights, and how to fly each again:"]
     for row in facts["worst"]:
         lines.append(f"seed {row['seed']}: RMS {_cm(row['rms_cm'])}, largest {_cm(row['max_cm'])}")
@@ -656,15 +602,6 @@ def _certificate(facts: dict[str, Any]) -> list[str]:
     ]
 
 
-def _describe_verification(facts: dict[str, Any]) -> str:
-    count, apart = facts["flights"], facts["apart"]
-    if apart:
-        return f"{'flown again':24}{len(apart)} of {count} DO NOT AGREE with fly: seeds {', '.join(map(str, apart))}"
-    apart_cm = facts["largest_cm"]
-    largest = "all of them crashed" if apart_cm is None else f"RMS at most {apart_cm:.1e} cm apart"
-    return f"{'flown again':24}{count} agree with fly: {largest} (limit {facts['limit_cm']:g})"
-
-
 def _middle(values: Sequence[float | None]) -> float | None:
     known = _drop_unknown(values)
     return median(known) if known else None
@@ -676,111 +613,3 @@ def _drop_unknown(values: Sequence[float | None]) -> list[float]:
 
 def _cm(value: float | None) -> str:
     return "crashed" if value is None else f"{value:.2f} cm"
-
-
-# M. Okabe, K. Ito: a palette that the colour-blind can tell apart; markers and dashes differ too.
-BLUE, RED, ORANGE = "#0072B2", "#D55E00", "#E69F00"
-LIMITS = tuple(zip(LIMITS_CM, ("must", "aim"), (RED, ORANGE), ("-", "--"), strict=True))
-FROM_CM = 0.01
-"""Smaller errors are drawn as this [cm]."""
-
-
-class Factor(NamedTuple):
-    """Something drawn, as a number."""
-
-    draw: str
-    label: str
-    value: Callable[[Campaign, CampaignRow], float]
-
-
-FACTORS = (
-    Factor(
-        "gain",
-        "true thrust over mass / told [-]",
-        lambda c, row: row.thrust_gain * c.config.vehicle.mass_kg / row.mass_kg,
-    ),
-    Factor("mass", "true mass / told [-]", lambda c, row: row.mass_kg / c.config.vehicle.mass_kg),
-    Factor("lags", "true thrust lag [ms]", lambda c, row: 1e3 * row.thrust_lag_s),
-    Factor("lags", "true rate lag [ms]", lambda c, row: 1e3 * row.rate_lag_s),
-    Factor("wind", "mean wind, down [m/s²]", lambda c, row: row.wind_down),
-    Factor("latency", "true pose latency [ms]", lambda c, row: 1e3 * row.pose_latency_s),
-    Factor("noise", "position noise [mm]", lambda c, row: 1e3 * row.pose_noise_m),
-    Factor("noise", "attitude noise [mrad]", lambda c, row: 1e3 * row.attitude_noise_rad),
-    Factor("losses", "poses lost [%]", lambda c, row: 100.0 * row.pose_loss),
-    Factor("losses", "frames lost [%]", lambda c, row: 100.0 * row.frame_loss),
-    Factor("losses", "length of the outages [ms]", lambda c, row: 1e3 * row.outage_s),
-)
-
-
-def plot(path: Path, campaign: Campaign, rows: Sequence[CampaignRow]) -> None:
-    """Draw ``rows`` into ``path`` (.png, .svg or .pdf).
-
-    Raises:
-        ConfigError: the file can't be written.
-    """
-    from matplotlib.figure import Figure
-
-    factors = [factor for factor in FACTORS if factor.draw in campaign.draws]
-    columns = min(3, 1 + len(factors))
-    lines = -(-(1 + len(factors)) // columns)
-    figure = Figure(figsize=(4.4 * columns, 3.4 * lines), layout="constrained")
-    panels = figure.subplots(lines, columns, squeeze=False).ravel()
-    known = [row.rms_cm for row in rows if row.rms_cm is not None]
-    crash = 1.6 * max([*known, LIMITS_CM[0]])
-    errors = [crash if row.rms_cm is None else max(row.rms_cm, FROM_CM) for row in rows]
-    _shares(panels[0], errors, crash)
-    for panel, factor in zip(panels[1:], factors, strict=False):
-        _against(panel, [factor.value(campaign, row) for row in rows], errors, crash)
-        panel.set_xlabel(factor.label)
-    for panel in panels[1 + len(factors) :]:
-        panel.set_visible(False)
-    survived = sum(row.survived for row in rows)
-    figure.suptitle(f"{campaign.scenario}: {len(rows)} flights of {campaign.duration_s:g} s, {survived} survived")
-    try:
-        figure.savefig(path, dpi=150)
-    except (OSError, ValueError) as error:
-        raise ConfigError("--plot", f"cannot write {path}: {error}") from None
-
-
-def _shares(panel: Any, errors: Sequence[float], crash: float) -> None:
-    """The share of flights whose error is larger: the tail is what counts."""
-    ordered = sorted(errors)
-    shares = [100.0 * (len(ordered) - i) / len(ordered) for i in range(len(ordered))]
-    panel.step(ordered, shares, where="pre", color=BLUE, linewidth=1.8)
-    for limit, name, colour, dash in LIMITS:
-        panel.axvline(limit, color=colour, linestyle=dash, linewidth=1.2, label=f"{name}: 99 % under {limit} cm")
-    panel.axhline(1.0, color="0.6", linewidth=0.8)
-    if ordered[-1] >= crash:
-        panel.annotate("crashed ", (crash, shares[-1]), ha="right", va="bottom", fontsize=8, color=RED)
-    panel.set_xscale("log")
-    panel.set_yscale("log")
-    for axis in (panel.xaxis, panel.yaxis):
-        _plain(axis)
-    panel.set_xlabel("RMS position error [cm]")
-    panel.set_ylabel("flights with a larger error [%]")
-    panel.grid(which="major", color="0.85", linewidth=0.8)
-    panel.legend(fontsize=8, loc="lower left")
-
-
-def _against(panel: Any, values: Sequence[float], errors: Sequence[float], crash: float) -> None:
-    flown = [(x, y) for x, y in zip(values, errors, strict=True) if y < crash]
-    lost = [x for x, y in zip(values, errors, strict=True) if y >= crash]
-    panel.plot([x for x, _ in flown], [y for _, y in flown], ".", color=BLUE, markersize=3, alpha=0.6)
-    if lost:
-        panel.plot(lost, [crash] * len(lost), "x", color=RED, markersize=5, label="crashed")
-        panel.legend(fontsize=8)
-    for limit, _, colour, dash in LIMITS:
-        panel.axhline(limit, color=colour, linestyle=dash, linewidth=1.2)
-    panel.set_yscale("log")
-    _plain(panel.yaxis)
-    panel.set_ylabel("RMS [cm]")
-    panel.grid(which="major", color="0.85", linewidth=0.8)
-
-
-def _plain(axis: Any) -> None:
-    """Numbers as people write them, at 1, 2 and 5 of every decade."""
-    from matplotlib.ticker import LogLocator
-
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(lambda value, _: f"{value:g}")
-    axis.set_minor_formatter(lambda value, _: "")

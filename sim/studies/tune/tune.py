@@ -15,11 +15,11 @@ import math
 import platform
 import textwrap
 import warnings
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial, reduce
+from itertools import chain
 from pathlib import Path
 from statistics import median
-from time import monotonic  # noqa: TID251  # when to stop searching; no flight sees it
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import msgspec
@@ -27,14 +27,11 @@ from msgspec import inspect as mi
 
 from groundstation.config import ConfigError, dump, is_within_bounds, load, strip_metadata
 from groundstation.core.control import ControllerConfig, Custom, Gains, bound_decrease
-from groundstation.core.vehicle import Vehicle
 from groundstation.pose.sources import ViconConfig
 from groundstation.runtime import __version__
-from groundstation.settings import Config, LinkConfig
-from links.core import full_thrust_n
-from links.mavlink import MavlinkLinkConfig
-from sim.runs import Workers, fly
-from sim.scenarios import SCENARIOS, Scenario, prepare, timing
+from groundstation.settings import Config
+from sim.runs import Flyers, fly
+from sim.scenarios import SCENARIOS, by_side, prepare, prepare_own, timing
 from sim.studies.campaign import program_sha256
 from sim.world import World
 
@@ -174,8 +171,6 @@ def _bounds(dotted: str, text: str) -> tuple[float, float]:
     return low, high
 
 
-_STATION = ("vehicle", "controller", "pose", "link", "status", "mqtt")
-"""Sections that the configuration's file decides; the scenario decides the others."""
 _VEHICLES = ("vehicle.preset", "vehicle.file")
 """Overrides that tell a whole vehicle: they need no configuration's file around them."""
 
@@ -193,128 +188,38 @@ class Staged(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, config=msgspec.structs.replace(self.config, controller=controller))
 
 
-def own(path: Path | None, overrides: Sequence[str]) -> Config | None:
-    """The configuration of the user's own vehicle: in ``path``, or around the vehicle that an override names.
-
-    None where neither tells a vehicle, so that the scenarios do. Overrides of the truth (``sim.…``) are left out.
-
-    Raises:
-        ConfigError: see :func:`groundstation.config.loader.load`; or the link's frames are not as told.
-    """
-    told = [text for text in overrides if not text.startswith("sim.")]
-    if path is None and not any(_key(text) in _VEHICLES for text in told):
-        return None
-    config = load(path, Config, told)
-    period_s = config.vehicle.frame_period_s
-    link = config.link
-    if path is None and link.has_autopilot and not any(_key(t) == "link.period_s" for t in told):
-        config = msgspec.structs.replace(config, link=msgspec.structs.replace(link, period_s=period_s))
-    if _period_s(config) != period_s:
-        raise ConfigError(
-            "link.period_s",
-            f"commands leave every {_period_s(config):g} s, but vehicle.frame_period_s = {period_s:g}: "
-            "gains are tuned for one of them, so make both the same",
-        )
-    return config
-
-
-def _period_s(config: Config) -> float:
-    """Time between two commands [s]. An RF bridge tells it when it is there, and then it is the vehicle's."""
-    return config.vehicle.frame_period_s if config.link.period_s is None else config.link.period_s
-
-
-def _pace_link(link: LinkConfig, period_s: float) -> MavlinkLinkConfig:
-    """The link that the simulation has in the place of ``link``; a radio's frames follow no poses."""
-    return MavlinkLinkConfig(
-        period_s=period_s, pace="poses" if link.follows_poses else "period", thrust_curve=link.thrust_curve
-    )
-
-
-def _key(override: str) -> str:
-    return override.partition("=")[0].strip()
+def has_own_vehicle(path: Path | None, overrides: Sequence[str]) -> bool:
+    """Whether the user tells the vehicle, by a configuration's file or by an override, and not the scenario."""
+    return path is not None or any(text.partition("=")[0].strip() in _VEHICLES for text in overrides)
 
 
 def stage_scenarios(names: Sequence[str], path: Path | None, overrides: Sequence[str]) -> list[Staged]:
-    """The scenarios ``names`` for the user's :func:`own` vehicle, or without one each with what it tells itself.
+    """The scenarios ``names`` with the user's own vehicle, as ``fly --config`` flies it, or with what each tells.
 
     Raises:
-        ConfigError: an unknown scenario, a bad configuration or override, or the two do not fit together.
+        ConfigError: an unknown scenario, a bad configuration or override.
     """
+    stages = []
     for name in names:
         if name not in SCENARIOS:
             raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {name!r}")
-    station = own(path, [text for text in overrides if _key(text).partition(".")[0] in _STATION])
-    if station is None:
-        return [_stage(SCENARIOS[name], list(overrides)) for name in names]
-    rest = [text for text in overrides if _key(text).partition(".")[0] not in _STATION]
-    return [_stage(fit_scenario(SCENARIOS[name], station), rest, station) for name in names]
+        if has_own_vehicle(path, overrides):
+            world, config, _ = prepare_own(SCENARIOS[name], path, list(overrides))
+        else:
+            world, config = prepare(SCENARIOS[name], list(overrides))
+        stages.append(Staged(scenario=name, world=world, config=config))
+    return stages
 
 
-def _stage(scenario: Scenario, overrides: list[str], station: Config | None = None) -> Staged:
-    source = "odometry" if station is not None and station.pose.by_autopilot else "vicon"
-    world, config = prepare(scenario, overrides, source=source)
-    if station is not None:
-        link = _pace_link(station.link, _period_s(config))
-        config = msgspec.structs.replace(config, controller=station.controller, link=link)
-    return Staged(scenario=scenario.name, world=world, config=config)
-
-
-def fit_scenario(scenario: Scenario, station: Config) -> Scenario:
-    """``scenario`` with the vehicle, the rates and the latency of ``station``.
-
-    What is true keeps its ratio to what is told: a lag that is 13 % longer than told stays so. Wind, drag, noise,
-    losses and the reference stay the scenario's.
-
-    Raises:
-        ConfigError: the poses are a recording, or the vehicle has lags where the scenario has none.
-    """
-    truth, told, vehicle, pose = scenario.world, scenario.told, station.vehicle, station.pose
-    if pose.recorded:
-        raise ConfigError("pose.kind", "a recording cannot be flown; expected a source that sees the vehicle")
-    rate_hz, latency_s = timing(pose, truth.pose_rate_hz, scenario.told_latency_s)
-
-    def lag(key: str) -> float:
-        theirs, ours = getattr(told, key), getattr(vehicle, key)
-        if theirs == 0.0 and ours > 0.0:
-            raise ConfigError("--scenarios", f"{scenario.name} has no lags, but vehicle.{key} = {ours:g}")
-        return float(getattr(truth, key) * (ours / theirs if theirs else 1.0))
-
-    world = msgspec.structs.replace(
-        truth,
-        mass_kg=truth.mass_kg * (vehicle.mass_kg / told.mass_kg),
-        thrust_max_n=truth.thrust_max_n * (station.full_thrust_n / _full_thrust_n(told, truth)),
-        thrust_curve=station.thrust_curve,
-        rate_limits_deg_s=vehicle.rate_limits_deg_s,
-        thrust_lag_s=lag("thrust_lag_s"),
-        rate_lag_s=lag("rate_lag_s"),
-        command_delay_s=vehicle.command_delay_s,
-        thrust_delay_s=max(0.0, truth.thrust_delay_s - told.thrust_delay_s + vehicle.thrust_delay_s),
-        rate_delay_s=max(0.0, truth.rate_delay_s - told.rate_delay_s + vehicle.rate_delay_s),
-        drag_per_s=max(0.0, truth.drag_per_s - told.drag_per_s + vehicle.drag_per_s),
-        pose_latency_s=max(0.0, truth.pose_latency_s - scenario.told_latency_s + latency_s),
-        pose_rate_hz=rate_hz,
-        frame_period_s=_period_s(station),
-    )
-    return msgspec.structs.replace(scenario, world=world, told=vehicle, told_latency_s=latency_s)
-
-
-def _full_thrust_n(told: Vehicle, truth: World) -> float:
-    """Thrust of the full signal [N] as a scenario tells it."""
-    if told.hover_thrust is None:
-        return told.thrust_max_n
-    return full_thrust_n(told.mass_kg * truth.gravity, told.hover_thrust, told.thrust_curve)
-
-
-def station_of(stage: Staged) -> Config:
-    """A configuration for a real room with what ``stage`` is told: for where no file was given."""
-    scenario, world, ours = stage.config, stage.world, Config()
-    rate_hz, latency_s = timing(scenario.pose, world.pose_rate_hz, world.pose_latency_s)
+def make_station(path: Path | None, overrides: Sequence[str], stage: Staged) -> Config:
+    """The configuration that gets the tuned gains: the user's own, or one for a real room with what ``stage`` tells."""
+    if has_own_vehicle(path, overrides):
+        return load(path, Config, by_side(list(overrides), None)[1])
+    told = stage.config
+    rate_hz, latency_s = timing(told.pose, stage.world.pose_rate_hz, stage.world.pose_latency_s)
+    pose = ViconConfig(latency_s=latency_s, rate_hz=rate_hz)
     return msgspec.structs.replace(
-        ours,
-        vehicle=scenario.vehicle,
-        controller=scenario.controller,
-        pose=ViconConfig(latency_s=latency_s, rate_hz=rate_hz),
-        link=msgspec.structs.replace(_pace_link(scenario.link, _period_s(scenario)), thrust_curve=None),
+        Config(), vehicle=told.vehicle, controller=told.controller, pose=pose, link=told.link
     )
 
 
@@ -376,45 +281,16 @@ def sorties(stage: Staged, seeds: Sequence[int], duration_s: float) -> list[Sort
     return [Sortie(stage, seed, duration_s) for seed in seeds]
 
 
-class Flyers:
-    """Processes that fly. With one worker it is this process, and none is started."""
-
-    def __init__(self, workers: int) -> None:
-        """``workers`` >= 1."""
-        self._workers = workers
-        self._pool: Workers | None = None
-
-    def __enter__(self) -> "Flyers":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
-
-    def fly(self, work: Sequence[Sortie]) -> list[SortieOutcome]:
-        """Fly all, in the order of ``work``.
-
-        Raises:
-            ConfigError: a process was ended from outside.
-        """
-        if self._workers == 1:
-            return [fly_sortie(sortie) for sortie in work]
-        if self._pool is None:
-            self._pool = Workers(self._workers)
-        try:
-            return list(self._pool.each(fly_sortie, work))
-        except BrokenProcessPool:
-            raise ConfigError("--workers", "a process was ended from outside; the same command goes on") from None
-
-
 TIMES_NOMINAL = 5.0
 """A flight with a larger multiple of the nominal error has failed [-]."""
 FLOOR_CM = 10.0
 """Smaller errors never count as a failure [cm]."""
-LARGEST = 8.0
-"""Factors tried go no further."""
 LONGEST_S = 0.320
 """Delays tried go no further [s]."""
+DELAYS = (0.005, LONGEST_S, 0.001)
+"""First step of a search for a delay, its last one, and how near it is told [s]."""
+FACTORS = (math.log(1.1), math.log(8.0), math.log(1.02))
+"""The same for the logarithm of a factor [-]."""
 
 
 class MarginAxis(msgspec.Struct, frozen=True):
@@ -434,6 +310,11 @@ class MarginAxis(msgspec.Struct, frozen=True):
         return math.exp(self.direction * x) if self.direction else x
 
     @property
+    def unit(self) -> str:
+        """``s`` or ``ratio``."""
+        return "ratio" if self.direction else "s"
+
+    @property
     def neutral(self) -> float:
         """The value with which nothing is wrong."""
         return self.value(0.0)
@@ -447,12 +328,6 @@ class MarginAxis(msgspec.Struct, frozen=True):
     def applies(self, world: World) -> bool:
         """False for a factor on what is zero."""
         return not self.direction or getattr(world, self.field) > 0.0
-
-    def search(self) -> Generator[float, bool, tuple[float, float | None]]:
-        """The :func:`boundary` in x, to 1 ms or 2 %."""
-        if self.direction:
-            return boundary(math.log(1.1), math.log(LARGEST), math.log(1.02))
-        return boundary(0.005, LONGEST_S, 0.001)
 
 
 DELAY = MarginAxis(
@@ -526,7 +401,7 @@ def limit_cm(nominal: Sequence[SortieOutcome]) -> float | None:
     return max(TIMES_NOMINAL * median(errors), FLOOR_CM) if len(errors) == len(nominal) else None
 
 
-def failure(outcomes: Sequence[SortieOutcome], limit: float) -> str | None:
+def failure(outcomes: Iterable[SortieOutcome], limit: float) -> str | None:
     """Describe the first failure in ``outcomes``; None without one."""
     for outcome in outcomes:
         if outcome.rms_cm is None:
@@ -536,26 +411,29 @@ def failure(outcomes: Sequence[SortieOutcome], limit: float) -> str | None:
     return None
 
 
-def boundary(step: float, limit: float, tolerance: float) -> Generator[float, bool, tuple[float, float | None]]:
-    """Yields x to try, is sent whether that fails; returns the last that held and the first that failed.
+def find_margin(stage: Staged, limit_cm: float, seeds: int, duration_s: float, axis: MarginAxis) -> Margin:
+    """Fly ``stage`` with ``axis`` wrong by ever more until it fails, then bisect, to 1 ms or 2 %."""
+    step, most, tolerance = DELAYS if not axis.direction else FACTORS
+    why: str | None = None
 
-    From 0, which holds, outwards in steps that double, so that the first failure is found and none beyond it;
-    then by bisection. None: even ``limit`` holds.
-    """
+    def fails(x: float) -> bool:
+        nonlocal why
+        work = sorties(axis.wrong(stage, axis.value(x)), range(seeds), duration_s)
+        found = failure(map(fly_sortie, work), limit_cm)
+        why = why if found is None else found
+        return found is not None
+
     holds, x = 0.0, step
-    while not (yield x):
+    while not fails(x):
         holds = x
-        if x >= limit:
-            return holds, None
-        x = min(2.0 * x, limit)
-    fails = x
-    while fails - holds > tolerance:
-        middle = 0.5 * (holds + fails)
-        if (yield middle):
-            fails = middle
-        else:
-            holds = middle
-    return holds, fails
+        if x >= most:
+            return Margin(name=axis.name, unit=axis.unit, holds=axis.value(holds), fails=None, why=None)
+        x = min(2.0 * x, most)
+    beyond = x
+    while beyond - holds > tolerance:
+        middle = 0.5 * (holds + beyond)
+        holds, beyond = (holds, middle) if fails(middle) else (middle, beyond)
+    return Margin(name=axis.name, unit=axis.unit, holds=axis.value(holds), fails=axis.value(beyond), why=why)
 
 
 def report(
@@ -565,35 +443,15 @@ def report(
     seeds: int,
     duration_s: float,
     axes: Sequence[MarginAxis] = AXES,
-    on_found: Callable[[], None] = lambda: None,
+    on_done: Callable[[int], None] = lambda done: None,
 ) -> MarginReport:
-    """Fly ``stage`` with each of ``axes`` wrong by ever more, until it fails; ``on_found`` hears of each margin."""
-    nominal = flyers.fly(sorties(stage, range(seeds), duration_s))
+    """The margins of ``stage`` on each of ``axes``, one a process; ``on_done`` hears how many are found."""
+    nominal = flyers.each(fly_sortie, sorties(stage, range(seeds), duration_s))
     limit = limit_cm(nominal)
-    found: dict[str, Margin] = {}
+    margins: list[Margin] = []
     if limit is not None:
         axes = [axis for axis in axes if axis.applies(stage.world)]
-        searches = {axis: axis.search() for axis in axes}
-        asked = {axis: next(search) for axis, search in searches.items()}
-        reasons: dict[MarginAxis, str] = {}
-        while asked:  # a round asks one question for every margin still searched, so that all processes fly
-            questions = list(asked.items())
-            work = [
-                sortie
-                for axis, x in questions
-                for sortie in sorties(axis.wrong(stage, axis.value(x)), range(seeds), duration_s)
-            ]
-            outcomes = flyers.fly(work)
-            for i, (axis, _) in enumerate(questions):
-                why = failure(outcomes[i * seeds : (i + 1) * seeds], limit)
-                reasons |= {axis: why} if why is not None else {}
-                try:
-                    asked[axis] = searches[axis].send(why is not None)
-                except StopIteration as end:
-                    del asked[axis]
-                    holds, fails = end.value
-                    found[axis.name] = _margin(axis, holds, fails, reasons.get(axis))
-                    on_found()
+        margins = flyers.each(partial(find_margin, stage, limit, seeds, duration_s), axes, on_done)
     return MarginReport(
         scenario=stage.scenario,
         vehicle=stage.config.vehicle.name,
@@ -602,22 +460,12 @@ def report(
         limit_cm=limit,
         seeds=seeds,
         duration_s=duration_s,
-        margins=[found[axis.name] for axis in axes if axis.name in found],
-    )
-
-
-def _margin(axis: MarginAxis, holds: float, fails: float | None, why: str | None) -> Margin:
-    return Margin(
-        name=axis.name,
-        unit="ratio" if axis.direction else "s",
-        holds=axis.value(holds),
-        fails=None if fails is None else axis.value(fails),
-        why=why,
+        margins=margins,
     )
 
 
 def criterion(report: MarginReport) -> str:
-    """Describe the criterion of failure, as a sentence."""
+    """Describe what counts as a failure, as a sentence."""
     several = f"any of {report.seeds} flights" if report.seeds > 1 else "a flight"
     return (
         f"It fails where {several} of {report.duration_s:g} s crashes, or has an RMS error from 15 s on above "
@@ -625,33 +473,13 @@ def criterion(report: MarginReport) -> str:
     )
 
 
-def text(report: MarginReport) -> str:
-    """One line a margin."""
-    head = f"{report.scenario}, vehicle {report.vehicle}, controller {report.controller}"
-    if report.limit_cm is None:
-        return f"{head}\nIt fails with nothing wrong: there are no margins."
-    rows = [
-        (axis.label, format_margin(margin), axis.meaning, margin.why or "") for axis, margin in _list_margins(report)
-    ]
-    widths = [max(len(row[i]) for row in rows) for i in range(3)]
-    lines = [
-        f"{label:<{widths[0]}}  {value:>{widths[1]}}  {meaning:<{widths[2]}}  {f'({why})' if why else ''}".rstrip()
-        for label, value, meaning, why in rows
-    ]
-    return "\n".join(
-        [
-            f"{head}: RMS error {report.nominal_rms_cm:.2f} cm with nothing wrong",
-            f"One thing wrong at a time, untold. {criterion(report)}",
-            "",
-            *lines,
-        ]
-    )
-
-
 def markdown_table(reports: Sequence[MarginReport]) -> str:
     """One row a margin, one column a configuration."""
     columns = [f"{report.vehicle} in `{report.scenario}`" for report in reports]
     lines = [f"| fails at | {' | '.join(columns)} | what does this |", f"|---|{'---:|' * len(reports)}---|"]
+    nominal = [one.nominal_rms_cm for one in reports]
+    shown = ["fails with nothing wrong" if rms_cm is None else f"{rms_cm:.2f} cm" for rms_cm in nominal]
+    lines.append(f"| nothing: RMS error | {' | '.join(shown)} | the world is as configured |")
     for axis in AXES:
         by_report = [{margin.name: margin for margin in report.margins}.get(axis.name) for report in reports]
         cells = ["-" if margin is None else format_margin(margin) for margin in by_report]
@@ -666,11 +494,6 @@ def format_margin(margin: Margin) -> str:
     if margin.fails is None:
         return f"{'>' if margin.holds > 1.0 else '<'} {margin.holds:.2f}x"
     return f"{margin.fails:.2f}x"
-
-
-def _list_margins(report: MarginReport) -> list[tuple[MarginAxis, Margin]]:
-    by_name = {axis.name: axis for axis in AXES}
-    return [(by_name[margin.name], margin) for margin in report.margins]
 
 
 SEARCH_SEED = 100
@@ -755,7 +578,7 @@ def try_gains(search: Search, gains: dict[str, float], flyers: Flyers, number: i
         (axis, value, sorties(axis.wrong(first, value), seeds[:PROBE_SEEDS], search.duration_s))
         for axis, value in search.floors.wrongs(IN_HAND)
     ]
-    outcomes = iter(flyers.fly([sortie for work in (*plain, *(probe[2] for probe in probes)) for sortie in work]))
+    outcomes = iter(flyers.each(fly_sortie, list(chain(*plain, *(probe[2] for probe in probes)))))
     flown = [[next(outcomes) for _ in work] for work in plain]
     probed = [(axis, value, [next(outcomes) for _ in work]) for axis, value, work in probes]
     return _judge(search, gains, flown, probed, number)
@@ -801,6 +624,12 @@ def geometric_mean(values: Sequence[float]) -> float:
     return math.exp(sum(map(math.log, values)) / len(values))
 
 
+def find_best(trials: Sequence[TuningTrial]) -> TuningTrial | None:
+    """The best of ``trials``, where it beats the first one: the configuration as it came."""
+    best = reduce(lambda best, trial: trial if trial.beats(best) else best, trials)
+    return None if best is trials[0] else best
+
+
 Judge: TypeAlias = Callable[[Search, dict[str, float], Flyers, int], TuningTrial]
 """Flies one set of gains, the how-manieth of its search, and says what it is worth."""
 
@@ -810,35 +639,29 @@ def run(
     flyers: Flyers,
     *,
     trials: int,
-    timeout_s: float = math.inf,
     journal: Path | None = None,
     judge: Judge | None = None,
-    on_trial: Callable[[TuningTrial, TuningTrial], None] = lambda trial, best: None,
+    on_trial: Callable[[TuningTrial], None] = lambda trial: None,
 ) -> list[TuningTrial]:
-    """Try until there are ``trials`` sets of gains, or ``timeout_s`` is over; returns them as they were tried.
+    """Try until there are ``trials`` sets of gains; returns them as they were tried.
 
     With ``journal`` every trial is kept there as soon as it is done, and those that are there are not flown again.
-    ``judge`` flies each set of gains and says what it is worth: :func:`try_gains`, or as it. ``on_trial`` hears each,
-    with the best so far.
+    ``judge`` flies each set of gains and says what it is worth: :func:`try_gains`, or as it. ``on_trial`` hears each.
 
     Raises:
         ConfigError: the journal can't be used, or holds another search.
     """
-    began = monotonic()
     study = _study(search, journal)
     done: list[TuningTrial] = []
-    best: TuningTrial | None = None
 
     def take(trial: TuningTrial) -> None:
-        nonlocal best
         done.append(trial)
-        best = trial if best is None or trial.beats(best) else best
-        on_trial(trial, best)
+        on_trial(trial)
 
     for kept in study.get_trials(deepcopy=False):
         if "trial" in kept.user_attrs:
             take(msgspec.convert(kept.user_attrs["trial"], TuningTrial))
-    while len(done) < trials and (not done or monotonic() - began < timeout_s):
+    while len(done) < trials:
         take(_next(search, study, flyers, len(done), judge or try_gains))
     return done
 
@@ -970,7 +793,7 @@ def short_of(floors: Floors, margins: MarginReport) -> list[str]:
 def _side(search: Search, gains: dict[str, float], flyers: Flyers, seeds: int) -> Side:
     stages = [stage.with_gains(gains) for stage in search.stages]
     work = [sorties(stage, range(seeds), VERIFY_S) for stage in stages]
-    outcomes = iter(flyers.fly([sortie for flights in work for sortie in flights]))
+    outcomes = iter(flyers.each(fly_sortie, list(chain(*work))))
     figures: list[Figure] = []
     costs: list[float] = []
     for stage in stages:
@@ -991,53 +814,34 @@ def _side(search: Search, gains: dict[str, float], flyers: Flyers, seeds: int) -
     return Side(gains=gains, mean_cm=geometric_mean(costs), figures=figures, margins=margins)
 
 
-def unverified_toml(config: Config, best: TuningTrial, command: str) -> str:
-    """The best so far of a search under way."""
-    note = (
-        f"The best so far of a search under way (trial {best.number}), NOT VERIFIED: it was only flown with the seeds "
-        f"it was searched with. The same command goes on with it: {command}"
-    )
-    return "\n".join([*_comment(note), "", dump(config)])
-
-
-def toml(
-    config: Config, search: Search, trials: list[TuningTrial], best: TuningTrial, evidence: Evidence, command: str
-) -> str:
+def toml(config: Config, search: Search, trials: list[TuningTrial], evidence: Evidence, command: str) -> str:
     """The tuned configuration, with where it comes from and what it is worth as comments."""
-    return "\n".join([*_lines(search, trials, best, evidence, command), "", dump(config)])
-
-
-def _lines(
-    search: Search, trials: list[TuningTrial], best: TuningTrial, evidence: Evidence, command: str
-) -> Iterator[str]:
     first, last = search.flight_seeds[0], search.flight_seeds[-1]
-    scenarios = ", ".join(stage.scenario for stage in search.stages)
-    floors = search.floors
-    yield from _comment(f"Tuned by: {command}")
-    yield from _comment(f"Trial {best.number} of {len(trials)}, sampler seed {search.sampler_seed}. {versions()}.")
-    yield "#"
-    yield from _comment(
+    scenarios, floors = ", ".join(stage.scenario for stage in search.stages), search.floors
+    comments = [
+        f"Tuned by: {command}",
+        f"{len(trials)} trials, sampler seed {search.sampler_seed}. {versions()}.",
         f"Searched: the geometric mean of the RMS errors, from 15 s on, of flights of {search.duration_s:g} s through "
-        f"{scenarios} with seeds {first} to {last}: {trials[0].rms_cm:.3g} cm before, {best.rms_cm:.3g} cm after. "
+        f"{scenarios} with seeds {first} to {last}. "
         f"Constraints: the law's proof, where there is one; no crash; and in {search.stages[0].scenario} it still "
         f"flies with {1e3 * floors.delay_s:g} ms of delay or {100.0 * floors.gain:g} % of thrust that nobody told it "
-        "(searched with a tenth more)."
-    )
+        "(searched with a tenth more).",
+        criterion(evidence.after.margins),
+        "",
+        *describe_evidence(search, evidence),
+    ]
+    return "\n".join([*(line for comment in comments for line in _comment(comment)), "", dump(config)])
+
+
+def describe_evidence(search: Search, evidence: Evidence) -> list[str]:
+    """The gains, the errors on the seeds that verify, and the margins: before and after."""
+    lines = [f"{'controller.':<24} {'before':>16} {'after':>16}"]
     for key in search.keys:
-        yield f"#   {key.name:<16} {_number(key.start):>9} -> {_number(best.gains[key.name]):>9}" + (
-            f"   within {_number(key.low)} … {_number(key.high)}"
-        )
-    yield "#"
-    yield from _comment(
-        f"Verified with seeds 0 to {evidence.seeds - 1}, none of which the search has seen; flights of {VERIFY_S:g} s. "
-        "RMS error: median and worst, cm."
-    )
-    yield from (f"#   {line}" for line in table(evidence))
-    yield "#"
-    yield from _comment(
-        f"How wrong {search.stages[0].scenario} may be. {criterion(evidence.after.margins)} It fails at:"
-    )
-    yield from (f"#   {line}" for line in margins_table(evidence))
+        after = evidence.after.gains[key.name]
+        lines.append(f"{key.name:<24} {_number(key.start):>16} {_number(after):>16}")
+    lines += ["", f"RMS error, median and worst of {evidence.seeds} flights that no search has seen, cm:"]
+    lines += table(evidence)
+    return [*lines, "", f"fails at, in {search.stages[0].scenario}:", *margins_table(evidence)]
 
 
 def table(evidence: Evidence) -> list[str]:
@@ -1072,12 +876,23 @@ def _errors(figure: Figure) -> str:
     return f"{figure.rms_cm:.2f}, {figure.worst_cm:.2f}"
 
 
+COMMENT_COLUMNS = 116
+"""Width of the comments in a tuned configuration [characters]. Chosen."""
+
+
 def _number(value: float) -> str:
     return f"{value:.4g}"
 
 
 def _comment(text: str) -> list[str]:
+    if len(text) < COMMENT_COLUMNS:
+        return [f"# {text}".rstrip()]
     # A path that is broken at a hyphen can't be copied.
-    return textwrap.wrap(
-        text, 116, initial_indent="# ", subsequent_indent="# ", break_long_words=False, break_on_hyphens=False
+    wrapper = textwrap.TextWrapper(
+        COMMENT_COLUMNS,
+        initial_indent="# ",
+        subsequent_indent="# ",
+        break_long_words=False,
+        break_on_hyphens=False,
     )
+    return wrapper.wrap(text)

@@ -1,36 +1,35 @@
 """``groundstation-sim bench``: what there is to measure. One file for each.
 
-A measurement is a module with ``measure(options) -> facts`` (JSON, see docs/reference/bench.md) and
+A measurement is a module with ``measure(seconds) -> facts`` (JSON, see docs/reference/bench.md) and
 ``text(facts) -> lines`` for people. They are edge files: they read the machine's clock.
 """
 
-import importlib
+import argparse
+import json
 import os
+import platform
 import sys
-from collections.abc import Callable
-from statistics import median
-from time import perf_counter
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
-from sim.cli import MEASUREMENTS
+from groundstation.runtime import Exit
+from tests.proving.bench import links, tick
 
-WHAT = {name: f"tests.proving.bench.{name}" for name in MEASUREMENTS}
+WHAT = {"tick": tick, "links": links}
 """Name -> module, in the order in which they run."""
 
 
-class Options(NamedTuple):
-    """Options of the command line."""
+def bench(args: argparse.Namespace) -> Exit:
+    """Measure this machine."""
+    facts = measure_all(args.what or list(WHAT), args.seconds)
+    if args.json and args.what == ["links"]:
+        facts |= facts.pop("links")
+    print(json.dumps(facts) if args.json else text(facts))
+    return Exit.DONE
 
-    peers: bool = False
-    """Measure crazyflow and rotorpy beside ours, where they are installed."""
-    seconds: float = 30.0
-    """Duration of each part of ``links`` [s]."""
 
-
-def measure_all(names: list[str], options: Options) -> dict[str, Any]:
-    """The facts of each measurement, and of the machine."""
-    import platform
-
+def measure_all(names: Sequence[str], seconds: float) -> dict[str, Any]:
+    """The facts of each measurement, and of the machine; each part of ``links`` takes ``seconds`` [s]."""
     facts: dict[str, Any] = {
         "machine": {
             "python": platform.python_version(),
@@ -41,7 +40,7 @@ def measure_all(names: list[str], options: Options) -> dict[str, Any]:
     }
     for name in names:
         print(f"bench {name} …", file=sys.stderr, flush=True)
-        facts[name] = importlib.import_module(WHAT[name]).measure(options)
+        facts[name] = WHAT[name].measure(seconds)
     return facts
 
 
@@ -51,20 +50,5 @@ def text(facts: dict[str, Any]) -> str:
     lines = [f"Python {machine['python']}, {machine['system']}, {machine['cpus']} CPUs, load {machine['load']:.1f}"]
     for name, module in WHAT.items():
         if name in facts:
-            lines += ["", f"{name}:", *(f"  {line}" for line in importlib.import_module(module).text(facts[name]))]
+            lines += ["", f"{name}:", *(f"  {line}" for line in module.text(facts[name]))]
     return "\n".join(lines)
-
-
-def in_turns(runs: dict[str, Callable[[], None]], rounds: int) -> dict[str, float]:
-    """The median duration [s] of each of ``runs``, after one round that does not count.
-
-    They take turns (A B A B …), so that a machine that slows down slows all alike.
-    """
-    times: dict[str, list[float]] = {name: [] for name in runs}
-    for turn in range(rounds + 1):
-        for name, run in runs.items():
-            start = perf_counter()
-            run()
-            if turn:
-                times[name].append(perf_counter() - start)
-    return {name: median(found) for name, found in times.items()}

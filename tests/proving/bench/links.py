@@ -32,7 +32,6 @@ from sim.runs import percentile
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, vicon_encoder
 from sim.world import Quadrotor, SimulatedVehicle, Wind, generator, rows
-from tests.proving.bench.bench import Options
 
 
 class LatencyFailed(Exception):
@@ -367,11 +366,11 @@ def _hogs(busy: bool) -> Iterator[None]:
             hog.wait()
 
 
-def measure(options: Options) -> dict[str, Any]:
-    """The pacer idle and with every processor busy, ``options.seconds`` each; the latencies as long, all together."""
-    idle = measure_pacer(options.seconds, busy=False)
-    busy = measure_pacer(options.seconds, busy=True)
-    latency = measure_latency(options.seconds / len(RATES_HZ))
+def measure(seconds: float) -> dict[str, Any]:
+    """The pacer idle and with every processor busy, ``seconds`` [s] each; the latencies as long, all together."""
+    idle = measure_pacer(seconds, busy=False)
+    busy = measure_pacer(seconds, busy=True)
+    latency = measure_latency(seconds / len(RATES_HZ))
     return {
         **busy,
         "ratios": _ratios(busy["pacer"], busy["floor"]),
@@ -380,7 +379,7 @@ def measure(options: Options) -> dict[str, Any]:
         "latency_ratios": {
             rate: _ratios(figures, latency["echo"][rate]) for rate, figures in latency["pose_to_command"].items()
         },
-        "seconds": options.seconds,
+        "seconds": seconds,
         "period_s": PERIOD_S,
     }
 
