@@ -1,34 +1,33 @@
-"""Pose intake: the source's clock, our frames, counters, shared by every decoder; and the outlier gate. Sans-IO.
+"""Pose intake: the source's clock, our frames, counters, shared by every reader; and the outlier gate. Sans-IO.
 
-The source's clock puts its time stamps on our clock, and tells how late its messages come. A message can only come
-late, never early: the smallest difference between arrival and stamp so far tells where the source's zero lies on our
-clock. What comes later than that is late, however long it goes on so: a queue that stays, and one that fills, can't be
-told from a clock that was set back or a frame counter that paused, and the older answer is the safe one. Three things
-move the zero later: a slope that the source's clock may well have (``MAX_DRIFT``), as long as nothing is late by more
-than ``SLACK_S``; an exchange of clocks, where there is one; and beginning anew.
-Stamps are seconds, or numbers of frames. How much of our time passes from one to the next is measured from the least
-delayed message of each half second (Theil and Sen: the median of the slopes between any two of them, which bursts and
-stalls do not move). Of frames any rate is believed at first, as a told one is often wrong; from then on a
-rate that is slower is lateness, too.
-Stamps in the wrong unit would make every message the newest ever, and none late. Stamps that run
-too fast, or of which each is a step, are therefore measured as the numbers of frames are. Where the
-clock steps again and again, the message after a step counts as one usual interval newer than the one
-before: an unsteady clock makes no pose young.
+The source's clock converts its time stamps to our clock, and measures how late its messages arrive. A message can only
+be late, never early: the smallest difference between arrival and stamp so far gives the source's zero on our clock.
+A message later than that is late, however long this lasts: a standing or growing queue can't be distinguished from a
+clock that was set back or a frame counter that paused, and the older answer is the safe one. Three things move the zero
+later: a slope within the plausible drift of the source's clock (``MAX_DRIFT``), as long as nothing is late by more than
+``SLACK_S``; an exchange of clocks, if there is one; and a new start.
+Stamps are seconds, or numbers of frames. Our time from one to the next is measured from the least delayed message of
+each half second (Theil and Sen: the median of the slopes between any two of them, which bursts and stalls do not
+move). Of frames any rate is accepted at first, as the configured one is often wrong; from then on a slower rate is
+lateness, too.
+Stamps in the wrong unit would make every message the newest ever, and none late. Stamps that run too fast, or of which
+each is a step, are therefore measured as the numbers of frames are. If the clock steps again and again, the message
+after a step counts as one usual interval newer than the one before: an unsteady clock makes no pose young.
 
-Outlier gate: between a source and the flight, poses that can't be true do not pass. A decoder sees one datagram at a
-time; here each pose is held against those before it. What does not fit is counted by reason, and told once for each
-outbreak; the flight goes on with its model for as long as commands may rest on one pose (flight.coast_s), and what
-``lost`` tells is what safety rules act on. After a pose that did not fit the next ones must fit better, for as long as
-none does. There are two ways to a new place. Either the source says that it has moved its origin (``reset``): believed
-at once, as the vehicle did not move. Or the poses that do not fit agree among themselves for ``settle_s`` (``moved``),
-which is longer than any command may rest on one pose: so no flight survives it, and on the ground it heals by itself.
-The outbreaks of dropped, late and missing poses are told of once as they begin, and once as they are over.
+Outlier gate: it drops implausible poses between a source and the flight. A reader knows one datagram at a time; the
+gate compares each pose with those before it. Drops are counted by reason, and reported once for each outbreak; the
+flight goes on with its model for as long as a command may use one pose (flight.coast_s). After a pose that did not fit
+the next ones must fit better, until one does. There are two ways to a new place. Either the source reports that it has
+moved its origin: accepted at once, as the vehicle did not move. Or the poses that do not fit agree among themselves for
+``settle_s``, which is longer than any command may use one pose: no flight survives it, and on the ground it recovers by
+itself. Outbreaks of dropped, late and missing poses are reported as they begin and as they end.
 """
 
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
+from statistics import median
 from types import MappingProxyType
 from typing import Annotated, NamedTuple, TypeVar
 
@@ -49,44 +48,43 @@ from groundstation.core.messages import (
 T = TypeVar("T")
 
 MAX_DRIFT = 0.0015
-"""Largest drift of the source's clock against nominal [-]: beyond it, messages get later and
-later."""
+"""Largest drift of the source's clock against nominal [-]: beyond it, messages get later and later."""
 SLACK_S = 0.02
-"""A block whose least delayed message is late by more than this is late, and moves nothing [s]."""
+"""Lateness of the least delayed message above which a block is late and does not move the zero [s]."""
 BLOCK_S = 0.5
-"""One least delayed message is kept of each so long [s]."""
+"""Duration of a block, of which the least delayed message is kept [s]."""
 BLOCKS = 40
-"""The slope is fitted to at most this many blocks."""
+"""Number of newest blocks that the slope is fitted to [-]."""
 FIRST_BLOCKS = 5
-"""Blocks that the slope needs at least where the frame rate is not known."""
+"""Least number of blocks for a slope while the rate is not known [-]."""
 SETTLED_BLOCKS = 20
-"""Blocks that it needs to tell a slope from jitter."""
+"""Least number of blocks that distinguish a slope from jitter [-]."""
 ROUGH = MAX_DRIFT + SLACK_S / (FIRST_BLOCKS * BLOCK_S)
 """Largest error of a rate that was measured over so few blocks [-]."""
 RATES = 100.0
-"""A rate of frames that is off by more than this factor is none."""
+"""Largest plausible ratio of a measured and the configured frame rate [-]."""
 RESTART_S = 1.0
-"""A source that sends only old stamps for this long has started its clock anew [s]."""
+"""A source that sends only old stamps for this long has restarted its clock [s]."""
 ANEW_S = 4.0
-"""After so long without a message, and with a frame as late as that, we begin anew [s]. No flight lives so long
-without a fresh pose: what rests on one for 1 s at most is followed by a bring-down of 2 s."""
+"""Silence, and lateness of a frame, after which the clock is measured anew [s]. No flight lasts so long without a fresh
+pose: 1 s at most on one pose, then a bring-down of 2 s."""
 STEP_S = 0.2
-"""A message that comes earlier by more than this than any before is a step of the source's clock [s]."""
+"""A message that arrives earlier by more than this than any before is a step of the source's clock [s]."""
 BREAKS = 3
-"""This many steps and restarts within ``UNSTEADY_S`` make a clock unsteady."""
+"""Number of steps and restarts within ``UNSTEADY_S`` that make a clock unsteady [-]."""
 UNSTEADY_S = 30.0
 """A clock without a break for this long is steady again [s]."""
 FAST = 1.2
-"""Stamps that run faster than ours by this factor are not seconds: no queue drains so fast for
+"""Stamps that run faster than ours by this factor are not seconds [-]: no queue drains so fast for
 ``FIRST_BLOCKS`` blocks."""
 RATE_S = 2.0
-"""The rate of the stamps is that over the last so many seconds [s]."""
+"""Time over which the rate of the stamps is measured [s]."""
 RATE_LEAST_S = 1.0
-"""No rate is given for a shorter time than this [s]."""
+"""Shortest time over which it is given [s]."""
 AVERAGED = 20
-"""Over so many messages the usual interval is averaged."""
+"""Number of messages over which the usual interval is averaged [-]."""
 GAP_INTERVALS = 2.5
-"""Stamps further apart than so many usual intervals are a gap."""
+"""Stamps further apart than this many usual intervals are a gap [-]."""
 
 
 class StampedArrival(NamedTuple):
@@ -95,22 +93,22 @@ class StampedArrival(NamedTuple):
     stamp: float
     """Seconds, or a number of frames, by the source."""
     arrival_s: float
-    """When it came [s, our clock]."""
+    """Time of its arrival [s, our clock]."""
 
 
 class StampScale(msgspec.Struct, gc=False):
-    """How much of our time passes from one stamp to the next."""
+    """Time of ours from one stamp to the next."""
 
     slope: float
     """Our seconds per stamp, as fitted."""
     nominal: float
-    """The same, as told or first measured: drift is counted from there."""
+    """The same, as configured or first measured: the reference of the drift."""
     band: float
-    """Largest share by which the slope may be off the nominal one [-]; infinite while the rate is not known."""
+    """Largest share by which the slope may deviate from the nominal one [-]; infinite while the rate is unknown."""
 
     @property
     def is_known(self) -> bool:
-        """Whether the rate is known but for the clock's drift."""
+        """Whether the rate is known up to the clock's drift."""
         return self.band < math.inf
 
 
@@ -121,7 +119,7 @@ class Block(msgspec.Struct, gc=False):
     best: StampedArrival | None = None
     """The least delayed one."""
     lowered_s: float = 0.0
-    """Time by which messages came earlier than any before [s]."""
+    """Time by which messages arrived earlier than any before [s]."""
 
 
 class BlockLine:
@@ -130,30 +128,26 @@ class BlockLine:
     def __init__(self) -> None:
         self.best: deque[StampedArrival] = deque(maxlen=BLOCKS)
         self.late = (0.0, 0.0)
-        """Delays of the last two blocks beyond what drift explains [s]; 0 within the slack."""
+        """Delays of the last two blocks beyond the drift [s]; 0 within the slack."""
         self.early = 0
-        """Number of blocks in a row whose messages came earlier and earlier."""
-
-    def clear(self) -> None:
-        """Begin another line."""
-        self.best.clear()
+        """Number of blocks in a row whose messages arrived earlier and earlier."""
 
     def fit_slope(self) -> float:
-        """Our seconds per stamp: the median slope between any two blocks."""
-        return _median([(d - b) / (c - a) for (a, b), (c, d) in combinations(self.best, 2)])
+        """Return our seconds per stamp: the median slope between any two blocks."""
+        return median([(d - b) / (c - a) for (a, b), (c, d) in combinations(self.best, 2)])
 
     def is_straight(self, slope: float) -> bool:
-        """Whether the blocks lie on a line of this ``slope`` within the slack."""
+        """Whether the blocks form a line of this ``slope`` within the slack."""
         off = [arrival_s - slope * stamp for stamp, arrival_s in self.best]
-        middle = _median(off)
-        return slope > 0.0 and _median([abs(one - middle) for one in off]) <= SLACK_S
+        middle = median(off)
+        return slope > 0.0 and median([abs(one - middle) for one in off]) <= SLACK_S
 
 
 class SourceClock:
     """The clock of one source."""
 
     def __init__(self, frame_s: float | None = None) -> None:
-        """Nothing seen yet. Stamps are seconds; or frame numbers, ``frame_s`` being what the period was told to be."""
+        """Stamps are seconds, or with the configured period ``frame_s`` [s] frame numbers."""
         self.restarts = 0
         """Number of restarts of the source's clock."""
         self.steps = 0
@@ -163,7 +157,7 @@ class SourceClock:
         self.interval_s = 0.0
         """Usual time from one message to the next, by the source [s]; 0 before the second."""
         self._frames = frame_s is not None
-        self._told = 1.0 if frame_s is None else frame_s
+        self._configured = 1.0 if frame_s is None else frame_s
         self._heard_s = -math.inf
         self._stamp: float | None = None
         self._old_since_s: float | None = None
@@ -172,13 +166,13 @@ class SourceClock:
         self._recent: deque[StampedArrival] = deque()
         self._begin(0.0, 0.0)
         self._is_anew = True
-        """Whether the next message begins it all."""
+        """Whether the next message is the first."""
 
     def _begin(self, stamp: float, arrival_s: float) -> None:
-        """Know nothing but what we were told, and that this message has come."""
+        """Measure anew from this message on."""
         self._is_anew = False
-        self._scale = StampScale(self._told, self._told, math.inf if self._frames else MAX_DRIFT)
-        self._own_s = self._arrival_s = arrival_s  # of the newest message: on our clock, had it come as fast as any
+        self._scale = StampScale(self._configured, self._configured, math.inf if self._frames else MAX_DRIFT)
+        self._own_s = self._arrival_s = arrival_s  # of the newest message, with the least delay so far
         self._seen = 0
         self._line = BlockLine()
         self._block = Block(StampedArrival(stamp, arrival_s))
@@ -187,7 +181,7 @@ class SourceClock:
     @property
     def drift(self) -> float:
         """Drift of the source's clock: slower than nominal by this share [-]."""
-        return self._scale.slope / self._told - 1.0
+        return self._scale.slope / self._configured - 1.0
 
     @property
     def late_s(self) -> float:
@@ -196,32 +190,29 @@ class SourceClock:
 
     @property
     def is_unsteady(self) -> bool:
-        """Whether the clock has stepped or begun anew again and again, and its rate is not known."""
+        """Whether the clock has stepped or restarted again and again, and its rate is not known."""
         breaks = self._breaks
         return len(breaks) == BREAKS and self._arrival_s - breaks[0] <= UNSTEADY_S
 
     @property
     def stamp_rate(self) -> float | None:
-        """Seconds that pass by the stamps in one second of ours [-].
-
-        By the unit or the rate that was told; None where too few messages came.
-        """
+        """Seconds by the stamps (configured unit or rate) per second of ours [-]; None after too few messages."""
         if not self._recent:
             return None
         (first, begun_s), (last, ended_s) = self._recent[0], self._recent[-1]
         elapsed_s = ended_s - begun_s
-        return (last - first) * self._told / elapsed_s if elapsed_s >= RATE_LEAST_S else None
+        return (last - first) * self._configured / elapsed_s if elapsed_s >= RATE_LEAST_S else None
 
     def mark_alive(self, arrival_s: float) -> None:
-        """The source has sent something, be it without a pose of ours, that came at ``arrival_s`` [s, our clock]."""
+        """Note that any message of the source arrived at ``arrival_s`` [s, our clock]."""
         if arrival_s - self._heard_s > ANEW_S:
             self._is_anew = True
         self._heard_s = arrival_s
 
     def stale(self, stamp: float, arrival_s: float) -> str:
-        """Why a message stamped ``stamp`` must be dropped; an empty string where it must not.
+        """Return why a message stamped ``stamp`` must be dropped; empty if it must not.
 
-        ``duplicate``, ``same_stamp`` where the stamp has not changed for a second, or
+        ``duplicate``, ``same_stamp`` if the stamp has not changed for a second, or
         ``out_of_order``; ``arrival_s`` is on our clock [s].
         """
         self.mark_alive(arrival_s)
@@ -240,7 +231,7 @@ class SourceClock:
         return ""
 
     def time_s(self, stamp: float, arrival_s: float) -> float:
-        """When a message that is not stale left its source [s, our clock]: ``arrival_s`` or earlier."""
+        """Return when a message that is not stale left its source [s, our clock]: ``arrival_s`` or earlier."""
         if self._is_anew or self._stamp is None or not self._goes_on(stamp - self._stamp, arrival_s):
             self._begin(stamp, arrival_s)
         self._stamp, self._arrival_s, self._old_since_s = stamp, arrival_s, None
@@ -256,12 +247,12 @@ class SourceClock:
         return self._own_s
 
     def _goes_on(self, stamps: float, arrival_s: float) -> bool:
-        """Go on to the next message, ``stamps`` after the last; False where it must be of another rate of frames."""
+        """Go on to the next message, ``stamps`` after the last; return False if the frame rate must have changed."""
         elapsed = stamps * self._scale.slope
         usual_s = self.interval_s
         is_gap = 0.0 < GAP_INTERVALS * usual_s < elapsed
         if is_gap and self.is_unsteady:
-            self._line.clear()
+            self._line.best.clear()
             if elapsed - (arrival_s - self._arrival_s) > SLACK_S:
                 self._breaks.append(arrival_s)
             elapsed = usual_s
@@ -273,7 +264,7 @@ class SourceClock:
         if late < -STEP_S:
             self._step(arrival_s)
             return True
-        if is_gap and late < -SLACK_S:  # a small step: what was lost on its way is no reason to come early
+        if is_gap and late < -SLACK_S:  # a small step: a lost message does not make the next one early
             self._breaks.append(arrival_s)
         self._count(elapsed, arrival_s - self._arrival_s)
         if late < 0.0:
@@ -282,37 +273,37 @@ class SourceClock:
         return True
 
     def _step(self, arrival_s: float) -> None:
-        """The stamps have leapt ahead."""
+        """The stamps have jumped ahead."""
         self.steps += 1
         self._breaks.append(arrival_s)
         if not self.is_unsteady:
             self._recent.clear()
-        self._own_s = arrival_s - self.late_s  # nothing says that a queue has gone as the clock leapt
-        if self.is_unsteady and self.interval_s == 0.0:  # no message has ever fitted: another unit
+        self._own_s = arrival_s - self.late_s  # a queue may still be there after the jump
+        if self.is_unsteady and self.interval_s == 0.0:  # no message ever fitted: another unit
             self._lose_rate()
         else:
-            self._line.clear()
+            self._line.best.clear()
 
     def _restart(self, arrival_s: float) -> None:
-        """The source's clock has begun anew."""
+        """The source's clock has restarted."""
         self.restarts += 1
         self._breaks.append(arrival_s)
 
     def _lose_rate(self) -> None:
-        """Forget the frame rate, and measure the time between stamps from now on."""
+        """Measure the time between stamps from now on."""
         if self._scale.is_known:
             self._scale.band, self._line.early = math.inf, 0
-            self._line.clear()
+            self._line.best.clear()
 
     def apply_exchange(self, ahead_s: float) -> None:
-        """An exchange of clocks has shown that a source that stamps seconds is at most ``ahead_s`` ahead of us [s]."""
+        """Use an exchange of clocks: a source that stamps seconds is at most ``ahead_s`` ahead of us [s]."""
         if self._stamp is not None and not self._is_anew:
             own = self._stamp - ahead_s
-            # What would have come long before it left was stamped by another clock than the one that was asked.
+            # A message that would have arrived long before it left was stamped by another clock.
             if own <= self._arrival_s + SLACK_S and self._own_s < min(own, self._arrival_s):
                 self._own_s = min(own, self._arrival_s)
                 self._block.best = None
-                self._line.clear()
+                self._line.best.clear()
 
     def _count(self, elapsed_s: float, waited_s: float) -> None:
         if elapsed_s - waited_s > STEP_S:
@@ -337,18 +328,17 @@ class SourceClock:
         line.best.append(block.best)
         self._block = Block(StampedArrival(stamp, arrival_s))
         if line.early >= FIRST_BLOCKS:
-            # Nothing comes earlier and earlier: they are other frames than those that were measured.
-            self._lose_rate()
+            self._lose_rate()  # nothing arrives earlier and earlier: the rate has changed
         self._measure()
 
     def _judge_block(self, best: StampedArrival, lasted_s: float) -> None:
-        """Whether the block of ``lasted_s`` [s] is late, or earlier than its clock may be; else its line is kept."""
+        """Judge whether the block of ``lasted_s`` [s] is late, or earlier than its clock may be; else keep its line."""
         line, scale, late = self._line, self._scale, self._lateness(best)
-        # With all that its slope may be, the clock is no slower than this; what piled up comes in no time.
+        # The clock is no slower than this; queued messages arrive in no time.
         most = lasted_s * (scale.nominal / scale.slope * (1.0 + scale.band) - 1.0)
         is_late = late - most > SLACK_S
         if is_late != (line.late[1] > 0.0):
-            line.clear()  # from here on it is another line
+            line.best.clear()  # another line begins here
         if not is_late:
             self._own_s = min(self._own_s + min(late, most), self._arrival_s)
         line.late = line.late[1], late if is_late else 0.0
@@ -361,7 +351,7 @@ class SourceClock:
         return message.arrival_s - self._own_s - (message.stamp - self._stamp) * self._scale.slope
 
     def _measure(self) -> None:
-        """Measure the slope, where there are blocks enough."""
+        """Measure the slope, if there are enough blocks."""
         line, scale = self._line, self._scale
         if len(line.best) < (SETTLED_BLOCKS if scale.is_known else FIRST_BLOCKS):
             return
@@ -380,7 +370,7 @@ class SourceClock:
             line.best.popleft()
 
     def _is_rate(self, slope: float) -> bool:
-        """Whether ``slope`` [our seconds per stamp] can be what passes from one stamp to the next."""
+        """Whether ``slope`` [our seconds per stamp] is plausible."""
         if self._frames and not self.is_unsteady:
             return 1.0 / RATES < slope / self._scale.nominal < RATES
         return self._line.is_straight(slope)
@@ -389,19 +379,13 @@ class SourceClock:
 UNIT_TOLERANCE = 1e-3
 """Largest difference from 1 of a unit quaternion's length; 32-bit floats leave it within 1e-6."""
 LATEST = 1e15
-"""No stamp is further from zero, be it in seconds or frames: floats would no longer tell two of them apart."""
+"""Largest plausible stamp [s or frames]: floats could not distinguish larger ones."""
 _AVERAGED = 50
 """Poses over which the latency is averaged."""
 
 
-def _median(values: list[float]) -> float:
-    """The median, by which statistics, with fractions and all behind it, would be loaded before every flight."""
-    ordered, middle = sorted(values), len(values) // 2
-    return ordered[middle] if len(values) % 2 else (ordered[middle - 1] + ordered[middle]) / 2
-
-
 class Intake:
-    """Turns what one source measured into numbered poses; what is no pose is counted by reason."""
+    """Makes numbered poses of the measurements of one source; rejected ones are counted by reason."""
 
     def __init__(
         self,
@@ -413,8 +397,8 @@ class Intake:
     ) -> None:
         """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
 
-        ``frames`` leads from the source's axes into ours; None: they are ours. ``frame_s``: what stamps that number
-        frames were told to be apart [s]; None for stamps in seconds. ``others`` are further bodies to look for.
+        ``frames`` converts the source's axes to ours; None: they are ours. ``frame_s``: configured period of stamps
+        that number frames [s]; None for stamps in seconds. ``others`` are further bodies to look for.
         """
         self.accepted = 0
         """Poses made."""
@@ -454,17 +438,13 @@ class Intake:
             advice=self.advice,
         )
 
-    def mark_alive(self, arrival_s: float) -> None:
-        """The source has sent something at all, perhaps without our body, that came at ``arrival_s`` [s, our clock]."""
-        self.clock.mark_alive(arrival_s)
-
     def drop(self, reason: str) -> Pose | None:
-        """Count one thing that made no pose; returns None, which stands for the pose."""
+        """Count one rejected measurement; return None in the place of its pose."""
         self.dropped[reason] += 1
         return None
 
     def choose(self, own: Sequence[T], missing: str = "no_such_body") -> T | None:
-        """The one body among those with the vehicle's name; None, which is counted, where there is none, or several."""
+        """Return the only body with the vehicle's name; None, which is counted, without one, or with several."""
         if len(own) == 1:
             return own[0]
         self.drop("same_name" if own else missing)
@@ -481,10 +461,10 @@ class Intake:
         resets: int = 0,
         age_s: float = 0.0,
     ) -> Pose | None:
-        """The pose, or None where it is dropped and counted.
+        """Make a pose; return None if it is dropped and counted.
 
-        ``stamp`` is the source's, in seconds or frames; ``age_s`` how old the pose was at that instant [s], beside
-        the latency. ``position`` [m] and ``attitude`` are in the source's axes, ``velocity_ned`` is in ours.
+        ``stamp`` is the source's, in seconds or frames; ``age_s`` is the age of the pose at that time [s], in addition
+        to the latency. ``position`` [m] and ``attitude`` are in the source's axes, ``velocity_ned`` is in ours.
         """
         x, y, z = position
         if not math.isfinite(x + y + z + sum(attitude) + stamp + age_s):
@@ -501,16 +481,17 @@ class Intake:
             return self.drop("same_stamp" if is_other else reason)
         self._last = position, attitude
         time_s = clock.time_s(stamp, arrival_s) - self._base_latency_s - age_s
-        number = self.accepted
-        self.accepted = number + 1
+        self.accepted += 1
         latency = arrival_s - time_s
-        self._latency_s += (latency - self._latency_s) / min(number + 1, _AVERAGED)
+        self._latency_s += (latency - self._latency_s) / min(self.accepted, _AVERAGED)
         self._latency_max_s = max(self._latency_max_s, latency)
         if velocity_ned is not None and not math.isfinite(sum(velocity_ned)):
             velocity_ned = None  # PX4's way to say that it has none
         if self._frames is not None:
             position, attitude = self._frames.ours(position, attitude)
-        return Pose(number, time_s, arrival_s, position, attitude, velocity_ned, resets + 256 * clock.restarts)
+        return Pose(
+            self.accepted - 1, time_s, arrival_s, position, attitude, velocity_ned, resets + 256 * clock.restarts
+        )
 
     def see_other(self, name: str, arrival_s: float, position: Vec3, *, age_s: float = 0.0) -> None:
         """Note that a body was at ``position`` [m, the source's axes] if it is one of :attr:`others`.
@@ -582,19 +563,19 @@ class ReaderSource:
 BASE_S = 0.05
 """Speed is measured over at least this time [s]: from pose to pose it would be mostly noise and jitter."""
 TURN_DEG = 15.0
-"""Noise and jitter may turn a pose by this much [deg], beside what ``rate_deg_s`` allows."""
+"""Turn of a pose by noise and jitter [deg], in addition to ``rate_deg_s``."""
 DOUBT = 0.25
-"""Share of what a pose may be off by that is left after one that jumped, until one fits: of a crowd of wild poses the
-odd one comes near enough by chance, and would throw the estimate. It is never more than a jump: however long the last
-pose is ago, a place that was shown a little aside is not where the vehicle has flown."""
+"""Factor on the allowed deviation after a jump, until a pose fits [-]: of many wild poses one may come near by chance,
+and would disturb the estimate. The allowance is never more than ``jump_m``: however old the last pose is, a place a
+little aside of it is not where the vehicle has flown."""
 EXACT_TOLERANCE = 1e-6
-"""An attitude whose squared length is no further from 1 stays as it is: 32-bit floats leave it so."""
+"""Largest difference from 1 of the squared length of an attitude that is not normalised [-], as of 32-bit floats."""
 MOVES_S = 5.0
-"""Moves of the source's origin are counted within this time [s], as the guard against them does."""
+"""Time within which moves of the source's origin are counted [s], as in the guard against them."""
 MANY_MOVES = 3
-"""From so many moves within ``MOVES_S`` on they are told as one fault, not each by itself."""
+"""Number of moves within ``MOVES_S`` that are reported as one fault, not each by itself [-]."""
 UNANNOUNCED = 1 << 32
-"""Added to ``reset_count`` with each place that was not announced: no source counts that far."""
+"""Added to ``reset_count`` for each place that was not announced: no source counts that far."""
 
 
 class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -605,8 +586,8 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         msgspec.Meta(
             gt=0.0,
             le=10.0,
-            description="How far a pose may be from where the ones before were heading [m], beside "
-            "what `acceleration_m_s2` allows.",
+            description="How far a pose may be from the prediction by the ones before [m], in addition to "
+            "`acceleration_m_s2`.",
         ),
     ] = 0.15
     acceleration_m_s2: Annotated[

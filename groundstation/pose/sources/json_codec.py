@@ -133,7 +133,7 @@ class JsonReader(PoseReader):
         if isinstance(bodies, str):
             return intake.drop(bodies)
         for each in (intake, self._frames):
-            each.mark_alive(arrival_s)
+            each.clock.mark_alive(arrival_s)
         for other in bodies:
             if place := _seen_place(other):
                 intake.see_other(other.name, arrival_s, place)

@@ -448,7 +448,7 @@ class NatNetReader(PoseReader):
             else:
                 frame = decode_frame(payload, self.server.version)
                 self._silent_beats, self._frameless_beats, self.intake.advice = 0, 0, ""
-                self.intake.mark_alive(arrival_s)
+                self.intake.clock.mark_alive(arrival_s)
                 return self._pose(frame, self.server.ticks_per_s, arrival_s)
         except UnreadableNatNet as fault:
             return self.intake.drop(str(fault))

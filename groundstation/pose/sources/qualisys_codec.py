@@ -185,7 +185,7 @@ class QualisysReader(PoseReader):
         if isinstance(found, str):
             return self.intake.drop(found)
         stamp_s, bodies = found
-        self.intake.mark_alive(arrival_s)
+        self.intake.clock.mark_alive(arrival_s)
         self.other_bodies = len(bodies) != len(self.names)
         if self.other_bodies:
             return self.intake.drop("other_bodies")  # their names are not known until QTM is asked again

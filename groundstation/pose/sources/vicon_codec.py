@@ -177,7 +177,7 @@ class ViconReader(PoseReader):
         if isinstance(found, str):
             return self.intake.drop(found)
         number, objects = found
-        self.intake.mark_alive(arrival_s)
+        self.intake.clock.mark_alive(arrival_s)
         self._see_others(objects, arrival_s)
         own = self.intake.choose([one for one in objects if one.name == self._own], "no_such_object")
         if own is None:
