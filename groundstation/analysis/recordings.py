@@ -114,7 +114,7 @@ def _export(recording: "Recording", form: str, topics: list[str], target: Path) 
             scene = FoxgloveScene("--format")
             return f"{rewrite(recording, target, topics, scene)} messages with the scene, for Foxglove"
         case "poses":
-            return f"{write_poses(recording, target)} poses; pose.kind = 'csv' plays them"
+            return f"{write_poses(recording, target)} poses: {CSV_COLUMNS}"
     rows = [count for count in write_tables(recording, form, topics or list(CHANNELS), target).values() if count]
     return f"{sum(rows)} rows of {len(rows)} channels"
 
@@ -160,7 +160,7 @@ def write_csv(recording: "Recording", files: Mapping[str, TextIO]) -> dict[str, 
 
 
 def write_poses(recording: "Recording", target: Path) -> int:
-    """Write the poses as they came, in the columns that `pose.kind = "csv"` plays; the number of poses."""
+    """Write the poses as they came, in ``CSV_COLUMNS``; the number of poses."""
     count = 0
     with open_whole(target) as file:
         file.write(CSV_COLUMNS + "\n")

@@ -17,7 +17,6 @@ RETIRED_KEYS: dict[str, str] = {
     "guards.sway_s": "Use guards.oscillation_s.",
     "takeoff.nudge": "The height behind the thrust and the response tests find another body's poses.",
     "guards.heave": "guards.oscillation_deg does its work.",
-    "pose.speed": "A recording is played at its own pace.",
     "guards.heave_s": "guards.oscillation_s does its work.",
 }
 """Dotted key (``guards.tilt_share``), or a section with all its keys (``pilot``), to one sentence of advice."""

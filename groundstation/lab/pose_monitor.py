@@ -150,14 +150,14 @@ async def listen(
         LinkError: the autopilot, by which the poses would come, does not answer.
     """
     loop = asyncio.get_running_loop()
-    watcher = PoseStreamMonitor(loop.time(), recorded=config.pose.recorded, floor_z_m=config.flight.floor_z_m)
+    watcher = PoseStreamMonitor(loop.time(), floor_z_m=config.flight.floor_z_m)
 
     def tell(event: Sentence) -> None:
         watcher.event(event, loop.time())
 
     def look(ears: Ears) -> PoseStreamSummary:
         status = ears.source.status
-        fault = "" if config.pose.recorded else _find_stamp_fault(status, config.pose)
+        fault = _find_stamp_fault(status, config.pose)
         return watcher.summarize(loop.time(), status, ears.names(), stamp_fault=fault)
 
     with _interrupt(loop) as stopped:
@@ -253,8 +253,6 @@ def summary_table(title: str, seen: PoseStreamSummary) -> "Table":
 
 
 def _age(seen: PoseStreamSummary) -> str:
-    if seen.recorded and seen.poses:
-        return notice("watch.recorded").text
     return (notice("watch.no_pose") if seen.age_s is None else notice("watch.age", age_ms=1e3 * seen.age_s)).text
 
 
@@ -374,7 +372,7 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
     Raises:
         ConfigError: these poses have no axes to find, or the file can't be written.
     """
-    if config.pose.by_autopilot or config.pose.recorded:
+    if config.pose.by_autopilot:
         raise ConfigError("pose.kind", notice("carry.source"))
     if overrides and not keep:
         raise ConfigError("--set", notice("carry.overrides"))

@@ -51,8 +51,8 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     poses: int
     """That have passed the gate."""
-    recorded: bool
-    """Whether a recording is played: all that follows is then as it was, up to the newest pose."""
+    recorded: bool = False
+    """Always false; kept for readers of the JSON."""
     rate_hz: float
     """Arrivals per second, over the window [1/s]."""
     source_rate_hz: float
@@ -99,22 +99,16 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def ok(self) -> bool:
-        """Whether there are poses now, and their stamps tell their age; of a recording, any at all."""
-        if self.recorded:
-            return self.poses > 0
+        """Whether poses arrive now, and their stamps show their age."""
         return not self.stamp_fault and self.age_s is not None and self.rate_hz > 0.0
 
 
 class PoseStreamMonitor:
     """Remembers what it takes to say that; times are on the event loop's clock [s]."""
 
-    def __init__(self, begun_s: float, *, recorded: bool = False, floor_z_m: float = 0.0) -> None:
-        """Nothing seen at ``begun_s`` [s]; ``recorded`` where a recording is played.
-
-        ``floor_z_m`` is the down coordinate of the floor [m].
-        """
+    def __init__(self, begun_s: float, *, floor_z_m: float = 0.0) -> None:
+        """Begin at ``begun_s`` [s]; ``floor_z_m`` is the down coordinate of the floor [m]."""
         self._floor_z_m = floor_z_m
-        self._recorded = recorded
         self._begun_s = begun_s
         self._recent: deque[Pose] = deque()
         self._events: deque[str] = deque(maxlen=KEPT_EVENTS)
@@ -144,25 +138,22 @@ class PoseStreamMonitor:
     ) -> PoseStreamSummary:
         """All of it; ``status`` and ``bodies`` are the source's, ``stamp_fault`` is what is wrong with its stamps."""
         newest = self._recent[-1] if self._recent else None
-        if self._recorded and newest is not None:  # played faster it arrives in the future, and at its end is no fault
-            now_s = newest.arrival_s
         recent = [pose for pose in self._recent if pose.arrival_s > now_s - WINDOW_S]
         apart = [b.arrival_s - a.arrival_s for a, b in pairwise(recent)]
         window_s = min(WINDOW_S, now_s - self._begun_s)
         noise = _at_rest(recent) if window_s >= WINDOW_S else None
         return PoseStreamSummary(
             poses=self._poses,
-            recorded=self._recorded,
             rate_hz=(len(apart) / sum(apart) if len(recent) > 1 and now_s - recent[-1].arrival_s < 1.0 else 0.0),
             source_rate_hz=status.rate_hz,
-            age_s=None if newest is None or self._recorded else now_s - newest.time_s,
+            age_s=None if newest is None else now_s - newest.time_s,
             latency_s=status.latency_s,
             latency_max_s=status.latency_max_s,
             jitter_s=pstdev(apart) if apart else 0.0,
             longest_s=self._longest_s,
             gaps=status.gaps,
             clock_steps=status.clock_steps + status.clock_restarts,
-            drift=None if self._recorded else status.drift,
+            drift=status.drift,
             advice=status.advice,
             stamp_fault=stamp_fault,
             floor_z_m=self._floor_z_m,

@@ -3,6 +3,7 @@
 from groundstation.pose.forward import ForwardingSource
 from groundstation.pose.recorded_codec import (
     CSV_COLUMNS,
+    IN_RUN_FOLDER,
     CsvRow,
     Sender,
     TlogReader,
@@ -11,10 +12,8 @@ from groundstation.pose.recorded_codec import (
     encode_csv,
     find_autopilots,
     is_autopilot,
-    read_csv,
 )
 from groundstation.pose.registry import (
-    IN_RUN_FOLDER,
     PoseConfig,
     make_source,
     pose_decoder,

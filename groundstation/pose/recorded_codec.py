@@ -1,11 +1,9 @@
 """Files of recorded poses: CSV, and the .tlog of a MAVLink flight. Sans-IO.
 
-CSV has one row a pose, in order of time:
+CSV, as a run's folder and `groundstation export --format poses` have it, has one row a pose, in order of time, below a
+row of names:
 
-    t,x,y,z,qw,qx,qy,qz          [s, m, -]
-    t,x,y,z,qw,qx,qy,qz,arrival  as in a run's folder: also when its bytes came [s], by the same clock
-
-A first row of names may stand above; empty rows and rows that begin with # are skipped.
+    t,x,y,z,qw,qx,qy,qz,arrival  [s, m, -], arrival: when its bytes came [s], by the clock of t
 
 A .tlog has every MAVLink frame of a flight, both ways, each behind the time that it was logged:
 
@@ -17,7 +15,6 @@ computer and a motion-capture bridge often have the vehicle's own.
 Source: MAVProxy, Mission Planner and QGroundControl all write this form.
 """
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -28,6 +25,8 @@ from groundstation.pose.sources import POSE_MESSAGES
 from links.mavlink.protocol import GROUND_STATION, INVALID, MavlinkCodec, Message, frame_end
 
 CSV_COLUMNS = "t,x,y,z,qw,qx,qy,qz,arrival"
+IN_RUN_FOLDER = "poses.csv"
+"""Name of the file of poses in a run's folder."""
 
 
 class CsvRow(NamedTuple):
@@ -44,22 +43,6 @@ class CsvRow(NamedTuple):
 def encode_csv(row: CsvRow) -> str:
     """Return the row with its end of line; numbers read back to the last bit."""
     return ",".join(map(repr, (row.t_s, *row.position, *row.attitude, row.arrival_s))) + "\n"
-
-
-def read_csv(lines: Iterable[str], dropped: Counter[str]) -> Iterator[CsvRow]:
-    """Yield the poses in ``lines``; other rows are counted in ``dropped``: malformed, not_finite."""
-    for number, line in enumerate(line for line in map(str.strip, lines) if line and not line.startswith("#")):
-        try:
-            t, x, y, z, qw, qx, qy, qz, *more = map(float, line.split(","))
-            (arrival,) = more or [t]
-        except ValueError:
-            if number or not line[0].isalpha():  # else the head of the table
-                dropped["malformed"] += 1
-            continue
-        if math.isfinite(t + arrival + x + y + z + qw + qx + qy + qz):
-            yield CsvRow(t, arrival, (x, y, z), (qw, qx, qy, qz))
-        else:
-            dropped["not_finite"] += 1
 
 
 _STAMP_BYTES = 8

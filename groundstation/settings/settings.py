@@ -133,7 +133,7 @@ ADDRESSES: Mapping[str, Turn] = {
 TEXTS = frozenset({
     "controller.factory", "controller.options", "link.key_file", "link.map.fixed", "link.signing_key_file",
     "mqtt.prefix", "mqtt.requests.clients", "mqtt.tls.ca_file", "mqtt.tls.cert_file", "mqtt.tls.key_file",
-    "operator.device", "operator.hold", "pose.group", "pose.name", "pose.object", "pose.path", "separation.others",
+    "operator.device", "operator.hold", "pose.group", "pose.name", "pose.object", "separation.others",
     "rehearsal.host", "rehearsal.name", "rehearsal.ports", "rehearsal.vehicle", "trajectory.factory", "trajectory.file",
     "trajectory.options", "vehicle.file", "vehicle.preset",
 })  # fmt: skip

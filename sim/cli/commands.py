@@ -500,8 +500,6 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
         del common["parameters"]
         return asyncio.run(serve_fleet(served, [world for world, _ in made], [room for _, room in made], **common))
     config = rehearse(load(args.config, Config, told), args.config)
-    if config.pose.recorded:
-        raise ConfigError("pose.kind", "a recording is played by the ground station itself", str(args.config))
     world, room = make_mistakes(world_as_told(air, config, truth), config, args.wrong)
     more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried}
     return asyncio.run(serve_stage(served, world, room, **more, **common))

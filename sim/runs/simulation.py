@@ -356,7 +356,7 @@ class RunFolder:
         self._poses.close()
 
     def pose(self, pose: Pose) -> None:
-        """Take one pose; `pose.kind = "csv"` can play the file again."""
+        """Take one pose."""
         row = CsvRow(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude)
         self._poses.write(encode_csv(row))
 

@@ -17,8 +17,7 @@ import pytest
 from groundstation.core.geometry import Alignment, so3
 from groundstation.core.messages import Pose, PoseSource
 from groundstation.machine import sleep_until
-from groundstation.pose import CsvRow, PoseConfig, encode_csv, make_source
-from groundstation.pose.registry import CsvConfig
+from groundstation.pose import PoseConfig, make_source
 from groundstation.pose.sources import (
     JsonConfig,
     MavlinkPoseConfig,
@@ -179,16 +178,6 @@ class OdometryBench(Bench):
         await asyncio.gather(peer.run(), self.link.connect())
 
 
-class CsvBench(Bench):
-    live = False
-
-    async def prepare(self) -> None:
-        path = self.folder / "poses.csv"
-        rows = [CsvRow(n / RATE_HZ, n / RATE_HZ + LATENCY_S, (n / RATE_HZ, 2.0, -1.0), EAST) for n in range(500)]
-        path.write_text("".join(map(encode_csv, rows)))
-        self.config = CsvConfig(path=str(self.folder))
-
-
 BENCHES: dict[str, Callable[[Path], Bench]] = {
     "vicon": ViconBench,
     "natnet": NatNetBench,
@@ -198,7 +187,6 @@ BENCHES: dict[str, Callable[[Path], Bench]] = {
     "mavlink": OdometryBench,
     "vision": VisionBench,
     "json": JsonBench,
-    "csv": CsvBench,
 }
 
 

@@ -129,12 +129,3 @@ def test_a_pose_source_that_cant_be_started_is_told_in_words(tmp_path: Path) -> 
     assert run.returncode == 1
     assert "cannot listen for JSON poses on 127.0.0.1:" in run.stdout
     assert "Traceback" not in run.stderr
-
-
-@pytest.mark.parametrize("kind", ["tlog", "csv"])
-def test_a_recording_never_flies_a_vehicle(kind: str, tmp_path: Path) -> None:
-    config = tmp_path / "lab.toml"
-    config.write_text(f'[pose]\nkind = "{kind}"\npath = "flight"\n')
-    run = fly_without_terminal(config, "--arm", "mqx")
-    assert run.returncode == 2
-    assert "a recording must not fly a vehicle" in run.stderr

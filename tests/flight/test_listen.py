@@ -4,14 +4,11 @@ import asyncio
 import math
 from collections import Counter
 from functools import cache
-from pathlib import Path
 
 import pytest
 
 from groundstation.lab.pose_monitor import listen, summary_rows
 from groundstation.lab.pose_stream import PoseStreamSummary
-from groundstation.pose.registry import CsvConfig
-from groundstation.settings import Config
 from links.mavlink.protocol import MavlinkCodec
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
@@ -96,16 +93,3 @@ def test_silence_is_told_with_what_to_look_at() -> None:
     seen, _ = watched("vicon", "pose.listen=127.0.0.1:51001", told=("pose.listen=127.0.0.1:51077",))
     assert not seen.ok
     assert "firewall" in summary_rows(seen)[-1][1]
-
-
-def test_a_recording_has_no_age_and_no_drift_and_is_fine_at_its_end(tmp_path: Path) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_text("".join(f"{0.02 * n},1,2,-1,1,0,0,{1e-4 * (n % 7)},{0.02 * n + 0.01}\n" for n in range(200)))
-    seen = in_virtual_time(listen)(Config(pose=CsvConfig(path=str(path))), 7.0)
-    assert (seen.ok, seen.recorded, seen.poses) == (True, True, 200)
-    assert (seen.age_s, seen.drift) == (None, None)
-    assert seen.rate_hz == pytest.approx(50.0)
-    assert seen.latency_s == pytest.approx(0.01)
-    words = " ".join(" ".join(row) for row in summary_rows(seen))
-    assert "they are recorded" in words
-    assert "ppm" not in words

@@ -210,19 +210,6 @@ def _frame(pieces: Sequence[bytes]) -> tuple[list[bytes], bool]:
     return [packet for piece in pieces for packet in framer.feed(piece)], framer.broken
 
 
-def read_rows() -> Subject:
-    """Rows of recorded poses, as a run's folder has them."""
-    from groundstation.pose import CsvRow, encode_csv, read_csv
-
-    rows = [CsvRow(0.01 * n, 0.01 * n + 0.02, (0.1 * n, 1.0, -1.0), (1.0, 0.0, 0.0, 0.0)) for n in range(50)]
-    drops: Counter[str] = Counter()
-
-    def feed(datagram: bytes, now_s: float) -> int:
-        return sum(1 for _ in read_csv(datagram.decode("utf-8", "replace").splitlines(), drops))
-
-    return Subject([encode_csv(row).encode() for row in rows], feed, lambda: drops)
-
-
 def read_tlog() -> Subject:
     """Records of a .tlog: ODOMETRY behind its time."""
     from groundstation.pose import TlogReader
@@ -268,7 +255,6 @@ SOURCES: dict[str, Callable[[], Subject]] = {
     "local_position": lambda: read_poses("local_position", repair_mavlink),
     "vision": lambda: read_poses("vision", repair_mavlink),
     "json": lambda: read_poses("json"),
-    "csv": read_rows,
     "tlog": read_tlog,
 }
 """Decoders of pose sources; a new source adds its own here."""

@@ -107,7 +107,6 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
         "check the address in [pose], that the tracker streams to this machine, and the firewall",
     ),
     NoticeTemplate("watch.moving", "moves", "keep it at rest to measure"),
-    NoticeTemplate("watch.recorded", "they are recorded"),
     NoticeTemplate("watch.no_pose", "no pose yet"),
     NoticeTemplate("watch.age", "{age_ms:.0f} ms"),
     NoticeTemplate("watch.poses", "{count}, {rate_hz:.1f} per second arrive, {source_rate_hz:.1f} by their stamps"),

@@ -77,8 +77,6 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     A kind overrides those in which it differs from the defaults here.
     """
 
-    recorded: ClassVar[bool] = False
-    """Whether the poses are a recording's, which must never fly a vehicle."""
     by_autopilot: ClassVar[bool] = False
     """Whether the poses are the autopilot's own estimate, received by the link."""
     shares_link: ClassVar[bool] = False
@@ -131,8 +129,6 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     @property
     def never_flies(self) -> tuple[str, str] | None:
         """Configuration key and reason that forbid these poses to fly a vehicle; None if they may."""
-        if self.recorded:
-            return "pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`"
         return None
 
     @property

@@ -105,13 +105,6 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("qualisys.refused_bodies", "QTM refused to report its 6DOF bodies: {why}"),
     NoticeTemplate("qualisys.refused_stream", "QTM refused to stream: {why}", "is a measurement or a preview running?"),
     NoticeTemplate("qualisys.bodies", "QTM at {server} does not report its bodies: {why}"),
-    NoticeTemplate("pose.path_unreadable", "pose.path: cannot read {path}: {why}"),
-    NoticeTemplate(
-        "pose.path_of_flight",
-        "pose.path: {path} is the recording of a flight",
-        '`groundstation export {path} --format poses` makes the file that pose.kind = "csv" plays',
-    ),
-    NoticeTemplate("pose.path_empty", "pose.path: {path} holds no poses (found: {found})", "{expected}"),
     NoticeTemplate("pose.lost", "poses are lost: none for {age_ms:.0f} ms"),
     NoticeTemplate("pose.back", "poses are back after {gap_s:.2f} s"),
 )
