@@ -5,12 +5,12 @@ import sys
 import time
 
 from groundstation.runtime import (
+    COMPLETION,
     VIEWERS,
     Arguments,
     Groups,
     Program,
     add_arguments,
-    add_completion,
     build_parser,
     path,
     viewer,
@@ -322,7 +322,7 @@ COMMANDS: Groups = {
         "config show": ("print the configuration in force, defaults and overrides included", OPTIONAL_CONFIG),
         "config new": ("print a commented configuration to start from; without NAME list them", CONFIG_NEW),
         "config vehicles": ("list the vehicles that come along, for vehicle.preset", CONFIG_VEHICLES),
-        "config completion": ("print the script by which a shell completes command lines", add_completion),
+        "config completion": ("print the script by which a shell completes command lines", COMPLETION),
         "trajectory": ("compare what the trajectory needs with what the vehicle can do: PASS or FAIL", TRAJECTORY),
         "doctor": ("check the autopilot's parameters; set one on request, disarmed only", DOCTOR),
         "check": ("run the pre-flight checks on the vehicle; arms nothing", CHECK),

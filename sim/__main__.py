@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from groundstation.runtime import VIEWERS, Groups, Program, add_completion, build_parser, path, viewer
+from groundstation.runtime import COMPLETION, VIEWERS, Groups, Program, build_parser, path, viewer
 from sim.cli import count, names, seconds, whole
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, l1, pid, indi, or your own: package.module:factory"
@@ -313,7 +313,7 @@ COMMANDS: Groups = {
         "campaign": ("fly a scenario many times, vehicle and wind drawn by each seed", _campaign),
         "tune": ("search for better gains, or report the margins of these", _tune),
         "bench": ("measure the program's timing on this machine", _bench),
-        "completion": ("print the script by which a shell completes command lines", add_completion),
+        "completion": ("print the script by which a shell completes command lines", COMPLETION),
         "dev": ("commands that prove the project itself", None),
         "dev faults": ("break one thing in every state of a mission, and judge the outcome", _dev_faults),
         "dev honest": ("disturb flights whose poses are true, and judge monitor and guards", _dev_honest),

@@ -15,9 +15,6 @@ from msgspec import inspect as mi
 from groundstation.config.errors import ConfigError, KeyPath, Problem, refuse_io
 from groundstation.config.schema import default_of, find_struct, inspect_struct, suggest
 
-PACKAGE = "groundstation"
-"""Package with the presets."""
-
 
 class FromFile:
     """Base of a section of a configuration whose keys may be in a file that its key ``file`` names.
@@ -92,17 +89,15 @@ def _read_section(kind: type[FromFile], table: dict[str, Any], folder: Path, pat
         known = presets(kind)
         if preset not in known:
             raise Problem((*path, "preset"), f"expected one of {list(known)}, got {preset!r}{suggest(preset, known)}")
-        return _with_text(kind, rest, known[preset], preset, (*path, "preset"))
-    if isinstance(file, str):
-        return _with_text(kind, rest, _read_text(folder / file, (*path, "file")), file, (*path, "file"))
-    return table
-
-
-def _with_text(kind: type[FromFile], table: dict[str, Any], text: str, name: str, path: KeyPath) -> dict[str, Any]:
+        key, name, text = "preset", preset, known[preset]
+    elif isinstance(file, str):
+        key, name, text = "file", file, _read_text(folder / file, (*path, "file"))
+    else:
+        return table
     try:
-        return kind.with_text(table, text)
+        return kind.with_text(rest, text)
     except ValueError as error:
-        raise Problem(path, f"{name}: {error}") from None
+        raise Problem((*path, key), f"{name}: {error}") from None
 
 
 def _read_text(file: Path, path: KeyPath) -> str:
@@ -118,8 +113,9 @@ def _read_text(file: Path, path: KeyPath) -> str:
 
 def shipped_texts(folder: str) -> dict[str, str]:
     """Return the text of each TOML file in a folder that comes along, by name and in the order of their names."""
-    files = sorted((resources.files(PACKAGE) / folder).iterdir(), key=lambda file: file.name.removesuffix(".toml"))
-    return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files if file.name.endswith(".toml")}
+    files = [file for file in (resources.files("groundstation") / folder).iterdir() if file.name.endswith(".toml")]
+    texts = {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files}
+    return dict(sorted(texts.items()))
 
 
 def list_examples() -> str:
@@ -148,7 +144,7 @@ def copy_examples(folder: Path) -> None:
         ConfigError: it exists, or can't be written.
     """
     with refuse_io("--all", f"cannot write {folder}"):
-        _copy(resources.files(PACKAGE) / "examples", folder)
+        _copy(resources.files("groundstation") / "examples", folder)
 
 
 def _copy(source: Traversable, target: Path) -> None:

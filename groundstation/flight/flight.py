@@ -136,9 +136,8 @@ DRAIN_S = 0.01
 class StallDetector:
     """Detects that this program was stalled. Times are on the event loop's clock [s]."""
 
-    def __init__(self) -> None:
-        self._looked_s: float | None = None
-        self._drained_s = 0.0
+    _looked_s: float | None = None
+    _drained_s = 0.0
 
     def look(self, now_s: float) -> None:
         """Note that the program runs at ``now_s``."""

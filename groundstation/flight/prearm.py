@@ -15,6 +15,7 @@ import os
 import sys
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -322,9 +323,8 @@ def explain_missing_proof(proof: Proof | None, config: Config, firmware: str) ->
     return None
 
 
-def _without_files(value: object) -> dict[str, object]:
+def _without_files(value: dict[str, Any]) -> dict[str, Any]:
     """Leave out the keys that name files."""
-    assert isinstance(value, dict), "a section is a table"
     return {
         key: _without_files(item) if isinstance(item, dict) else item
         for key, item in value.items()
@@ -523,8 +523,7 @@ class Checks:
             return report(
                 "pose rate", Verdict.FAIL, "check.pose_rate_low", rate_hz=rate, nominal=nominal, limit_hz=FEW_HZ
             )
-        few = wanted is not None and rate < WARN_RATE * wanted
-        verdict = Verdict.WARN if few else Verdict.PASS
+        verdict = Verdict.WARN if wanted is not None and rate < WARN_RATE * wanted else Verdict.PASS
         return report("pose rate", verdict, "check.pose_rate", rate_hz=rate, nominal=nominal)
 
     def _age(self, pose: Pose, now_s: float, source: PoseStatus) -> Check:

@@ -73,13 +73,14 @@ class StepTimer(StepWatch):
         """Whether Ctrl-C raises KeyboardInterrupt in a step: not where the event loop handles it."""
         return signal.SIGINT not in self._keys
 
-    def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
-        """The step of ``what`` begins, and has ``limit_s`` [s] to return.
+    def run(self, what: str, limit_s: float, code: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
+        """Call ``code`` as a step. Only the main thread receives signals: a step in another one is not watched."""
+        if threading.current_thread() is not threading.main_thread():
+            return code(*arguments, **named)
+        return super().run(what, limit_s, code, *arguments, **named)
 
-        Only the main thread receives signals: a step in another one is not watched.
-        """
-        if not _is_main_thread():
-            return
+    def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
+        """The step of ``what`` begins, and has ``limit_s`` [s] to return."""
         self._what, self._begun_s, self._limit_s = what, time.monotonic(), limit_s
         self._caller, self._interrupts = sys._getframe(1), 0
         signal.signal(signal.SIGALRM, self._interrupt)  # the step before may have taken it
@@ -87,8 +88,6 @@ class StepTimer(StepWatch):
 
     def end(self) -> None:
         """Note that the step has returned."""
-        if not _is_main_thread():
-            return
         what, self._what = self._what, ""
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         self._caller = None
@@ -142,8 +141,3 @@ class StepTimer(StepWatch):
         if self._limit_s > STEP_LIMIT_S:
             return StepTimeout(notice("code.hangs_making", limit_s=self._limit_s))
         return StepTimeout(notice("code.hangs", limit_ms=1e3 * self._limit_s))
-
-
-def _is_main_thread() -> bool:
-    """Whether this is the main thread, the only one that receives signals."""
-    return threading.current_thread() is threading.main_thread()

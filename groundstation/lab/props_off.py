@@ -19,7 +19,6 @@ from groundstation.machine import (
     ApiError,
     Taken,
     hold_lock,
-    lock_path,
     precise_loop,
     socket_path,
     to_the_end,
@@ -379,7 +378,7 @@ def props_off_command(config: Config, now_s: float) -> Exit:
         raise ConfigError("props-off", notice("props.terminal"))
     try:
         with (
-            hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name),
+            hold_lock(socket_path(config.status, config.vehicle.name), config.vehicle.name),
             asyncio.Runner(loop_factory=precise_loop) as runner,
         ):
             return runner.run(_guide(config, now_s))

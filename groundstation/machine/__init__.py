@@ -1,7 +1,7 @@
 """Machine services for a process of ours: clocks, sockets' places, locks, folders of recordings."""
 
 from groundstation.machine.clock import IdleSlots, cancel_task, precise_loop, sleep_until, to_the_end, wake, wall_ms
-from groundstation.machine.document import fill_markers, replace_between_markers, split_at_markers
+from groundstation.machine.document import fill_markers, replace_between_markers
 from groundstation.machine.files import open_whole, write_whole
 from groundstation.machine.outlets import Latest, NonBlockingWriter
 from groundstation.machine.recordings import (
@@ -29,7 +29,6 @@ from groundstation.machine.register import (
     hold_lock,
     is_ours,
     is_served,
-    lock_path,
     own_directory,
     owner,
     registration,

@@ -80,10 +80,9 @@ T = TypeVar("T")
 class Latest(Generic[T]):
     """One value on one event loop. ``put`` never waits, and costs the same for any number of readers."""
 
-    def __init__(self) -> None:
-        self.newest: tuple[int, T] | None = None
-        """Running number (from 1) and value of the newest; None before the first."""
-        self._waiting: asyncio.Future[None] | None = None
+    newest: tuple[int, T] | None = None
+    """Running number (from 1) and value of the newest; None before the first."""
+    _waiting: "asyncio.Future[None] | None" = None
 
     def put(self, value: T) -> None:
         """Replace the value and wake its readers."""

@@ -83,9 +83,7 @@ def free_name(folder: Path, stamp: str, vehicle: str) -> Path:
 
 def list_recordings(folder: Path) -> list[Path]:
     """Return the recordings in ``folder``, oldest first."""
-    if not folder.is_dir():
-        return []
-    return sorted(path for path in folder.iterdir() if RECORDING.fullmatch(path.name))
+    return sorted(path for path in folder.glob("*.mcap") if RECORDING.fullmatch(path.name))
 
 
 def is_being_written(path: Path) -> bool:

@@ -182,15 +182,16 @@ class Taken(Exception):
 
 
 @contextmanager
-def hold_lock(path: Path, vehicle: str) -> Iterator[None]:
-    """Hold the lock at ``path`` for as long as this lasts. It falls with the process, however that ends.
+def hold_lock(socket: Path, vehicle: str) -> Iterator[None]:
+    """Hold the lock beside the status ``socket`` of ``vehicle``; the end of the process releases it.
 
-    The file stays: to remove it would let a third take a lock of the same name beside the second's.
+    The file is kept: without it a third process could lock a new file of the same name.
 
     Raises:
         Taken: another process holds it.
         ApiError: its folder is not ours alone.
     """
+    path = socket.with_suffix(".lock")
     own_directory(path.parent)
     number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     try:
@@ -207,11 +208,6 @@ def hold_lock(path: Path, vehicle: str) -> Iterator[None]:
         yield
     finally:
         os.close(number)
-
-
-def lock_path(socket: Path) -> Path:
-    """The lock beside a socket."""
-    return socket.with_suffix(".lock")
 
 
 SUFFIX = ".running"

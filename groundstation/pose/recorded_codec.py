@@ -128,18 +128,16 @@ class TlogReader:
                 self._used += size - start
                 return
             message, fault = codec.decode(data[begin:end]) if 0 < end <= size else (None, "")
-            if message is not None:
-                self._used += end - start
-                yield TlogRecord(int.from_bytes(data[start:begin], "big") * 1e-6, message)
-                lost = False
-            elif fault != "unknown" or lost:
+            if message is None and (fault != "unknown" or lost):
                 if not fault:
                     codec.dropped["garbage"] += 1
                 lost = True
                 start += 1
                 continue
-            else:
-                self._used += end - start
+            self._used += end - start
+            if message is not None:
+                yield TlogRecord(int.from_bytes(data[start:begin], "big") * 1e-6, message)
+                lost = False
             start = end
 
 

@@ -1,8 +1,8 @@
-"""Judgement of a source's time stamps: their unit, by the rate at which poses arrive. Sans-IO."""
+"""Check of a source's time stamps: their unit, by the rate at which poses arrive. Sans-IO."""
 
 import math
 
-from groundstation.core.messages import Check, PoseKind, PoseStatus, Sentence, Verdict, notice
+from groundstation.core.messages import Check, PoseKind, PoseStatus, Verdict, notice
 
 FAIL_RATE = 2.0
 """Stamps that run faster or slower than ours by more than this factor are in the wrong unit [-]."""
@@ -16,23 +16,16 @@ NEAR_UNIT = 1.25
 
 
 def check_stamp_rate(source: PoseStatus, kind: PoseKind) -> Check | None:
-    """Check the unit of the stamps; None where nothing is wrong, or where nobody can set it wrong."""
+    """Check the unit of the stamps; None if it is right, or can't be wrong."""
     rate = source.stamp_rate
     if rate is None or not kind.stamp_field:
         return None
     factor = max(rate, 1.0 / rate) if rate > 0.0 else math.inf
     if factor <= WARN_RATE:
         return None
-    verdict = Verdict.FAIL if factor > FAIL_RATE else Verdict.WARN
-    return Check.of("pose rate", verdict, _explain(rate, kind))
-
-
-def _explain(rate: float, kind: PoseKind) -> Sentence:
-    """Name the rate of the stamps, the unit expected, and the unit that would fit."""
     unit_s = kind.stamp_unit_s / rate if rate > 0.0 else math.inf
-    factor = max(rate, 1.0 / rate) if rate > 0.0 else math.inf
     near = [name for one_s, name in UNITS.items() if 1.0 / NEAR_UNIT < unit_s / one_s < NEAR_UNIT]
-    return notice(
+    says = notice(
         "pose.stamp_rate",
         factor=f"{factor:.3g}" if factor < 100.0 else f"{factor:.0f}",
         way="fast" if rate > 1.0 else "slow",
@@ -41,3 +34,4 @@ def _explain(rate: float, kind: PoseKind) -> Sentence:
         unit=UNITS[kind.stamp_unit_s],
         looks_like=f", and looks like {near[0]}" if near else "",
     )
+    return Check.of("pose rate", Verdict.FAIL if factor > FAIL_RATE else Verdict.WARN, says)

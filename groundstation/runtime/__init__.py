@@ -1,13 +1,13 @@
 """Start and end of a program: launcher, command line, exit codes, version. Quick to load."""
 
 from groundstation.runtime.entry import (
+    COMPLETION,
     VIEWERS,
     Arguments,
     Exit,
     Groups,
     Program,
     add_arguments,
-    add_completion,
     build_parser,
     path,
     raw_stream,

@@ -348,9 +348,8 @@ def build_parser(prog: str, description: str, groups: Groups) -> Program:
     return program
 
 
-def add_completion(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command ``completion``, which both programs have."""
-    parser.add_argument("shell", choices=["bash", "zsh"])
+COMPLETION: Arguments = {"shell": {"choices": ["bash", "zsh"]}}
+"""Arguments of the command ``completion``, which both programs have."""
 
 
 def path(text: str) -> "Path":

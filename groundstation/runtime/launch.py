@@ -40,13 +40,12 @@ def run_groundstation_sim() -> int:
 
 def _run(package: str, program: str) -> int:
     try:
-        code = import_module(f"{package}.__main__").main()
+        code: int = import_module(f"{package}.__main__").main()
     except KeyboardInterrupt:  # while it was loaded; a running command handles it itself
         print(f"{program}: interrupted", file=sys.stderr)
         from groundstation.runtime import Exit  # by now: --help must not wait for it
 
         return Exit.INTERRUPTED
-    assert isinstance(code, int)
     return code
 
 

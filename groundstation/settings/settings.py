@@ -219,18 +219,9 @@ def rehearse(config: "Config", file: Path, *, fleet: bool = False) -> "Config":
     return msgspec.structs.replace(config, rehearsal=room, **turned)
 
 
-def describe_rehearsal(config: "Config", before: "Config") -> str:
-    """Describe the rehearsal in one line: the new addresses in the place of those of ``before``."""
-    room = config.rehearsal
-    assert room is not None, "it is a rehearsal"
-    turned = ["pose.kind json"] if isinstance(before.pose, LibmotioncaptureConfig) else []
-    for key in ADDRESSES:
-        section, _, name = key.partition(".")
-        old, new = (getattr(getattr(one, section), name, None) for one in (before, config))
-        off = section == "mqtt" and not config.mqtt.enabled
-        if new != old and section in ("link", "pose", "mqtt") and isinstance(new, str) and new and not off:
-            turned.append(f"{key} {new}")
-    return f"REHEARSAL of {room.vehicle}: nothing real is reached or moves. Turned: {', '.join(turned) or 'nothing'}"
+def describe_rehearsal(room: RehearsalConfig) -> str:
+    """Describe the rehearsal in one line for the operator."""
+    return f"REHEARSAL of {room.vehicle}: nothing real is reached or moves; every address is turned to {room.host}"
 
 
 def beacon(room: RehearsalConfig) -> str:

@@ -23,7 +23,7 @@ from groundstation.config import ConfigError, load, read_toml
 from groundstation.core.messages import STEADY_S, notice
 from groundstation.flight import ensure_flyable
 from groundstation.interfaces.cli import advise_name, completion_script, words_of_flying
-from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
@@ -88,7 +88,7 @@ def compare(args: argparse.Namespace) -> Exit:
     from sim.studies import plot as draw
 
     if args.write is not None:
-        split_at_markers(args.write)
+        fill_markers(args.write, {"figures": ""})
     if args.equal_margins:
         return _at_equal_margins(args)
     if args.trials is not None:
@@ -198,7 +198,7 @@ def dev_upsets(args: argparse.Namespace) -> Exit:
     for name in scenarios:
         scenario_of(name)
     if args.write is not None:
-        split_at_markers(args.write)
+        fill_markers(args.write, {"figures": ""})
     with ProgressBar("batches", len(scenarios) * BATCHES) as counter:
         found = compare_upsets(scenarios, seeds=args.seeds, states=args.states, on_done=counter.step)
     _show(args, upsets_table(*found))

@@ -13,7 +13,7 @@ import msgspec
 from groundstation.config import ConfigError, refuse_io
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
-from groundstation.machine import replace_between_markers, split_at_markers, write_whole
+from groundstation.machine import fill_markers, replace_between_markers, write_whole
 from groundstation.runtime import Exit, describe_install
 from sim.cli.console import ProgressBar, typed_command
 from sim.runs import Flyers
@@ -49,7 +49,7 @@ def report(args: argparse.Namespace) -> Exit:
     if args.out is not None:
         raise ConfigError("--out", "a report writes no configuration; --write puts it into a document")
     if args.write is not None:
-        split_at_markers(args.write)
+        fill_markers(args.write, {"figures": ""})
     margins = len(stages) * len(AXES)
     with Flyers(_workers(args)) as flyers, ProgressBar("margins", margins, quiet=args.json) as counter:
         reports = [

@@ -14,7 +14,7 @@ import msgspec
 
 from groundstation.core.mission import State
 from groundstation.flight import make_flight
-from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit
 from sim.radio import InlinePacer, PulseReceiver
 from sim.runs import Stage, confirm_at, fly, from_floor
@@ -155,7 +155,7 @@ def take_off(scenario: str, seed: int) -> TakeOff:
 def firmware(args: argparse.Namespace) -> Exit:
     """Measure, and print or write the tables."""
     if args.write is not None:
-        split_at_markers(args.write, "firmware")  # before minutes go by
+        fill_markers(args.write, {"firmware": ""})  # before minutes go by
     facts: dict[str, Any] = {"flights": {}, "strikes": {}}
     for name, scenario, told, lasts_s, must in FLIGHTS:
         world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(told), link="dsm")

@@ -25,7 +25,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
 from groundstation.flight import Flight, make_flight
 from groundstation.lab import DoctorOrders, run_doctor
-from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.mavlink.protocol import MavCommand, MavlinkCodec
@@ -424,7 +424,7 @@ def autopilots(args: argparse.Namespace) -> Exit:
     # A folder in which nothing was built is refused here, before minutes go by.
     makers = {kind: MAKERS[kind](folder) for kind in NAMES if (folder := getattr(args, kind)) is not None}
     if args.write is not None:
-        split_at_markers(args.write, "onboard")
+        fill_markers(args.write, {"onboard": ""})
     facts = {NAMES[kind]: fly_all(kind, make, args.take_offs) for kind, make in makers.items()}
     text = tables(facts)
     print(msgspec.json.encode(facts).decode() if args.json else text)

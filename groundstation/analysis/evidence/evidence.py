@@ -46,7 +46,7 @@ from groundstation.core.estimation import NOISE_FLOOR_M2, Estimation, ModelEstim
 from groundstation.core.geometry import arrays, so3
 from groundstation.core.messages import Pose, notice
 from groundstation.core.vehicle import GRAVITY, ActuatorCommand
-from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.recording import MeasuredMessage, Recording, read_pose, refuse_recordings
 from groundstation.runtime import Exit
 from groundstation.settings import Config, read_flown_config
@@ -592,7 +592,7 @@ def evidence_command(
         ConfigError: one of them is no recording of a flight, or the page can't be written.
     """
     if write is not None:
-        split_at_markers(write, part)  # before minutes go by
+        fill_markers(write, {part: ""})  # before minutes go by
     flights = [examine_flight(path, config, overrides) for path in paths]
     if write is not None:
         replace_between_markers(write, "\n".join(tabulate_flights(flights)), part)

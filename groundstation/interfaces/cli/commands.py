@@ -46,7 +46,7 @@ def _load(args: argparse.Namespace, require: Callable[[Config], Config] = lambda
 
     turned = require(rehearse(config, args.config))
     assert turned.rehearsal is not None, "it has just become one"
-    print(describe_rehearsal(turned, config), file=sys.stderr, flush=True)
+    print(describe_rehearsal(turned.rehearsal), file=sys.stderr, flush=True)
     ensure_served(turned.rehearsal, args.config)
     return turned
 

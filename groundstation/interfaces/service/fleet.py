@@ -284,12 +284,11 @@ def _rehearse(fleet: FleetPlan, args: argparse.Namespace) -> FleetPlan:
     """Move the fleet to the loopback network, once it may fly in earnest."""
     _require_flyable(fleet, args.fleet)
     turned = read_fleet(args.fleet, args.overrides, rehearsed=True)
-    for now, before in zip(turned.members, fleet.members, strict=True):
-        print(describe_rehearsal(now.lab, before.lab), file=sys.stderr, flush=True)
-    room = turned.members[0].lab.rehearsal
-    assert room is not None, "it has just become one"
+    rooms = [member.lab.rehearsal for member in turned.members if member.lab.rehearsal is not None]
+    for room in rooms:
+        print(describe_rehearsal(room), file=sys.stderr, flush=True)
     if not args.show:
-        ensure_served(room, args.fleet)
+        ensure_served(rooms[0], args.fleet)
     return turned
 
 

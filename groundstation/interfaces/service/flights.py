@@ -62,7 +62,6 @@ from groundstation.machine import (
     Taken,
     find_socket,
     hold_lock,
-    lock_path,
     precise_loop,
     registration,
     running_processes,
@@ -547,7 +546,7 @@ def fly_command(
 ) -> Exit:
     """One flight, with the lock of its vehicle held; a viewer ``view`` shows its recording as it grows."""
     try:
-        with hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
+        with hold_lock(socket_path(config.status, config.vehicle.name), config.vehicle.name):
             logging.getLogger().addHandler(LogHandler(2, Format.TEXT, journal=False))
             with registration(entry_of(config, "fly", os.getpid())):
                 return _run_precisely(_fly(config, confirm, write, view))
@@ -606,7 +605,7 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
 
     try:
         with (
-            hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name),
+            hold_lock(socket_path(config.status, config.vehicle.name), config.vehicle.name),
             registration(entry_of(config, "daemon", os.getpid())),
         ):
             return _run_precisely(_serve(config, arm=arm, once=once))

@@ -132,10 +132,6 @@ class BlockLine:
         self.early = 0
         """Number of blocks in a row whose messages arrived earlier and earlier."""
 
-    def fit_slope(self) -> float:
-        """Return our seconds per stamp: the median slope between any two blocks."""
-        return median([(d - b) / (c - a) for (a, b), (c, d) in combinations(self.best, 2)])
-
     def is_straight(self, slope: float) -> bool:
         """Whether the blocks form a line of this ``slope`` within the slack."""
         off = [arrival_s - slope * stamp for stamp, arrival_s in self.best]
@@ -355,7 +351,7 @@ class SourceClock:
         line, scale = self._line, self._scale
         if len(line.best) < (SETTLED_BLOCKS if scale.is_known else FIRST_BLOCKS):
             return
-        slope = line.fit_slope()
+        slope = median([(d - b) / (c - a) for (a, b), (c, d) in combinations(line.best, 2)])
         off = slope / scale.nominal
         if scale.is_known:
             if abs(off - 1.0) <= scale.band:

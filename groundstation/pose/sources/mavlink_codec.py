@@ -75,9 +75,7 @@ class LocalPositionDecoder(PoseDecoder):
 
     messages: tuple[str, ...] = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION")
 
-    def __init__(self, latency_s: float, *, recorded: bool = False) -> None:
-        super().__init__(latency_s, recorded=recorded)
-        self._attitude: Message | None = None
+    _attitude: Message | None = None
 
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
         """The pose that ``message`` completes: one for each LOCAL_POSITION_NED with an attitude near it."""

@@ -52,9 +52,9 @@ class Framer:
         """Whether the boundaries of packets are lost: only a new connection helps."""
         self._pending = bytearray()
 
-    def feed(self, data: bytes) -> list[bytes]:
-        """The packets, headers included, that ``data`` completes, up to a size or a type that no packet has."""
-        packets: list[bytes] = []
+    def feed(self, data: bytes) -> list[tuple[int, bytes]]:
+        """Return type and bytes of the packets that ``data`` completes, up to an implausible size or type."""
+        packets: list[tuple[int, bytes]] = []
         if self.broken:
             return packets
         pending = self._pending
@@ -68,15 +68,10 @@ class Framer:
                 return packets
             if len(pending) - start < size:
                 break
-            packets.append(bytes(pending[start : start + size]))
+            packets.append((kind, bytes(pending[start : start + size])))
             start += size
         del pending[:start]
         return packets
-
-
-def packet_type(packet: bytes) -> int:
-    """The type of a whole packet, see :class:`RtPacket`."""
-    return int(_HEADER.unpack_from(packet)[1])
 
 
 def split_components(content: bytes) -> list[tuple[int, bytes]]:

@@ -14,7 +14,7 @@ from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.core.messages import SourceError, notice
-from groundstation.pose.sources.qualisys_codec import Framer, RtPacket, packet_type, split_components
+from groundstation.pose.sources.qualisys_codec import Framer, RtPacket, split_components
 from links.io import NETWORK
 from links.text import printable
 
@@ -45,8 +45,7 @@ class QtmConnection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Take the next bytes (called by the event loop)."""
-        for packet in self._framer.feed(data):
-            kind = packet_type(packet)
+        for kind, packet in self._framer.feed(data):
             if kind == RtPacket.NO_DATA:
                 self._drop("no_data")
             elif kind == RtPacket.EVENT:
