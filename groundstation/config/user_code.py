@@ -93,7 +93,7 @@ class UserCodeFault(Exception):
 
 def _strip_caller(error: BaseException) -> None:
     """Leave ``error`` the frames of the user's code alone, without those that called or imported it."""
-    frames = error.__traceback__
+    frames = error.__traceback__ and error.__traceback__.tb_next
     while frames and frames.tb_frame.f_globals.get("__name__", "").startswith(("groundstation.", "importlib")):
         frames = frames.tb_next
     error.__traceback__ = frames
