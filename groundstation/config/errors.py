@@ -22,7 +22,7 @@ class ConfigError(Exception):
 
 
 class ArgumentError(ConfigError):
-    """A bad argument of a function, by its name in Python; whoever runs a program gave it as ``option``."""
+    """A bad argument of a function, by its name in Python; on the command line it is ``option``."""
 
     def __init__(self, option: str, problem: str) -> None:
         super().__init__("overrides" if option == "--set" else option.removeprefix("--"), problem)
@@ -30,7 +30,7 @@ class ArgumentError(ConfigError):
 
 
 class Problem(Exception):
-    """A key that is wrong, and why."""
+    """A wrong key, and the reason."""
 
     def __init__(self, path: KeyPath, text: str) -> None:
         super().__init__(text)
@@ -39,18 +39,18 @@ class Problem(Exception):
 
 
 def dotted_key(path: KeyPath) -> str:
-    """The path as an operator writes it."""
+    """Return the path as an operator writes it."""
     return ".".join(path)
 
 
 def element_path(path: KeyPath, index: int) -> KeyPath:
-    """The path of an element of the array at ``path``."""
+    """Return the path of an element of the array at ``path``."""
     return (*path[:-1], f"{path[-1]}[{index}]")
 
 
 @contextmanager
 def refuse_io(key: str, doing: str, source: str = "") -> Iterator[None]:
-    """Tell the operator by ``key`` why what is done here, such as ``cannot write FILE``, is not possible.
+    """Report by ``key`` why the block fails; ``doing`` names its work, such as ``cannot write FILE``.
 
     Raises:
         ConfigError: in the place of an OSError.
@@ -62,6 +62,6 @@ def refuse_io(key: str, doing: str, source: str = "") -> Iterator[None]:
 
 
 def locate(error: msgspec.ValidationError) -> tuple[str, str]:
-    """The dotted key that ``error`` is about (empty: the whole), and what is wrong there."""
+    """Return the dotted key that ``error`` is about (empty: the whole), and the fault."""
     text, _, where = str(error).partition(" - at `$")
     return where.rstrip("`").lstrip("."), text

@@ -37,7 +37,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
-    """The configuration in the TOML file ``path`` (None: all defaults), changed by ``overrides`` (``a.b=value``).
+    """Load the TOML file ``path`` (None: all defaults), changed by ``overrides`` (``a.b=value``).
 
     Raises:
         ConfigError: the file can't be read or is not TOML, or see :func:`from_dict`.
@@ -50,10 +50,10 @@ def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
 def from_dict(
     data: Mapping[str, Any], root: type[T], overrides: Sequence[str] = (), *, source: str = "", folder: Path = Path()
 ) -> T:
-    """The configuration in ``data`` as a ``root``, changed by ``overrides``, ``source`` being named in errors.
+    """Make a ``root`` of ``data``, changed by ``overrides``; errors name ``source``.
 
-    The value of an override is TOML (``3.5``, ``true``, ``[1, 2]``, ``"text"``), or else a string as it stands. One
-    that gives a section another kind leaves out what ``data`` says there for the old kind alone.
+    The value of an override is TOML (``3.5``, ``true``, ``[1, 2]``, ``"text"``), or else a plain string. One
+    that gives a section another kind removes the keys of ``data`` that only the old kind has.
     Files that a section names are relative to ``folder``. Keys of earlier versions are left out, with a warning.
 
     Raises:
@@ -63,25 +63,25 @@ def from_dict(
     changed = dict(data)
     set_paths = [_override(changed, text) for text in overrides]
     changed = drop_retired_keys(changed, "--set")
-    told = _switch(root, data, changed, set_paths)
+    switched = _switch(root, data, changed, set_paths)
     try:
         return convert(root, with_files(root, changed, folder))
     except Problem as problem:
         key = dotted_key(problem.path)
-        if problem.path[:1] in told and problem.text.startswith("missing"):
+        if problem.path[:1] in switched and problem.text.startswith("missing"):
             raise ConfigError(key, f"{problem.text}; add --set {key}=VALUE", "--set") from None
         raise ConfigError(key, problem.text, _blame(problem.path, data, set_paths, source)) from None
 
 
 LARGEST = 2**63
-"""TOML's whole numbers are smaller than this in size: 64 bits."""
+"""Bound on the size of TOML's whole numbers: 64 bits."""
 
 
 def convert(root: type[T], data: Mapping[str, Any]) -> T:
-    """``data`` as a ``root``; a key that a table leaves out is as in the default of the table's place.
+    """Convert ``data`` to a ``root``; a missing key of a table is as in the default of that table.
 
     Raises:
-        Problem: the first thing that is wrong, in the order of ``data``; a missing key comes after its neighbours.
+        Problem: the first fault in the order of ``data``; a missing key comes after its neighbours.
     """
     whole = _complete(inspect_struct(root), data, None, ())
     try:
@@ -91,7 +91,7 @@ def convert(root: type[T], data: Mapping[str, Any]) -> T:
 
 
 def _complete(info: mi.Type, value: Any, default: Any, path: KeyPath) -> Any:
-    """``value`` with what ``default`` (a struct, or None) says of the keys that it leaves out; numbers are finite."""
+    """Complete ``value`` by the keys of ``default`` (a struct, or None); require finite numbers."""
     if isinstance(value, Mapping):
         struct = find_struct(info, value, default)
         if struct is None:
@@ -148,7 +148,7 @@ def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) ->
         if name is None:
             name = _find_wrong_key(root, whole, value, error)
             info = next(kind.value_type for kind in options(info) if isinstance(kind, mi.DictType))
-        elif struct is None:  # the key that tells the kind is wrong
+        elif struct is None:  # the key of the kind is wrong
             known, tag = tags(info), value[name]
             return Problem((*path, name), f"expected one of {known}, got {describe_value(tag)}{suggest(tag, known)}")
         else:
@@ -163,12 +163,12 @@ def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) ->
     if missing:
         kind = next(field.type for field in struct.fields if field.encode_name == missing)
         return Problem((*path, missing), f"missing; expected {describe_type(kind)}")
-    name, colon, rest = text.partition(": ")  # of a __post_init__: the key stands first where several could be meant
+    name, colon, rest = text.partition(": ")  # of a __post_init__: the key comes first if several are possible
     return Problem((*path, name), rest) if colon and name in value else Problem(path, text)
 
 
 def _find_wrong_key(root: type[msgspec.Struct], whole: dict[str, Any], table: dict[str, Any], error: str) -> str:
-    """The key of ``table``, somewhere in ``whole``, that alone brings the same ``error``: msgspec does not name it."""
+    """Find the key of ``table``, somewhere in ``whole``, that alone causes ``error``: msgspec does not name it."""
     entries = dict(table)
     for key, item in entries.items():
         table.clear()
@@ -207,23 +207,23 @@ def _override(data: dict[str, Any], text: str) -> KeyPath:
 def _switch(
     root: type[msgspec.Struct], data: Mapping[str, Any], changed: dict[str, Any], set_paths: Sequence[KeyPath]
 ) -> list[KeyPath]:
-    """Where an override gives a section another kind, leave out the keys of ``data`` that only other kinds have.
+    """Remove the keys of ``data`` that only other kinds have from a section whose kind an override changes.
 
-    Returns the sections whose kind an override tells.
+    Return the sections whose kind an override gives.
     """
-    told: list[KeyPath] = []
+    switched: list[KeyPath] = []
     for section, *rest in set_paths:
         tag_field, keys = kinds(root, section)
         table, written = changed[section], data.get(section)
         if rest != [tag_field] or not keys or not isinstance(table, dict):
             continue
-        told.append((section,))
+        switched.append((section,))
         kind = table.get(tag_field)
         if isinstance(kind, str) and kind in keys and isinstance(written, Mapping) and kind != written.get(tag_field):
             strange = set().union(*keys.values()) - keys[kind]
             kept = {key: value for key, value in table.items() if key not in strange or (section, key) in set_paths}
             changed[section] = kept
-    return told
+    return switched
 
 
 _BARE_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.|\.[0-9]+)")

@@ -1,4 +1,4 @@
-"""Schema: what a configuration may hold, in words, as msgspec tells it of the structs and their bounds."""
+"""Schema of a configuration in words, from msgspec's description of the structs and their bounds."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,7 +24,7 @@ CLIENT_LETTERS = 32
 
 
 def name_pattern(most: int) -> str:
-    """The pattern of a whole name of at most ``most`` letters; ``$`` would let a line end pass."""
+    """Return the pattern of a whole name of at most ``most`` letters; ``$`` would let a line end pass."""
     return rf"\A{_FIRST}{_NEXT}{{0,{most - 1}}}\Z"
 
 
@@ -34,7 +34,7 @@ def describe_name(most: int) -> str:
 
 
 def describe_pattern(pattern: str) -> str:
-    """``pattern``, that of a whole text, as people write it."""
+    """Return ``pattern``, that of a whole text, as people write it."""
     return pattern.removeprefix(r"\A").removesuffix(r"\Z")
 
 
@@ -99,7 +99,7 @@ def _lengths(info: mi.StrType | mi.VarTupleType | mi.ListType, unit: str) -> str
 
 
 def strip_metadata(info: mi.Type) -> mi.Type:
-    """The type without its remarks."""
+    """Return the type without its metadata."""
     return strip_metadata(info.type) if isinstance(info, mi.Metadata) else info
 
 
@@ -110,7 +110,7 @@ def describe_unknown_key(key: str, value: Any, known: list[str]) -> str:
 
 
 def suggest(written: Any, known: Iterable[Any]) -> str:
-    """Which word of ``known`` was probably meant by what was ``written``, to stand behind an error; empty for none."""
+    """Suggest the word of ``known`` that ``written`` probably means, as the end of an error; empty without one."""
     words = [word for word in known if isinstance(word, str)]
     near = get_close_matches(written, words, n=1) if isinstance(written, str) else []
     return f"; did you mean {near[0]}?" if near else ""
@@ -129,9 +129,9 @@ def describe_value(value: Any) -> str:
 
 
 class OpenFactory:
-    """Beside a struct of a tagged union, with the keys ``factory`` and ``options``: its ``kind`` may name a factory.
+    """Base of a struct of a tagged union with the keys ``factory`` and ``options``: its ``kind`` may name a factory.
 
-    So it also answers to tags that nobody can list.
+    Its tags can't be listed.
     """
 
     __slots__ = ()
@@ -140,14 +140,14 @@ class OpenFactory:
 
     @classmethod
     def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
-        """``table`` in this struct's own form where its ``kind`` names a factory, else as it is.
+        """Return ``table`` in this struct's own form if its ``kind`` names a factory, else unchanged.
 
         Keys that the struct does not have are the factory's options.
         """
         named = table.get("kind")
         if not isinstance(named, str) or not re.match(FACTORY, named):
             return table
-        own = set(cls.__struct_encode_fields__) - {"factory"}  # type: ignore[attr-defined]  # it stands beside a struct
+        own = set(cls.__struct_encode_fields__) - {"factory"}  # type: ignore[attr-defined]  # it is a base beside a struct
         kept = {key: value for key, value in table.items() if key in own}
         given = {key: value for key, value in table.items() if key not in own and key != "kind"}
         if given:
@@ -180,7 +180,7 @@ def _description(info: mi.Type) -> str:
 
 
 def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[str]]]:
-    """The key that tells a ``section`` of ``root`` its kind, and the keys of each kind; none where it has no kinds."""
+    """Return the key of the kind of a ``section`` of ``root``, and the keys of each kind; empty without kinds."""
     info = inspect_struct(root)
     assert isinstance(info, mi.StructType)
     for field in info.fields:
@@ -191,18 +191,18 @@ def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[
 
 
 def options(info: mi.Type) -> list[mi.Type]:
-    """The types that a value may be of: each of a union, without their remarks."""
+    """Return the types of a value: each of a union, without their metadata."""
     info = strip_metadata(info)
     return [kind for each in info.types for kind in options(each)] if isinstance(info, mi.UnionType) else [info]
 
 
 def structs(info: mi.Type) -> list[mi.StructType]:
-    """The structs that a value of this type may be."""
+    """Return the structs of a value of this type."""
     return [kind for kind in options(info) if isinstance(kind, mi.StructType)]
 
 
 def find_struct(info: mi.Type, table: Mapping[str, Any], default: object) -> mi.StructType | None:
-    """The struct that ``table`` is meant as, by its tag or else that of ``default``; None where nothing tells."""
+    """Find the struct of ``table``, by its tag or else that of ``default``; None without either."""
     for kind in structs(info):
         if kind.tag_field is None:
             return kind
@@ -215,13 +215,13 @@ def find_struct(info: mi.Type, table: Mapping[str, Any], default: object) -> mi.
 
 
 def tags(info: mi.Type) -> list[Any]:
-    """The tags of the structs of a union, as the operator may write them."""
+    """Return the tags of the structs of a union, as the operator may write them."""
     kinds = structs(info)
     return [*(kind.tag for kind in kinds), *(kind.cls.EXAMPLE for kind in kinds if issubclass(kind.cls, OpenFactory))]
 
 
 def item_types(info: mi.Type, length: int) -> list[mi.Type]:
-    """The types of the elements of an array so long; of any type where it can't be one."""
+    """Return the types of the elements of an array of this length; any type if it can't be one."""
     for kind in options(info):
         if isinstance(kind, mi.VarTupleType | mi.ListType):
             return [kind.item_type] * length
@@ -231,19 +231,19 @@ def item_types(info: mi.Type, length: int) -> list[mi.Type]:
 
 
 def default_of(field: mi.Field) -> Any:
-    """The default of a field; None where it has none."""
+    """Return the default of a field; None without one."""
     if field.default_factory is not msgspec.NODEFAULT:
         return field.default_factory()
     return None if field.default is msgspec.NODEFAULT else field.default
 
 
 def keys_of(root: type[msgspec.Struct]) -> list[str]:
-    """Every key that a ``root`` may have, of every kind of its sections, as an operator writes it; in their order."""
+    """Return every key of a ``root``, of every kind of its sections, as an operator writes it; sorted."""
     return sorted({key for key, _ in _keys(mi.type_info(root), ())})
 
 
 def texts_of(root: type[msgspec.Struct]) -> list[str]:
-    """Those of :func:`keys_of` whose value may be a text, or hold one, that is not one of a few known words."""
+    """Return the keys whose value may be or hold a free text."""
     return sorted({key for key, info in _keys(mi.type_info(root), ()) if info is not None and _holds_text(info)})
 
 

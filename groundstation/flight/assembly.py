@@ -292,10 +292,10 @@ def make_flight(
     if on_pose is not None:
         source = OverheardSource(source, on_pose)
 
-    def tell(sentence: Sentence) -> None:
+    def say(sentence: Sentence) -> None:
         flight.say(sentence)
 
-    source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
+    source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, say=say)
     if config.forwards is not None:
         assert isinstance(link, MavlinkLink), "only a MAVLink section can forward"
         floor_z_m = config.flight.floor_z_m
@@ -304,7 +304,7 @@ def make_flight(
         )
     tape = None
     if give is not None:
-        tape = FlightRecorder(give, tell, link, source)
+        tape = FlightRecorder(give, say, link, source)
         subscribers = *subscribers, tape.take
     flight = Flight(
         config,

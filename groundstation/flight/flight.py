@@ -776,7 +776,7 @@ class Flight:
     def ask(self, request: Request) -> Reply:
         """Carry out ``request``, or reply why it is not possible now."""
         event, why, now = EVENT_OF[request.ask], request.why, self._now()
-        self._tell(RequestRecord(now, request.ask, why))
+        self._publish(RequestRecord(now, request.ask, why))
         if not self._progress.mission.allows(event):
             refusal = notice("mission.hold_first" if request.ask is Ask.GOTO else "mission.not_possible",
                              ask=request.ask, state=self.state)  # fmt: skip
@@ -873,7 +873,7 @@ class Flight:
                 watching.cancel()
                 self._report_drops()
                 end = progress.mission.reason or notice("mission.waiting")
-                self._tell(EndRecord(self._now(), self.state, end.text, end.id, end.numbers))
+                self._publish(EndRecord(self._now(), self.state, end.text, end.id, end.numbers))
         return FlightOutcome(self.state, self.reason, "" if progress.fault is None else progress.fault.text)
 
     def _report_drops(self) -> None:
@@ -959,7 +959,7 @@ class Flight:
 
     def _enter(self, state: State, reason: Sentence) -> None:
         severity = Severity.WARNING if state in ALARMING else Severity.INFO
-        self._tell(Notice.of(self._now(), state, reason, "state", severity))
+        self._publish(Notice.of(self._now(), state, reason, "state", severity))
         if state in FINAL and state is not State.LANDED:  # no more commands: the link brings the vehicle down
             self._dismissed = True
             if not self.believes_poses:
@@ -985,13 +985,13 @@ class Flight:
             self._pilot.set_gain(*step)
         if news is not None:
             self.say(news)
-        self._tell(CommandSent(tick))
+        self._publish(CommandSent(tick))
         self._quiet.begin()
 
     def _now(self) -> float:
         return asyncio.get_running_loop().time()
 
-    def _tell(self, event: FlightEvent) -> None:
+    def _publish(self, event: FlightEvent) -> None:
         for take in self._subscribers:
             take(event)
 
@@ -1000,8 +1000,8 @@ class Flight:
             event = TickRecord(event, self._due.late_s(event.time_s, event.pose.id, event.pose.arrival_s))
         elif isinstance(event, IdleRecord):
             self._due.begin()
-        self._tell(event)
+        self._publish(event)
 
     def say(self, sentence: Sentence, kind: NoticeKind = "news") -> None:
-        """Tell the operator, screens and records ``sentence``."""
-        self._tell(Notice.of(self._now(), self.state, sentence, kind, sentence.severity))
+        """Report ``sentence`` to the operator, screens and records."""
+        self._publish(Notice.of(self._now(), self.state, sentence, kind, sentence.severity))

@@ -92,7 +92,7 @@ async def open_ears(
     link = make_link(settings, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve)
     inner = make_source(config.pose, link)
     heard = inner if raw is None else OverheardSource(inner, raw)
-    source = GatedSource(heard, config.gate, lost_s=config.flight.coast_s, tell=tell)
+    source = GatedSource(heard, config.gate, lost_s=config.flight.coast_s, say=tell)
     connection = None
     if isinstance(link, MavlinkLink) and (autopilot is not None or config.pose.by_autopilot):
         connection = link.connection

@@ -46,7 +46,7 @@ async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: A
         tell(news)
 
     pilot = Pilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
-    source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, tell=lambda event: None)
+    source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, say=lambda event: None)
     come = asyncio.Event()
 
     def take(pose: Pose) -> None:

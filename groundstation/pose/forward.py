@@ -1,7 +1,7 @@
-"""Forwarding: believed poses, to the autopilot's own estimator, which flies when ours hands back.
+"""Forwarding of accepted poses to the autopilot's own estimator, which flies when we hand back.
 
-Only as poses come: when they stop, so does this, and the autopilot's estimator knows by itself what to do. Heights are
-above the floor, where the autopilot's barometer has its zero: ArduPilot's estimator goes over to it when poses stop.
+Nothing is repeated: when poses stop, so does this, and the autopilot's estimator handles it. Heights are above the
+floor, where the autopilot's barometer has its zero: ArduPilot's estimator switches to it when poses stop.
 """
 
 import asyncio
@@ -17,19 +17,19 @@ from links.mavlink.protocol import ARDUPILOT, ForwardConfig, Odometry, odometry,
 BASE_S = 0.04
 """Velocity is measured over at least this time [s]."""
 GAP_S = 0.2
-"""Poses further apart than this say nothing of the velocity between them [s]."""
+"""Largest time between two poses that give a velocity [s]."""
 EARLY = 0.1
-"""A pose that comes this share of the period early is not too early: jitter must not halve the rate."""
+"""Share of the period by which a pose may be early [-]: jitter must not halve the rate."""
 
 ORIGIN_S = 1.0
-"""While it is not armed, ArduPilot is told its origin this often [s]: its filter takes none before it has started."""
+"""Period at which a disarmed ArduPilot gets its origin [s]: its filter accepts none before it has started."""
 
 
 class Forward:
-    """Which poses are told, and how. Sans-IO."""
+    """Choice and encoding of the forwarded poses. Sans-IO."""
 
     def __init__(self, config: ForwardConfig, floor_z_m: float) -> None:
-        """``floor_z_m`` is the floor's place along z, NED [m]: the height 0 that is told."""
+        """``floor_z_m`` is the down coordinate of the floor [m]: the zero of the forwarded heights."""
         self._config, self._floor_z_m = config, floor_z_m
         self._period_s = 1.0 / config.rate_hz
         self._due_s = -math.inf
@@ -37,7 +37,7 @@ class Forward:
         self._resets = 0
 
     def take(self, pose: Pose, now_s: float) -> Odometry | None:
-        """Return the odometry of ``pose`` at ``now_s`` [s]; None where not due or too old."""
+        """Return the odometry of ``pose`` at ``now_s`` [s]; None if it is not due or too old."""
         recent, config = self._recent, self._config
         if recent and pose.reset_count != recent[-1].reset_count:
             self._resets += 1
@@ -91,8 +91,8 @@ class ForwardingSource:
     ) -> None:
         """``source`` is behind the gate; the frames leave on the connection of ``link``.
 
-        ``floor_z_m`` is the floor's place along z, NED [m]. ``believes`` tells whether the pose delivered last is
-        flown by.
+        ``floor_z_m`` is the down coordinate of the floor [m]. ``believes`` returns whether the flight uses the pose
+        delivered last.
         """
         self._source, self._believes = source, believes
         self._connection = link.connection
@@ -102,17 +102,17 @@ class ForwardingSource:
 
     @property
     def status(self) -> PoseStatus:
-        """The source's."""
+        """Counters of the source."""
         return self._source.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Start the source; the autopilot gets each pose after ``deliver``, and after the command that it leads to."""
+        """Start the source; the autopilot gets each pose after ``deliver``, and after the resulting command."""
         loop = asyncio.get_running_loop()
 
         def both(pose: Pose) -> None:
             deliver(pose)
             if self._believes():
-                loop.call_soon(self._tell, pose)
+                loop.call_soon(self._send, pose)
 
         await self._source.start(both)
 
@@ -124,14 +124,14 @@ class ForwardingSource:
         """Close the source."""
         await self._source.close()
 
-    def _tell(self, pose: Pose) -> None:
+    def _send(self, pose: Pose) -> None:
         if self._distrusted:
             return
         connection = self._connection
         now_s = asyncio.get_running_loop().time()
-        told = self._forward.take(pose, now_s)
-        if told is not None and connection.kind is not None and connection.state in ("connected", "armed"):
+        message = self._forward.take(pose, now_s)
+        if message is not None and connection.kind is not None and connection.state in ("connected", "armed"):
             if connection.kind == ARDUPILOT and connection.state == "connected" and now_s >= self._origin_due_s:
                 self._origin_due_s = now_s + ORIGIN_S
                 connection.leave(origin(connection.codec))
-            connection.leave(odometry(connection.codec, connection.kind, told))
+            connection.leave(odometry(connection.codec, connection.kind, message))

@@ -10,7 +10,7 @@ A .tlog has every MAVLink frame of a flight, both ways, each behind the time tha
     8 bytes   microseconds since 1970, big-endian
     n bytes   the frame (links/mavlink/protocol/codec.py)
 
-System and component of its sender tell a frame's direction. The system alone does not: a companion
+System and component of its sender give a frame's direction. The system alone does not: a companion
 computer and a motion-capture bridge often have the vehicle's own.
 Source: MAVProxy, Mission Planner and QGroundControl all write this form.
 """
@@ -33,9 +33,9 @@ class CsvRow(NamedTuple):
     """One recorded pose, in the axes of the file."""
 
     t_s: float
-    """When it was true, on the clock of the recording [s]."""
+    """Time of the measurement, on the clock of the recording [s]."""
     arrival_s: float
-    """When it came, on the same clock [s]; ``t_s`` where the file does not tell."""
+    """Time of its arrival, on the same clock [s]."""
     position: Vec3
     attitude: Quat
 
@@ -50,9 +50,9 @@ _STAMP_BYTES = 8
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1, of common.xml."""
 RECORDS_SHARE = 0.5
-"""A file of which less than this share is records is no .tlog [-]."""
+"""Least share of records in a .tlog [-]."""
 HARMLESS_SHARE = 0.9
-"""A file of which more than this share is records is one: of a raw MAVLink stream half looks so [-]."""
+"""Share of records that is certainly a .tlog [-]: in a raw MAVLink stream half appears so."""
 
 
 class Sender(NamedTuple):
@@ -65,7 +65,7 @@ class Sender(NamedTuple):
         return f"system {self.system}, component {self.component}"
 
     def is_addressed(self, message: Message) -> bool:
-        """Whether ``message`` is meant for it; 0 stands for all."""
+        """Whether ``message`` is addressed to it; 0 addresses all."""
         system = getattr(message, "target_system", None)
         component = getattr(message, "target_component", None)
         return system in (0, self.system) and component in (0, self.component)
@@ -75,7 +75,7 @@ class TlogRecord(NamedTuple):
     """One logged message."""
 
     time_s: float
-    """When it was logged [s since 1970]."""
+    """Time of logging [s since 1970]."""
     message: Message
 
     @property
@@ -85,7 +85,7 @@ class TlogRecord(NamedTuple):
 
 
 class TlogReader:
-    """Iterates over the records of a .tlog's bytes; what is no record is skipped and counted."""
+    """Iterator over the records of a .tlog's bytes; other bytes are skipped and counted."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -119,7 +119,7 @@ class TlogReader:
         codec.dropped.clear()
         self._used = 0
         start, size = 0, len(data)
-        lost = False  # behind damage, until a checksum holds again: stamps are full of bytes that look like frames
+        lost = False  # behind damage, until the next valid checksum: bytes of stamps look like frames
         while start < size:
             begin = start + _STAMP_BYTES
             end = frame_end(data, begin) if begin < size else size + 1
@@ -156,7 +156,7 @@ def find_autopilots(records: Iterable[TlogRecord]) -> list[Sender]:
 
 
 def describe_senders(records: Iterable[TlogRecord]) -> str:
-    """Return who has sent messages of which poses can be made, for the operator."""
+    """Describe the senders of messages that give poses, for the operator."""
     senders: dict[str, set[Sender]] = {}
     for record in records:
         name = record.message.get_type()

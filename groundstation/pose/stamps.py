@@ -5,14 +5,13 @@ import math
 from groundstation.core.messages import Check, PoseKind, PoseStatus, Verdict, notice
 
 FAIL_RATE = 2.0
-"""Stamps that run faster or slower than ours by more than this factor are in the wrong unit [-]."""
+"""Ratio of rates above which the stamps are in the wrong unit [-]."""
 WARN_RATE = 1.2
-"""Ratio of rates that is a warning [-]: a network that stalled for 0.3 s of 2 s looks
-like 1.18."""
+"""Ratio of rates above which the check warns [-]: a network that stalled for 0.3 s of 2 s gives 1.18."""
 UNITS = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 """Units of time stamps, by their length [s]."""
 NEAR_UNIT = 1.25
-"""A unit is named where the stamps fit it within this factor [-]."""
+"""Factor within which stamps fit a unit that is named [-]."""
 
 
 def check_stamp_rate(source: PoseStatus, kind: PoseKind) -> Check | None:

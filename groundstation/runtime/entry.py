@@ -213,7 +213,7 @@ CODES: dict[str, dict[int, str]] = {
     "carry": {
         0: "the axes are found",
         1: "a move contradicts, or was not made",
-        3: "poses or autopilot can't be heard",
+        3: "no poses, or no autopilot",
     },
     "doctor": {0: "nothing to change", 1: "something to change, or not confirmed", 3: "no answer, or a refusal"},
     "props-off": {
@@ -222,7 +222,7 @@ CODES: dict[str, dict[int, str]] = {
         3: "another ground station flies this vehicle",
     },
     "trajectory": {0: "PASS", 1: "FAIL"},
-    "identify": {0: "something was found", 1: "the flight tells nothing of thrust, lags and delay"},
+    "identify": {0: "something was found", 1: "the flight shows nothing of thrust, lags and delay"},
     "replay": {
         0: "the same to the last bit (own recordings), or within its limits (.tlog)",
         1: "it differs, or the recording is damaged",
@@ -270,7 +270,7 @@ Groups = Mapping[str, Commands]
 class Program(argparse.ArgumentParser):
     """The parser of a program or of one of its commands; lists the commands below it by group in its help.
 
-    A command with arguments of its own (``fleet``) may have others below it (``fleet relay``): the first word tells.
+    A command with arguments of its own (``fleet``) may have others below it (``fleet relay``): the first word decides.
     """
 
     def __init__(
@@ -317,7 +317,7 @@ class Program(argparse.ArgumentParser):
         return found, unknown
 
     def format_help(self) -> str:
-        """The help text: usage, each group of commands, options."""
+        """Return the help text: usage, each group of commands, options."""
         if not self.groups:
             return super().format_help()
         formatter = self._get_formatter()
@@ -353,7 +353,7 @@ COMPLETION: Arguments = {"shell": {"choices": ["bash", "zsh"]}}
 
 
 def path(text: str) -> "Path":
-    """The type of an argument that is a file or a folder."""
+    """Read an argument that is a file or a folder."""
     from pathlib import Path
 
     return Path(text)
@@ -363,7 +363,7 @@ VIEWERS = ("rerun", "foxglove")
 
 
 def viewer(text: str) -> str:
-    """The type of an option that may name one of :data:`VIEWERS`, and stands before a file's name only by mistake."""
+    """Read an option that may name one of :data:`VIEWERS`; a file's name behind it is a mistake."""
     if text not in VIEWERS:
         raise argparse.ArgumentTypeError(
             f"{text!r} is no viewer: expected rerun or foxglove, or --view at the very end"

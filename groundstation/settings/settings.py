@@ -42,7 +42,7 @@ FOLDER = "rehearsals"
 
 
 class RehearsalConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where a rehearsal takes place; ``--rehearse`` writes it. Config section ``[rehearsal]``."""
+    """Place of a rehearsal; ``--rehearse`` writes it. Config section ``[rehearsal]``."""
 
     host: Annotated[
         str,
@@ -118,7 +118,7 @@ ADDRESSES: Mapping[str, Turn] = {
     "pose.interface": _host,
     "pose.hostname": _host,
     "pose.options": _be({}),
-    "pose.multicast": _be(False),  # a group is heard from every network that any program has joined it on
+    "pose.multicast": _be(False),  # a group is received from every network on which any program has joined it
     "mqtt.host": _host,
     "mqtt.port": _port,
     "mqtt.insecure": _be(False),
@@ -308,7 +308,7 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     authority: Annotated[
         Literal["ask", "move"],
         msgspec.Meta(
-            description="`move`: a client may ask to go to points of its own choice, where `goto` stands in its `may`."
+            description="`move`: a client may ask to go to points of its own choice, if its `may` lists `goto`."
         ),
     ] = "ask"
     clients: Annotated[dict[str, ClientConfig], msgspec.Meta(description="Who may ask, by name.")] = {}
@@ -382,7 +382,7 @@ class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         msgspec.Meta(
             description="What is held to fly: a key, button or axis as evtest(1) names it "
             "(`BTN_TR`, `KEY_B`, `ABS_RZ`), or `rc:1` to `rc:18`, a channel of the "
-            "transmitter as the autopilot hears it (link.kind mavlink). Empty: none."
+            "transmitter as the autopilot receives it (link.kind mavlink). Empty: none."
         ),
     ] = ""
     device: Annotated[

@@ -31,9 +31,9 @@ class GatedSource:
     """Implements :class:`groundstation.core.messages.pose.PoseSource`: passes the plausible poses of another source."""
 
     def __init__(
-        self, source: PoseSource, config: GateConfig, *, lost_s: float, tell: Callable[[Sentence], None]
+        self, source: PoseSource, config: GateConfig, *, lost_s: float, say: Callable[[Sentence], None]
     ) -> None:
-        """``tell`` takes news of the poses for the operator; they are lost after ``lost_s`` [s] without one.
+        """``say`` takes news of the poses for the operator; they are lost after ``lost_s`` [s] without one.
 
         A pose that is older than that on arrival is counted and dropped: no command could use it.
         """
@@ -41,7 +41,7 @@ class GatedSource:
         self._lost_s = lost_s
         self._gate = Gate(config)
         self._outbreaks = Outbreaks(lost_s)
-        self._tell = tell
+        self._say = say
         self._next_look: asyncio.TimerHandle | None = None
 
     @property
@@ -70,7 +70,7 @@ class GatedSource:
                 return
             passed, news = self._gate.take(pose)
             if news is not None:
-                self._tell(news)
+                self._say(news)
             if passed is not None:
                 deliver(passed)
 
@@ -87,7 +87,7 @@ class GatedSource:
     def _look(self) -> None:
         loop = asyncio.get_running_loop()
         for news in self._outbreaks.look(loop.time(), self.status, self._gate.newest):
-            self._tell(news)
+            self._say(news)
         self._next_look = loop.call_later(LOOK_S, self._look)
 
 

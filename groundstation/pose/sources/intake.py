@@ -2,7 +2,7 @@
 
 The source's clock converts its time stamps to our clock, and measures how late its messages arrive. A message can only
 be late, never early: the smallest difference between arrival and stamp so far gives the source's zero on our clock.
-A message later than that is late, however long this lasts: a standing or growing queue can't be distinguished from a
+A message later than that is late, however long this lasts: a constant or growing queue can't be distinguished from a
 clock that was set back or a frame counter that paused, and the older answer is the safe one. Three things move the zero
 later: a slope within the plausible drift of the source's clock (``MAX_DRIFT``), as long as nothing is late by more than
 ``SLACK_S``; an exchange of clocks, if there is one; and a new start.
@@ -542,7 +542,7 @@ class ReaderSource:
 
     @property
     def other_objects(self) -> tuple[str, ...]:
-        """Names of the bodies that the source shows: they tell a misspelt name from a silent stream."""
+        """Names of the bodies that the source shows: they distinguish a misspelt name from a silent stream."""
         return self._reader.names
 
     def _begin(self, deliver: Callable[[Pose], None], now: Callable[[], float]) -> None:

@@ -34,7 +34,7 @@ _Name = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)]
 
 
 class NamedQuaternion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A quaternion whose parts can't be confused."""
+    """A quaternion with named parts."""
 
     w: float
     x: float
@@ -46,36 +46,36 @@ class JsonPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """One body at one instant, as on the wire."""
 
     name: _Name
-    """Which body."""
+    """Name of the body."""
     position: tuple[float, float, float] | msgspec.UnsetType | None = msgspec.UNSET
-    """[m]; None where the body is not seen."""
+    """[m]; None if the body is not seen."""
     quaternion: tuple[float, float, float, float] | NamedQuaternion | msgspec.UnsetType | None = msgspec.UNSET
-    """w, x, y, z or by name; body to world. None where the body is not seen."""
+    """w, x, y, z or by name; body to world. None if the body is not seen."""
     t: float | None = None
     """The sender's clock [s]."""
     frame: Annotated[int, msgspec.Meta(ge=0, lt=2**53)] | None = None
     """Running number."""
     valid: bool = True
-    """False where the body is not seen: position and quaternion then mean nothing, and may be left out."""
+    """False if the body is not seen: position and quaternion are then ignored, and may be left out."""
 
     def __post_init__(self) -> None:
-        """Refuse a body that is seen and has no place.
+        """Refuse a visible body without a position.
 
         Raises:
             ValueError: position or quaternion is missing.
         """
         if self.valid and msgspec.UNSET in (self.position, self.quaternion):
-            raise ValueError("a body that is seen has a position and a quaternion")
+            raise ValueError("a visible body needs a position and a quaternion")
 
 
 _MESSAGE: Any = JsonPose | Annotated[list[Any], msgspec.Meta(max_length=MAX_BODIES)]
-"""A datagram: one body, or a list whose bodies are looked at each."""
+"""A datagram: one body, or a list of bodies, each decoded by itself."""
 _DECODER = msgspec.json.Decoder(_MESSAGE)
 _ENCODER = msgspec.json.Encoder()
 
 
 def encode(poses: Iterable[JsonPose]) -> bytes:
-    """The datagram of one instant, for simulators and tests: an object where there is one body, else an array."""
+    """Return the datagram of one instant, for simulators and tests: an object for one body, else an array."""
     bodies = list(poses)
     return _ENCODER.encode(bodies[0] if len(bodies) == 1 else bodies)
 
@@ -171,5 +171,5 @@ def _unit(given: tuple[float, float, float, float] | NamedQuaternion) -> Quat | 
 
 
 def json_pose(name: str, position: Vec3, quaternion: Quat, **more: Any) -> JsonPose:
-    """A pose with its quaternion's parts named."""
+    """Return a pose with its quaternion's parts named."""
     return JsonPose(name=name, position=position, quaternion=NamedQuaternion(*quaternion), **more)

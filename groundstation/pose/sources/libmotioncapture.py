@@ -1,7 +1,7 @@
 """Poses by libmotioncapture: VRPN, Vicon DataStream and its other back ends, from a child process that is watched.
 
-It calls without an end where no server answers, and gives no stamps: so it lives in a process of its own, is started
-again whenever it ends or falls silent, and each frame is stamped as the library hands it over.
+Its calls never return without an answer of the server, and it gives no stamps: so it runs in a process of its own,
+which is restarted whenever it ends or falls silent, and each frame is stamped as the library hands it over.
 """
 
 import asyncio
@@ -25,9 +25,9 @@ from links.io import is_loopback, open_child
 CONNECT_S = 5.0
 """Timeout for a server's answer [s]; some back ends would wait for ever."""
 SILENT_S = 2.0
-"""A child that has said nothing for so long is ended and started again [s]."""
+"""Silence after which the child is ended and restarted [s]."""
 AGAIN_S = 1.0
-"""Pause before it is started again [s]."""
+"""Pause before the restart [s]."""
 LINE_BYTES = 1 << 16
 """Longest line from the child [bytes]."""
 
@@ -50,7 +50,7 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
     options: Annotated[
         dict[str, str],
         msgspec.Meta(
-            description="What else the back end is told, by libmotioncapture's own names, such as "
+            description="Further parameters of the back end, by libmotioncapture's own names, such as "
             "`frequency` of `mock`."
         ),
     ] = msgspec.field(default_factory=dict)
@@ -66,7 +66,7 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
             ge=0.0,
             le=1.0,
             description="From the cameras' exposure until the library hands the frame over [s]: "
-            "nobody tells it, and what waits on its way there counts as new.",
+            "it is not reported, and a frame that is delayed before counts as new.",
         ),
     ] = 0.02
 
@@ -78,9 +78,9 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
 
     @property
     def never_flies(self) -> tuple[str, str] | None:
-        """Bodies that are made up."""
+        """Refusal of made-up bodies."""
         if self.backend == "mock":
-            return "pose.backend", "mock makes bodies up: it is to look at, and never flies a vehicle"
+            return "pose.backend", "mock makes bodies up: they never fly a vehicle"
         return None
 
     @property
@@ -136,7 +136,7 @@ class LibmotioncaptureSource(ReaderSource):
             await self._end()
 
     async def _open(self) -> bool:
-        """Start the child; whether it is connected within a time."""
+        """Start the child; return whether it connects in time."""
         config = self._config
         options = json.dumps({"hostname": config.hostname, **config.options})
         words = (str(os.getpid()), config.backend, options, json.dumps(self._names))
@@ -145,12 +145,12 @@ class LibmotioncaptureSource(ReaderSource):
         return bool(await self._line(CONNECT_S))
 
     async def _line(self, within_s: float) -> bytes:
-        """Its next line; nothing where it has ended, or says none within a time [s]."""
-        assert self._child is not None and self._child.stdout is not None, "it is open, and a pipe"
+        """Return the child's next line; empty if it has ended, or is silent for a time [s]."""
+        assert self._child is not None and self._child.stdout is not None, "it runs, with a pipe"
         try:
             async with asyncio.timeout(within_s):
                 return await self._child.stdout.readline()
-        except (TimeoutError, ValueError):  # a ValueError where it is longer than any line of ours
+        except (TimeoutError, ValueError):  # ValueError: longer than any line of ours
             return b""
 
     async def _end(self) -> None:

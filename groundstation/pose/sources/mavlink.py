@@ -1,7 +1,7 @@
-"""MAVLink pose sources: the autopilot's own estimate, and what a motion-capture bridge sends to autopilots.
+"""MAVLink pose sources: the autopilot's own estimate, and the messages of a motion-capture bridge to autopilots.
 
 The estimate comes over the connection of the MAVLink link. A bridge's VISION_POSITION_ESTIMATE comes to a socket of its
-own: the link's connection hears one autopilot only, and an autopilot does not send these on.
+own: the link's connection receives one autopilot only, and an autopilot does not forward these.
 """
 
 from collections.abc import Callable, Mapping
@@ -37,7 +37,7 @@ class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
         msgspec.Meta(
             ge=1.0,
             le=1000.0,
-            description="Poses per second to ask for [1/s]. PX4's estimator gives up to 124, ArduPilot's up to 250.",
+            description="Rate of poses to request [1/s]. PX4's estimator gives up to 124, ArduPilot's up to 250.",
         ),
     ] = 100.0
 
@@ -61,7 +61,7 @@ class MavlinkPoseSource:
         return self._decoder.intake.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Read along from now on, and have the link ask for the messages as it connects."""
+        """Read the link's messages from now on; it requests them as it connects."""
         self._connection.request(self._choose)
         self._deliver = deliver
         self._unsubscribe = self._connection.subscribe(self._take)
@@ -74,9 +74,9 @@ class MavlinkPoseSource:
             self._unsubscribe = None
 
     def _choose(self, autopilot: int) -> Mapping[str, float]:
-        """Which messages to ask of ``autopilot``, and their rates [Hz]."""
+        """Choose the messages to request from ``autopilot``, and their rates [Hz]."""
         decoder = decoder_for(autopilot, self._config.latency_s)
-        if type(self._decoder) is not type(decoder):  # connecting again goes on counting
+        if type(self._decoder) is not type(decoder):  # a new connection keeps the counts
             self._decoder = decoder
         return dict.fromkeys(decoder.messages, self._config.rate_hz)
 
@@ -102,7 +102,7 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
     )
     system_id: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=255)] | None,
-        msgspec.Meta(description="MAVLink system of the bridge; without it, whoever sends such messages is believed."),
+        msgspec.Meta(description="MAVLink system of the bridge; without it, any sender of such messages is accepted."),
     ] = None
     component_id: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=255)] | None,
@@ -121,6 +121,6 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
     ] = 0.02
 
     def build(self, others: Others | None = None) -> DatagramSource:
-        """The source of this config; it shows no ``others``."""
+        """Make the source; it shows no ``others``."""
         intake = Intake(self.latency_s, frames_of(self))
         return DatagramSource("MAVLink poses", self.listen, VisionReader(intake, self.system_id, self.component_id))

@@ -1,7 +1,7 @@
 """MAVLink pose messages: an autopilot's estimate in its own numbers, and a motion-capture bridge's. Sans-IO.
 
 PX4 sends ODOMETRY. ArduPilot has none: there each LOCAL_POSITION_NED is joined with the newest ATTITUDE_QUATERNION,
-which is turned on by its own body rates where its stamp (time_boot_ms) is not the same. On ArduCopter 4.8 at 100 Hz
+which is propagated by its own body rates if its stamp (time_boot_ms) differs. On ArduCopter 4.8 at 100 Hz
 the stamps are always the same, and the pose is exact.
 
 Bridges send VISION_POSITION_ESTIMATE (MAVLink 102), which has no frame field: by its definition x, y, z and roll,
@@ -21,27 +21,27 @@ from groundstation.pose.sources.intake import Intake, PoseReader
 from links.mavlink.protocol import ARDUPILOT, MavFrame, MavlinkCodec, Message
 
 OLDEST_ATTITUDE_S = 0.05
-"""An attitude further from its position than this is not turned on [s]."""
+"""Largest time between a position and the attitude that is propagated to it [s]."""
 
 
 class PoseDecoder(ABC):
     """Makes poses of the messages of one autopilot."""
 
     messages: tuple[str, ...]
-    """Names of the messages that it needs."""
+    """Names of the needed messages."""
 
     def __init__(self, latency_s: float, *, recorded: bool = False) -> None:
         """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
 
-        ``recorded``: nobody exchanges clocks, and a simulated autopilot may have run at another pace than real time.
-        So the rate of its stamps is measured, as that of numbered frames is.
+        ``recorded``: clocks are not exchanged, and a simulated autopilot may have run at another pace than real time.
+        So the rate of its stamps is measured, as that of numbered frames.
         """
         self.intake = Intake(latency_s, frame_s=1.0 if recorded else None)
         """Intake of the poses; reasons for drops beside its own: wrong_frame, failed, no_attitude."""
 
     @abstractmethod
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
-        """The pose that ``message``, which arrived at ``arrival_s`` [s, our clock], completes; or None."""
+        """Return the pose that ``message`` completes; it arrived at ``arrival_s`` [s, our clock]."""
 
 
 class OdometryDecoder(PoseDecoder):
@@ -50,7 +50,7 @@ class OdometryDecoder(PoseDecoder):
     messages: tuple[str, ...] = ("ODOMETRY",)
 
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
-        """The pose in ``message``, or None."""
+        """Return the pose in ``message``, or None."""
         if message.get_type() != "ODOMETRY":
             return None
         if message.frame_id not in (MavFrame.LOCAL_NED, MavFrame.LOCAL_FRD):
@@ -78,7 +78,7 @@ class LocalPositionDecoder(PoseDecoder):
     _attitude: Message | None = None
 
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
-        """The pose that ``message`` completes: one for each LOCAL_POSITION_NED with an attitude near it."""
+        """Return the pose that ``message`` completes: one for each LOCAL_POSITION_NED with an attitude near it."""
         name = message.get_type()
         if name == "ATTITUDE_QUATERNION":
             self._attitude = message
@@ -98,11 +98,11 @@ class LocalPositionDecoder(PoseDecoder):
 
 
 POSE_MESSAGES = frozenset((*OdometryDecoder.messages, *LocalPositionDecoder.messages))
-"""Messages of which an autopilot's poses are made."""
+"""Messages that give an autopilot's poses."""
 
 
 def decoder_for(autopilot: int, latency_s: float, *, recorded: bool = False) -> PoseDecoder:
-    """The decoder that fits what an autopilot (HEARTBEAT.autopilot) sends; for the rest, see the decoders."""
+    """Make the decoder for the messages of an autopilot (HEARTBEAT.autopilot)."""
     kind = LocalPositionDecoder if autopilot == ARDUPILOT else OdometryDecoder
     return kind(latency_s, recorded=recorded)
 
@@ -121,7 +121,7 @@ class VisionEstimate(NamedTuple):
 
 
 def encode_vision(codec: MavlinkCodec, vision: VisionEstimate, resets: int = 0) -> bytes:
-    """The frame, for simulators and tests."""
+    """Return the frame, for simulators and tests."""
     d = codec.dialect
     angles = so3.euler_zyx(vision.attitude)
     return codec.pack(

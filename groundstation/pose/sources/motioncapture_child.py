@@ -1,7 +1,7 @@
 """Child of the libmotioncapture source: the library's calls block, may hang for ever, and hold the interpreter.
 
 A line a frame on standard output, the JSON of a home-made tracker (json_codec.py): the wanted bodies first, each
-stamped with this machine's monotonic clock as the library gave the frame. The first line of all is empty: connected.
+stamped with this machine's monotonic clock as the library gave the frame. The first line is empty: connected.
 """
 
 import importlib
@@ -31,7 +31,7 @@ def describe_body(body: Any) -> dict[str, Any]:
 def main() -> Exit:
     """``PARENT_PID BACKEND OPTIONS NAMES``: the last two as JSON, an object of texts and an array of names."""
     parent, backend, options, names = sys.argv[1:]
-    if not follow_parent(int(parent), signal.SIGKILL):  # a call of the library that hangs hears of nothing else
+    if not follow_parent(int(parent), signal.SIGKILL):  # nothing else ends a call of the library that hangs
         return Exit.FAILED
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # the library itself prints on standard output

@@ -1,4 +1,4 @@
-"""Poses from OptiTrack: asks Motive's NatNet server for its stream and listens (natnet_codec.py has the bytes)."""
+"""Poses from OptiTrack: requests the stream of Motive's NatNet server (natnet_codec.py has the bytes)."""
 
 import asyncio
 import ipaddress
@@ -19,13 +19,13 @@ BEAT_S = 0.5
 
 
 class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
-    """OptiTrack's NatNet 3.0 to 4.x, straight from Motive; its exposure stamps tell how old each pose is."""
+    """OptiTrack's NatNet 3.0 to 4.x, straight from Motive; its exposure stamps give the age of each pose."""
 
     shows_others: ClassVar[bool] = True
     body_key: ClassVar[str] = "name"
     address_key: ClassVar[str] = "server"
     latency_key: ClassVar[str] = "network_s"
-    stamp_field: ClassVar[str] = "Motive's transmit time, by the clock frequency that it tells,"
+    stamp_field: ClassVar[str] = "Motive's transmit time, by the clock frequency that it reports,"
     name: Annotated[
         str, msgspec.Meta(min_length=1, max_length=256, description="Name of the vehicle's rigid body in Motive.")
     ] = "quad"
@@ -39,7 +39,7 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
         "127.0.0.1"
     )
     multicast: Annotated[
-        bool, msgspec.Meta(description="How Motive is set to transmit; without multicast it sends to us alone.")
+        bool, msgspec.Meta(description="Whether Motive is set to transmit by multicast; else it sends to us alone.")
     ] = False
     group: Annotated[str, msgspec.Meta(description="Multicast group, where `multicast` is set.")] = "239.255.42.99"
     data_port: Annotated[int, msgspec.Meta(ge=1, le=65535, description="UDP port of the multicast stream.")] = 1511
@@ -58,7 +58,7 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
         msgspec.Meta(
             ge=0.0,
             le=0.1,
-            description="Shortest time of a frame on its way here [s]; Motive itself tells how old it was as it left.",
+            description="Shortest network time of a frame [s]; Motive itself reports its age at transmission.",
         ),
     ] = 0.0003
 
@@ -75,7 +75,7 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
 
     @property
     def body_id(self) -> str:
-        """The body, by its streaming id where that is told."""
+        """The body, by its streaming id if that is configured."""
         return self.name if self.id is None else f"id {self.id}"
 
     @property
@@ -119,7 +119,7 @@ class NatNetSource(ReaderSource, asyncio.DatagramProtocol):
         try:
             self._command, _ = await NETWORK.get().open_datagram(lambda: self, local)
             if config.multicast:
-                # A group comes to whoever is bound to its address; others on this machine may listen as well.
+                # A group is received by sockets bound to its address; others on this machine may listen as well.
                 local = (config.group, config.data_port)
                 self._data, _ = await NETWORK.get().open_datagram(lambda: self, local, reuse_port=True)
                 join(self._data, config.group, config.interface)

@@ -17,12 +17,12 @@
                      n × u32, [4.0: n × text]
       2: skeleton    text name | i32 id | u32 n, n × rigid body
 
-The ticks of mid-exposure and transmission tell how old a pose was as it left: only the network's time is not known.
+The ticks of mid-exposure and transmission give the age of a pose at its transmission: only the network time is unknown.
     REQUEST        text; "Bitstream,4.1" asks a server from NatNet 4 on to stream in that version to us alone
 
-The bytes of a section or of a description do not count themselves: by them what nobody here knows is passed over.
-Public readers tell bits 0 and 1 alike. Of the later two one sample calls bit 2 the changed bit stream, and has no mask
-for edit mode that could work: so no frame that has bit 2 set is flown, and either of both has the server asked anew.
+The bytes of a section or of a description do not count themselves: unknown contents are skipped by them.
+Public readers agree on bits 0 and 1. Of the later two one sample calls bit 2 the changed bit stream, and has no mask
+for edit mode that could work: so no frame with bit 2 set is used, and after either the server is asked anew.
 Source: public readers (libmotioncapture a91e8360, natnet 0.3.0, new-natnet-client 5.0.1, the NatNet SDK's sample),
 read for the layout only.
 """
@@ -43,18 +43,18 @@ U32 = struct.Struct("<I")
 
 
 class UnreadableNatNet(Exception):
-    """Why a message can't be read, as one word; never leaves the callers of these codecs."""
+    """Reason why a message can't be read, as one word; never leaves the callers of these codecs."""
 
 
 class Payload:
-    """Reads a payload from front to back; whatever leads beyond its end is ``truncated``."""
+    """Cursor over a payload; a read beyond its end is ``truncated``."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
         self._at = 0
 
     def take(self, layout: struct.Struct) -> tuple[Any, ...]:
-        """The next values, of this layout."""
+        """Return the next values, of this layout."""
         try:
             values = layout.unpack_from(self._data, self._at)
         except struct.error:
@@ -63,11 +63,11 @@ class Payload:
         return values
 
     def count(self) -> int:
-        """The next u32: a number of elements, or of bytes."""
+        """Return the next u32: a number of elements, or of bytes."""
         return int(self.take(U32)[0])
 
     def section(self, sized: bool, element: Callable[["Payload"], Any]) -> None:
-        """Pass over the next section: by its bytes where it is ``sized``, else by ``element``, which takes one."""
+        """Skip the next section: by its bytes if it is ``sized``, else by ``element``, which skips one."""
         count = self.count()
         if sized:
             self.skip(self.count())
@@ -76,13 +76,13 @@ class Payload:
                 element(self)
 
     def skip(self, size: int) -> None:
-        """Pass over so many bytes."""
+        """Skip so many bytes."""
         self._at += size
         if self._at > len(self._data):
             raise UnreadableNatNet("truncated")
 
     def text(self) -> str:
-        """The next text, up to its NUL."""
+        """Return the next text, up to its NUL."""
         end = self._data.find(b"\0", self._at)
         if end < 0:
             raise UnreadableNatNet("truncated")
@@ -92,7 +92,7 @@ class Payload:
 
 
 def text_of(data: bytes) -> str:
-    """The text in a field, up to its first NUL."""
+    """Return the text in a field, up to its first NUL."""
     return data.partition(b"\0")[0].decode("utf-8", "replace")
 
 
@@ -124,7 +124,7 @@ TRACKED = 1
 
 Version: TypeAlias = tuple[int, int]
 OLDEST: Version = (3, 0)
-"""Before it, there are no ticks of the exposure."""
+"""Oldest version with ticks of the exposure."""
 SIZED: Version = (4, 1)
 """Sections state their size from this version on."""
 ASK_BITSTREAM = b"Bitstream,4.1\0"
@@ -176,17 +176,17 @@ class NatNetFrame(msgspec.Struct, frozen=True):
     number: int
     bodies: tuple[RigidBody, ...]
     exposure_ticks: int
-    """Middle of the cameras' exposure, on the server's clock; 0 where it does not know."""
+    """Middle of the cameras' exposure, on the server's clock; 0 if unknown."""
     transmit_ticks: int
-    """When the frame left, on the same clock."""
+    """Transmission of the frame, on the same clock."""
     models_changed: bool = False
     live: bool = True
-    """False in edit mode or playback: it shows what was, not what is."""
+    """False in edit mode or playback, which show the past."""
     bitstream_changed: bool = False
 
 
 def message(number: int, payload: bytes = b"") -> bytes:
-    """One message."""
+    """Return one message."""
     return _HEADER.pack(number, len(payload)) + payload
 
 
@@ -203,7 +203,7 @@ def split(datagram: bytes) -> tuple[int, bytes]:
 
 
 def decode_server_info(payload: bytes) -> ServerInfo:
-    """The payload of SERVERINFO.
+    """Read the payload of SERVERINFO.
 
     Raises:
         UnreadableNatNet: truncated; wrong_version (older than 3.0); absurd (a clock that does not tick).
@@ -217,7 +217,7 @@ def decode_server_info(payload: bytes) -> ServerInfo:
 
 
 def encode_server_info(info: ServerInfo) -> bytes:
-    """The message, for simulators and tests."""
+    """Return the message, for simulators and tests."""
     version = bytes([*info.version, 0, 0])
     group = bytes(map(int, info.group.split(".")))
     return message(
@@ -227,7 +227,7 @@ def encode_server_info(info: ServerInfo) -> bytes:
 
 
 def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
-    """The payload of FRAMEOFDATA.
+    """Read the payload of FRAMEOFDATA.
 
     Raises:
         UnreadableNatNet: truncated; wrong_layout (bodies of another size than ours).
@@ -279,7 +279,7 @@ def _body(walk: Payload) -> RigidBody:
 
 
 def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_000_000) -> bytes:
-    """The message FRAMEOFDATA with rigid bodies only, for simulators and tests."""
+    """Return the message FRAMEOFDATA with rigid bodies only, for simulators and tests."""
     sized = version >= SIZED
 
     def section(elements: Iterable[bytes]) -> bytes:
@@ -316,9 +316,9 @@ _BODY_DESCRIPTION = struct.Struct("<ii3f")
 
 
 def decode_models(payload: bytes, version: Version) -> list[tuple[str, int]]:
-    """Rigid bodies of a MODELDEF: name and streaming id of each.
+    """Return name and streaming id of each rigid body of a MODELDEF.
 
-    Descriptions of unknown kinds are passed over by their bytes, or, before 4.1, end the list.
+    Descriptions of unknown kinds are skipped by their bytes, or, before 4.1, end the list.
 
     Raises:
         UnreadableNatNet: truncated.
@@ -360,7 +360,7 @@ def _body_description(walk: Payload, version: Version) -> tuple[str, int]:
 
 
 def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
-    """The message MODELDEF with rigid bodies that have no markers, for simulators and tests."""
+    """Return the message MODELDEF with rigid bodies that have no markers, for simulators and tests."""
     parts = [U32.pack(len(bodies))]
     for name, number in bodies.items():
         turn = bytes(_QUATERNION.size) if version >= TURNED else b""
@@ -370,11 +370,11 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
 
 
 ANSWER_BEATS = 1
-"""A server that streams says something within so many beats."""
+"""Longest silence of a server that streams [beats]."""
 SILENT_BEATS = 4
-"""A server that says nothing for so many beats is asked anew: it may have been started again."""
+"""Silence after which the server is asked anew [beats]: it may have been restarted."""
 OLDEST_S = 1.0
-"""A frame that was older than this as it left is absurd [s]."""
+"""Largest plausible age of a frame at its transmission [s]."""
 
 
 class NatNetReader(PoseReader):

@@ -1,4 +1,4 @@
-"""Poses from Qualisys Track Manager, through Qualisys' own package qtm-rt (qualisys_codec.py has the bytes)."""
+"""Poses from Qualisys Track Manager, by Qualisys' own package qtm-rt (qualisys_codec.py has the bytes)."""
 
 import asyncio
 import contextlib
@@ -27,7 +27,7 @@ BEAT_S = 0.1
 LOOK_BEATS = 10
 """The names are asked anew after so many of these periods in any case: one body may have replaced another."""
 AGAIN_S = 1.0
-"""Pause before a lost connection is opened anew [s]."""
+"""Pause before a lost connection is reopened [s]."""
 
 
 class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
@@ -66,7 +66,7 @@ class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
 
 
 class QualisysSource(ReaderSource):
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`; a connection that breaks is opened anew."""
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`; a lost connection is reopened."""
 
     _reader: QualisysReader
 

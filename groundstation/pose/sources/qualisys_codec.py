@@ -45,7 +45,7 @@ _ORTHOGONAL = 1e-3
 
 
 class Framer:
-    """Cuts a stream, however it comes in pieces, into packets; never holds more than one."""
+    """Splits a stream into packets; never buffers more than one."""
 
     def __init__(self) -> None:
         self.broken = False
@@ -97,17 +97,17 @@ def split_components(content: bytes) -> list[tuple[int, bytes]]:
 
 
 def packet(kind: int, content: bytes) -> bytes:
-    """One packet."""
+    """Return one packet."""
     return _HEADER.pack(_HEADER.size + len(content), kind) + content
 
 
 def text_packet(kind: int, text: str) -> bytes:
-    """A packet of text: commands and their answers, XML, errors."""
+    """Return a packet of text: commands and their answers, XML, errors."""
     return packet(kind, text.encode() + b"\0")
 
 
 def encode_data(stamp_us: int, frame: int, bodies: Iterable[tuple[Vec3, Quat] | None]) -> bytes:
-    """A data packet with 6D bodies (position [m], attitude; None: not seen), for simulators and tests."""
+    """Return a data packet with 6D bodies (position [m], attitude; None: not seen), for simulators and tests."""
     parts = []
     for body in bodies:
         if body is None:
@@ -123,7 +123,7 @@ def encode_data(stamp_us: int, frame: int, bodies: Iterable[tuple[Vec3, Quat] | 
 
 
 def parameters_xml(names: Iterable[str]) -> str:
-    """The 6D parameters that QTM answers with, as far as they are read here, for simulators and tests."""
+    """Return QTM's 6D parameters as far as they are read here, for simulators and tests."""
     from xml.sax.saxutils import escape
 
     bodies = "".join(f"<Body><Name>{escape(name)}</Name><Enabled>true</Enabled></Body>" for name in names)
@@ -131,7 +131,7 @@ def parameters_xml(names: Iterable[str]) -> str:
 
 
 def body_names(xml: bytes) -> tuple[str, ...]:
-    """The names of the bodies in QTM's answer to ``getparameters 6d``, in the order of the stream.
+    """Return the names of the bodies in QTM's answer to ``getparameters 6d``, in the order of the stream.
 
     Raises:
         ValueError: it is not the XML that QTM sends.
@@ -203,7 +203,7 @@ class QualisysReader(PoseReader):
 
 
 def _is_rotation(rows: tuple[Vec3, Vec3, Vec3]) -> bool:
-    """Rows of unit length, the third being the first times the second: so right-handed too."""
+    """Whether the rows have unit length, the third being the first times the second: a right-handed rotation."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     if abs(a * a + b * b + c * c - 1.0) > _ORTHOGONAL or abs(d * d + e * e + f * f - 1.0) > _ORTHOGONAL:
         return False

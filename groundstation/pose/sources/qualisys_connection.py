@@ -1,8 +1,8 @@
 """One connection to QTM by qtm-rt's QTMProtocol on our transport, with a guard before it.
 
-qtm-rt trusts its server: a size of 0, of a packet or of a component, keeps it busy for ever, a large one
-fills the memory, an unknown type raises inside the event loop. So packets are cut and checked before
-qtm-rt sees them. The module imports qtm-rt: it is imported only where Qualisys is used.
+qtm-rt trusts its server: a packet or component of size 0 makes it loop for ever, a large one
+fills the memory, an unknown type raises inside the event loop. So packets are split and checked before
+qtm-rt gets them. The module imports qtm-rt: it is imported only where Qualisys is used.
 """
 
 import asyncio
@@ -28,9 +28,9 @@ class QtmConnection(asyncio.Protocol):
     """One TCP connection: packets that are whole and sane go to qtm-rt."""
 
     def __init__(self, timeout_s: float, drop: Callable[[str], object]) -> None:
-        """Every answer may take ``timeout_s`` [s]; ``drop`` counts what could not be used."""
+        """``timeout_s`` is that of every answer [s]; ``drop`` counts unusable packets by reason."""
         self.lost = asyncio.Event()
-        """Set once there is nothing more to come."""
+        """Set at the end of the connection."""
         self._qtm = QTMProtocol(loop=asyncio.get_running_loop())
         self._requests = QRTConnection(self._qtm, timeout=timeout_s)
         self._timeout = timeout_s
@@ -55,7 +55,7 @@ class QtmConnection(asyncio.Protocol):
                     split_components(packet[8:])  # qtm-rt loops or raises on what this refuses
                 self._qtm.data_received(packet)
             except (struct.error, ValueError, TypeError):
-                self._end("malformed")  # which qtm-rt keeps, and would stumble over again
+                self._end("malformed")  # qtm-rt keeps it, and would fail again
                 return
         if self._framer.broken:
             self._end("broken_stream")
@@ -111,7 +111,7 @@ class QtmConnection(asyncio.Protocol):
         return True
 
     async def _request(self, request: Any, silent: str, refused: str) -> Any:
-        """Return the answer to ``request``; ``silent`` and ``refused`` name the sentences where there is none."""
+        """Return the answer to ``request``; ``silent`` and ``refused`` are the ids of the sentences without one."""
         try:
             return await request
         except TimeoutError:

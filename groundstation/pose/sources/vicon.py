@@ -30,7 +30,7 @@ class ViconConfig(ListensAt, frozen=True, kw_only=True, tag="vicon"):
             ge=0.0,
             le=1.0,
             description="Shortest time from the cameras' exposure to the arrival here [s]; the "
-            "datagram does not tell. What arrives later than the frame numbers promise "
+            "datagram does not state it. A frame later than its number implies "
             "counts as that much older.",
         ),
     ] = 0.02

@@ -33,9 +33,9 @@ DATAGRAM_SIZES = (256, 512, 1024)
 NAME_BYTES = 24
 """Longest name of an object, in UTF-8."""
 MAX_TRANSLATION_MM = 1e6
-"""No capture volume is larger than this; further away is absurd."""
+"""Largest plausible coordinate in a capture volume [mm]."""
 MAX_ROTATION_RAD = 7.0
-"""A whole turn and some; more is absurd."""
+"""Largest plausible angle [rad]: a whole turn and some."""
 
 _HEADER = struct.Struct("<IB")
 _ITEM = struct.Struct("<BH24s6d")
@@ -43,7 +43,7 @@ _ITEM_DATA_BYTES = _ITEM.size - 3
 """Length of an item behind its head [bytes]."""
 
 UnreadableVicon: TypeAlias = Literal["truncated", "oversized", "wrong_item"]
-"""Why a datagram is no frame of this stream."""
+"""Reason why a datagram is no frame of this stream."""
 
 
 class ViconObject(msgspec.Struct, frozen=True, gc=False):
@@ -64,7 +64,7 @@ class ViconObject(msgspec.Struct, frozen=True, gc=False):
 
 
 def encode(frame_number: int, objects: Iterable[ViconObject], datagram_size: int = 256) -> bytes:
-    """The datagram of a frame, for simulators and tests.
+    """Return the datagram of a frame, for simulators and tests.
 
     Raises:
         ValueError: the objects do not fit, a name is longer than 24 bytes, or no such datagram size exists.
@@ -111,7 +111,7 @@ def pose_of(item: ViconObject) -> tuple[Vec3, Quat] | Literal["not_finite", "abs
 
 
 def name_bytes(name: str) -> bytes:
-    """The name of an object as on the wire, not yet padded.
+    """Return the name of an object as on the wire, not yet padded.
 
     Raises:
         ValueError: it is empty, longer than 24 bytes, or holds a NUL.
@@ -123,15 +123,15 @@ def name_bytes(name: str) -> bytes:
 
 
 def quaternion_from_euler_xyz(angles: Vec3) -> Quat:
-    """The quaternion of R = Rx(rx) Ry(ry) Rz(rz), angles in rad: the inverse of Rz(-rz) Ry(-ry) Rx(-rx)."""
+    """Return the quaternion of R = Rx(rx) Ry(ry) Rz(rz), angles in rad: the inverse of Rz(-rz) Ry(-ry) Rx(-rx)."""
     rx, ry, rz = angles
     return so3.conjugate(so3.from_euler_zyx(-rx, -ry, -rz))
 
 
 def euler_xyz_from_quaternion(attitude: Quat) -> Vec3:
-    """The angles [rad] of R = Rx(rx) Ry(ry) Rz(rz): |ry| <= 90°, the others in [-180°, 180°].
+    """Return the angles [rad] of R = Rx(rx) Ry(ry) Rz(rz): |ry| <= 90°, the others in [-180°, 180°].
 
-    From the sum and the difference of rx and rz, which stay exact where ry nears 90° and only one of them is defined:
+    From the sum and the difference of rx and rz, which are exact also near ry = 90°, where only one of them is defined:
     with C, S = cos, sin of ry/2:  w + y = (C + S) cos((rx + rz)/2)    x + z = (C + S) sin((rx + rz)/2)
                                    w - y = (C - S) cos((rx - rz)/2)    x - z = (C - S) sin((rx - rz)/2)
     """
@@ -190,7 +190,7 @@ class ViconReader(PoseReader):
             return self.intake.drop("not_tracked")
         if self._drop_frozen and self._last is not None and self._last[0] != number and self._last[1] == seen:
             return self.intake.drop("frozen")
-        # The number on the wire is modulo 2³²: half of the circle lies ahead of the last one, half behind.
+        # The number on the wire is modulo 2³²: half of the circle is ahead of the last one, half behind.
         self._frame += (number - self._frame + 2**31) % 2**32 - 2**31
         pose = self.intake.pose(self._frame, arrival_s, *seen)
         if pose is not None:

@@ -67,7 +67,7 @@ async def test_a_server_that_answers_from_a_second_address_is_named(first: str) 
     loop = asyncio.get_running_loop()
     own, _ = await loop.create_datagram_endpoint(Asked, local_addr=("127.0.0.1", 1510))
     second, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=(SECOND, 1510))
-    gated = GatedSource(source, GateConfig(), lost_s=0.25, tell=told.append)
+    gated = GatedSource(source, GateConfig(), lost_s=0.25, say=told.append)
     await gated.start(poses.append)
     station = await asked
     info = natnet_codec.encode_server_info(natnet_codec.ServerInfo("Motive", (4, 1), 10**7))
