@@ -672,7 +672,7 @@ class MissionExecutive:
         """The motors turn: raise the thrust until the vehicle leaves the floor."""
         config, vehicle = self._config, self._config.vehicle
         weight, takeoff = config.weight_n, config.takeoff
-        most, idle = limit_n(config), config.flight.idle_thrust * weight
+        most, idle = limit_n(takeoff, vehicle, weight), config.flight.idle_thrust * weight
         spool = Spool(weight, most, takeoff.spool_s, idle, now_s, vehicle.thrust_lag_s)
         gravity, noise_m = config.controller.gravity, self._pilot.noise_m
         self._spooling = SpoolUp(self.standing, spool, vehicle, weight, gravity, noise_m)

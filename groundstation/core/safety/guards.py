@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple, Protocol
 import msgspec
 
 from groundstation.core.geometry import add_scaled, angle_deg, subtract, third_column
-from groundstation.core.messages import NOTICES, ROUNDING_S, Estimate, Pose, Sentence, notice
+from groundstation.core.messages import NOTICES, ROUNDING_S, Estimate, Numbers, Pose, Sentence, notice
 from groundstation.core.mission import State
 from groundstation.core.safety.conditions import RecentTime, Since
 from groundstation.core.safety.geofence import Fence, Length, Near, Separation
@@ -258,10 +258,6 @@ class GuardView:
         return self.separation.nearest(motion.position, motion.velocity, self.tick.time_s)
 
 
-Numbers = dict[str, object]
-"""Numbers of a sentence, by their names in it."""
-
-
 def _tilt(v: GuardView) -> Numbers | None:
     tilt = angle_deg(third_column(v.tick.estimate.motion.attitude)[2])
     return None if tilt <= v.config.tilt_deg else {"tilt_deg": tilt, "limit_deg": v.config.tilt_deg}
@@ -355,14 +351,14 @@ def _round_trip(v: GuardView) -> Numbers | None:
 
 def _charge(v: GuardView) -> Numbers | None:
     share, limit = None if v.link is None else v.link.battery_share, v.config.battery_share
-    low = share is not None and share < limit
-    return {"charge": to_percent(share), "limit": to_percent(limit)} if low and share is not None else None
+    if share is None or not share < limit:
+        return None
+    return {"charge": to_percent(share), "limit": to_percent(limit)}
 
 
 def _voltage(v: GuardView) -> Numbers | None:
     volts, limit = None if v.link is None else v.link.battery_v, v.config.battery_v
-    low = limit is not None and volts is not None and volts < limit
-    return {"voltage_v": volts, "limit_v": limit} if low else None
+    return None if limit is None or volts is None or not volts < limit else {"voltage_v": volts, "limit_v": limit}
 
 
 class Guard(NamedTuple):

@@ -12,7 +12,7 @@ Constants without a named origin were chosen; tests/unit/groundstation/core/safe
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
 import msgspec
 
@@ -359,36 +359,16 @@ class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     ] = 1.0
 
 
-class ThrustLimitConfig(Protocol):
-    """The part of :class:`groundstation.settings.settings.Config` that :func:`limit_n` reads."""
-
-    @property
-    def takeoff(self) -> TakeoffConfig:
-        """Section ``[takeoff]``."""
-        ...
-
-    @property
-    def vehicle(self) -> Vehicle:
-        """Section ``[vehicle]``."""
-        ...
-
-    @property
-    def weight_n(self) -> float:
-        """Configured weight [N]."""
-        ...
-
-
-def usual_limit_n(config: ThrustLimitConfig) -> float:
-    """Largest thrust before lift-off without ``takeoff.thrust_limit`` [N]."""
-    vehicle = config.vehicle
-    most = CONFIGURED_SHARE * config.weight_n if vehicle.hover_n is None else CLIMBING * vehicle.hover_n
+def usual_limit_n(vehicle: Vehicle, weight_n: float) -> float:
+    """Largest thrust before lift-off without ``takeoff.thrust_limit`` [N]; ``weight_n`` is the configured weight."""
+    most = CONFIGURED_SHARE * weight_n if vehicle.hover_n is None else CLIMBING * vehicle.hover_n
     return min(most, vehicle.thrust_max_n)
 
 
-def limit_n(config: ThrustLimitConfig) -> float:
-    """Largest thrust before lift-off [N]."""
-    share = config.takeoff.thrust_limit
-    return usual_limit_n(config) if share is None else min(share * config.weight_n, config.vehicle.thrust_max_n)
+def limit_n(takeoff: TakeoffConfig, vehicle: Vehicle, weight_n: float) -> float:
+    """Largest thrust before lift-off [N]; ``weight_n`` is the configured weight."""
+    share = takeoff.thrust_limit
+    return usual_limit_n(vehicle, weight_n) if share is None else min(share * weight_n, vehicle.thrust_max_n)
 
 
 class Spool:

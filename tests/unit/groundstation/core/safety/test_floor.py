@@ -31,7 +31,8 @@ def test_thrust_rises_without_a_step_and_never_above_its_limit(idle: float, spoo
 
 def test_thrust_before_lift_off_is_bounded_by_the_told_weight_or_by_a_measured_hover_thrust() -> None:
     def limit(*told: str) -> float:
-        return limit_n(from_dict({}, Config, ["vehicle.mass_kg=1", "vehicle.thrust_max_n=20", *told])) / 9.81
+        config = from_dict({}, Config, ["vehicle.mass_kg=1", "vehicle.thrust_max_n=20", *told])
+        return limit_n(config.takeoff, config.vehicle, config.weight_n) / 9.81
 
     assert limit() == pytest.approx(1.3)
     assert limit("vehicle.hover_n=9.0") == pytest.approx(1.1 * 9.0 / 9.81)
