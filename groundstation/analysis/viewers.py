@@ -236,7 +236,7 @@ class RerunScene:
         stream.send_blueprint(_lay_out())
         stream.log("world", rr.ViewCoordinates.FRD, static=True)  # north, east, down stand as forward, right, down
         for name, colour in COLOURS.items():
-            look = {"colors": tuple(round(255.0 * part) for part in colour), "radii": 0.005}
+            look: dict[str, Any] = {"colors": tuple(round(255.0 * part) for part in colour), "radii": 0.005}
             stream.log(f"world/trail/{name}", rr.LineStrips3D.from_fields(**look), static=True)
             if name == "reference":
                 stream.log(f"world/{name}", rr.Points3D.from_fields(**look | {"radii": 0.02}), static=True)
