@@ -105,7 +105,7 @@ BEYOND = struct.pack("<qII", 0, 0, 1) + struct.pack("<II", 1 << 20, 5)
 def test_a_packet_that_qtm_rt_cant_read_ends_the_connection_and_not_the_flight(packet: bytes) -> None:
     async def play(room: Room) -> None:
         await room.more()
-        room.say(qtm.text_packet(qtm.RtPacket.ERROR, "nobody asked"))
+        room.say(qtm.text_packet(qtm.ERROR, "nobody asked"))
         room.say(qtm.packet(qtm.RtPacket.EVENT, b"\x63"))  # of a newer QTM: no reason to hang up
         room.say(packet)
         await asyncio.sleep(0.1)
@@ -202,3 +202,8 @@ async def test_without_a_measurement_the_operator_is_asked_for_one() -> None:
         await source.start(lambda pose: None)
     await source.close()
     server.close()
+
+
+def test_a_script_that_plays_qtm_finds_the_packet_types_by_their_names() -> None:
+    for kind in (qtm.COMMAND, qtm.ERROR, qtm.XML):
+        assert qtm.packet_type(qtm.text_packet(kind, "said")) == qtm.RtPacket[kind.name]
