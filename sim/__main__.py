@@ -288,6 +288,18 @@ def _serve(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=seconds, metavar="S", help="stop after so many seconds")
 
 
+def _dev_bring_down(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scenarios", metavar="A,B", type=names, default=["paper", "adverse", "quad1kg"])
+    parser.add_argument("--flights", type=count, default=10, metavar="N", help="of each kind (default 10)")
+    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
+
+
+def _dev_intervals(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scenarios", metavar="A,B", type=names, default=["adverse", "rotors_mqx", "rotors_mqx_radio"])
+    parser.add_argument("--flights", type=count, default=16, metavar="N", help="in each (default 16)")
+    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
+
+
 def _dev_upsets(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenarios", metavar="A,B", type=names, help="default: paper, quad1kg")
     parser.add_argument("--seeds", type=count, default=3, metavar="N", help="of each push, 0 to N-1 (default 3)")
@@ -318,6 +330,8 @@ COMMANDS: Groups = {
         "dev faults": ("break one thing in every state of a mission, and judge the outcome", _dev_faults),
         "dev honest": ("disturb flights whose poses are true, and judge monitor and guards", _dev_honest),
         "dev alarms": ("measure the monitor's margins to a false alarm, in flights without faults", _dev_alarms),
+        "dev bring-down": ("cut flights short in the air, and measure how they come down", _dev_bring_down),
+        "dev intervals": ("count how often the truth lies within the intervals of identify", _dev_intervals),
         "dev upsets": ("fly every law through large pushes of the wind, and from far starts", _dev_upsets),
         "dev check-vectors": ("evaluate the control law on a file of test vectors", _dev_check_vectors),
         "dev firmware": ("fly Betaflight's own firmware: flights, strikes, rates", _dev_firmware),

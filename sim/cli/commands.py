@@ -10,9 +10,11 @@ import json
 import os
 import sys
 import textwrap
+from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -187,6 +189,43 @@ def tune(args: argparse.Namespace) -> Exit:
     from sim.cli.tune import report, search
 
     return report(args) if args.report else search(args)
+
+
+def dev_bring_down(args: argparse.Namespace) -> Exit:
+    """Cut the commands of flights, and report how the bring-down ends."""
+    from sim.studies import CAUSES, cut_all, markdown
+
+    falls = _fly_study(args, len(CAUSES), cut_all(args.scenarios, args.flights))
+    _show(args, f"{markdown(falls)}\n\n{args.flights} flights each: medians, the worst in brackets.")
+    return Exit.DONE
+
+
+def dev_intervals(args: argparse.Namespace) -> Exit:
+    """Fly excitation flights, and count how often the truth lies within the identified intervals."""
+    from sim.studies import coverage_table, identify_flights
+
+    flights = (found for name in args.scenarios for found in identify_flights(name, args.flights))
+    _show(args, coverage_table(list(chain.from_iterable(_fly_study(args, 1, flights))), args.flights))
+    return Exit.DONE
+
+
+def _fly_study(args: argparse.Namespace, kinds: int, flights: Iterable[T]) -> list[T]:
+    """Fly ``kinds`` times ``--flights`` in each scenario, behind a progress bar.
+
+    Unknown scenarios and a page without markers are refused before the first flight.
+    """
+    from sim.cli import ProgressBar
+
+    for name in args.scenarios:
+        scenario_of(name)
+    if args.write is not None:
+        fill_markers(args.write, {"figures": ""})
+    results = list[T]()
+    with ProgressBar("flights", len(args.scenarios) * kinds * args.flights) as counter:
+        for one in flights:
+            results.append(one)
+            counter.step()
+    return results
 
 
 def dev_upsets(args: argparse.Namespace) -> Exit:

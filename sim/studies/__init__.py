@@ -1,5 +1,6 @@
 """Questions put to many flights: campaigns, comparisons, tuning, margins."""
 
+from sim.studies.bring_down import CAUSES, cut_all, markdown
 from sim.studies.budget import Contribution
 from sim.studies.comparison import (
     CONTROLLERS,
@@ -21,5 +22,6 @@ from sim.studies.comparison import (
     text_table,
     write_between_markers,
 )
+from sim.studies.intervals import coverage_table, identify_flights
 from sim.studies.upsets import BATCHES, VEHICLES, compare_upsets, upsets_table
 from sim.studies.vectors import LIMIT, worst_disagreement
