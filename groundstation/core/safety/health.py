@@ -120,7 +120,7 @@ BEHIND_M_S2 = 1.2
 """Vertical acceleration that may be missing there [m/s²]: ground effect and vertical wind."""
 
 
-class Stop(NamedTuple):
+class Standstill(NamedTuple):
     """One direction: the position at which it is constant, and the model's motion since then."""
 
     since_s: float
@@ -143,7 +143,7 @@ class StopDetector:
     def __init__(self) -> None:
         self.is_driven = False
         """Whether a position at rest stays constant, though the model moves on."""
-        self._stops: list[Stop] = []
+        self._stops: list[Standstill] = []
         """One for each direction; empty before the first pose."""
         self._recent = deque[tuple[float, tuple[float, ...]]]()
 
@@ -176,7 +176,7 @@ class StopDetector:
                 measured = (position - from_positions[i]) / (now_s - then_s)
                 moved = min(began, measured, key=abs) if began * measured > 0.0 else 0.0
                 speed = moved + dt_s * (pushes[i] + other)
-                self._stops.append(Stop(now_s, 0, position, moved, other, 0.0, speed))
+                self._stops.append(Standstill(now_s, 0, position, moved, other, 0.0, speed))
                 continue
             since_s, poses, _, moved, other, way, speed = stop
             pushed = pushes[i] + other
