@@ -71,7 +71,7 @@ def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> No
         assert goto(flight, Waypoint(2.0, 2.0, 0.0), Waypoint(-2.0, 2.0, 0.0)).done
         await asyncio.sleep(1.5)
         assert flight.state == "moving"
-        assert goto(flight, NEAR).says == "goto is not possible while moving: ask for a hold first"
+        assert goto(flight, NEAR).says == "goto is not possible while moving: request hold first"
         assert flight.ask(Request(Ask.HOLD, "stop")).done
         await asyncio.sleep(6.0)
         assert flight.state is State.HOLD
