@@ -93,7 +93,7 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
     environment = {"NOTIFY_SOCKET": "@" + name[1:], "WATCHDOG_USEC": "600000"}
     try:
         with served() as room, running(room, tmp_path / "log", "--log-format", "logfmt", **environment) as daemon:
-            daemon.says("ready: link and poses are there")
+            daemon.says("ready: link and poses are available")
             assert "READY=1" in manager.told
             time.sleep(0.5)
             assert " arming: " not in daemon.log
@@ -118,7 +118,7 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
             landing = daemon.command("request", "land", "--why", "enough")
             assert (landing.returncode, landing.stdout[:8]) == (0, "landing:")
             daemon.says("landed: landed and disarmed")
-            daemon.says("ready: link and poses are there", times=2)
+            daemon.says("ready: link and poses are available", times=2)
             assert daemon.log.count(" arming: ") == 1
 
             daemon.process.terminate()
@@ -143,7 +143,7 @@ def test_a_daemon_that_is_started_again_after_its_death_in_flight_stays_on_the_g
             first.process.wait()
         assert first.command("daemon", "health").returncode == 2
         with running(room, tmp_path / "second") as second:
-            second.says("ready: link and poses are there|pre-flight checks failed")
+            second.says("ready: link and poses are available|pre-flight checks failed")
             time.sleep(0.5)
             assert " arming: " not in second.log
             assert second.process.poll() is None

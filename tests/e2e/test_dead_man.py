@@ -129,7 +129,7 @@ async def tracking(here: Lab) -> None:
 async def landing(here: Lab) -> None:
     await tracking(here)
     here.station.send_signal(signal.SIGTERM)
-    await here.says("landing: told by SIGTERM")
+    await here.says("landing: requested by SIGTERM")
     await asyncio.sleep(0.3)
 
 
@@ -221,7 +221,7 @@ def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the
     here = asyncio.run(told(tmp_path / "told", *signals))
     if len(signals) > 1:
         assert any("landing; once more: failsafe descent" in line for line in here.log), here.log
-        assert any(f"descent: told by {signals[1].name}" in line for line in here.log), "\n".join(here.log)
+        assert any(f"descent: requested by {signals[1].name}" in line for line in here.log), "\n".join(here.log)
     if len(signals) == 2:
         assert any("landed and disarmed" in line for line in here.log), here.log
         assert here.set_points(0.0)[-1][1] == 0.0

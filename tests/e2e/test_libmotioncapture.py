@@ -100,7 +100,7 @@ def test_a_server_that_does_not_answer_is_a_sentence_though_the_library_waits_fo
 
 def test_bodies_that_are_made_up_never_fly_a_vehicle() -> None:
     pose = {"kind": "libmotioncapture", "backend": "mock"}
-    with pytest.raises(ConfigError, match=r"pose\.backend: .*never flies"):
+    with pytest.raises(ConfigError, match=r"pose\.backend: .*never fly"):
         require_flyable(from_dict({"pose": pose}, Config))
 
 
