@@ -145,13 +145,14 @@ class Supervisor:
         """Once every core is ready, arm those that were named; where one does not get there, end the flights."""
         sockets = {one.name: socket_path(one.core.status, one.name) for one in self._fleet.members}
         ready = {name: asyncio.ensure_future(until_ready(socket)) for name, socket in sockets.items()}
-        all_ready = asyncio.gather(*ready.values())
+        all_ready = asyncio.ensure_future(asyncio.wait(ready.values()))
         ends: set[asyncio.Future[Any]] = {all_ready, *watching.values()}
         try:
             await asyncio.wait(ends, timeout=READY_S, return_when=asyncio.FIRST_COMPLETED)
             late = [name for name, task in ready.items() if not task.done() or watching[name].done()]
         finally:
-            all_ready.cancel()
+            for task in (all_ready, *ready.values()):
+                task.cancel()
         if late:
             if self._arm:
                 self._say(str(notice("fleet.nobody_armed", names=", ".join(late))))
