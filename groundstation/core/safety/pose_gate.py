@@ -17,6 +17,9 @@ from groundstation.core.vehicle import Motion
 
 PUSH_M_S2 = 10.0
 """Largest acceleration beside the commanded one [m/s²]: 1 g, more than any hand gives a vehicle in flight."""
+HELD_SHARE = 1.2
+"""Acceleration that what holds the vehicle may take, as a share of what the commands give [-]: 1 at rest, more where a
+cable springs; swapped axes seem to take 1.41."""
 DRIFT_M_S2 = 1.0
 """Error of the model's acceleration while no pose is believed [m/s²]: gusts of `storm`, one sigma."""
 BASE_S = 0.018
@@ -143,7 +146,7 @@ class PushMonitor:
         measured = _accelerate(first.measured_m, middle.measured_m, measured_m, h, k)
         model = _accelerate(first.model_m, middle.model_m, model_m, h, k)
         noise_m_s2 = 2.0 / (h + k) * HIGHLY_SIGNIFICANT * noise_m * math.hypot(1.0 / h, 1.0 / h + 1.0 / k, 1.0 / k)
-        most_m_s2 = max(PUSH_M_S2, math.hypot(*model)) + DRIFT_M_S2 + noise_m_s2
+        most_m_s2 = max(PUSH_M_S2, HELD_SHARE * math.hypot(*model)) + DRIFT_M_S2 + noise_m_s2
         return math.dist(measured, model) / most_m_s2
 
 

@@ -84,9 +84,12 @@ def test_no_push_of_1_g_and_no_noise_fails_true_poses(
     assert largest_share((0.6 * push_m_s2, -0.8 * push_m_s2, 0.0), commanded, noise_m, period_s) < 1.0
 
 
-@given(commands, noises, periods)
-def test_nothing_that_holds_the_vehicle_fails_true_poses(commanded: Vec3, noise_m: float, period_s: float) -> None:
-    assert largest_share(scale(-1.0, commanded), commanded, noise_m, period_s) < 1.0
+@given(st.floats(0.0, 1.2), commands, noises, periods)
+def test_nothing_that_holds_the_vehicle_fails_true_poses(
+    share: float, commanded: Vec3, noise_m: float, period_s: float
+) -> None:
+    """A cable that springs gives a little more than it takes."""
+    assert largest_share(scale(-share, commanded), commanded, noise_m, period_s) < 1.0
 
 
 @pytest.mark.parametrize("tilt_deg", [38.0, 45.0, 60.0])
