@@ -67,7 +67,7 @@ def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: l
         second.type("?")
         second.wait_for("twice within 1 s")
         second.type("C-d")  # the second key of it: no multiplexer takes that
-        second.wait_for("landing", "requested by tui")
+        second.wait_for("landing", "told by tui")
         second.type("Escape")
         second.wait_for(*big("landed"))
         second.type("q")
