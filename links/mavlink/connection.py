@@ -478,7 +478,7 @@ class Uplink:
 
 
 class OtherTraffic:
-    """What is heard of others than the vehicle: they steer it, tell it where it is, or stand in its place."""
+    """Messages of senders other than the vehicle: they steer it, send it positions, or use its address."""
 
     def __init__(self, config: MavlinkLinkConfig) -> None:
         self._config = config
@@ -597,7 +597,7 @@ class MavlinkConnection:
         self._target = (config.target_system, config.target_component)
         self.codec, self.words = MavlinkCodec(config.system_id, config.component_id), Words()
         self.others = OtherTraffic(config)
-        """What else is heard."""
+        """Senders other than the vehicle."""
         self.other_addresses: tuple[str, ...] = ()
         """Addresses other than the vehicle's that sent to our port, at most ``NAMED_ADDRESSES``."""
         self.read = 0

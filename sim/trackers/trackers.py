@@ -164,7 +164,7 @@ class SeenVehicle:
     """One vehicle before the cameras, and the noise of what they see of it."""
 
     def __init__(self, name: str, plant: Quadrotor, world: World, seed: int) -> None:
-        """It is called ``name``; its noise is drawn from ``seed``."""
+        """Track the vehicle ``name``; the noise is drawn from ``seed``."""
         self.name, self.plant = name, plant
         self._world = world
         self._noise = normals(seed, "noise", 6)

@@ -562,7 +562,7 @@ def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: Fli
 def describe_import(
     flight: ImportedFlight, mapping: FlightMapping, map_name: str, paths: Sequence[Path]
 ) -> dict[str, str]:
-    """What the recording of an imported flight says of itself, in its first record."""
+    """First record of an imported flight, which describes it."""
     return {
         "version": __version__,
         "imported": map_name,

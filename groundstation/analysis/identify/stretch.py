@@ -62,7 +62,7 @@ class FlightStretch:
     """Latency of poses beyond the configured one by the vehicle's own attitude, and one deviation [s]; None
     without its attitude, or where that serves as the poses."""
     about: dict[str, str] = field(default_factory=dict)
-    """What the recording says of itself."""
+    """First record of the recording, which describes it."""
     trouble: str = ""
     """Why not all of the recording could be read; empty where it could."""
 

@@ -288,8 +288,6 @@ class PlaceTests:
         self._pass = HighPass(3)
         self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._settled_s = self._interval_s = 0.0
-        self.measured_m: Vec3 = (0.0, 0.0, 0.0)
-        """Displacement of the poses since the begin [m, NED]."""
         self.model_m: Vec3 = (0.0, 0.0, 0.0)
         """Displacement of the model since the begin [m, NED]."""
         self.forget()
@@ -317,7 +315,7 @@ class PlaceTests:
         u, v, w = self._speed
         model = (dt_s * u + way[0], dt_s * v + way[1], dt_s * w + way[2])
         self._speed = (u + push[0], v + push[1], w + push[2])
-        self.measured_m, self.model_m = add(self.measured_m, measured), add(self.model_m, model)
+        self.model_m = add(self.model_m, model)
         sx, sy, sz, mx, my, mz, ux, uy, uz = self._pass.step([*measured, *model, *(tones_m or model)], dt_s)
         if tones_m is None:
             ux, uy, uz = mx, my, mz
@@ -435,8 +433,7 @@ class PoseHealth:
         measured = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
         self._turns.add(pose.time_s, measured, turn, tones_rad, dt)
         self._add_position(pose, last, response, None if is_blind else tones_m, dt, noise_m)
-        places = self._places
-        self.push_alarm = self._pushes.add(pose.time_s, places.measured_m, places.model_m, noise_m)
+        self.push_alarm = self._pushes.add(pose.time_s, pose.position_ned, self._places.model_m, noise_m)
         if may_stop and self.push_alarm >= 1.0:
             self._fail_part("pose.position_mirrored", pose.time_s - 2.0 * PUSH_BASE_S)
         per_kg, (x, y, z) = effectiveness * self._per_newton / dt, response.impulse

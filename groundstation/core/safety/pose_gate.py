@@ -120,9 +120,9 @@ class PoseGate:
 class PushMonitor:
     """Monitor of the acceleration that no command explains, over intervals in which noise is small against it.
 
-    From one pose to the next 1 g may be hidden in the noise. A push is up to 1 g, and what holds a vehicle takes no
-    more than its commands give. A mirrored position seems pushed against the commands by twice what they give: by more
-    than both from a tilt of 30 degrees on.
+    From one pose to the next 1 g may be hidden in the noise. A push is up to 1 g, and what holds a vehicle takes
+    little more than its commands give. A mirrored position seems pushed against the commands by twice what they give: by
+    more than both from a tilt of 30 degrees on.
     """
 
     def __init__(self) -> None:
@@ -133,8 +133,8 @@ class PushMonitor:
 
         Args:
             time_s: its instant [s].
-            measured_m: displacement of the poses since any beginning [m, NED].
-            model_m: displacement of the model since then [m, NED].
+            measured_m: its position [m, NED].
+            model_m: displacement of the model since any begin [m, NED].
             noise_m: noise of the positions, 1 sigma per axis [m].
         """
         self._path.append(_PathPoint(time_s, measured_m, model_m))

@@ -102,7 +102,7 @@ class StampScale(msgspec.Struct, gc=False):
     slope: float
     """Our seconds per stamp, as fitted."""
     nominal: float
-    """The same, as configured or first measured: the reference of the drift."""
+    """Reference of the drift: the value as configured or first measured."""
     band: float
     """Largest share by which the slope may deviate from the nominal one [-]; infinite while the rate is unknown."""
 

@@ -95,6 +95,6 @@ def test_nothing_that_holds_the_vehicle_fails_true_poses(
 @pytest.mark.parametrize("tilt_deg", [38.0, 45.0, 60.0])
 @pytest.mark.parametrize("period_s", [0.004, 0.01, 0.02])
 def test_a_mirrored_position_fails_once_the_vehicle_leans(tilt_deg: float, period_s: float) -> None:
-    """It seems pushed against its commands by twice what they give."""
+    """A mirrored vehicle seems pushed against its commands by twice what they give."""
     commanded = (9.81 * math.tan(math.radians(tilt_deg)), 0.0, 0.0)
     assert largest_share(scale(-2.0, commanded), commanded, 0.0005, period_s) >= 1.0
