@@ -210,16 +210,10 @@ def dev_intervals(args: argparse.Namespace) -> Exit:
 
 
 def _fly_study(args: argparse.Namespace, kinds: int, flights: Iterable[T]) -> list[T]:
-    """Fly ``kinds`` times ``--flights`` in each scenario, behind a progress bar.
-
-    Unknown scenarios and a page without markers are refused before the first flight.
-    """
+    """Fly ``kinds`` times ``--flights`` in each scenario, behind a progress bar."""
     from sim.cli import ProgressBar
 
-    for name in args.scenarios:
-        scenario_of(name)
-    if args.write is not None:
-        fill_markers(args.write, {"figures": ""})
+    _refuse_early(args.scenarios, args.write)
     results = list[T]()
     with ProgressBar("flights", len(args.scenarios) * kinds * args.flights) as counter:
         for one in flights:
@@ -228,16 +222,21 @@ def _fly_study(args: argparse.Namespace, kinds: int, flights: Iterable[T]) -> li
     return results
 
 
+def _refuse_early(scenarios: Iterable[str], page: Path | None) -> None:
+    """Refuse unknown scenarios and a page without markers before the first flight; raises ConfigError."""
+    for name in scenarios:
+        scenario_of(name)
+    if page is not None:
+        fill_markers(page, {"figures": ""})
+
+
 def dev_upsets(args: argparse.Namespace) -> Exit:
     """Fly every law through large steps and pushes of the wind, and from drawn starts."""
     from sim.cli import ProgressBar
     from sim.studies import BATCHES, VEHICLES, compare_upsets, upsets_table
 
     scenarios = args.scenarios or VEHICLES
-    for name in scenarios:
-        scenario_of(name)
-    if args.write is not None:
-        fill_markers(args.write, {"figures": ""})
+    _refuse_early(scenarios, args.write)
     with ProgressBar("batches", len(scenarios) * BATCHES) as counter:
         found = compare_upsets(scenarios, seeds=args.seeds, states=args.states, on_done=counter.step)
     _show(args, upsets_table(*found))

@@ -121,8 +121,8 @@ class PushMonitor:
     """Monitor of the acceleration that no command explains, over intervals in which noise is small against it.
 
     From one pose to the next 1 g may be hidden in the noise. A push is up to 1 g, and what holds a vehicle takes
-    little more than its commands give. A mirrored position seems pushed against the commands by twice what they give: by
-    more than both from a tilt of 30 degrees on.
+    little more than its commands give. A mirrored position seems pushed against the commands by twice what they
+    give: by more than both from a tilt of 30 degrees on.
     """
 
     def __init__(self) -> None:
