@@ -239,9 +239,14 @@ def _toml_value(text: str) -> Any:
     return parsed["value"] if len(parsed) == 1 else text
 
 
+_ELEMENT = re.compile(r"(\[\d+\])+$")
+"""End of the last part of a path to an element of an array, as :func:`element_path` writes it."""
+
+
 def _blame(path: KeyPath, data: Any, set_paths: Iterable[KeyPath], source: str) -> str:
     """Name the source of the value at ``path``: an override, or else the file."""
     in_file = data
+    path = (*path[:-1], _ELEMENT.sub("", path[-1])) if path else path
     for part in path:
         in_file = in_file[part] if isinstance(in_file, Mapping) and part in in_file else None
     for override in set_paths:

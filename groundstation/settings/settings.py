@@ -17,6 +17,7 @@ import msgspec
 
 from groundstation.config import CLIENT_LETTERS, NAME, VEHICLE_LETTERS, ConfigError, describe_name, is_name, texts_of
 from groundstation.core.control import ControllerConfig, Gains, Law
+from groundstation.core.geometry import Coordinate
 from groundstation.core.messages import RemoteAsk
 from groundstation.core.safety import FenceConfig, GuardsConfig, LandingConfig, SeparationConfig, TakeoffConfig
 from groundstation.core.trajectory import LemniscateConfig, TrajectoryConfig
@@ -487,10 +488,8 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         0.4
     )
     floor_z_m: Annotated[
-        float,
+        Coordinate,
         msgspec.Meta(
-            ge=-1000.0,
-            le=1000.0,
             description="Down coordinate of the vehicle's pose on the floor [m, NED: down is "
             "positive]; landing aims at it.",
         ),

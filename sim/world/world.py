@@ -5,16 +5,42 @@ Its wind is given as the acceleration of the vehicle: mean, sine gusts, one step
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, add_scaled
-from groundstation.core.vehicle import GRAVITY
+from groundstation.core.geometry import FLOATS, Coordinate, Ops, Real, Vec3, add_scaled
+from groundstation.core.vehicle import GRAVITY, Delay, Drag, FramePeriod, Lag, Mass, RateLimit, Thrust
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+PartOfSecond = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+"""A latency or its jitter [s]; more is in milliseconds."""
+Duration = Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)]
+"""A time within a flight [s]; more is in milliseconds."""
+Period = Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)]
+"""Time from one event of a flight to the next [s]."""
+Rate = Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)]
+"""Events per second [Hz]."""
+Gain = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
+"""A true over a commanded value [-]; more is in percent."""
+Noise = Annotated[float, msgspec.Meta(ge=0.0, le=0.1)]
+"""Noise of a position [m]; more is in millimetres."""
+AngleNoise = Annotated[float, msgspec.Meta(ge=0.0, le=0.2)]
+"""Noise of an angle [rad]; more is in degrees."""
+Speed = Annotated[float, msgspec.Meta(gt=0.0, le=50.0)]
+"""A speed [m/s]; more is in millimetres per second."""
+Push = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
+"""An acceleration by the air, or a speed of it [m/s², m/s]: ten times the weight, or a hurricane."""
+Angle = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+"""An angle [deg]."""
+Place: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
+"""A point [m, NED]."""
+Pushes: TypeAlias = tuple[Push, Push, Push]
+"""A vector of accelerations or speeds [NED]."""
+Angles: TypeAlias = tuple[Angle, Angle, Angle]
+"""A rotation vector [deg]."""
 
 
 class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -29,9 +55,9 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     curve: Share = 0.0
     """f of thrust = f n² + (1 - f) n, from a rotor's speed n (0..1) to its share of thrust [-]; the autopilot on board
     knows it and takes it out again."""
-    spin_up_s: NonNegative = 0.040
+    spin_up_s: Lag = 0.040
     """Time constant of the rotors' speed where it rises [s]."""
-    spin_down_s: NonNegative = 0.040
+    spin_down_s: Lag = 0.040
     """Time constant of a rotor that slows down [s]."""
     p: NonNegative = 25.0
     """Angular acceleration that the rate loop asks for per error of rate [1/s]."""
@@ -39,7 +65,7 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Angular acceleration demanded per integral of the rate error [1/s²]."""
     d: NonNegative = 0.4
     """Angular acceleration taken back per measured one [-]."""
-    yaw_gain: NonNegative = 0.4
+    yaw_gain: Share = 0.4
     """Share of the three for yaw [-]."""
     gyro_noise_rad_s: NonNegative = 0.02
     """Gyro noise of each step, 1σ per axis [rad/s]."""
@@ -47,30 +73,30 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Edge of the gyro's filter [Hz]."""
     d_filter_hz: Positive = 60.0
     """Edge of the one that D has beside it [Hz]."""
-    rate_filter_s: NonNegative = 0.0
+    rate_filter_s: Lag = 0.0
     """Time constant of a filter that told rates pass first [s]."""
-    thrust_filter_s: NonNegative = 0.0
+    thrust_filter_s: Lag = 0.0
     """Time constant of the filter of the thrust set-point [s]."""
 
 
 class WindTunnel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Effects of a wall of fans beside drag and the air's mean speed; none by default."""
 
-    gust_m_s: float = 0.0
+    gust_m_s: Push = 0.0
     """The air's speed to the north gains so much times sin(``gust_rad_s`` t + ``gust_phase_rad``) [m/s]."""
     gust_rad_s: Positive = 1.0
     """[rad/s]"""
     gust_phase_rad: float = 0.0
     """[rad]"""
-    rest_m_s2: Vec3 = (0.0, 0.0, 0.0)
+    rest_m_s2: Pushes = (0.0, 0.0, 0.0)
     """Random push: Ornstein-Uhlenbeck noise, RMS [m/s², NED]."""
-    rest_s: Positive = 0.6
+    rest_s: Period = 0.6
     """Its correlation time [s]."""
-    pitch_gain: Positive = 1.0
+    pitch_gain: Gain = 1.0
     """Achieved over commanded pitch [-]."""
     pitch_per_climb: float = 0.0
     """Pitch rate, nose down, that comes with each m/s upwards [rad/m]."""
-    start_pitch_deg: float = 0.0
+    start_pitch_deg: Angle = 0.0
     """Pitch at the release, nose up [deg]."""
 
     def turn(self, rates: Vec3, velocity: Vec3) -> Vec3:
@@ -84,33 +110,33 @@ STILL = WindTunnel()
 class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Every figure of a scenario. The controller knows none of them: it believes what its own config says."""
 
-    mass_kg: Positive = 0.080
+    mass_kg: Mass = 0.080
     """[kg]"""
-    thrust_max_n: Positive = 1.37
+    thrust_max_n: Thrust = 1.37
     """Thrust at full command with a thrust gain of 1 [N]."""
     thrust_curve: Share = 0.0
     """f of thrust = f u² + (1 - f) u, from the signal that the autopilot is sent to thrust: what it leaves of the
     motors' curve [-]."""
-    rate_limits_deg_s: tuple[Positive, Positive, Positive] = (200.0, 200.0, 300.0)
+    rate_limits_deg_s: tuple[RateLimit, RateLimit, RateLimit] = (200.0, 200.0, 300.0)
     """Largest body rates the vehicle follows [deg/s]."""
-    thrust_gain: Positive = 1.0
+    thrust_gain: Gain = 1.0
     """True thrust over commanded thrust, at the start [-]."""
     thrust_sag: Share = 0.0
     """Share of the thrust gain lost, linearly, over the flight [-]."""
-    thrust_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
+    thrust_lag_s: Lag = 1.0 / (2.0 * math.pi * 1.5)
     """First-order lag of the thrust [s]."""
-    rate_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
+    rate_lag_s: Lag = 1.0 / (2.0 * math.pi * 1.5)
     """First-order lag of each body rate [s]."""
-    thrust_delay_s: NonNegative = 0.0
+    thrust_delay_s: Delay = 0.0
     """Dead time between a command's arrival at the vehicle and the thrust's first answer [s]; the lag comes on top."""
-    rate_delay_s: NonNegative = 0.0
+    rate_delay_s: Delay = 0.0
     """Dead time of the body rates [s], counted alike."""
     plant: Literal["first_order", "rotors"] = "first_order"
     """Whether thrust and rates follow their commands by first-order lags, or by a rate loop that drives four rotors;
     rotors have no use for the two lags, and want a short ``sim.step_s``: it is the rate loop's period."""
     rotors: RotorConstants = RotorConstants()
     """Constants of the rotors; used with ``sim.plant = "rotors"`` only."""
-    drag_per_s: NonNegative = 0.0
+    drag_per_s: Drag = 0.0
     """Linear drag: deceleration per speed [1/s]."""
     drag_body_per_s: Vec3 = (0.0, 0.0, 0.0)
     """Further linear drag along each of the body's axes, against the air [1/s]."""
@@ -118,94 +144,94 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Growth of the drag with the air's speed in the rotors' plane: within that plane, and along the thrust [1/m]."""
     inflow_lift_per_m: float = 0.0
     """Acceleration along the thrust per square of that speed [1/m]."""
-    air_velocity: Vec3 = (0.0, 0.0, 0.0)
+    air_velocity: Pushes = (0.0, 0.0, 0.0)
     """Speed of the air, against which the drag along the body's axes counts [m/s, NED]."""
     tunnel: WindTunnel = STILL
     """A wall of fans; not in the array engine."""
     rate_leak: float = 0.0
     """Centre of mass off the rotors' centre: lateral acceleration per commanded body rate [m/s² per rad/s]."""
-    wind_mean: Vec3 = (0.1, -0.05, 0.2)
+    wind_mean: Pushes = (0.1, -0.05, 0.2)
     """Constant disturbance [m/s², NED]."""
-    wind_gust: Vec3 = (0.0, 0.0, 0.0)
+    wind_gust: Pushes = (0.0, 0.0, 0.0)
     """Amplitude of the sine gusts [m/s², NED]."""
-    wind_gust_hz: Positive = 0.2
+    wind_gust_hz: Rate = 0.2
     """Their frequency [Hz]."""
-    wind_turbulence: NonNegative = 0.0
+    wind_turbulence: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
     """Dryden-shaped turbulence, RMS per axis [m/s²]."""
-    wind_step: Vec3 = (0.0, 0.0, 0.0)
+    wind_step: Pushes = (0.0, 0.0, 0.0)
     """A step of the wind [m/s², NED]."""
-    wind_step_time_s: NonNegative = 30.0
+    wind_step_time_s: Duration = 30.0
     """When it comes [s after release]."""
-    wind_push_s: NonNegative = 0.0
+    wind_push_s: Duration = 0.0
     """Above 0 the step is a push: half a sine of this length, ``wind_step`` its peak [s]."""
-    pose_rate_hz: Positive = 50.0
+    pose_rate_hz: Rate = 50.0
     """Camera frames per second [Hz]."""
-    pose_latency_s: NonNegative = 0.020
+    pose_latency_s: PartOfSecond = 0.020
     """Latency between exposure and the datagram's arrival [s]."""
-    pose_noise_m: NonNegative = 0.0003
+    pose_noise_m: Noise = 0.0003
     """Position noise, 1σ per axis [m]."""
-    attitude_noise_rad: NonNegative = 0.002
+    attitude_noise_rad: AngleNoise = 0.002
     """Attitude noise, 1σ per axis [rad]."""
-    pose_jitter_s: NonNegative = 0.0
+    pose_jitter_s: PartOfSecond = 0.0
     """Jitter of the poses' stamps against their exposures, 1σ [s]."""
     pose_loss: Share = 0.0
     """Share of the poses lost at random [-]."""
-    outage_s: NonNegative = 0.0
+    outage_s: Duration = 0.0
     """Length of the regular outages of all poses [s]."""
-    outage_period_s: Positive = 10.0
+    outage_period_s: Period = 10.0
     """Time from one outage to the next [s]."""
     other_bodies: Annotated[int, msgspec.Meta(ge=0, le=8)] = 0
     """Further bodies that the cameras see, circling around the volume."""
-    occlusion_s: NonNegative = 0.0
+    occlusion_s: Duration = 0.0
     """Length of the regular occlusions: frames come, but our body is not seen [s]."""
-    swap_s: NonNegative = 0.0
+    swap_s: Duration = 0.0
     """Length of the regular mix-ups: our body and the next one change names [s]."""
-    mishap_period_s: Positive = 10.0
+    mishap_period_s: Period = 10.0
     """Time from one occlusion, or mix-up, to the next [s]; they come in the middle of it, and after three quarters."""
-    frame_period_s: Positive = 0.0225
+    frame_period_s: FramePeriod = 0.0225
     """Period of the command frames; the last one is held [s]."""
-    command_delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
+    command_delay_s: PartOfSecond = 0.0
     """Latency of the uplink between our frame and the vehicle's autopilot, as on a slow radio [s]."""
-    telemetry_hz: NonNegative = 0.0
+    telemetry_hz: Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)] = 0.0
     """Rate of the attitude telemetry through a CRSF module [Hz]; Betaflight sends 10 Hz."""
     frame_loss: Share = 0.0
     """Share of the command frames lost at random [-]."""
-    speed_m_s: Positive = 0.5
+    speed_m_s: Speed = 0.5
     """Speed of the reference along the figure eight [m/s]."""
-    start_ned: Vec3 = (0.8, -0.8, 0.0)
+    start_ned: Place = (0.8, -0.8, 0.0)
     """Where the vehicle is held until it obeys [m, NED]."""
-    start_velocity: Vec3 = (0.0, 0.0, 0.0)
+    start_velocity: Pushes = (0.0, 0.0, 0.0)
     """Velocity at the release [m/s, NED]: the vehicle is thrown."""
-    start_turn_deg: Vec3 = (0.0, 0.0, 0.0)
+    start_turn_deg: Angles = (0.0, 0.0, 0.0)
     """Attitude in which it is held, as a rotation vector from level and north [deg]."""
-    start_thrust: NonNegative = 0.6
+    start_thrust: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.6
     """Thrust at the release, as a share of the hover thrust [-]."""
     own_estimate: bool = False
     """Whether the autopilot knows its own position and speed (GPS, optical flow), and says so."""
-    velocity_bias: Vec3 = (0.0, 0.0, 0.0)
+    velocity_bias: Pushes = (0.0, 0.0, 0.0)
     """Bias of the autopilot's velocity against its own positions [m/s, NED]; ArduCopter's, with a simulated
     GPS: 0.016."""
-    estimate_wander_m: NonNegative = 0.0
+    estimate_wander_m: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
     """Random walk of the measured position over 2 s, 1σ per axis [m], and of the speed with it, for the autopilot's
     own estimate and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""
-    estimate_yaw_step_deg: float = 0.0
+    estimate_yaw_step_deg: Angle = 0.0
     """A step of the measured yaw, which the autopilot's ODOMETRY announces [deg]; PX4 was seen to make 19. Until then
     its heading is off by so much the other way: an estimator turns it once it sees that it does not fit its speed."""
-    estimate_yaw_step_s: NonNegative = 2.0
+    estimate_yaw_step_s: Duration = 2.0
     """When it comes [s after release]."""
-    floor_z_m: float = 1.0
+    floor_z_m: Coordinate = 1.0
     """Height of the floor [m, NED, so 1 is one metre below the origin]."""
-    floor_friction: NonNegative = 1.0
+    floor_friction: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 1.0
     """Force that the floor holds it with sideways over the force that it presses on it with [-]."""
-    floor_hold_s: NonNegative = 0.0
+    floor_hold_s: Duration = 0.0
     """Time for which the floor holds a vehicle that already gathers speed upwards [s]; ArduPilot's SITL: 0.6."""
     ground_effect: bool = False
     """Whether thrust grows near the floor; flights that begin on the floor have it."""
-    rotor_radius_m: Positive = 0.035
+    rotor_radius_m: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.035
     """Radius of one rotor [m]: the ground effect fades with height over it."""
     step_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.0025)] = 0.0025
     """Longest step of the plant [s]; errors are sampled at every step."""
-    gravity: Positive = GRAVITY
+    gravity: Annotated[float, msgspec.Meta(ge=1.0, le=30.0)] = GRAVITY
     """[m/s²]"""
 
 

@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -27,8 +28,8 @@ from groundstation.analysis.evidence.evidence import (
     measure_pose_noise,
     tabulate_flights,
 )
-from groundstation.analysis.evidence.flight import SETPOINT, Column
-from groundstation.analysis.evidence.imports import load_mapping
+from groundstation.analysis.evidence.flight import MEASURED, SETPOINT, Column
+from groundstation.analysis.evidence.imports import load_mapping, read_flight
 from groundstation.config import ConfigError, from_dict, shipped_texts
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording
@@ -373,6 +374,32 @@ def test_stamps_of_another_unit_are_refused(factor: float, tmp_path: Path) -> No
         import_command([path], "nanobench", tmp_path / "out.mcap")
 
 
+def test_positions_in_millimetres_where_metres_are_stated_are_of_no_room(tmp_path: Path) -> None:
+    lengths = ("px", "py", "pz")
+    path = poses_only(tmp_path, lambda rows: [row | {name: 1e3 * row[name] for name in lengths} for row in rows])
+    with pytest.raises(ConfigError, match=r"spread over 1.61e\+03 m, limit 200 m, and move at .* check position_unit"):
+        import_command([path], "nanobench", tmp_path / "out.mcap")
+
+
+def test_a_file_of_vicon_counts_frames_below_three_lines_of_names(tmp_path: Path) -> None:
+    """As Vicon Tracker exports: the rate on a line of its own, objects, columns, units."""
+    top = (
+        "Objects\n100\n,,Global Angle quad:quad,,,Global Position,,\n"
+        "Frame,Sub Frame,RX,RY,RZ,TX,TY,TZ\n,,deg,deg,deg,mm,mm,mm\n"
+    )
+    rows = [f"{n},0,0,0,0,{5 * n},{1000 - n},{n % 7}\n" for n in range(200)]
+    (tmp_path / "take.csv").write_text(top + "".join(rows), "utf-8")
+    (tmp_path / "vicon.toml").write_text(
+        'title = "Vicon"\nformat = "csv"\nsource = "motion capture"\ntime = "Frame"\nframes_hz = 100\nworld = "nwu"\n'
+        '[[pose]]\nposition = ["TX", "TY", "TZ"]\nposition_unit = "mm"\n',
+        "utf-8",
+    )
+    flight = read_flight(load_mapping(str(tmp_path / "vicon.toml")), [tmp_path / "take.csv"])
+    pose = flight.of(MEASURED)[100]
+    place = msgspec.structs.astuple(pose.position_ned)
+    assert (pose.time_s, place) == (pytest.approx(1.0), pytest.approx((0.5, -0.9, -0.002)))
+
+
 def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_no_motion(tmp_path: Path) -> None:
     """As trackers do that lose their body: noughts, a ghost, or all of the room beside where it was."""
     still = examine_flight(imported(tmp_path, poses_only(tmp_path, list), "nanobench"))["prediction"]["60"]
@@ -399,7 +426,7 @@ def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_
     [
         {"qx": "qw", "qy": "qx", "qz": "qy", "qw": "qz"},
         {"px": "py", "py": "px"},
-        {"px": "1000px", "py": "1000py", "pz": "1000pz"},
+        {"px": "10px", "py": "10py", "pz": "10pz"},
         {"qx": "-qx", "qy": "-qy", "qz": "-qz"},
     ],
     ids=["order", "axes", "units", "direction"],
@@ -408,7 +435,7 @@ def test_attitudes_that_do_not_lean_as_the_vehicle_accelerates_are_told(turned: 
     """Nothing else shows that a mapping has the wrong order, axes or units."""
 
     def value(row: dict[str, Any], told: str) -> float:
-        factor = 1000.0 if told.startswith("1000") else -1.0 if told.startswith("-") else 1.0
+        factor = 10.0 if told.startswith("10") else -1.0 if told.startswith("-") else 1.0
         return factor * float(row[told[-2:]])
 
     right = drive_flight(load_flight(imported(tmp_path, poses_only(tmp_path, list), "nanobench")))

@@ -48,7 +48,7 @@ from groundstation.analysis.evidence.text_tables import (
 )
 from groundstation.analysis.evidence.tlog import read_tlog
 from groundstation.config import ConfigError, from_dict, parse_toml, refuse_io, shipped_texts
-from groundstation.core.geometry import Body, Frames, Quat, World, axes, so3
+from groundstation.core.geometry import FARTHEST_M, Body, Frames, Quat, World, axes, so3
 from groundstation.core.messages import Pose, notice
 from groundstation.machine import open_private
 from groundstation.recording import Vector3, add_channel, begin_mcap, channel_form, quaternion
@@ -154,6 +154,8 @@ class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     time_unit: TimeUnit = "s"
     time_ns: str = ""
     """Column of nanoseconds that count beside ``time``, as in a stamp of ROS."""
+    frames_hz: Positive | None = None
+    """Frames per second, where ``time`` counts frames, as in a file of Vicon; ``time_unit`` is then not used."""
     csv: CsvLayout = CsvLayout()
     """Layout of the text, for CSV."""
     world: World = "ned"
@@ -332,8 +334,14 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
     return Exit.DONE
 
 
-PLAUSIBLE_S = (3e-4, 5.0)
-"""Poses are no closer, and no further apart [s]."""
+PLAUSIBLE_S = (3e-4, 0.5)
+"""Poses are no closer, and no further apart [s]; in milliseconds those of a tracker of 1000 Hz are 1 apart."""
+WIDEST_M = 2.0 * FARTHEST_M
+"""Largest spread of the positions of motion capture along one axis [m]."""
+FASTEST_M_S = 50.0
+"""Fastest usual speed of a multirotor indoors [m/s]: what is faster is in millimetres."""
+FEW_OFF = 0.01
+"""Share of positions at either end that do not count for the spread [-]: a tracker mistakes a body now and then."""
 LEAPS_M = 0.15
 """Least distance of a leaping pose from its extrapolated place [m]."""
 LEAPS_M_S2 = 150.0
@@ -344,7 +352,7 @@ ALL_LEAP = 0.1
 """Share of leaping poses from which units are wrong, and none is left out [-]."""
 
 
-FARTHEST_M = 1e5
+BELIEVED_M = 1e5
 """Largest believable distance from the source's origin [m]."""
 LATEST_S = 1e10
 """Largest believable time [s]."""
@@ -455,17 +463,37 @@ def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) ->
     if poses is None:
         raise ConfigError("FILE", f"holds no poses as the mapping has them: {reader.lacks(mapping.pose)}", str(file))
     time = poses[0]
-    apart_s = find_usual(time) if len(time) > 1 else PLAUSIBLE_S[1]
-    if not PLAUSIBLE_S[0] <= apart_s <= PLAUSIBLE_S[1]:
-        says = f"by {mapping.time_unit!r} a pose comes every {apart_s:.3g} s: its stamps are of another unit"
-        says = says if apart_s else "all poses have the same stamp"
-        raise ConfigError("--map: time_unit", says, str(file))
     backs = int(np.count_nonzero(np.diff(time) < 0.0))
     if backs > MOST_BACKS * len(time):
         raise ConfigError(
             "FILE", notice("import.no_order", backs=backs, poses=len(time), limit=MOST_BACKS * len(time)), str(file)
         )
+    apart_s = find_usual(time) if len(time) > 1 else PLAUSIBLE_S[1]
+    if not PLAUSIBLE_S[0] <= apart_s <= PLAUSIBLE_S[1]:
+        says = f"by {mapping.time_unit!r} a pose comes every {apart_s:.3g} s: its stamps are of another unit"
+        says = says if apart_s else "all poses have the same stamp"
+        raise ConfigError("--map: time_unit", says, str(file))
+    if mapping.source == "motion capture":
+        _check_lengths(time, poses[1], file)
     return poses
+
+
+def _check_lengths(time: Column, place: Column, file: Path) -> None:
+    """Check that positions (N, 3) [m] at ``time`` (N,) [s] are of a room.
+
+    Raises:
+        ConfigError: they spread too far or move too fast: they are in another unit.
+    """
+    spread_m = float(np.ptp(np.quantile(place, (FEW_OFF, 1.0 - FEW_OFF), axis=0), axis=0).max())
+    steps_s = np.diff(time)
+    moves = steps_s > 0.0
+    speeds = np.linalg.norm(np.diff(place, axis=0)[moves], axis=1) / steps_s[moves]
+    speed_m_s = float(np.median(speeds)) if moves.any() else 0.0
+    if spread_m > WIDEST_M or speed_m_s > FASTEST_M_S:
+        says = notice(
+            "import.lengths", spread_m=spread_m, widest_m=WIDEST_M, speed_m_s=speed_m_s, fastest_m_s=FASTEST_M_S
+        )
+        raise ConfigError("FILE", says, str(file))
 
 
 def _add_poses(flight: ImportedFlight, poses: "Motion") -> NDArray[np.intp]:
@@ -693,7 +721,7 @@ class _MappingReader:
             if other is None:
                 return None
             attitude = self._between(self._time(part, other), self._attitudes(part, other, slice(None)), time)
-        good = (np.abs(place) < FARTHEST_M).all(axis=1) & np.isfinite(attitude).all(axis=1) & np.isfinite(time)
+        good = (np.abs(place) < BELIEVED_M).all(axis=1) & np.isfinite(attitude).all(axis=1) & np.isfinite(time)
         if not good.any():
             return None
         if not good.all():
@@ -756,7 +784,8 @@ class _MappingReader:
 
     def _time(self, part: MappedTable, table: Table) -> Column:
         name = part.time or self._mapping.time
-        time: Column = table[name if name in table else self._mapping.time] * UNITS[self._mapping.time_unit][1]
+        unit_s = UNITS[self._mapping.time_unit][1] if self._mapping.frames_hz is None else 1.0 / self._mapping.frames_hz
+        time: Column = table[name if name in table else self._mapping.time] * unit_s
         if self._mapping.time_ns:
             time = time + 1e-9 * table[self._mapping.time_ns]
         far = np.abs(time) >= LATEST_S

@@ -2,12 +2,14 @@
 
 from groundstation.core.geometry import so3 as so3
 from groundstation.core.geometry.so3 import (
+    FARTHEST_M,
     FLOATS,
     IDENTITY,
     ZERO,
     Alignment,
     Body,
     BodyAxes,
+    Coordinate,
     Frames,
     LabAlignment,
     LabAxes,

@@ -282,7 +282,13 @@ _POINTING: dict[str, Vec3] = {
 }
 """Where a letter points, in NED or FRD."""
 
-_Metres = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
+FARTHEST_M = 100.0
+"""Largest coordinate and length of a room or a field [m]: more is in millimetres, and no tracking volume is larger."""
+LONGEST_ARM_M = 1.0
+"""Farthest that a tracked point is from the centre of mass, along each axis [m]: more is in millimetres."""
+Coordinate: TypeAlias = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
+"""A coordinate or a height [m]."""
+_Arm = Annotated[float, msgspec.Meta(ge=-LONGEST_ARM_M, le=LONGEST_ARM_M)]
 _Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 
 
@@ -299,7 +305,7 @@ class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = (0.0, 0.0, 0.0)
     lab_origin_m: Annotated[
-        tuple[_Metres, _Metres, _Metres],
+        tuple[Coordinate, Coordinate, Coordinate],
         msgspec.Meta(description="Where the lab's origin is in our world [m, north east down]."),
     ] = (0.0, 0.0, 0.0)
     body_rotation_deg: Annotated[
@@ -310,7 +316,7 @@ class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = (0.0, 0.0, 0.0)
     centre_of_mass_m: Annotated[
-        tuple[_Metres, _Metres, _Metres],
+        tuple[_Arm, _Arm, _Arm],
         msgspec.Meta(
             description="From the point that is tracked to the vehicle's centre of mass [m, forward "
             "right down on the vehicle]."

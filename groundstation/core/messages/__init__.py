@@ -17,7 +17,6 @@ from groundstation.core.messages.pose import (
     SourceError,
 )
 from groundstation.core.messages.snapshot import (
-    FARTHEST_M,
     GAIN,
     MOST_POINTS,
     ROUNDING_S,

@@ -110,6 +110,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "the unit of {columns} in {table} is unclear: the file states {stated}, the mapping expects {expected}",
     ),
     NoticeTemplate(
+        "import.lengths",
+        "its positions spread over {spread_m:.3g} m, limit {widest_m:g} m, and move at {speed_m_s:.3g} m/s, limit "
+        "{fastest_m_s:g} m/s: they are of no room",
+        "check position_unit and time_unit of the mapping, and the unit that the file states",
+    ),
+    NoticeTemplate(
         "import.no_order",
         "{backs:.0f} of {poses:.0f} poses are older than the one before, limit {limit:.0f}",
         "sort its rows by their stamps",

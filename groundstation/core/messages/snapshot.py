@@ -14,7 +14,7 @@ from typing import Annotated, Literal, NamedTuple, Protocol, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry import Quat, Real, Vec3
+from groundstation.core.geometry import FARTHEST_M, Coordinate, Quat, Real, Vec3
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion
@@ -336,19 +336,16 @@ class Ask(StrEnum):
 RemoteAsk = Literal["hold", "return", "track", "goto", "land", "descend", "abort", "kill"]
 """Requests that remote clients may send: all but to arm."""
 
-FARTHEST_M = 1000.0
-"""Largest coordinate of a requested point along each axis [m]. Chosen: beyond any room; the fence decides."""
 TURN_DEG = 360.0
 """Largest heading of a request, either way [deg]: a full turn."""
-_Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 
 
 class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """A point to fly to. On the wire ``[north, east, down]`` or ``[north, east, down, yaw]``."""
 
-    north_m: Annotated[_Metres, msgspec.Meta(description="North [m, world NED].")]
-    east_m: Annotated[_Metres, msgspec.Meta(description="East [m, world NED].")]
-    down_m: Annotated[_Metres, msgspec.Meta(description="Down [m, world NED]: 1 m up is -1.")]
+    north_m: Annotated[Coordinate, msgspec.Meta(description="North [m, world NED].")]
+    east_m: Annotated[Coordinate, msgspec.Meta(description="East [m, world NED].")]
+    down_m: Annotated[Coordinate, msgspec.Meta(description="Down [m, world NED]: 1 m up is -1.")]
     yaw_deg: Annotated[
         Annotated[float, msgspec.Meta(ge=-TURN_DEG, le=TURN_DEG)] | None,
         msgspec.Meta(description="Heading there [deg], from north towards east; None keeps the present one."),

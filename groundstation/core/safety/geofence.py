@@ -5,14 +5,13 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry import Vec3
-from groundstation.core.messages import BODIES_MAX, FARTHEST_M, MOST_POINTS, Others
+from groundstation.core.geometry import FARTHEST_M, Coordinate, Vec3
+from groundstation.core.messages import BODIES_MAX, MOST_POINTS, Others
 
 TRIANGLE = 3
 """Least number of corners [-]."""
 LEAST_TURN_M2 = 1e-9
 """Least area, twice that of three corners in a row, of a convex polygon [m²]: rounding."""
-Coordinate = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 Corner = tuple[Coordinate, Coordinate]
 Length = Annotated[float, msgspec.Meta(ge=0.01, le=100.0)]
 """A distance of vehicles or an error [m]; more is in millimetres, and less is within the noise of a flight."""

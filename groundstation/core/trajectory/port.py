@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple, Protocol, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry import ZERO, Vec3
+from groundstation.core.geometry import FARTHEST_M, ZERO, Coordinate, Vec3
 
 
 class Reference(msgspec.Struct, frozen=True, gc=False):
@@ -64,21 +64,28 @@ class PeriodicTrajectory(Trajectory, Protocol):
         """Time of one turn at full speed [s]."""
 
 
-Coordinate: TypeAlias = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
-"""A coordinate or a height [m], at most 1 km from the origin."""
 Point: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 """A point [m], world NED: north, east, down."""
-Length: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=1000.0)]
+Length: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=FARTHEST_M)]
 """A length [m], at least a millimetre."""
-Speed: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=50.0)]
+SLOWEST_M_S = 0.001
+"""Slowest speed along a course [m/s]: what is slower has its times in milliseconds."""
+FASTEST_M_S = 50.0
+"""Fastest speed along a course [m/s]: what is faster is in millimetres."""
+Speed: TypeAlias = Annotated[float, msgspec.Meta(ge=SLOWEST_M_S, le=FASTEST_M_S)]
 """A speed [m/s], at least a millimetre a second."""
+SpeedPart = Annotated[float, msgspec.Meta(ge=-FASTEST_M_S, le=FASTEST_M_S)]
+Velocity: TypeAlias = tuple[SpeedPart, SpeedPart, SpeedPart]
+"""A velocity [m/s], world NED: north, east, down."""
 Degrees: TypeAlias = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 """An angle [deg]."""
 Acceleration: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=50.0)]
 """An acceleration [m/s²]."""
 Ramp: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=600.0)]
 """Time to reach full speed, and to stop [s]."""
-Moment: TypeAlias = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+LATEST_S = 1e10
+"""Largest time stamp [s]: clocks that count from 1970 are near 1.8e9, and 1000 times that in milliseconds."""
+Moment: TypeAlias = Annotated[float, msgspec.Meta(ge=-LATEST_S, le=LATEST_S)]
 """A time stamp [s], from wherever its clock counts."""
 
 

@@ -29,10 +29,9 @@ from groundstation.config import (
     find_object,
     needed_names,
 )
-from groundstation.core.geometry import Vec3
+from groundstation.core.geometry import Coordinate, Vec3
 from groundstation.core.trajectory.port import (
     Acceleration,
-    Coordinate,
     Degrees,
     HoldConfig,
     Length,

@@ -30,8 +30,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import msgspec
 
 from groundstation.config import FromFile
-from groundstation.core.geometry import Vec3
+from groundstation.core.geometry import FARTHEST_M, Vec3
 from groundstation.core.trajectory.port import (
+    FASTEST_M_S,
+    LATEST_S,
+    SLOWEST_M_S,
     Acceleration,
     Degrees,
     Moment,
@@ -41,6 +44,7 @@ from groundstation.core.trajectory.port import (
     Reference,
     Speed,
     Trajectory,
+    Velocity,
 )
 
 if TYPE_CHECKING:
@@ -242,10 +246,15 @@ _SHORT = {
     "vy": "v_east_m_s",
     "vz": "v_down_m_s",
 }
-_BOUNDS = {"t_s": 1e9, "yaw_deg": 36000.0}
-"""Largest magnitude of a column; every other one keeps to 1000 (m, or m/s)."""
 _PLACE = (("north_m",), ("east_m",), ("down_m", "up_m"))
 _SPEED = (("v_north_m_s",), ("v_east_m_s",), ("v_down_m_s", "v_up_m_s"))
+_BOUNDS = {
+    "t_s": LATEST_S,
+    "yaw_deg": 36000.0,
+    **{name: FARTHEST_M for axis in _PLACE for name in axis},
+    **{name: FASTEST_M_S for axis in _SPEED for name in axis},
+}
+"""Largest magnitude of each column."""
 _KNOWN = ("t_s", *(name for axis in _PLACE for name in axis), "yaw_deg", *(name for axis in _SPEED for name in axis))
 EXAMPLE = "t_s,north_m,east_m,up_m,yaw_deg"
 
@@ -325,7 +334,7 @@ def _row(cells: list[str], names: list[str], line: int) -> dict[str, float]:
         raise ValueError(f"line {line}: expected {len(names)} values, got {len(cells)}")
     row: dict[str, float] = {}
     for cell, name in zip(cells, names, strict=True):
-        bound = _BOUNDS.get(name, 1000.0)
+        bound = _BOUNDS[name]
         try:
             value = float(cell)
         except ValueError:
@@ -498,8 +507,14 @@ class WaypointsConfig(
         return _plan(self)
 
 
+STILL_M = 0.05
+"""A course that is no longer stays at one place [m]: its speed tells no unit. Chosen."""
+
+
 def check_lists(points: tuple[Vec3, ...], times_s: tuple[float, ...] | None, **lists: tuple[Any, ...] | None) -> None:
     """Check that ``times_s`` rise and that there is one of everything for each point.
+
+    Also that the course is no slower than ``SLOWEST_M_S``: then its times are in another unit.
 
     Raises:
         ValueError: what is wrong, beginning with its key.
@@ -510,6 +525,13 @@ def check_lists(points: tuple[Vec3, ...], times_s: tuple[float, ...] | None, **l
     for i, (before, here) in enumerate(zip(times_s or (), (times_s or ())[1:], strict=False), start=1):
         if here - before < 1e-3:
             raise ValueError(f"times_s[{i}]: expected at least 1 ms after {before:g}, the one before it, got {here:g}")
+    if times_s is not None:
+        length_m, lasts_s = sum(map(math.dist, points, points[1:])), times_s[-1] - times_s[0]
+        if length_m > STILL_M and length_m < SLOWEST_M_S * lasts_s:
+            raise ValueError(
+                f"times_s: {length_m:.3g} m in {lasts_s:.6g} s is slower than {1e3 * SLOWEST_M_S:g} mm/s: "
+                "times count in seconds, points in metres"
+            )
 
 
 def headings(yaws_deg: tuple[float, ...] | None, yaw_deg: float, count: int) -> list[float]:
@@ -568,7 +590,7 @@ class SamplesConfig(
         tuple[Point, ...], msgspec.Meta(description="The positions [m], world NED; 1 m up is -1 in the third place.")
     ]
     velocities_ned: Annotated[
-        tuple[Point, ...] | None, msgspec.Meta(description="The velocities [m/s], world NED, where they are known.")
+        tuple[Velocity, ...] | None, msgspec.Meta(description="The velocities [m/s], world NED, where they are known.")
     ] = None
     yaws_deg: Annotated[
         tuple[Annotated[float, msgspec.Meta(ge=-36000.0, le=36000.0)], ...] | None,

@@ -43,8 +43,8 @@ Mass = Annotated[float, msgspec.Meta(ge=0.005, le=100.0)]
 """A mass [kg]; heavier is one in grams, and lighter than 5 g flies no tracked vehicle."""
 Thrust = Annotated[float, msgspec.Meta(gt=0.0, le=5000.0)]
 """A thrust [N], of at most five times the weight of the heaviest vehicle."""
-Lag = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
-"""A time constant of an actuator [s]; a longer one is in milliseconds."""
+Lag = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
+"""A time constant of an actuator [s]; a longer one is in milliseconds, or of a rotor that no loop can fly."""
 Delay = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
 """A dead time of an actuator [s]; a longer one is in milliseconds."""
 Drag = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]

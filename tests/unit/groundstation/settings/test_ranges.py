@@ -42,6 +42,13 @@ def test_gains_and_noises_that_are_a_thousand_times_too_large_are_refused(kind: 
         "guards.error_m=1000",
         "separation.distance_m=600",
         "takeoff.height_m=1000",
+        "flight.floor_z_m=150",
+        "pose.alignment.lab_origin_m=[0,900,0]",
+        "pose.alignment.centre_of_mass_m=[0,0,15]",
+        "fence.height_m=900",
+        "fence.north_m=[-900,900]",
+        "trajectory.scale_m=800",
+        "trajectory.altitude_m=900",
         # milliseconds
         "vehicle.thrust_lag_s=50",
         "flight.coast_s=250",
@@ -63,8 +70,9 @@ def test_gains_and_noises_that_are_a_thousand_times_too_large_are_refused(kind: 
 )
 def test_a_number_in_another_unit_is_refused_with_what_is_accepted(override: str) -> None:
     key, _, _ = override.partition("=")
-    base = {"controller": {"kind": "pid"}, "link": {"forward": {}}}
-    with pytest.raises(ConfigError, match=f"^--set: {key}: expected a number "):
+    fence = {"kind": "box", "north_m": [-2, 2], "east_m": [-2, 2], "height_m": 2.5}
+    base = {"controller": {"kind": "pid"}, "link": {"forward": {}}, "fence": fence}
+    with pytest.raises(ConfigError, match=rf"^--set: {key}(\[\d\])?: expected a number "):
         from_dict(base, Config, [override])
 
 

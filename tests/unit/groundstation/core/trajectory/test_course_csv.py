@@ -44,10 +44,10 @@ REFUSED = [
     ("x,north_m,y,z\n", "line 1: the column north_m is there twice"),
     ("x,y,z,vx\n", "line 1: expected a column v_east_m_s: none of them is there"),
     ("x,y,z\n1,2,3\n1,2\n", "line 3: expected 3 values, got 2"),
-    ("# a\nx,y,z\n1,2,3\n1,abc,3\n", "line 4, column east_m: expected a number from -1000 to 1000, got 'abc'"),
-    ("x,y,z\n1,2,3\n1,nan,3\n", "line 3, column east_m: expected a number from -1000 to 1000, got 'nan'"),
-    ("x,y,up_m\n1,2,3\n1,2,1500\n", "line 3, column up_m: expected a number from -1000 to 1000, got '1500'"),
-    ("x,y,z\n1,2,3\n1,,3\n", "line 3, column east_m: expected a number from -1000 to 1000, got ''"),
+    ("# a\nx,y,z\n1,2,3\n1,abc,3\n", "line 4, column east_m: expected a number from -100 to 100, got 'abc'"),
+    ("x,y,z\n1,2,3\n1,nan,3\n", "line 3, column east_m: expected a number from -100 to 100, got 'nan'"),
+    ("x,y,up_m\n1,2,3\n1,2,150\n", "line 3, column up_m: expected a number from -100 to 100, got '150'"),
+    ("x,y,z\n1,2,3\n1,,3\n", "line 3, column east_m: expected a number from -100 to 100, got ''"),
     ("t,x,y,z\n1,1,2,3\n1,1,2,3\n", "line 3, column t_s: expected more than 1, as before it, got 1"),
 ]
 
@@ -92,6 +92,16 @@ BAD_COURSES = [
         "trajectory.file: course.csv: has velocities_ned, which trajectory.kind = 'waypoints' can't use",
     ),
     ("x,y,z\n1,2,3\n1,2,3\n", "waypoints", "trajectory: points_ned[1]: the same as the one before"),
+    (
+        "t,x,y,z\n0,0,0,-1\n5000,1,0,-1\n9000,1,2,-1\n",
+        "waypoints",
+        "trajectory.times_s: 3 m in 9000 s is slower than 1 mm/s: times count in seconds",
+    ),
+    (
+        "t,x,y,z,vx,vy,vz\n0,0,0,-1,0,0,0\n1,1,0,-1,400,0,0\n",
+        "samples",
+        "trajectory.file: course.csv: line 3, column v_north_m_s: expected a number from -50 to 50, got '400'",
+    ),
 ]
 
 
@@ -102,6 +112,12 @@ def test_a_bad_course_is_refused_as_part_of_its_configuration(
     with pytest.raises(ConfigError) as caught:
         configured(tmp_path, course, kind=kind)
     assert str(caught.value).startswith(f"{tmp_path / 'lab.toml'}: {words}")
+
+
+def test_times_may_count_from_1970_and_a_course_may_stay_at_one_place_for_an_hour(tmp_path: Path) -> None:
+    course = "t,x,y,z\n1764408600,0,0,-1\n1764408610.5,0.5,0,-1\n"
+    assert configured(tmp_path, course).trajectory.build().duration_s == 10.5
+    assert configured(tmp_path, "t,x,y,z\n0,0,0,-1\n3600,0.01,0,-1\n", kind="samples").trajectory.build()
 
 
 def test_points_in_the_file_and_in_the_configuration_are_one_too_many(tmp_path: Path) -> None:
@@ -119,14 +135,14 @@ def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("words", "says"), [
-    (["goto", "nan", "0", "-1"], "goto: north_m: expected a number from -1000 to 1000, got nan"),
+    (["goto", "nan", "0", "-1"], "goto: north_m: expected a number from -100 to 100, got nan"),
     (["goto", "0", "0", "-1", "1e9"], "goto: yaw_deg: expected a number from -360 to 360, got 1000000000.0"),
     (["follow", "turned.csv"], "turned.csv: point 2: yaw_deg: expected a number from -360 to 360, got 400.0"),
     (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
     (["follow", "huge.csv"], "huge.csv: longer than a file of 64 points can be"),
     (["follow", "empty.csv"], "yaw_deg, and at least one line of numbers"),
     (["follow", "picture.csv"], "picture.csv: is no text"),
-    (["follow", "nan.csv"], "nan.csv: line 2, column north_m: expected a number from -1000 to 1000, got 'nan'"),
+    (["follow", "nan.csv"], "nan.csv: line 2, column north_m: expected a number from -100 to 100, got 'nan'"),
     (["follow", "many.csv"], "follow: expected at most 64 points, got 65"),
     (["land", "3"], "land: takes nothing behind it"),
 ])  # fmt: skip

@@ -79,9 +79,9 @@ def test_points_that_are_none_are_no_order(points: str) -> None:
 
 
 @pytest.mark.parametrize(("numbers", "says"), [
-    ((1, 2, 1e9), "down_m: expected a number from -1000 to 1000, got 1000000000.0"),
-    ((1, float("nan"), 0), "east_m: expected a number from -1000 to 1000, got nan"),
-    (("1", 2, 0), "north_m: expected a number from -1000 to 1000, got '1'"),
+    ((1, 2, 1e9), "down_m: expected a number from -100 to 100, got 1000000000.0"),
+    ((1, float("nan"), 0), "east_m: expected a number from -100 to 100, got nan"),
+    (("1", 2, 0), "north_m: expected a number from -100 to 100, got '1'"),
     ((1, 2, 0, -400), "yaw_deg: expected a number from -360 to 360, got -400"),
 ])  # fmt: skip
 def test_a_point_that_a_program_makes_is_held_to_what_the_wire_takes(numbers: tuple[float, ...], says: str) -> None:
