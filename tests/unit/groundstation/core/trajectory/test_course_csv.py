@@ -117,7 +117,8 @@ def test_a_bad_course_is_refused_as_part_of_its_configuration(
 def test_times_may_count_from_1970_and_a_course_may_stay_at_one_place_for_an_hour(tmp_path: Path) -> None:
     course = "t,x,y,z\n1764408600,0,0,-1\n1764408610.5,0.5,0,-1\n"
     assert configured(tmp_path, course).trajectory.build().duration_s == 10.5
-    assert configured(tmp_path, "t,x,y,z\n0,0,0,-1\n3600,0.01,0,-1\n", kind="samples").trajectory.build()
+    stays = configured(tmp_path, "t,x,y,z\n0,0,0,-1\n3600,0.01,0,-1\n", kind="samples").trajectory.build()
+    assert stays.duration_s == 3600.0
 
 
 def test_points_in_the_file_and_in_the_configuration_are_one_too_many(tmp_path: Path) -> None:
