@@ -786,8 +786,9 @@ class MavlinkConnection:
             limit_s=config.connect_timeout_s,
             what=f"got only: {', '.join(dropped + instead)}" if dropped else "nothing came at all",
         )
-        if config.remote is None or dropped:
-            return silent
+        given_back = self._dropped["undeliverable"]
+        if config.remote is None or len(dropped) > bool(given_back) or given_back >= self._beats:
+            return silent  # something came, or nothing listens there
         return link_notice("mavlink.silent_port", silent=silent, port=config.local_address[1])
 
     def close(self) -> None:

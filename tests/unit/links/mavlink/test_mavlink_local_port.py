@@ -10,7 +10,7 @@ import pytest
 
 from groundstation.pose.sources import cannot_listen
 from links.core import LinkLost
-from links.io import name_holder
+from links.io import name_holder, parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol.config import LOCAL_PORTS
 from tests.loops import in_virtual_time
@@ -73,6 +73,26 @@ async def test_where_nothing_comes_the_first_port_is_named_as_a_cause() -> None:
     with pytest.raises(LinkLost, match="nothing came at all") as refused:
         await there.connect()
     assert "local_port" not in str(refused.value)
+
+
+def test_an_autopilot_that_boots_after_the_first_message_is_silent_for_the_same_cause() -> None:
+    async def main() -> str:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            remote = "{}:{}".format(*free.getsockname())
+        link = MavlinkLink(MavlinkLinkConfig(remote=remote, connect_timeout_s=1.3), thrust_max_n=2.0)
+        connecting = asyncio.ensure_future(link.connect())
+        await asyncio.sleep(0.5)  # the network gives the first message back
+        vehicle, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+            asyncio.DatagramProtocol, local_addr=parse_address(remote)
+        )
+        with pytest.raises(LinkLost) as silent:
+            await connecting
+        vehicle.close()
+        return str(silent.value)
+
+    assert "1 messages of ours that the network gave back" in (said := asyncio.run(main()))
+    assert "link.local_port" in said
 
 
 def test_a_port_that_is_taken_is_told_with_its_holder() -> None:
