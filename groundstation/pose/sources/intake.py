@@ -374,8 +374,9 @@ class SourceClock:
 
 UNIT_TOLERANCE = 1e-3
 """Largest difference from 1 of a unit quaternion's length; 32-bit floats leave it within 1e-6."""
-LATEST = 1e15
-"""Largest plausible stamp [s or frames]: floats could not distinguish larger ones."""
+LATEST = 1e19
+"""Largest plausible stamp [s or frames]: one in nanoseconds since 1970 is 1.8e18, where floats are 256 apart; its unit
+is found by its rate."""
 _AVERAGED = 50
 """Poses over which the latency is averaged."""
 

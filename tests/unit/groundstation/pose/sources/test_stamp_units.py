@@ -45,12 +45,11 @@ def test_a_queue_is_told_in_full_whatever_the_unit_of_the_stamps(unit_s: float, 
 
 
 @pytest.mark.parametrize("factor", [2.5, 4.0, 60.0, 1e3, 1e6, 1e9, 0.4, 1e-3, 1e-6])
-def test_stamps_that_run_too_fast_or_too_slow_fail_with_the_factor_and_the_unit(
-    factor: float,
-) -> None:
+@pytest.mark.parametrize("begun_s", [1e4, 1.8e9])
+def test_stamps_that_run_too_fast_or_too_slow_fail_with_the_factor_and_the_unit(factor: float, begun_s: float) -> None:
     intake = Intake(LATENCY_S)
     for n in range(110):
-        intake.pose(1e4 + factor * 0.02 * n, 5.0 + 0.02 * n, (1e-4 * n, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        intake.pose(factor * begun_s + factor * 0.02 * n, 5.0 + 0.02 * n, (1e-4 * n, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     check = check_stamp_rate(intake.status, JsonConfig())
     assert check is not None and check.verdict is Verdict.FAIL
     shown = max(factor, 1.0 / factor)
