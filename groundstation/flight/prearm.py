@@ -701,6 +701,8 @@ class Checks:
 
     def _pose_drops(self, source: PoseStatus) -> Check:
         name, found = "pose drops", find_pose_drops(source)
+        if source.dropped.get("second_sender") and source.advice:
+            return report(name, Verdict.FAIL, "pose.advice", says=source.advice)
         if found is None:
             return report(name, Verdict.PASS, "pose.few_dropped", total=source.accepted)
         reason, count, total = found

@@ -1,6 +1,7 @@
 """Network addresses as the operator writes them: ``host:port``, with IPv6 hosts in brackets. Sans-IO."""
 
 import ipaddress
+from typing import Any
 
 
 def parse_address(text: str, key: str = "") -> tuple[str, int]:
@@ -35,6 +36,12 @@ def parse_address(text: str, key: str = "") -> tuple[str, int]:
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and 1 <= int(port) <= 65535):
         raise _explain_refusal(text, "the port must be a whole number from 1 to 65535")
     return host, int(port)
+
+
+def format_address(address: tuple[Any, ...]) -> str:
+    """The socket ``address``, host and port first, as :func:`parse_address` reads it."""
+    host, port = address[:2]
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def is_loopback(host: str) -> bool:

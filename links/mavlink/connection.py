@@ -25,7 +25,16 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from links.core import IN_TIME, Arrival, LinkError, LinkLost, LinkMisuse
-from links.io import NETWORK, Datagrams, advise_on_address, name_holder, parse_address, read_key, waiting
+from links.io import (
+    NETWORK,
+    Datagrams,
+    advise_on_address,
+    format_address,
+    name_holder,
+    parse_address,
+    read_key,
+    waiting,
+)
 from links.mavlink.protocol import (
     GROUND_STATION,
     INVALID,
@@ -940,10 +949,7 @@ class MavlinkConnection:
 
     def _name_address(self, address: Any) -> str:
         """``address`` as the operator writes it; where the wire has none, its own."""
-        if address is None:
-            return self._config.endpoint
-        host, port = address[:2]
-        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        return self._config.endpoint if address is None else format_address(address)
 
     def _publish(self, message: Message, now_s: float) -> None:
         name = message.get_type()

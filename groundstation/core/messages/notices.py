@@ -210,6 +210,11 @@ _TABLE: tuple[NoticeTemplate, ...] = (
             'write pose.server = "{address}:{port}"',
         ),
         NoticeTemplate(
+            "pose.two_senders",
+            "poses of the vehicle come from two addresses, {used} and {other}, and only those of the first are used",
+            "end the program that should not send; see by `check --watch` that the right poses come",
+        ),
+        NoticeTemplate(
             "pose.origin_moves",
             "the source of the poses moved its origin {count} times within {within_s:g} s",
             "see that one estimator alone sends them, and that it has settled before you arm",

@@ -27,6 +27,7 @@ _DROPS = {
     "out_of_order": "older than one before: was the sender's clock set back, or is more than one on this address?",
     "duplicate": "sent twice: is more than one sender on this address?",
     "other_address": "somebody else sends to this address",
+    "second_sender": "a second program or computer sends poses of the vehicle to the same port",
     "late": "older on arrival than flight.coast_s allows",
     "truncated": "its end is missing: a bridge or network cuts datagrams, or loses a part of one",
     "oversized": "longer than the protocol allows: does something else send to this port?",

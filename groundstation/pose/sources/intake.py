@@ -29,7 +29,7 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from statistics import median
 from types import MappingProxyType
-from typing import Annotated, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import msgspec
 
@@ -44,6 +44,7 @@ from groundstation.core.messages import (
     Sentence,
     notice,
 )
+from links.io import format_address
 
 T = TypeVar("T")
 
@@ -381,6 +382,44 @@ _AVERAGED = 50
 """Poses over which the latency is averaged."""
 
 
+ALONE_S = 1.0
+"""After this long without a pose of the known sender another one takes its place [s]: longer than a flight may use one
+pose, so that no flight goes over to it."""
+BOTH_S = 3.0
+"""Two senders count while both sent poses within this time [s], as with two autopilots."""
+FEW_POSES = 2
+"""So few poses may come from one of the many ports of a program that sends each datagram from a new one [-]."""
+
+
+class PoseSenders:
+    """Addresses that send poses of the vehicle: of two that send at a time, the first is used."""
+
+    def __init__(self) -> None:
+        self._known: Any = None
+        self._known_s = -math.inf
+        self._count = 0
+        """Number of poses of the known sender."""
+        self._second: Any = None
+        self._second_s = -math.inf
+
+    def is_second(self, sender: Any, arrival_s: float) -> bool:
+        """Whether the pose that came from ``sender`` at ``arrival_s`` [s] is of a second one, and must not be used."""
+        if sender != self._known and self._count > FEW_POSES and arrival_s - self._known_s <= ALONE_S:
+            self._second, self._second_s = sender, arrival_s
+            return True
+        self._count = self._count + 1 if sender == self._known else 1
+        self._known, self._known_s = sender, arrival_s
+        return False
+
+    @property
+    def conflict(self) -> str:
+        """Which two addresses send poses of the vehicle; empty where one alone does."""
+        if self._second == self._known or self._known_s - self._second_s > BOTH_S:
+            return ""
+        used, other = format_address(self._known), format_address(self._second)
+        return notice("pose.two_senders", used=used, other=other).text
+
+
 class Intake:
     """Makes numbered poses of the measurements of one source; rejected ones are counted by reason."""
 
@@ -407,6 +446,8 @@ class Intake:
         self.clock = SourceClock(frame_s)
         self.others = others
         """Further bodies to look for; None without any."""
+        self.senders = PoseSenders()
+        """Addresses that send the vehicle's poses, of a source that listens to any."""
         self.advice = ""
         """Reason why no poses arrive, for the operator; empty without a finding."""
         self._base_latency_s = latency_s
@@ -432,7 +473,7 @@ class Intake:
             late_s=clock.late_s,
             stamp_rate=clock.stamp_rate,
             unsteady_clock=clock.is_unsteady,
-            advice=self.advice,
+            advice=self.advice or self.senders.conflict,
         )
 
     def drop(self, reason: str) -> Pose | None:
@@ -508,13 +549,20 @@ class PoseReader:
         """Intake of the vehicle's poses."""
         self.names: tuple[str, ...] = ()
         """Names of the bodies that the source shows, for the operator."""
-        self.sender: object = "one sender"
+        self.sender: Any = "one sender"
         """Address of the sender of the next datagram."""
 
     @property
     def status(self) -> PoseStatus:
         """Present counters."""
         return self.intake.status
+
+    def is_second(self, arrival_s: float) -> bool:
+        """Whether a pose of the vehicle that came at ``arrival_s`` [s] is of a second sender, which is counted."""
+        is_second = self.intake.senders.is_second(self.sender, arrival_s)
+        if is_second:
+            self.intake.drop("second_sender")
+        return is_second
 
     def read(self, data: bytes, arrival_s: float) -> Sequence[Pose]:
         """Return the poses in ``data``, which arrived at ``arrival_s`` [s, our clock]: mostly one or none."""

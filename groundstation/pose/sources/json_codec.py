@@ -117,7 +117,7 @@ class JsonReader(PoseReader):
         self._name = name
         self._frames = frames
         self._kind: Stamp | None = None
-        frames.dropped = intake.dropped  # one account for both
+        frames.dropped, frames.senders = intake.dropped, intake.senders  # one account for both
 
     @property
     def status(self) -> PoseStatus:
@@ -143,6 +143,8 @@ class JsonReader(PoseReader):
             return None
         if (place := _seen_place(body)) is None or not body.quaternion:
             return intake.drop("not_tracked")
+        if self.is_second(arrival_s):
+            return None
         if (attitude := _unit(body.quaternion)) is None:
             return intake.drop("not_unit")
         kind = self._kind or ("t" if body.t is not None else "frame" if body.frame is not None else "arrival")

@@ -156,6 +156,8 @@ class VisionReader(PoseReader):
             return self.intake.drop("other_system")
         if self._component not in (None, m.get_srcComponent()):
             return self.intake.drop("other_component")
+        if self.is_second(arrival_s):
+            return None
         if not -1e3 < m.roll + m.pitch + m.yaw < 1e3:  # NaN too
             return self.intake.drop("not_finite")
         attitude = so3.from_euler_zyx(m.roll, m.pitch, m.yaw)

@@ -183,6 +183,8 @@ class ViconReader(PoseReader):
         if own is None:
             self.names = tuple(one.name for one in objects)
             return None
+        if self.is_second(arrival_s):
+            return None
         seen = pose_of(own)
         if isinstance(seen, str):
             return self.intake.drop(seen)

@@ -209,6 +209,13 @@ def test_stamps_in_the_wrong_unit_fail_with_the_factor_and_the_unit() -> None:
     assert "pose rate" not in checked(source, standing(), {"kind": "vicon"}), "frames have no unit"
 
 
+def test_a_second_sender_of_the_vehicle_s_poses_fails_until_it_is_gone() -> None:
+    both = PoseStatus(accepted=50, dropped={"second_sender": 3}, advice="poses of the vehicle come from two addresses")
+    assert "pose drops: poses of the vehicle come from two" in checked(both, standing(), {"kind": "json"})
+    gone = PoseStatus(accepted=500, dropped={"second_sender": 50})
+    assert "pose drops" not in checked(gone, standing(), {"kind": "json"})
+
+
 def test_a_clock_that_steps_again_and_again_fails() -> None:
     source = PoseStatus(accepted=50, dropped={}, unsteady_clock=True)
     assert "pose age: the tracker's clock stepped" in checked(source, standing(), {"kind": "json"})

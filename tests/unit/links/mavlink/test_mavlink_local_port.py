@@ -10,7 +10,7 @@ import pytest
 
 from groundstation.pose.sources import cannot_listen
 from links.core import LinkLost
-from links.io import name_holder, parse_address
+from links.io import format_address, name_holder, parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol.config import LOCAL_PORTS
 from tests.loops import in_virtual_time
@@ -77,15 +77,15 @@ async def test_where_nothing_comes_the_first_port_is_named_as_a_cause() -> None:
 
 def test_an_autopilot_that_boots_after_the_first_message_is_silent_for_the_same_cause() -> None:
     async def main() -> str:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", 0))
-            remote = "{}:{}".format(*free.getsockname())
+        open_port = asyncio.get_running_loop().create_datagram_endpoint
+        taken, _ = await open_port(asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0))
+        remote = format_address(taken.get_extra_info("sockname"))
+        taken.close()
+        await asyncio.sleep(0)  # the port is released in the loop's next turn
         link = MavlinkLink(MavlinkLinkConfig(remote=remote, connect_timeout_s=1.3), thrust_max_n=2.0)
         connecting = asyncio.ensure_future(link.connect())
         await asyncio.sleep(0.5)  # the network gives the first message back
-        vehicle, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-            asyncio.DatagramProtocol, local_addr=parse_address(remote)
-        )
+        vehicle, _ = await open_port(asyncio.DatagramProtocol, local_addr=parse_address(remote))
         with pytest.raises(LinkLost) as silent:
             await connecting
         vehicle.close()
