@@ -358,7 +358,7 @@ class Client(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Answer commands (called by the event loop)."""
-        for _, packet in self._framer.feed(data):
+        for packet in self._framer.feed(data):
             self._answer(packet[8:].rstrip(b"\0").decode("ascii", "replace").lower())
         if self._framer.broken:
             self.close()

@@ -207,7 +207,7 @@ def _frame(pieces: Sequence[bytes]) -> tuple[list[bytes], bool]:
     from groundstation.pose.sources import Framer
 
     framer = Framer()
-    return [packet for piece in pieces for _, packet in framer.feed(piece)], framer.broken
+    return [packet for piece in pieces for packet in framer.feed(piece)], framer.broken
 
 
 def read_tlog() -> Subject:

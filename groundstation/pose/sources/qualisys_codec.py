@@ -58,9 +58,9 @@ class Framer:
         """Whether the boundaries of packets are lost: only a new connection helps."""
         self._pending = bytearray()
 
-    def feed(self, data: bytes) -> list[tuple[int, bytes]]:
-        """Return type and bytes of the packets that ``data`` completes, up to an implausible size or type."""
-        packets: list[tuple[int, bytes]] = []
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the packets that ``data`` completes, up to an implausible size or type."""
+        packets: list[bytes] = []
         if self.broken:
             return packets
         pending = self._pending
@@ -74,10 +74,16 @@ class Framer:
                 return packets
             if len(pending) - start < size:
                 break
-            packets.append((kind, bytes(pending[start : start + size])))
+            packets.append(bytes(pending[start : start + size]))
             start += size
         del pending[:start]
         return packets
+
+
+def read_type(packet: bytes) -> int:
+    """Return the type of a packet, mostly a :class:`RtPacket`."""
+    _, kind = _HEADER.unpack_from(packet)
+    return int(kind)
 
 
 def split_components(content: bytes) -> list[tuple[int, bytes]]:

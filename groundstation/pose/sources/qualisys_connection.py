@@ -14,7 +14,7 @@ from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.core.messages import SourceError, notice
-from groundstation.pose.sources.qualisys_codec import Framer, RtPacket, split_components
+from groundstation.pose.sources.qualisys_codec import Framer, RtPacket, read_type, split_components
 from links.io import NETWORK
 from links.text import printable
 
@@ -45,7 +45,8 @@ class QtmConnection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Take the next bytes (called by the event loop)."""
-        for kind, packet in self._framer.feed(data):
+        for packet in self._framer.feed(data):
+            kind = read_type(packet)
             if kind == RtPacket.NO_DATA:
                 self._drop("no_data")
             elif kind == RtPacket.EVENT:
