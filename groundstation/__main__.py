@@ -13,6 +13,7 @@ from groundstation.runtime import (
     add_arguments,
     build_parser,
     path,
+    seconds,
     viewer,
 )
 
@@ -75,16 +76,6 @@ def _recording(
     name: str = "file", metavar: str = "LOG.mcap", words: str = RECORDING_HELP, nargs: str = "?"
 ) -> Arguments:
     return {name: {"type": path, "nargs": nargs, "metavar": metavar, "help": words}}
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")  # refused below
-    if not 0.0 < value <= 86400.0:
-        raise argparse.ArgumentTypeError(f"expected seconds, more than 0 and at most 86400, got {text}")
-    return value
 
 
 def _port_or_log(text: str) -> "int | Path":
@@ -234,7 +225,7 @@ CHECK: Arguments = {
     **_json("the list"),
     "--limits": {"action": "store_true", "help": "list the limits in flight, too, and what follows each"},
     "--watch": {"action": "store_true", "help": "show the pose source live; opens no command link"},
-    "--seconds": {"type": _seconds, "metavar": "S", "help": "for how long (with --watch)"},
+    "--seconds": {"type": seconds, "metavar": "S", "help": "for how long (with --watch)"},
 }
 CARRY: Arguments = {
     **CONFIG,
@@ -270,6 +261,7 @@ REPLAY_EVIDENCE: Arguments = {
     "--part": {"default": "flights", "metavar": "NAME", "help": "the markers' name (default flights)"},
     **_json("the table"),
 }
+MAKE_KEY: Arguments = {"file": {"type": path, "metavar": "FILE"}}
 TRAJECTORY: Arguments = {**OPTIONAL_CONFIG, **_json("the table")}
 CONFIG_VEHICLES: Arguments = {
     "name": {"nargs": "?", "metavar": "NAME", "help": "print this one's file, to start your own from"},
@@ -295,14 +287,6 @@ def _stop_all(parser: argparse.ArgumentParser) -> None:
     how.add_argument("--descend", action="store_true", help="failsafe descent instead")
     how.add_argument("--kill", action="store_true", help="motors off instead, also in the air; asks before")
     parser.add_argument("--yes", action="store_true", help="with --kill: do not ask")
-
-
-def _mqtt(parser: argparse.ArgumentParser) -> None:
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="{make-key,topics,schemas}")
-    make_key = verbs.add_parser("make-key", help="write the new key of a client that may ask by MQTT")
-    make_key.add_argument("file", type=path, metavar="FILE")
-    verbs.add_parser("topics", help="list the topics")
-    verbs.add_parser("schemas", help="print the JSON Schemas of the messages")
 
 
 def _error_budget(flown: "FlightColumns") -> "ErrorBudget":
@@ -356,7 +340,10 @@ COMMANDS: Groups = {
         "radio range-check": ("have the RF module send at low power", RADIO),
         "radio idle": ("send disarmed frames", RADIO),
         "radio bridge": ("send the commands of another computer by an RF module here", RADIO_BRIDGE),
-        "mqtt": ("make keys of clients; list topics and schemas", _mqtt),
+        "mqtt": ("make keys of clients; list topics and schemas", None),
+        "mqtt make-key": ("write the new key of a client that may ask by MQTT", MAKE_KEY),
+        "mqtt topics": ("list the topics", {}),
+        "mqtt schemas": ("print the JSON Schemas of the messages", {}),
     },
 }
 

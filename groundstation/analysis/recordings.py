@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import msgspec
+import numpy as np
 
 from groundstation.config import ConfigError
 from groundstation.machine import (
@@ -35,19 +36,24 @@ from groundstation.machine import (
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import (
     CHANNELS,
+    FlightHeadline,
+    NoRecording,
+    Recording,
+    add_channel,
+    begin_mcap,
     describe_channels,
+    quick_headline,
+    refuse_recordings,
 )
 from groundstation.runtime import Exit, require_package
 
 if TYPE_CHECKING:
-    import numpy as np  # and all that imports it only where arrays are asked for: a flight needs none
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
     from pandas import DataFrame
 
     from groundstation.analysis.report import FlightColumns
     from groundstation.analysis.viewers import FoxgloveScene
-    from groundstation.recording import FlightHeadline, Recording  # read where one is: it takes a while to load
 
     Column = NDArray[np.float64]
     Tables = Mapping[str, Mapping[str, NDArray[Any]]]
@@ -66,8 +72,6 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     Raises:
         ConfigError: a file is no recording, a channel has another name, or the result can't be written.
     """
-    from groundstation.recording import NoRecording, Recording
-
     wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
     for name in wanted:
         if name not in CHANNELS:
@@ -99,11 +103,11 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     return Exit.DONE
 
 
-def _short_of(recording: "Recording") -> str:
+def _short_of(recording: Recording) -> str:
     return "" if recording.whole else f"; the recording {recording.trouble}"
 
 
-def _export(recording: "Recording", form: str, topics: list[str], target: Path) -> str:
+def _export(recording: Recording, form: str, topics: list[str], target: Path) -> str:
     """Write ``recording`` to ``target``; returns what was written."""
     match form:
         case "mcap":
@@ -123,7 +127,7 @@ def _file_name(topic: str) -> str:
     return f"{topic.strip('/').replace('/', '_')}.csv"
 
 
-def _write_csv_folder(recording: "Recording", topics: Collection[str], folder: Path) -> dict[str, int]:
+def _write_csv_folder(recording: Recording, topics: Collection[str], folder: Path) -> dict[str, int]:
     """A folder with a file for each channel that holds anything: nobody reads a table without a column."""
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
@@ -135,7 +139,7 @@ def _write_csv_folder(recording: "Recording", topics: Collection[str], folder: P
     return rows
 
 
-def write_csv(recording: "Recording", files: Mapping[str, TextIO]) -> dict[str, int]:
+def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, int]:
     """Write the messages on each topic to its file, one row each; returns the number of rows.
 
     Columns are named as ``rates_rad_s.x``: all that any message has, as some come only later (the attitude that a radio
@@ -159,7 +163,7 @@ def write_csv(recording: "Recording", files: Mapping[str, TextIO]) -> dict[str, 
     return rows
 
 
-def write_poses(recording: "Recording", target: Path) -> int:
+def write_poses(recording: Recording, target: Path) -> int:
     """Write the poses as they came, in ``CSV_COLUMNS``; the number of poses."""
     count = 0
     with open_whole(target) as file:
@@ -185,7 +189,7 @@ def flatten(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def rewrite(
-    recording: "Recording",
+    recording: Recording,
     target: Path,
     topics: list[str],
     scene: "FoxgloveScene | None" = None,
@@ -194,8 +198,6 @@ def rewrite(
 
     With a ``scene``, what viewers draw is made of it and stands beside the messages on ``topics``.
     """
-    from groundstation.recording import add_channel, begin_mcap
-
     count = 0
     with open(target, "wb", opener=open_private) as file:  # Path.open has no opener
         writer = begin_mcap(file, "groundstation export", recording.about)
@@ -244,8 +246,6 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
 
 def describe_recording(path: Path, folder: Path) -> dict[str, Any]:
     """Describe one file for the list of ``folder``."""
-    from groundstation.recording import NoRecording, quick_headline
-
     facts: dict[str, Any] = {"file": str(path.relative_to(folder)), "size_bytes": path.stat().st_size}
     try:
         about, headline, whole = quick_headline(path)
@@ -333,8 +333,6 @@ class Channel(Mapping[str, "NDArray[Any]"]):
         parts = [column for key, column in self._columns.items() if key.rpartition(".")[0] == name]
         if not parts:
             raise KeyError(f"{self.topic} has no column {name!r}, but {', '.join(self._columns)}")
-        import numpy as np
-
         return np.stack(parts, axis=-1)
 
     def __iter__(self) -> Iterator[str]:
@@ -370,9 +368,7 @@ class FlightData:
         _ = self._recording
 
     @cached_property
-    def _recording(self) -> "Recording":
-        from groundstation.recording import Recording, refuse_recordings
-
+    def _recording(self) -> Recording:
         with refuse_recordings():
             return Recording(self.path)
 
@@ -393,7 +389,7 @@ class FlightData:
         return self._recording.about
 
     @cached_property
-    def headline(self) -> "FlightHeadline":
+    def headline(self) -> FlightHeadline:
         """The figures of the flight, as ``groundstation logs`` lists them."""
         return self._recording.headline()
 
@@ -419,8 +415,6 @@ class FlightData:
     @property
     def reference(self) -> Track:
         """Where the vehicle should have been."""
-        import numpy as np
-
         vectors = self.columns.vectors
         return Track(vectors["reference_ned"], vectors["reference_velocity_ned"], None, np.zeros_like(self.columns.t))
 
@@ -433,8 +427,6 @@ class FlightData:
     @property
     def truth(self) -> Track | None:
         """Where a simulated vehicle really was when the command was computed; None where no truth was recorded."""
-        import numpy as np
-
         vectors, error = self.columns.vectors, self.columns.scalars["true_error_m"]
         if not np.isfinite(vectors["true_position_ned"]).any():
             return None
@@ -549,7 +541,7 @@ def load(path: Path | str) -> FlightData:
     return FlightData(Path(path))
 
 
-def read_table(recording: "Recording", topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
+def read_table(recording: Recording, topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
     """The messages on each of ``topics`` as columns of equal length, named as ``rates_rad_s.x``.
 
     Numbers are floats, what is left out NaN; columns of texts are of objects. A column that comes later has its place.
@@ -564,16 +556,12 @@ def read_table(recording: "Recording", topics: Collection[str]) -> "dict[str, di
 
 
 def _column(values: list[Any]) -> "NDArray[Any]":
-    import numpy as np
-
     if any(isinstance(value, str) for value in values):
         return np.array(values, dtype=object)
     return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
 def _write_npz(tables: "Tables", target: Path) -> None:
-    import numpy as np
-
     columns: Any = {
         f"{topic}.{name}": _without_objects(column) for topic, table in tables.items() for name, column in table.items()
     }
@@ -585,8 +573,6 @@ def _without_objects(column: "NDArray[Any]") -> "NDArray[Any]":
     """Texts as NumPy's own, which `numpy.load` reads as it is: objects would be pickled, and nobody unpickles those."""
     if column.dtype != object:
         return column
-    import numpy as np
-
     return np.array(["" if value is None else value for value in column], dtype=str)
 
 
@@ -621,7 +607,7 @@ FORMATS = (*_TABLE_WRITERS, "csv", "rrd")
 """Formats of channels by the ending of the file's name; csv and parquet make a folder."""
 
 
-def write_tables(recording: "Recording", form: str, topics: Collection[str], target: Path) -> dict[str, int]:
+def write_tables(recording: Recording, form: str, topics: Collection[str], target: Path) -> dict[str, int]:
     """Write the messages on ``topics`` to ``target`` in one of :data:`FORMATS`; returns how many each has.
 
     Raises:

@@ -15,6 +15,7 @@ from statistics import fmean, pstdev
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import msgspec
+import numpy as np
 
 from groundstation.core.estimation import fourth_difference
 from groundstation.core.geometry import (
@@ -329,9 +330,8 @@ def _is_still(recent: deque[Sample]) -> bool:
 
 
 def _rest(recent: deque[Sample]) -> Rest:
-    x, y, z = (fmean(axis) for axis in zip(*(sample.position for sample in recent), strict=True))
-    attitude = mean_attitude([sample.attitude for sample in recent])
-    return Rest(recent[0].time_s, recent[-1].time_s, (x, y, z), attitude)
+    position = _mean([sample.position for sample in recent])
+    return Rest(recent[0].time_s, recent[-1].time_s, position, mean_attitude([sample.attitude for sample in recent]))
 
 
 WRONG_DEG = 40.0
@@ -431,8 +431,6 @@ def _autopilot_at(rest: Rest, autopilot: list[Sample]) -> Quat:
 
 def _body(rests: list[Rest], theirs: list[Quat] | None) -> "NDArray[Any]":
     """R_FB, of the tracked body on the vehicle, by the turns."""
-    import numpy as np
-
     seen, true, names = [], [], []
     for index, move in enumerate(MOVES):
         if move.kind not in ("turn", "back"):
@@ -465,8 +463,6 @@ def _check_turn(move: CarryMove, seen: Vec3, told: Vec3) -> None:
 
 
 def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
-    import numpy as np
-
     off = {}
     for index, move in enumerate(MOVES):
         if move.kind == "shift":
@@ -484,8 +480,6 @@ def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
 
 def _nearest_axes(matrix: "NDArray[Any]", names: tuple[str, ...]) -> tuple[Any, Vec3]:
     """The name whose axes are nearest to the columns of ``matrix``, and roll, pitch, yaw of what is left [deg]."""
-    import numpy as np
-
     best = max(names, key=lambda name: float(np.sum(np.array(axes(name)).T * matrix)))
     left = matrix @ np.array(axes(best))
     rows = tuple((float(a), float(b), float(c)) for a, b, c in left)
@@ -495,8 +489,6 @@ def _nearest_axes(matrix: "NDArray[Any]", names: tuple[str, ...]) -> tuple[Any, 
 
 def _late(poses: list[Sample], autopilot: list[Sample]) -> tuple[float | None, float]:
     """Return the excess of the poses' stamps [s], and the correlation of the two turns [-]."""
-    import numpy as np
-
     if len(autopilot) < 100 or len(poses) < 100:
         return None, 0.0
     (at, a), (bt, b) = _speeds(poses), _speeds(autopilot)
@@ -515,8 +507,6 @@ def _late(poses: list[Sample], autopilot: list[Sample]) -> tuple[float | None, f
 
 def _speeds(samples: list[Sample]) -> tuple["NDArray[Any]", "NDArray[Any]"]:
     """Speed of turning [deg/s], each at the middle of the time over which it is measured."""
-    import numpy as np
-
     mean_s = (samples[-1].time_s - samples[0].time_s) / (len(samples) - 1)
     step = max(round(SPEED_BASE_S / mean_s), 1)
     pairs = [(x, y) for x, y in zip(samples, samples[step:], strict=False) if y.time_s - x.time_s < 3.0 * SPEED_BASE_S]
@@ -525,8 +515,6 @@ def _speeds(samples: list[Sample]) -> tuple["NDArray[Any]", "NDArray[Any]"]:
 
 
 def _matrix(q: Quat) -> "NDArray[Any]":
-    import numpy as np
-
     return np.array(so3.matrix(q))
 
 

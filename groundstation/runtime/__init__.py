@@ -13,6 +13,7 @@ from groundstation.runtime.entry import (
     raw_stream,
     require_package,
     run,
+    seconds,
     viewer,
 )
 from groundstation.runtime.packages import describe_install

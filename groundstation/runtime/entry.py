@@ -359,6 +359,17 @@ def path(text: str) -> "Path":
     return Path(text)
 
 
+def seconds(text: str) -> float:
+    """Read an argument that is a length of time [s], at most a day."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")  # refused below
+    if not 0.0 < value <= 86400.0:
+        raise argparse.ArgumentTypeError(f"expected seconds, more than 0 and at most 86400, got {text}")
+    return value
+
+
 VIEWERS = ("rerun", "foxglove")
 
 

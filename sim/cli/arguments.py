@@ -1,18 +1,6 @@
 """Arguments of ``groundstation-sim``: what their values may be; each raises ArgumentTypeError where one is not."""
 
 import argparse
-import math
-
-
-def seconds(text: str) -> float:
-    """A length of time, at most a day."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value <= 86400.0:
-        raise argparse.ArgumentTypeError(f"expected seconds, more than 0 and at most 86400, got {text}")
-    return value
 
 
 def count(text: str) -> int:

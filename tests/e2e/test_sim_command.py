@@ -67,7 +67,6 @@ def test_a_crash_exits_1_and_says_why() -> None:
     ("arguments", "expected"),
     [
         (["fly", "hurricane"], "expected one of"),
-        (["fly", "ideal", "--scenario", "paper"], "not allowed with argument"),
         (["fly", "--set", "sim.mass=3"], "sim.mass: unknown key; did you mean mass_kg?"),
         (["fly", "--set", "nonsense"], "--set"),
         (["dev", "check-vectors", "absent.json"], "cannot read absent.json: No such file"),

@@ -18,13 +18,42 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import ConfigError, dump, keys_of, load
+from groundstation.config import (
+    ConfigError,
+    copy_examples,
+    dump,
+    example_text,
+    from_dict,
+    keys_of,
+    list_examples,
+    load,
+    presets,
+    shipped_texts,
+)
 from groundstation.core.messages import MOST_POINTS, Ask, Request, Waypoint, notice
-from groundstation.runtime import Exit, Program, path
-from groundstation.settings import Config
+from groundstation.core.safety import list_limits
+from groundstation.core.trajectory import parse_course
+from groundstation.core.vehicle import Vehicle
+from groundstation.machine import (
+    BRIDGE,
+    ApiError,
+    NonBlockingWriter,
+    RecordingConfig,
+    Running,
+    StatusConfig,
+    folder_of,
+    is_served,
+    list_flights,
+    registration,
+    running_processes,
+    socket_path,
+)
+from groundstation.runtime import Exit, Program, path, require_package
+from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served, rehearse
 from links.bridge import BridgeConfig
 from links.core import LinkError
-from links.rf import RF_CODECS, RfLinkConfig, Service
+from links.io import make_key
+from links.rf import RF_CODECS, RfLinkConfig, SerialRfLink, Service
 
 Say = Callable[[str], None]
 
@@ -42,8 +71,6 @@ def _load(args: argparse.Namespace, require: Callable[[Config], Config] = lambda
     config = require(load(args.config, Config, args.overrides))
     if not args.rehearse:
         return config
-    from groundstation.settings import describe_rehearsal, ensure_served, rehearse
-
     turned = require(rehearse(config, args.config))
     assert turned.rehearsal is not None, "it has just become one"
     print(describe_rehearsal(turned.rehearsal), file=sys.stderr, flush=True)
@@ -55,7 +82,6 @@ def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
     from groundstation.flight import StepTimer, confirm_arming, ensure_named
     from groundstation.interfaces.service import fly_command, require_flyable
-    from groundstation.runtime import require_package
 
     StepTimer.start()
     config = _load(args, require_flyable)
@@ -85,8 +111,6 @@ def _find_recording(name: Path | None) -> Path:
     Raises:
         ConfigError: nothing is recorded.
     """
-    from groundstation.machine import RecordingConfig, folder_of, list_flights
-
     folder = folder_of(RecordingConfig())
     if name is not None:
         listed = (folder / name, folder / f"{name}.mcap")
@@ -161,15 +185,10 @@ radio_bind, radio_range_check, radio_idle = (partial(_radio, what) for what in (
 def radio_bridge(args: argparse.Namespace) -> Exit:
     """Pace the commands of another computer out by an RF module; or make the key that both share."""
     from groundstation.flight import load_link_key
-    from groundstation.machine import BRIDGE, ApiError, Running, registration
-    from links.io import make_key
 
     say = _terminal_writer()
     if args.make_key is not None:
-        try:
-            make_key(args.make_key)
-        except ValueError as error:
-            raise ConfigError("--make-key", str(error)) from None
+        _make_key("--make-key", args.make_key)
         say(f"{args.make_key}: a new key, for your eyes only. Copy it to the other computer by a safe way, mode 0600")
         return Exit.DONE
     if args.config is None:
@@ -198,8 +217,6 @@ def tui(args: argparse.Namespace) -> int:
         if args.log is None:
             raise ConfigError("--rehearse", "expected CONFIG.toml, to rehearse its flight")
         args.config, args.log, args.overrides, args.arm, args.tui, args.view = args.log, None, [], None, True, ""
-        from groundstation.settings import REHEARSAL
-
         if not asyncio.run(_is_flown(REHEARSAL)):
             return fly(args)
         args.vehicle = REHEARSAL
@@ -209,8 +226,6 @@ def tui(args: argparse.Namespace) -> int:
 
 
 async def _is_flown(vehicle: str) -> bool:
-    from groundstation.machine import StatusConfig, is_served, socket_path
-
     return await is_served(socket_path(StatusConfig(), vehicle))
 
 
@@ -238,8 +253,6 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     if ask == "follow":
         if len(where) != 1:
             raise ConfigError("follow", f"expected one FILE.csv, got {len(where)} words")
-        from groundstation.core.trajectory import parse_course
-
         try:
             with Path(where[0]).open(encoding="utf-8") as file:
                 text = file.read(COURSE_LETTERS + 1)
@@ -284,11 +297,39 @@ def stop_all(args: argparse.Namespace) -> Exit:
     return stop_all_command(args, input if sys.stdin.isatty() else None)
 
 
-def mqtt(args: argparse.Namespace) -> Exit:
-    """Keys, topics and schemas of MQTT."""
-    from groundstation.interfaces.mqtt import mqtt_command
+def mqtt_make_key(args: argparse.Namespace) -> Exit:
+    """Write the new key of a client."""
+    _make_key("mqtt make-key", args.file)
+    print(
+        f"{args.file}: a new key, for your eyes only. Copy it to the client by a safe way, mode 0600, and name it "
+        "as key_file of mqtt.requests.clients.NAME",
+        file=sys.stderr,
+    )
+    return Exit.DONE
 
-    return mqtt_command(args)
+
+def _make_key(told: str, file: Path) -> None:
+    """Write a new key; the error names the word of the command line that told the ``file``."""
+    try:
+        make_key(file)
+    except ValueError as error:
+        raise ConfigError(told, str(error)) from None
+
+
+def mqtt_topics(args: argparse.Namespace) -> Exit:
+    """List the topics of MQTT."""
+    from groundstation.interfaces.mqtt import topics_table
+
+    print(topics_table())
+    return Exit.DONE
+
+
+def mqtt_schemas(args: argparse.Namespace) -> Exit:
+    """Print the JSON Schemas of MQTT's messages."""
+    from groundstation.interfaces.mqtt import schemas
+
+    print(json.dumps(schemas(), indent=2, ensure_ascii=False))
+    return Exit.DONE
 
 
 def replay(args: argparse.Namespace) -> Exit:
@@ -310,7 +351,6 @@ def doctor(args: argparse.Namespace) -> Exit:
     """Look at the autopilot's parameters, and set some on request."""
     from groundstation.flight import line_from_terminal
     from groundstation.lab import DoctorOrders, run_doctor
-    from groundstation.machine import folder_of
 
     config = _load(args)
     words = [word for override in args.overrides for word in ("--set", override)]
@@ -404,8 +444,6 @@ def config_show(args: argparse.Namespace) -> Exit:
 
 def config_new(args: argparse.Namespace) -> Exit:
     """Print a configuration to start from, list them, or write them all."""
-    from groundstation.config import copy_examples, example_text, list_examples
-
     if args.all is not None:
         if args.name is not None:
             raise ConfigError("--all", f"writes all of them, and {args.name!r} with them: leave one out")
@@ -467,10 +505,8 @@ def check(args: argparse.Namespace) -> Exit:
         from groundstation.lab import watch_poses
 
         return watch_poses(_load(args), seconds=args.seconds, as_json=args.json)
-    from groundstation.core.safety import list_limits
     from groundstation.flight import StepTimer, describe_checks, describe_failures, make_flight
     from groundstation.interfaces.service import require_flyable
-    from groundstation.machine import running_processes
 
     StepTimer.start()
     config = _load(args, require_flyable)
@@ -496,9 +532,6 @@ def check(args: argparse.Namespace) -> Exit:
 
 def config_vehicles(args: argparse.Namespace) -> Exit:
     """List the vehicles that come along, or print the file of one."""
-    from groundstation.config import from_dict, presets
-    from groundstation.core.vehicle import Vehicle
-
     known = presets(Vehicle)
     if args.name is not None:
         if args.name not in known:
@@ -523,16 +556,12 @@ def _say(line: str) -> None:
 
 def _terminal_writer() -> Say:
     """Tell the operator in flight: a terminal that stands still (Ctrl-S) or is gone must not hold up a command."""
-    from groundstation.machine import NonBlockingWriter
-
     return NonBlockingWriter(1).say
 
 
 async def _serve(
     config: RfLinkConfig, thrust_max_n: float, what: str, seconds: float, say: Callable[[str], None]
 ) -> bool:
-    from links.rf import SerialRfLink
-
     link = SerialRfLink(config, thrust_max_n=thrust_max_n)
     try:
         await link.connect()
@@ -653,7 +682,5 @@ def words_of_flying(command: str, argument: str) -> list[str]:
     if argument == "overrides":
         return [f"{key}=" for key in keys_of(BridgeConfig if command == "radio bridge" else Config)]
     if (command, argument) == ("config new", "name"):
-        from groundstation.config import shipped_texts
-
         return list(shipped_texts("examples"))
     return []

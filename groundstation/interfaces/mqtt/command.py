@@ -1,4 +1,4 @@
-"""Commands about MQTT: ``groundstation request --mqtt``, and the clients' keys, topics and JSON Schemas."""
+"""``groundstation request --mqtt``, and the topics and JSON Schemas of MQTT."""
 
 import argparse
 import asyncio
@@ -34,38 +34,10 @@ from groundstation.interfaces.mqtt.messages import (
 from groundstation.interfaces.mqtt.requests import Place, open_answer, seal_request
 from groundstation.machine import wall_ms
 from groundstation.runtime import Exit
-from links.io import make_key, read_key
+from links.io import read_key
 
 if TYPE_CHECKING:
     import aiomqtt
-
-
-def mqtt_command(args: argparse.Namespace) -> Exit:
-    """Do what the verb says.
-
-    Raises:
-        ConfigError: a key can't be written.
-    """
-    match args.verb:
-        case "topics":
-            print(topics_table())
-        case "schemas":
-            print(json.dumps(schemas(), indent=2, ensure_ascii=False))
-        case "make-key":
-            _make_key(args.file)
-    return Exit.DONE
-
-
-def _make_key(file: Path) -> None:
-    try:
-        make_key(file)
-    except ValueError as error:
-        raise ConfigError("mqtt make-key", str(error)) from None
-    print(
-        f"{file}: a new key, for your eyes only. Copy it to the client by a safe way, mode 0600, and name it "
-        "as key_file of mqtt.requests.clients.NAME",
-        file=sys.stderr,
-    )
 
 
 LIFE_MS = 4000
