@@ -108,9 +108,7 @@ MISSION: Arguments = {
     **AUTOPILOT,
     **_overrides(),
     "--vehicles": {"type": count, "default": 1, "metavar": "N", "help": "so many side by side (default 1)"},
-    "--real-time": {
-        "action": "store_true", "help": "by `groundstation fleet`: a process each, on real sockets, timed",
-    },
+    "--real-time": {"action": "store_true", "help": "gone: `serve --fleet` and `groundstation fleet` fly in real time"},
     **_json("the summary"),
 }  # fmt: skip
 SERVE: Arguments = {

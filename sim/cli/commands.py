@@ -29,7 +29,6 @@ from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
-from links.mavlink import MavlinkLinkConfig
 from sim.runs import MissionResult
 from sim.scenarios import (
     BETAFLIGHT,
@@ -373,12 +372,14 @@ def mission(args: argparse.Namespace) -> Exit:
     from sim.runs import fly_mission, from_floor
 
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
-    if args.autopilot == BETAFLIGHT and (args.vehicles > 1 or args.real_time):
-        raise ConfigError("--vehicles", "Betaflight flies one vehicle, in virtual time")
+    if args.real_time:
+        raise ConfigError("--real-time", notice("mission.real_time"))
+    if args.autopilot == BETAFLIGHT and args.vehicles > 1:
+        raise ConfigError("--vehicles", "Betaflight flies one vehicle")
     world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
     world, config = from_floor(world, config, args.duration or FIGURE_S)
     ensure_flyable(config)
-    if args.vehicles > 1 or args.real_time:
+    if args.vehicles > 1:
         return _missions(args, scenario.name, world, config)
     flown = fly_mission(world, config, seed=args.seed, autopilot=args.autopilot)
     asked = {
@@ -396,27 +397,13 @@ def mission(args: argparse.Namespace) -> Exit:
 
 def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> Exit:
     """Fly several missions side by side."""
-    if args.real_time:
-        from sim.runs import fly_fleet_real
+    from sim.runs import fly_fleet
 
-        config = _paced_by_poses(config)
-        say = None if args.json else print
-        flown = fly_fleet_real(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot, say=say)
-    else:
-        from sim.runs import fly_fleet
-
-        flown = fly_fleet(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot)
-    asked = {"scenario": name, "seed": args.seed, "source": args.source, "real_time": args.real_time}
+    flown = fly_fleet(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot)
+    asked = {"scenario": name, "seed": args.seed, "source": args.source}
     title = f"{name}, {args.vehicles} vehicles, poses by {args.source}, seed {args.seed}"
     print(json.dumps(fleet_facts(asked, flown)) if args.json else fleet_summary(title, flown))
     return Exit.DONE if flown.landed else Exit.FAILED
-
-
-def _paced_by_poses(config: Config) -> Config:
-    """Set a MAVLink link to its default pace: a command for each pose."""
-    if not isinstance(config.link, MavlinkLinkConfig):
-        return config
-    return msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, pace="poses"))
 
 
 def summarize_mission(title: str, mission: MissionResult) -> str:
@@ -444,21 +431,17 @@ def summarize_mission(title: str, mission: MissionResult) -> str:
 
 def fleet_summary(title: str, flown: "FleetMission") -> str:
     """Describe several missions as text."""
-    columns = f"{'':12}{'RMS':>9}{'touchdown':>12}{'tick p50':>11}{'p99':>10}{'compute p99':>13}{'round p99':>12}"
-    lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", columns]
+    lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", f"{'':12}{'RMS':>9}{'touchdown':>12}"]
     for one in flown.vehicles:
         lines.append(
             f"{one.name:12}{_format(one.rms_cm, 'cm'):>9}{_format(one.touchdown_m_s, 'm/s'):>12}"
-            f"{_format(one.tick_p50_ms, 'ms'):>11}{_format(one.tick_p99_ms, 'ms'):>10}"
-            f"{_format(one.compute_p99_ms, 'ms'):>13}{_format(one.round_p99_ms, 'ms'):>12}"
             + ("" if one.landed else f"  {one.why}")
         )
     lines.append("")
     if flown.nearest is not None:
         a, b = flown.nearest.between
         lines.append(f"nearest     {flown.nearest.distance_m:.2f} m, {a} and {b}, at {flown.nearest.time_s:.1f} s")
-    load = "" if flown.load is None else f", load average {flown.load[0]:.1f}"
-    lines.append(f"wall time   {flown.wall_s:.1f} s for {flown.duration_s:.0f} s{load}")
+    lines.append(f"wall time   {flown.wall_s:.1f} s for {flown.duration_s:.0f} s")
     return "\n".join(lines)
 
 
@@ -468,14 +451,8 @@ def _format(value: float | None, unit: str) -> str:
 
 def fleet_facts(asked: dict[str, Any], flown: "FleetMission") -> dict[str, Any]:
     """Make one JSON object of the missions: the options in ``asked``, and the results."""
-    ticks = [one.tick_p99_ms for one in flown.vehicles if one.tick_p99_ms is not None]
-    return {
-        **asked,
-        "landed": flown.landed,
-        "tick_p99_ms": max(ticks, default=None),
-        "min_separation_m": None if flown.nearest is None else flown.nearest.distance_m,
-        **msgspec.to_builtins(flown),
-    }
+    apart_m = None if flown.nearest is None else flown.nearest.distance_m
+    return {**asked, "landed": flown.landed, "min_separation_m": apart_m, **msgspec.to_builtins(flown)}
 
 
 def serve(args: argparse.Namespace) -> Exit:

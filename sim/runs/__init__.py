@@ -1,6 +1,6 @@
-"""Simulated flights, one or several, in virtual time or real time, and their judge."""
+"""Simulated flights, one or several, and their judge."""
 
-from sim.runs.fleet import FleetMission, fly_fleet, fly_fleet_real, percentile
+from sim.runs.fleet import FleetMission, fly_fleet
 from sim.runs.flight import CONFIRM_S, MISSION_CONFIRM_S, MissionResult, confirm_at, fly, fly_mission, from_floor
 from sim.runs.referee import BACK_M, CRASH_M, Effort, FlightVerdict, TrueTrack, sought
 from sim.runs.server import place_fleet, serve, serve_fleet

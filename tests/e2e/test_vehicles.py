@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -22,7 +23,7 @@ LAB: dict[str, Any] = {
 }
 
 
-def fleet_file(folder: Path) -> Path:
+def fleet_file(folder: Path, names: Sequence[str] = ("ant", "bee")) -> Path:
     pose = {**LAB["pose"], "listen": f"127.0.0.1:{free_udp_port()}"}
     lab = {**LAB, "pose": pose, "recording": {"folder": str(folder / "flights")}}
     (folder / "lab.toml").write_text(tomli_w.dumps(lab), "utf-8")
@@ -31,9 +32,9 @@ def fleet_file(folder: Path) -> Path:
             "name": name,
             "link": {"listen": f"127.0.0.1:{free_udp_port()}"},
             "status": {"path": str(folder / f"{name}.sock")},
-            "trajectory": {"position_ned": [0.0, east, 0.5]},
+            "trajectory": {"position_ned": [0.0, 2.0 * number, 0.5]},
         }
-        for name, east in (("ant", 0.0), ("bee", 2.0))
+        for number, name in enumerate(names)
     ]
     relay_port = 20000 + free_udp_port() % 10000
     (folder / "fleet.toml").write_text(

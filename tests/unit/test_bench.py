@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import pytest
 
-from sim.runs import percentile
 from tests.proving.bench import bench
 from tests.proving.bench import links as bench_links
 from tests.proving.bench import tick as bench_tick
@@ -28,11 +27,6 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
         assert 0 < figures["p50_us"] <= figures["p99_us"] <= figures["p999_us"]
     words = bench.text(facts)
     assert all(f"\n{name}:" in words for name in bench.WHAT)
-
-
-def test_a_percentile_is_one_of_the_values() -> None:
-    assert percentile([3.0, 1.0, 2.0], 0.99) == 3.0
-    assert percentile([3.0, 1.0, 2.0], 0.0) == 1.0
 
 
 Moments = Sequence[tuple[float, int | None]]

@@ -46,6 +46,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
+    NoticeTemplate(
+        "mission.real_time",
+        "fleets are no longer flown in real time by one command",
+        "run `groundstation-sim serve --fleet FLEET.toml` and `groundstation fleet FLEET.toml`; "
+        "`groundstation report` shows the lateness of each vehicle's commands",
+    ),
     NoticeTemplate("pose.dropping", "poses are dropped: {why}"),
     NoticeTemplate("pose.steady_clock", "the tracker's clock is steady again"),
     NoticeTemplate("pose.none", "no poses: {why}"),

@@ -18,6 +18,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from groundstation.config import dump
 from groundstation.machine import sleep_until
 from groundstation.pose.sources import ViconConfig
@@ -28,7 +30,6 @@ from links.mavlink import MavlinkLinkConfig
 from links.rf import Arm, DsmLinkConfig, End, Give, Pacer, PacerReport, Stop, open_process
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.radio import PtyWire
-from sim.runs import percentile
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, vicon_encoder
 from sim.world import Quadrotor, SimulatedVehicle, Wind, generator, rows
@@ -77,7 +78,7 @@ def figures_of(answers: Answers) -> dict[str, float]:
     if not found:
         raise LatencyFailed("nothing came back")
     return {
-        **{name: round(1e6 * percentile(found, share), 1) for name, share in SHOWN.items()},
+        **{name: round(1e6 * float(np.quantile(found, share, method="higher")), 1) for name, share in SHOWN.items()},
         "count": len(found),
         "overtaken": answers.overtaken,
         "unanswered": answers.sent - len(found),
@@ -349,7 +350,7 @@ async def _floor(folder: Path, count: int, priority: int) -> list[int]:
 
 
 def _pacer_figures(late_us: list[int]) -> dict[str, int]:
-    shown = {name: int(percentile(late_us, share)) for name, share in SHOWN.items()}
+    shown = {name: int(np.quantile(late_us, share, method="higher")) for name, share in SHOWN.items()}
     return {**shown, "lost": sum(late >= 1e6 * PERIOD_S for late in late_us)}
 
 
