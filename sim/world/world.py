@@ -327,6 +327,7 @@ class Wind:
             w.wind_mean, w.wind_gust, w.wind_gust_hz, w.wind_step, w.wind_step_time_s, w.wind_push_s
         )
         self._normals = normals
+        self._is_constant = not any((*w.wind_gust, *w.wind_step))
         self._restless = bool(world.wind_turbulence) or any(world.tunnel.rest_m_s2)
         self._index = -1
         self._eddies: Eddies | None = None
@@ -337,7 +338,7 @@ class Wind:
 
     def at(self, flight_time: float) -> Vec3:
         """b at ``flight_time`` [s] after release."""
-        x, y, z = compute_steady(FLOATS, self._steady, flight_time)
+        x, y, z = self._steady.mean if self._is_constant else compute_steady(FLOATS, self._steady, flight_time)
         if self.push != (0.0, 0.0, 0.0):
             x, y, z = x + self.push[0], y + self.push[1], z + self.push[2]
         if not self._restless:

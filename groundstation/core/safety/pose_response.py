@@ -44,8 +44,6 @@ BLOCKS = (8, 12, 24, 48)
 noise need seconds."""
 LEAST_RESPONSE = 0.5
 """Least response to the tones that is accepted [-]: scales and lags configured wrong by half."""
-MOST_RESPONSE = 2.0 - LEAST_RESPONSE
-"""Largest response to the tones that is accepted [-]; as above."""
 CONFIRMING_ERRORS = 2.0
 """Standard errors by which a response must exceed the least one to confirm the poses [-]: one in 40."""
 MOST_CROSS_RESPONSE = math.sin(math.radians(35.0))
@@ -186,10 +184,10 @@ PLANE = _directions((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-DIAGONAL, DI
 """Directions of a plane that are evaluated: no direction is farther than 22.5 degrees from one of them."""
 
 
-def _beyond(slopes: Array) -> Array:
-    """Return the distance of D_u, along and across, from its limits [-]; negative within them. Shape (..., 2)."""
-    along, across = 1.0 + slopes[..., 0], np.abs(slopes[..., 1])
-    return np.stack([np.maximum(LEAST_RESPONSE - along, along - MOST_RESPONSE), across - MOST_CROSS_RESPONSE], axis=-1)
+LIMITS = np.array([1.0 - LEAST_RESPONSE, MOST_CROSS_RESPONSE])
+"""Limits of |D_u|, along and across [-]: a response, 1 + D_u along, may be as much too large as too small."""
+ADJUGATE = np.array([[1.0, -1.0], [-1.0, 1.0]])
+"""Signs of the adjugate of a symmetric matrix of two rows, which is that matrix with both its axes turned around."""
 
 
 class Response:
@@ -207,14 +205,15 @@ class Response:
         self._directions, self._memory_s, self._least, self._own = directions, memory_s, least, own_motion
         size = directions.shape[2]
         self._axes = size // len(SIGNALS)
+        self._samples: list[tuple[float, ...]] = []
+        """Samples since the last look: interval [s], then the filtered signals."""
         self._products, self._time_s = np.zeros((size, size)), 0.0
         self._bursts = np.zeros(len(directions))
         self._kept = deque([(0.0, self._products, self._bursts)], maxlen=BLOCKS[-1] + 1)
 
     def add(self, e: Sequence[float], u: Sequence[float], v: Sequence[float], dt_s: float) -> None:
         """Take one sample of the filtered signals, one value an axis."""
-        signals = np.array([*u, *v, *e])
-        self._products = self._products + dt_s * np.outer(signals, signals)
+        self._samples.append((dt_s, *u, *v, *e))
         self._time_s += dt_s
 
     def look(self, noise: float) -> Alarm:
@@ -223,6 +222,10 @@ class Response:
         ``noise`` is the white noise of e, 1 sigma per axis.
         """
         kept, own = self._kept, self._own
+        if self._samples:
+            samples = np.array(self._samples)
+            self._products = self._products + (samples[:, 1:].T * samples[:, 0]) @ samples[:, 1:]
+            self._samples = []
         begun = [kept[-blocks] for blocks in BLOCKS if blocks <= len(kept)]
         closed_s, closed, _ = kept[-1]
         counts_bursts = math.isfinite(own.burst_s)
@@ -266,7 +269,7 @@ class Response:
         errors = self._find_errors(found, 0, time_s, self._memory_s, noise, model2)
         commanded = along[..., 0, 0] + along[..., 0, 1]
         alone = along[..., 0, 2:] / np.maximum(commanded, RIDGE)[..., None]
-        beyond = np.minimum(_beyond(found.slopes[..., 0, :]), _beyond(alone))
+        beyond = np.minimum(np.abs(found.slopes[..., 0, :]), np.abs(alone)) - LIMITS
         counts = (errors <= MOST_ERROR) & (is_excited & (commanded > 0.0))[..., None]  # else v has undone the tones
         excess = np.where(counts, np.maximum(beyond, 0.0) / (HIGHLY_SIGNIFICANT * errors), 0.0).max(axis=-1)
         return excess, counts[..., 0] & (beyond[..., 0] <= 0.0)
@@ -334,10 +337,9 @@ class _Regression(NamedTuple):
 
 def _regress(along: Array) -> _Regression:
     """Regress e and e across on u and v; ``along`` as in :meth:`Response._judge_tones`."""
-    uu, uv, vv = along[..., 0, 0] + RIDGE, along[..., 0, 1], along[..., 1, 1] + RIDGE
-    determinant = uu * vv - uv * uv
-    inverse = np.stack([np.stack([vv, -uv], -1), np.stack([-uv, uu], -1)], -2) / determinant[..., None, None]
-    products = along[..., :2, 2:]
+    squares, products = along[..., :2, :2] + RIDGE * np.eye(2), along[..., :2, 2:]
+    determinant = squares[..., 0, 0] * squares[..., 1, 1] - squares[..., 0, 1] ** 2
+    inverse = ADJUGATE * squares[..., ::-1, ::-1] / determinant[..., None, None]
     slopes = inverse @ products
     residual = along.diagonal(axis1=-2, axis2=-1)[..., 2:] - (slopes * products).sum(axis=-2)
     return _Regression(slopes, inverse, residual)
