@@ -22,6 +22,9 @@ AGAIN_S = 0.05
 SLOW_S = 0.1
 """A step that takes longer is reported [s]: a command must leave within 0.25 s of its pose (flight.coast_s),
 and the pose's own latency and the link take their share."""
+STALLING_S = 0.05
+"""A step that takes longer may end the flight [s]: with what else one frame needs, poses wait for more than 0.06 s, as
+in a program that was stalled, and are not used."""
 SLOWER = 1.5
 """A step that is slower by this factor is reported again [-]."""
 RECENT_S = 1.0
@@ -97,9 +100,12 @@ class StepTimer(StepWatch):
         took_s = now_s - self._begun_s
         if took_s > self._limit_s - AGAIN_S:
             self._ours_until_s = now_s + 2.0 * AGAIN_S
-        if took_s <= SLOW_S or self._limit_s > STEP_LIMIT_S:
+        if took_s <= STALLING_S or self._limit_s > STEP_LIMIT_S:
             return
         self._newest_s = now_s
+        if took_s <= SLOW_S:
+            self._newest = notice("code.stalls", what=what, took_ms=1e3 * took_s, limit_ms=1e3 * STALLING_S)
+            return
         self._newest = notice("code.slow", what=what, took_ms=1e3 * took_s, limit_ms=1e3 * SLOW_S)
         if took_s > SLOWER * self._slowest_s or self.slow is None:
             self.slow, self._slowest_s = self._newest, took_s

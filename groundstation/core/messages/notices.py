@@ -183,6 +183,11 @@ _TABLE: tuple[NoticeTemplate, ...] = (
             "{field} is expected in {unit}{looks_like}",
         ),
         NoticeTemplate("code.slow", "{what} took {took_ms:.0f} ms, limit {limit_ms:.0f} ms", "make its step faster"),
+        NoticeTemplate(
+            "code.stalls",
+            "{what} took {took_ms:.0f} ms, and poses that came meanwhile are not used, limit {limit_ms:.0f} ms",
+            "make its step faster",
+        ),
         NoticeTemplate("code.hangs", "it did not return within {limit_ms:.0f} ms"),
         NoticeTemplate(
             "code.hangs_making",

@@ -16,10 +16,11 @@ import pytest
 from groundstation.config import STEP_LIMIT_S, STEP_WATCH, ConfigError, UserCodeFault, find_object
 from groundstation.config.user_code import SelfInterrupt
 from groundstation.core.control import Custom, make_controller
+from groundstation.core.messages import Sentence
 from groundstation.core.trajectory import OwnTrajectoryConfig, Reference
 from groundstation.core.vehicle import Vehicle
 from groundstation.flight import StepTimeout, StepTimer
-from groundstation.flight.step_timer import SLOW_S
+from groundstation.flight.step_timer import SLOW_S, STALLING_S
 
 ALARMS: list[str] = []
 
@@ -162,6 +163,22 @@ def test_a_key_and_the_alarm_at_once_interrupt_a_step_once() -> None:
     finally:
         signal.signal(signal.SIGUSR2, before)
     assert raised.value.__context__ is None, "nothing was raised where it was handled"
+
+
+def test_a_step_that_only_stalls_the_poses_is_a_cause_of_a_late_command_and_no_warning() -> None:
+    def work(timer: StepTimer, now_s: Callable[[], float]) -> tuple[str, str, Sentence | None]:
+        recent = []
+        for lasts_s in (0.5 * STALLING_S, STALLING_S + 0.01):
+            timer.begin("controller mine:Slow")
+            spend(now_s, lasts_s)
+            timer.end()
+            recent.append(str(timer.find_recent() or ""))
+        return recent[0], recent[1], timer.slow
+
+    quick, stalling, warned = watched(work)
+    assert (quick, warned) == ("", None)
+    assert stalling.startswith("controller mine:Slow took ")
+    assert "poses that came meanwhile are not used, limit 50 ms" in stalling
 
 
 def test_a_slow_step_is_named_with_its_time_and_again_only_where_it_is_much_slower() -> None:
