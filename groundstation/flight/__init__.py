@@ -1,7 +1,8 @@
 """One flight: pre-arm checks, mission, command loop, shutdown, statistics."""
 
-from groundstation.flight.assembly import Give, WireTaps, about, make_flight, recorder
-from groundstation.flight.flight import DISARM_WAIT_S, Flight, FlightOutcome, FrameLateness, make_ends
+from groundstation.flight.assembly import Give, WireTaps, about, make_ends, make_flight, recorder
+from groundstation.flight.command_loop import DISARM_WAIT_S, FrameLateness
+from groundstation.flight.flight import Flight, FlightOutcome
 from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
 from groundstation.flight.prearm import (
     Company,

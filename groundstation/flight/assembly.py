@@ -29,11 +29,11 @@ from groundstation.core.messages import (
     notice,
 )
 from groundstation.core.safety import MONITORS, Monitors
-from groundstation.flight.flight import Flight, make_ends
+from groundstation.flight.flight import Flight
 from groundstation.flight.hold_to_run import make_hold
 from groundstation.flight.prearm import Company
 from groundstation.machine import IdleSlots, Running
-from groundstation.pose import ForwardingSource
+from groundstation.pose import ForwardingSource, make_source
 from groundstation.pose.sources import GatedSource
 from groundstation.recording import (
     NO_PORT,
@@ -47,6 +47,7 @@ from groundstation.recording import (
     WireRecord,
 )
 from groundstation.settings import Config
+from links import make_link
 from links.core import CommandLink
 from links.io import Network
 from links.mavlink import MavlinkLink
@@ -182,6 +183,23 @@ class TappedTransport:
     def dup(self) -> Any:
         """Return a second handle of a socket."""
         return TappedTransport(self._original.dup(), self._wires, self._wire)
+
+
+def make_ends(
+    config: Config, wires: Mapping[str, Any] | None = None, others: Others | None = None
+) -> tuple[CommandLink, PoseSource]:
+    """Make the link and the pose source that ``config`` names; nothing is opened yet.
+
+    ``wires`` replaces the link's hardware in a simulation; see :func:`links.make.make_link`.
+    ``others`` are further bodies that the source looks for.
+
+    Raises:
+        ConfigError: the poses need another link.
+    """
+    link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
+    if link.autopilot is not None:
+        link.autopilot.shares_poses = config.pose.shares_link
+    return link, make_source(config.pose, link, others)
 
 
 Give = Callable[[Record], None]

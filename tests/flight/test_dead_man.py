@@ -14,7 +14,7 @@ from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Ask, CommandSent, FlightEvent, Notice, Request
 from groundstation.core.mission import State
 from groundstation.flight import Flight, make_flight
-from groundstation.flight.flight import Pacing, StallDetector
+from groundstation.flight.command_loop import Pacing, StallDetector
 from groundstation.machine import sleep_until
 from links.core import Command
 from links.io import Sleep

@@ -22,7 +22,7 @@ from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
 from groundstation.core.messages import SETTLED_M, CommandSent, Notice, TickRecord
 from groundstation.core.vehicle import Vehicle
-from groundstation.flight.flight import FlightStatistics
+from groundstation.flight.statistics import FlightStatistics
 from groundstation.recording import LineRecord, Recording, quick_headline
 from sim.runs import from_floor
 from sim.scenarios import SCENARIOS, prepare

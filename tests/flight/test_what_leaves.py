@@ -13,7 +13,7 @@ from groundstation.core.control import bring_down, model_descent
 from groundstation.core.mission import State, operator
 from groundstation.core.safety import GuardsConfig
 from groundstation.flight import Flight, hold_to_run, make_flight
-from groundstation.flight.flight import DRAIN_S, STALL_S
+from groundstation.flight.command_loop import DRAIN_S, STALL_S
 from groundstation.flight.mission_executive import LAST_CHANCE_S
 from groundstation.interfaces.api.client import STOP_ANSWER_S
 from groundstation.lab.props_off import STOP_S

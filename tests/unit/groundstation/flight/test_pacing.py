@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 
 from groundstation.flight import FrameLateness
-from groundstation.flight.flight import LAST_CHANCE_S, Pacing
+from groundstation.flight.command_loop import LAST_CHANCE_S, Pacing
 from links.core import CommandLink
 from tests.loops import in_virtual_time
 
