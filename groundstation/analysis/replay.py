@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core.control import Custom
+from groundstation.core.control import HOLDING, TRACKING, TRANSIT, Custom
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import GAIN, Pose, notice
 from groundstation.core.pilot import Pilot
@@ -547,7 +547,7 @@ class _Replay:
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
             case "ease", 2 | 3 | 4:  # the second is the first; of 2 no transit had limits, of 4 one each
-                pilot.use_hold_gains(bool(values[0]), is_limited=any(values[2:3]))
+                pilot.use_profile(TRANSIT if any(values[2:3]) else HOLDING if values[0] else TRACKING)
             case "surrender", 1:
                 self._end = partial(pilot.surrender, hold_s=values[0])
             case "let_go", 1:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from groundstation.core.control import HOLDING, TRACKING, TRANSIT
 from groundstation.core.geometry import Quat, Vec3, third_column
 from groundstation.core.messages import Others, Pose, Sentence, Tick, Waypoint, notice
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
@@ -91,6 +92,10 @@ class Leg(NamedTuple):
     trajectory: Trajectory
     start_s: float
     """On the event loop's clock [s]."""
+
+
+PROFILES = {State.TRACKING: TRACKING, State.HOLD: HOLDING}
+"""Flight profile of each state but those in transit."""
 
 
 class MissionMove(NamedTuple):
@@ -697,8 +702,7 @@ class MissionExecutive:
         return reference, self.tick.estimate.time_s
 
     def _follow(self, leg: Leg) -> None:
-        is_limited = self.state not in (State.HOLD, State.TRACKING)
-        self._pilot.use_hold_gains(self.state is not State.TRACKING, is_limited=is_limited)
+        self._pilot.use_profile(PROFILES.get(self.state, TRANSIT))
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s

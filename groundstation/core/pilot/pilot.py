@@ -7,25 +7,30 @@ from collections.abc import Callable
 import msgspec
 
 from groundstation.core.control import (
+    DESCENT_LIMITS,
     OFF,
     SUSPECT_LEVEL,
+    TRACKING,
+    TRANSIT,
+    UPLINK_LOST_SHARE,
     Adaptive,
     CertificateMonitor,
     ControllerConfig,
     Descent,
-    Envelope,
     ExcitationTones,
-    Gains,
+    FlightLimits,
+    FlightProfile,
+    GainSchedule,
+    GainSet,
+    LimitInput,
     calm_gains,
     clamp_command,
-    hold_gains,
-    level,
     make_controller,
     plan_bring_down,
     plan_model_descent,
 )
 from groundstation.core.estimation import Ahead, ModelEstimator, Reckoning, Trusted
-from groundstation.core.geometry import Quat, Vec3, heading, interpolate
+from groundstation.core.geometry import ZERO, Quat, Vec3, heading, interpolate
 from groundstation.core.messages import (
     GAIN,
     Certificate,
@@ -62,14 +67,6 @@ SPARSE_MEAN_S = 1.0
 """Time constant of that mean [s]."""
 GROUND_EFFECT_SHARE = 0.95
 """Below this share of the weight, ground effect carries the vehicle [-]."""
-UPLINK_LOST_SHARE = 0.95
-"""Largest thrust while the uplink is lost, as a share of the hover thrust [-]."""
-UPLINK_LOST_M_S2 = 1.5
-"""Largest vertical disturbance that is compensated while the uplink is lost [m/s²]."""
-UPLINK_LOST_GAIN = 0.15
-"""Factor on the law's rates while the uplink is lost [-]: a loop of 4 1/s that is 1.5 s late is stable with it."""
-UPLINK_LOST_SINK_M_S = 0.4
-"""Sink rate above which the full hover thrust is commanded while the uplink is lost [m/s]."""
 LAST_COMMAND_S = 0.5
 """Duration of the last command where commands are too late [s]: the autopilot is requested to land meanwhile."""
 NEAR_FLOOR_M = 0.12
@@ -153,8 +150,9 @@ class Pilot:
         driven = config.composite != "provable"
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._watch = CertificateMonitor(vehicle, config)
-        self._mode = _Mode(config)
-        self._envelope = Envelope(vehicle, config)
+        self._gains = GainSchedule(config)
+        self._profile = TRACKING
+        self._limits = FlightLimits(vehicle, config)
         self._gate = PoseGate()
         self._tones = ExcitationTones(vehicle, config.gravity)
         self._reference_down = math.inf
@@ -162,7 +160,7 @@ class Pilot:
         """Health of the poses."""
         self.response = ResponseLatency()
         """Latency of the vehicle's turns beyond the configured one."""
-        self._is_released = self._has_climbed = False
+        self._is_released = self._has_climbed = self._is_paused = self._is_climbing = False
         self._wind = _MeanDisturbance(config.gravity)
         self._reckoning = Reckoning(vehicle, config.gravity)
         self._received = _ReceivedPoses()
@@ -277,42 +275,39 @@ class Pilot:
     def set_gain(self, name: str, value: float) -> None:
         """Set one gain of our own controller to ``value``; the caller changes it in small steps."""
         self._switch(f"{GAIN}{name}", value)
-        if self._mode.set_gain(name, value):
+        if self._gains.set_gain(name, value):
             self._apply_gains()
 
-    def use_hold_gains(self, is_holding: bool, *, is_limited: bool = False) -> None:
-        """Use the gains of a hold, and fly excitation tones all the time, if ``is_holding``.
-
-        ``is_limited``: use calm gains, and limit tilt and loss of thrust, as in a climb and a landing.
-        """
-        self._switch("ease", float(is_holding), float(is_holding), float(is_limited))
-        mode = self._mode
-        mode.is_holding, mode.is_limited = is_holding, is_limited
-        mode.climbs_first = mode.climbs_first and is_limited
-        self._estimator.lands = is_limited and not mode.climbs_first
+    def use_profile(self, profile: FlightProfile) -> None:
+        """Fly by ``profile`` from now on."""
+        is_holding, is_transit = float(profile is not TRACKING), float(profile is TRANSIT)
+        self._switch("ease", is_holding, is_holding, is_transit)
+        self._profile = profile
+        self._is_climbing = self._is_climbing and profile is TRANSIT
+        self._estimator.lands = profile is TRANSIT and not self._is_climbing
 
     def _switch(self, what: str, *values: float) -> None:
         """Record a request ``what`` with ``values`` (:class:`SwitchRecord`)."""
         self._tell(SwitchRecord(self._clock(), what, values))
 
     def _apply_gains(self) -> None:
-        gains = self._mode.gains
+        gains = self._gains.gains
         assert isinstance(self._controller, Adaptive) and gains is not None, "it has these gains"
         self._controller.regain(gains)
         self._watch.regain(gains)
 
     def set_ground_contact(self, may_have_contact: bool) -> None:
         """Keep the vehicle level while ground contact is possible."""
-        if may_have_contact != self._mode.may_have_contact:
+        if may_have_contact != self._limits.level.may_have_contact:
             self._switch("touch", float(may_have_contact))
-            self._mode.may_have_contact = may_have_contact
+            self._limits.level.may_have_contact = may_have_contact
 
     def set_uplink_lost(self, is_lost: bool) -> None:
         """Freeze adaptation and limit commands while the uplink is lost."""
-        if is_lost == self._mode.is_uplink_lost:
+        if is_lost == self._limits.uplink.is_lost:
             return
         self._switch("listen", float(is_lost))
-        self._mode.is_uplink_lost = is_lost
+        self._limits.uplink.is_lost = is_lost
         if is_lost:
             trusted = self._trusted_before()
             self._estimator.hold(trusted.disturbance, trusted.effectiveness)
@@ -328,9 +323,9 @@ class Pilot:
 
     def pause_response(self, paused: bool) -> None:
         """Pause the comparison of poses with commands while the link stalls: lost commands have no effect."""
-        if paused != self._mode.is_paused:
+        if paused != self._is_paused:
             self._switch("pause", float(paused))
-            self._mode.is_paused = paused
+            self._is_paused = paused
 
     def set_on_floor(self) -> None:
         """Freeze the estimate of the thrust scale: the floor carries the vehicle."""
@@ -347,13 +342,13 @@ class Pilot:
         disturbance = self._estimator.lift_off(climb_m_s, hovers)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
-        self._is_released = self._mode.climbs_first = True
+        self._is_released = self._is_climbing = True
         north, east, _ = disturbance  # the vehicle leans against it, and so needs more thrust to hover
         hover_n = hovers * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
         self._trust_from_here(disturbance)
         self.health.lift_off(hovers, climb_m_s)
         motion = self._estimator.predict(time_s + self._vehicle.acting_delay_s).motion
-        self._envelope.lift_off(time_s, hover_n, motion.position[2])
+        self._limits.first_climb.lift_off(time_s, hover_n, motion.position[2])
         return Reference(motion.position, motion.velocity, yaw_rad=heading(motion.attitude))
 
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> float:
@@ -398,26 +393,22 @@ class Pilot:
         estimate = self._estimator.predict(acting)
         flight_time = acting - start_s
         reference = trajectory.at(flight_time)
-        if self._mode.update(self._received.apart_s, self.is_suspicious):
+        if self._gains.use(self._choose_gains()):
             self._apply_gains()
         if descent is not None:
             reference = Reference(estimate.motion.position, (0.0, 0.0, descent.sink_m_s))
         without = self._tones.take_out(estimate, heading(estimate.motion.attitude))
-        interval = 0.0 if self._last_s is None or self._mode.is_uplink_lost else time_s - self._last_s
+        interval = 0.0 if self._last_s is None or self._limits.uplink.is_lost else time_s - self._last_s
         self._last_s = time_s
         decide = self._decide if descent is None else descent.decide
         decision = decide(without, reference, interval)
+        pose_down_m, wind = pose.position_ned[2], self._wind.value or ZERO
+        now = LimitInput(time_s, self._limits.first_climb.lifted_s, pose_down_m, estimate, wind)
+        limits = self._profile.limits if descent is None else DESCENT_LIMITS
+        drive = self._limits.apply(limits, decision.drive, now)
         if descent is None:
-            decision = self._envelope.limit_first_climb(time_s, pose.position_ned[2], decision)
-            if self._mode.is_limited:
-                down = (self._wind.value or (0.0, 0.0, 0.0))[2]
-                decision = self._envelope.limit_transit(time_s, decision, estimate, down)
-            if self._mode.may_have_contact:
-                decision = self._level(decision, estimate)
             self._suspect_new_wind(time_s, estimate)
-        if self._mode.is_uplink_lost:
-            decision = self._limit_without_uplink(decision, estimate)
-        decision = self._excite(time_s, decision)
+        decision = decision._replace(drive=self._excite(time_s, drive))
         self._reference_down = reference.position_ned[2]
         self._send(time_s, decision.drive)
         if self._driver is not None:
@@ -431,6 +422,12 @@ class Pilot:
         tick = Tick(time_s, flight_time, pose, estimate, reference, decision, command, certificate)
         self._tell(tick)
         return tick
+
+    def _choose_gains(self) -> GainSet | None:
+        """Gain set of now: that of the profile, unless the poses are far apart or suspect."""
+        if self._received.apart_s > SPARSE_S:
+            return calm_gains
+        return self._profile.suspect_gains if self.is_suspicious else self._profile.gains
 
     def _decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """Return the command of the law."""
@@ -447,25 +444,20 @@ class Pilot:
         Near the floor it is the floor's force.
         """
         height_m = self._floor - estimate.motion.position[2]
-        known = self._wind.value if self._envelope.has_lifted_off and height_m > NEAR_FLOOR_M else None
+        known = self._wind.value if self._limits.first_climb.lifted_s > -math.inf and height_m > NEAR_FLOOR_M else None
         if known is not None and math.dist(estimate.disturbance, known) > SUSPECT_M_S2:
             self.health.suspect(time_s)
 
-    def _excite(self, time_s: float, decision: Decision) -> Decision:
-        """Return ``decision`` with excitation tones, where they are needed."""
-        settled = self._envelope.has_climbed_for(time_s) > EXCITATION_DELAY_S
-        is_calm = self._descent is not None or self._mode.is_holding
+    def _excite(self, time_s: float, drive: ActuatorCommand) -> ActuatorCommand:
+        """Return ``drive`` with excitation tones, where they are needed."""
+        settled = self._limits.first_climb.has_climbed_for(time_s) > EXCITATION_DELAY_S
+        is_calm = self._descent is not None or self._profile.is_excited
         level = SUSPECT_LEVEL if self.health.is_suspect or self.is_blind else float(is_calm)
-        self._tones.set_level(time_s, level if settled and not self._mode.is_uplink_lost else 0.0)
-        thrust, rates = self._tones.add_to(decision.drive, time_s)
-        if decision.drive.thrust >= self._vehicle.thrust_max_n:
-            thrust = decision.drive.thrust  # the tone would only take from it
-        return decision._replace(drive=clamp_command(self._vehicle, thrust, rates)[0])
-
-    def _level(self, decision: Decision, estimate: Estimate) -> Decision:
-        """Return ``decision`` with rates that only level: lateral control would tip a vehicle on the floor."""
-        rates = level(estimate.motion.attitude, self._wind.value or (0.0, 0.0, 0.0), self._gravity)
-        return decision._replace(drive=clamp_command(self._vehicle, decision.drive.thrust, rates)[0])
+        self._tones.set_level(time_s, level if settled and not self._limits.uplink.is_lost else 0.0)
+        thrust, rates = self._tones.add_to(drive, time_s)
+        if drive.thrust >= self._vehicle.thrust_max_n:
+            thrust = drive.thrust  # the tone would only take from it
+        return clamp_command(self._vehicle, thrust, rates)[0]
 
     def last_command(self, time_s: float, hold_s: float) -> Command:
         """Return the last command where commands are too late: zero rates, slightly less than hover thrust.
@@ -476,24 +468,12 @@ class Pilot:
         pose = self._received.newest
         assert pose is not None, "a flight has poses"
         estimate = self._estimator.predict(time_s + self._vehicle.acting_delay_s)
-        thrust = UPLINK_LOST_SHARE * self._find_hover_n(estimate)
+        thrust = UPLINK_LOST_SHARE * self._limits.uplink.find_hover_n(estimate)
         still = (0.0, 0.0, 0.0)
         parts = (Segment(LAST_COMMAND_S, thrust, still),)
         command = Command(thrust, still, pose.id, pose.time_s, time_s + hold_s, parts)
         self._tell(IdleRecord(time_s, thrust, command))
         return command
-
-    def _find_hover_n(self, estimate: Estimate) -> float:
-        """Hover thrust while the uplink is lost [N]."""
-        down = max(-UPLINK_LOST_M_S2, min(estimate.disturbance[2], UPLINK_LOST_M_S2))
-        return self._vehicle.mass_kg / estimate.effectiveness * (self._gravity + down)
-
-    def _limit_without_uplink(self, decision: Decision, estimate: Estimate) -> Decision:
-        """Return ``decision`` limited so that it does no harm if it is late, or if those before were lost."""
-        thrust, (roll, pitch, yaw) = decision.drive
-        share = UPLINK_LOST_SHARE if estimate.motion.velocity[2] < UPLINK_LOST_SINK_M_S else 1.0
-        k, most = UPLINK_LOST_GAIN, share * self._find_hover_n(estimate)
-        return decision._replace(drive=ActuatorCommand(min(thrust, most), (k * roll, k * pitch, k * yaw)))
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
         """Return the last command where neither poses nor autopilot are usable: open loop down on the model.
@@ -532,14 +512,14 @@ class Pilot:
         was_suspect = health.is_suspect
         health.add_pose(
             pose, before, response, moved, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
-            counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
+            counts=(is_high or not self._has_climbed) and not self._is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
         if was_suspect and health.is_confirmed and not health.is_suspect:
             self._wind.confirm()
         if is_high and self._descent is None:
             self.response.add_pose(pose.attitude, health.turn, dt)
-        if health.calm_s == pose.time_s and not self._mode.is_uplink_lost:
+        if health.calm_s == pose.time_s and not self._limits.uplink.is_lost:
             wind = self._wind.value or (0.0, 0.0, 0.0)
             self._reckoning.trust(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
 
@@ -580,39 +560,6 @@ class Pilot:
             disturbance=disturbance,
             height_m=self._floor - motion.position[2],
         )
-
-
-class _Mode:
-    """Requests of the mission, and the gains that follow from them."""
-
-    def __init__(self, config: ControllerConfig) -> None:
-        self.is_limited = self.is_holding = self.may_have_contact = self.is_uplink_lost = self.is_paused = False
-        self.climbs_first = False
-        """Whether limits have applied since lift-off: the vehicle leaves ground effect, and does not enter it."""
-        self._limit: Callable[[Gains], Gains] | None = None
-        self._config = config if isinstance(config, Gains) else None
-
-    @property
-    def gains(self) -> Gains | None:
-        """Gains to fly with; None where the controller is not ours."""
-        gains, limit = self._config, self._limit
-        return gains if gains is None or limit is None else limit(gains)
-
-    def set_gain(self, name: str, value: float) -> bool:
-        """Set one gain; return whether our controller has it."""
-        if self._config is None:
-            return False
-        self._config = msgspec.structs.replace(self._config, **{name: value})
-        return True
-
-    def update(self, apart_s: float, is_suspicious: bool) -> bool:
-        """Take the mean interval of the poses [s], and whether they are suspect; return whether the gains change."""
-        is_calm = self.is_limited or apart_s > SPARSE_S or (self.is_holding and is_suspicious)
-        limit = calm_gains if is_calm else hold_gains if self.is_holding else None
-        if limit is self._limit or self._config is None:
-            return False
-        self._limit = limit
-        return True
 
 
 class _ReceivedPoses:

@@ -1,0 +1,197 @@
+"""Limits on a command, applied one after the other behind the controller: each an object with one reason. Sans-IO.
+
+The vehicle follows false poses. So tilt and thrust are limited wherever a flight does not need more. A profile lists
+the limits of its phases, in their order (:mod:`groundstation.core.control.profiles`).
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+from groundstation.core.control.adaptive import Gains
+from groundstation.core.control.attitude import clamp_command
+from groundstation.core.control.controllers import ControllerConfig
+from groundstation.core.control.demand_limits import DemandLimits
+from groundstation.core.control.descent import level
+from groundstation.core.geometry import FLOATS, Vec3, third_column
+from groundstation.core.messages import Estimate
+from groundstation.core.vehicle import ActuatorCommand, Vehicle
+
+FIRST_CLIMB_SHARE = 1.2
+"""Largest thrust of the first climb as a share of the hover thrust at lift-off [-], until the height has responded."""
+FIRST_CLIMB_S = 1.0
+"""Time after which that limit begins to grow [s]."""
+FIRST_CLIMB_GROWS = 0.5
+"""Growth of that limit [1/s]."""
+FIRST_CLIMB_M = 0.25
+"""Height at which the first climb is over [m]."""
+FIRST_CLIMB_COSINE = math.cos(math.radians(30.0))
+"""Cosine of the largest tilt in the first second of a climb, whose response is not known yet [-]: it holds against a
+wind of 5.7 m/s²."""
+LOW_SHARE = 0.7
+"""Least thrust in transit, climb and landing as a share of the hover thrust [-]: the vehicle falls at .3 g at most, and
+touchdown.LOW_SHARE still detects the floor."""
+TRANSIT_COSINE = math.cos(math.radians(40.0))
+"""Cosine of the largest tilt in transit, climb and landing [-]: it holds against a wind of 8 m/s², and follows a
+mirrored position at .84 g at most."""
+RATE_GAIN_PER_S = 14.0
+"""Decay of body rates under another controller than ours [1/s]: our own k_ω."""
+SMALL = 1e-3
+"""Least sine of a tilt that divides [-]."""
+UPLINK_LOST_SHARE = 0.95
+"""Largest thrust while the uplink is lost, as a share of the hover thrust [-]."""
+UPLINK_LOST_M_S2 = 1.5
+"""Largest vertical disturbance that is compensated while the uplink is lost [m/s²]."""
+UPLINK_LOST_GAIN = 0.15
+"""Factor on the law's rates while the uplink is lost [-]: a loop of 4 1/s that is 1.5 s late is stable with it."""
+UPLINK_LOST_SINK_M_S = 0.4
+"""Sink rate above which the full hover thrust is commanded while the uplink is lost [m/s]."""
+
+
+class LimitInput(NamedTuple):
+    """State on which the limits of one command depend."""
+
+    time_s: float
+    """Instant at which the command is sent, on the event loop's clock [s]."""
+    lifted_s: float
+    """Instant of the lift-off [s]; -inf for a flight that begins in the air."""
+    pose_down_m: float
+    """Position of the newest pose [m, NED]."""
+    estimate: Estimate
+    """State at the instant at which the command acts."""
+    wind: Vec3
+    """Mean disturbance of the last seconds [m/s², NED]."""
+
+    @property
+    def least_cosine(self) -> float:
+        """Cosine of the largest tilt [-]."""
+        return FIRST_CLIMB_COSINE if self.time_s - self.lifted_s < FIRST_CLIMB_S else TRANSIT_COSINE
+
+
+class Limit(Protocol):
+    """One limit of a flight."""
+
+    def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
+        """Return ``drive`` within the limit."""
+        ...
+
+
+class FirstClimbLimit:
+    """Thrust in the first climb: little above hover until the height has responded. A wrong body would shoot up."""
+
+    def __init__(self) -> None:
+        self.lifted_s = -math.inf
+        """Instant of the lift-off [s]; -inf for a flight that begins in the air."""
+        self._climbed_s = -math.inf
+        self._hover_n = self._lifted_down_m = 0.0
+
+    def lift_off(self, time_s: float, hover_n: float, down_m: float) -> None:
+        """Begin the first climb at ``down_m`` [m, NED]; ``hover_n`` is the estimated hover thrust [N]."""
+        self.lifted_s, self._climbed_s = time_s, math.inf
+        self._hover_n, self._lifted_down_m = hover_n, down_m
+
+    def has_climbed_for(self, time_s: float) -> float:
+        """Return the time since the end of the first climb [s]; below 0 before it, and without one."""
+        return time_s - self._climbed_s if self.lifted_s > -math.inf else -math.inf
+
+    def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
+        """Return ``drive`` with no more thrust than the first climb allows; see :class:`Limit`."""
+        if self._climbed_s < math.inf:
+            return drive
+        if self._lifted_down_m - now.pose_down_m > FIRST_CLIMB_M:
+            self._climbed_s = now.time_s
+            return drive
+        grows = FIRST_CLIMB_GROWS * max(now.time_s - self.lifted_s - FIRST_CLIMB_S, 0.0)
+        return drive._replace(thrust=min(drive.thrust, self._hover_n * (FIRST_CLIMB_SHARE + grows)))
+
+
+class TiltLimit:
+    """Tilt in transit: false poses accelerate the vehicle sideways no harder than wind needs."""
+
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
+        self._limits = DemandLimits(FLOATS, vehicle)
+        self._rate_gain = config.k_omega if isinstance(config, Gains) else RATE_GAIN_PER_S
+
+    def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
+        """Return ``drive`` with rates that exceed no tilt; see :class:`Limit`."""
+        motion, (thrust, (roll, pitch, yaw)) = now.estimate.motion, drive
+        roll, pitch, _ = self._limits.limit_tilt(
+            motion.attitude, motion.rates, (roll, pitch), now.least_cosine, self._rate_gain
+        )
+        return self._limits.clamp(thrust, (roll, pitch, yaw))[0]
+
+
+class ThrustLimit:
+    """Thrust in transit: the vehicle neither falls, nor accelerates sideways by more than at the tilt limit."""
+
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
+        self._vehicle, self._gravity = vehicle, config.gravity
+
+    def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
+        """Return ``drive`` with thrust between both bounds; see :class:`Limit`."""
+        down_m_s2, cosine = now.wind[2], now.least_cosine
+        per_m_s2 = self._vehicle.mass_kg / now.estimate.effectiveness
+        # A downward gust may be over by now: its mean would hold the vehicle up.
+        least = min(LOW_SHARE * per_m_s2 * (self._gravity + min(down_m_s2, 0.0)), self._vehicle.thrust_max_n)
+        # The horizontal acceleration is no larger than at the tilt limit in level flight.
+        across = math.hypot(*third_column(now.estimate.motion.attitude)[:2]) * cosine
+        hover_n = per_m_s2 * (self._gravity + down_m_s2)
+        most = hover_n * math.sqrt(1.0 - cosine * cosine) / max(across, SMALL)
+        return drive._replace(thrust=max(min(drive.thrust, most), least))
+
+
+class LevelNearGround:
+    """Rates that only level while ground contact is possible: lateral control would tip a vehicle on the floor."""
+
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
+        self._vehicle, self._gravity = vehicle, config.gravity
+        self.may_have_contact = False
+        """Whether ground contact is possible."""
+
+    def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
+        """Return ``drive`` with rates towards level; see :class:`Limit`."""
+        if not self.may_have_contact:
+            return drive
+        rates = level(now.estimate.motion.attitude, now.wind, self._gravity)
+        return clamp_command(self._vehicle, drive.thrust, rates)[0]
+
+
+class UplinkLostLimit:
+    """Gentle commands while the uplink is lost: each may arrive late, and those before may not have arrived."""
+
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
+        self._vehicle, self._gravity = vehicle, config.gravity
+        self.is_lost = False
+        """Whether the uplink is lost."""
+
+    def find_hover_n(self, estimate: Estimate) -> float:
+        """Return the hover thrust, with a limited disturbance [N]."""
+        down = max(-UPLINK_LOST_M_S2, min(estimate.disturbance[2], UPLINK_LOST_M_S2))
+        return self._vehicle.mass_kg / estimate.effectiveness * (self._gravity + down)
+
+    def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
+        """Return ``drive`` with less thrust than hover and small rates; see :class:`Limit`."""
+        if not self.is_lost:
+            return drive
+        thrust, (roll, pitch, yaw) = drive
+        share = UPLINK_LOST_SHARE if now.estimate.motion.velocity[2] < UPLINK_LOST_SINK_M_S else 1.0
+        most, k = share * self.find_hover_n(now.estimate), UPLINK_LOST_GAIN
+        return ActuatorCommand(min(thrust, most), (k * roll, k * pitch, k * yaw))
+
+
+class FlightLimits:
+    """The limits of one flight, an object of each kind."""
+
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
+        self.first_climb = FirstClimbLimit()
+        self.level = LevelNearGround(vehicle, config)
+        self.uplink = UplinkLostLimit(vehicle, config)
+        limits: list[Limit] = [self.first_climb, self.level, self.uplink]
+        limits += [TiltLimit(vehicle, config), ThrustLimit(vehicle, config)]
+        self._limits = {type(limit): limit for limit in limits}
+
+    def apply(self, kinds: Sequence[type[Limit]], drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
+        """Return ``drive`` within the limits of these ``kinds``, one after the other."""
+        for kind in kinds:
+            drive = self._limits[kind].apply(drive, now)
+        return drive
