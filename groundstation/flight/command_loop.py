@@ -20,7 +20,7 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import IN_AIR, Event, State
 from groundstation.core.pilot import Pilot
-from groundstation.flight.mission_executive import LAST_CHANCE_S, MissionExecutive
+from groundstation.flight.flight_controller import LAST_CHANCE_S, FlightController
 from groundstation.flight.prearm import FlightEnded
 from groundstation.machine import wake
 from links.core import Command, CommandLink, LinkError, Phase
@@ -62,8 +62,8 @@ class Pacing:
             self._frame_s += math.ceil((left_s - self._frame_s) / period) * period
         await self._wait(min(chance, self._frame_s), min(chance, self._frame_s))
 
-    def pose(self, arrival_s: float) -> None:
-        """Take the arrival of a pose [s]."""
+    def end_wait(self, arrival_s: float) -> None:
+        """End the wait for a pose, which has arrived at ``arrival_s``."""
         if self._waiting is None:
             return
         if arrival_s >= self._from_s:
@@ -120,13 +120,13 @@ AFTERMATH_S = 1.0
 
 
 class CommandLoop:
-    """Sends the commands of the :class:`groundstation.flight.mission_executive.MissionExecutive`, one each frame."""
+    """Sends the commands of the :class:`groundstation.flight.flight_controller.FlightController`, one each frame."""
 
     def __init__(
         self,
         link: CommandLink,
         pilot: Pilot,
-        progress: MissionExecutive,
+        controller: FlightController,
         idle_n: float,
         on_tick: Callable[[Tick], None],
         say: Say,
@@ -134,7 +134,7 @@ class CommandLoop:
         """``idle_n`` is the thrust [N] until the vehicle is armed; ``on_tick`` gets each command after it has left."""
         self._link = link
         self._pilot = pilot
-        self._progress = progress
+        self._controller = controller
         self._idle_n = idle_n
         self._on_tick = on_tick
         self._say = say
@@ -144,13 +144,12 @@ class CommandLoop:
         self._pacing = Pacing(link)
         self._stalls = StallDetector()
 
-    def pose(self, pose: Pose) -> bool:
-        """Take a pose; return False if it may have waited during a stall and must not be used."""
+    def pass_pose(self, pose: Pose) -> bool:
+        """Hand on a pose; return False if it may have waited during a stall and must not be used."""
         if self._stalls.may_be_stale(pose.arrival_s):
             return False
-        self._pilot.add_pose(pose)
-        self._progress.pose(pose)
-        self._pacing.pose(pose.arrival_s)
+        self._controller.on_pose(pose)
+        self._pacing.end_wait(pose.arrival_s)
         return True
 
     async def fly(self, armed: Event) -> None:
@@ -160,7 +159,7 @@ class CommandLoop:
             FlightEnded: the flight can't go on.
             LinkError: the link can't.
         """
-        loop, progress = asyncio.get_running_loop(), self._progress
+        loop, controller = asyncio.get_running_loop(), self._controller
         looking = asyncio.ensure_future(self._look())
         status = self._link.status
         self._warned |= {status.warning, status.conflict}  # the pre-flight checks reported them
@@ -168,9 +167,9 @@ class CommandLoop:
         try:
             await self._link.arm(lambda: self._pilot.idle(loop.time(), self._idle_n))
             why = "mission.spooling" if armed is Event.ARMED else "mission.following"
-            progress.go(armed, notice(why), loop.time())
+            controller.go(armed, notice(why), loop.time())
             await self._while_the_link_sends(self._transmit())
-            if progress.state is State.DISARMING:
+            if controller.state is State.DISARMING:
                 await self._stop_motors()
         finally:
             looking.cancel()
@@ -198,34 +197,33 @@ class CommandLoop:
 
     async def _transmit(self) -> None:
         """Send commands, each from the newest pose, until the vehicle is on the floor."""
-        loop, progress = asyncio.get_running_loop(), self._progress
+        loop, controller = asyncio.get_running_loop(), self._controller
         look, last = loop.time(), None
         self._pacing.begin()
         while True:
             now = loop.time()
             self._stalls.look(now)
-            command, tick = progress.command(now)
+            command, tick = controller.on_frame(now)
             slow = STEP_WATCH.get().slow
             if slow is not None:
                 self._warn(slow.text, slow)
             if now >= look:
                 look += LINK_LOOK_S
                 self._ensure_armed(now)
-                progress.link(now)
+                controller.on_link_status(now)
                 self._warn_of_link()
-            if progress.state not in IN_AIR:
+            if controller.state not in IN_AIR:
                 return
             if not self._link.send(command):
                 self._ensure_armed(now)  # the link knows it first
-                if progress.state in IN_AIR:
+                if controller.state in IN_AIR:
                     raise FlightEnded(self._explain_refusal(now, command, last))
                 return
             last = now, command
             if tick is not None:
                 self._on_tick(tick)
-                progress.observe(tick)
-            progress.left(now)
-            if progress.state not in IN_AIR:
+            controller.on_sent(now, tick)
+            if controller.state not in IN_AIR:
                 return
             await self._pacing.next(now, command.deadline_s)
 
@@ -261,24 +259,24 @@ class CommandLoop:
 
         An autopilot whose telemetry is lost may still receive commands: the vehicle lands while the poses respond.
         """
-        status, progress = self._link.status, self._progress
+        status, controller = self._link.status, self._controller
         if status.slept_s > 0.0:
             raise FlightEnded(notice("fault.slept", slept_s=status.slept_s))
         if status.taken:
-            progress.link(now)
-        if status.state == "armed" or progress.state not in IN_AIR:
+            controller.on_link_status(now)
+        if status.state == "armed" or controller.state not in IN_AIR:
             return
-        on_floor = status.state == "connected" and status.hears_vehicle and progress.low
-        if on_floor and progress.mission.allows(Event.DISARMED):
-            progress.go(Event.DISARMED, notice("mission.felt_floor"), now)
+        on_floor = status.state == "connected" and status.hears_vehicle and controller.low
+        if on_floor and controller.mission.allows(Event.DISARMED):
+            controller.go(Event.DISARMED, notice("mission.felt_floor"), now)
         elif status.state != "lost":
             raise FlightEnded(notice("fault.disarmed", state=status.state, text=status.text))
         else:  # it may still be armed, or be landing by itself
             last = f", and the autopilot was in {status.mode} when last heard" if status.mode else ""
             if status.phase != Phase.FRESH:
                 raise FlightEnded(notice("fault.link_lost", last=last, text=status.text))
-            if progress.state is not State.DESCENT:
-                progress.go(Event.LAND, notice("fault.link_lost_land", last=last), now, fault=True)
+            if controller.state is not State.DESCENT:
+                controller.go(Event.LAND, notice("fault.link_lost_land", last=last), now, fault=True)
 
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""
@@ -292,7 +290,7 @@ class CommandLoop:
                     break
                 except LinkError as error:
                     if loop.time() > give_up:
-                        fault = self._progress.fault if self._link.status.state == "lost" else None
+                        fault = self._controller.fault if self._link.status.state == "lost" else None
                         if fault is not None:
                             raise FlightEnded(notice("fault.motors_unknown", why=fault)) from error
                         await self._force_motors_off(error)
@@ -301,7 +299,7 @@ class CommandLoop:
                     await asyncio.sleep(0.5)
         finally:
             zeros.cancel()
-        self._progress.go(Event.DISARMED, notice(ended), loop.time())
+        self._controller.go(Event.DISARMED, notice(ended), loop.time())
 
     async def _force_motors_off(self, refusal: LinkError) -> None:
         """Stop the motors by force if the poses still show the vehicle on the floor: its own LAND might drive off.
@@ -310,7 +308,7 @@ class CommandLoop:
             FlightEnded: it is not there, or that is refused, too.
         """
         why = FlightEnded(notice("fault.will_not_disarm", why=refusal))
-        if not self._progress.at_floor:
+        if not self._controller.at_floor:
             raise why from refusal
         try:
             await self._link.kill()

@@ -33,8 +33,8 @@ from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, ON_GRO
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import Failure, LiveGains, Monitors, PoseLatency, Witness
 from groundstation.flight.command_loop import CommandLoop, FrameLateness
+from groundstation.flight.flight_controller import FlightController
 from groundstation.flight.hold_to_run import HoldWatch
-from groundstation.flight.mission_executive import MissionExecutive
 from groundstation.flight.prearm import Company, FlightEnded, PrearmSequence
 from groundstation.flight.shutdown import Shutdown
 from groundstation.flight.statistics import FlightStatistics
@@ -141,22 +141,22 @@ class Flight:
         self._suspicious = False
         self._attitudes = AttitudeComparison()
         self._shutdown = Shutdown(link, source, self.say, forwards=config.forwards is not None)
-        self._progress = MissionExecutive(
+        self._controller = FlightController(
             config, link, self._pilot, self.say, self._enter, self._shutdown.distrust, others, monitors
         )
         self._commands = CommandLoop(
-            link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._on_command, self.say
+            link, self._pilot, self._controller, flight.idle_thrust * config.weight_n, self._on_command, self.say
         )
         self._live = LiveGains(config.controller)
         self._quiet = quiet
         if not config.pose.by_autopilot:  # else both are its own estimate
-            link.watch_attitude(self._attitude)
+            link.watch_attitude(self._on_attitude)
         self._prearm = PrearmSequence(
             config,
             link,
             source,
             self._pilot,
-            self._progress,
+            self._controller,
             self.witness,
             confirm=confirm,
             others=others,
@@ -174,29 +174,29 @@ class Flight:
     @property
     def state(self) -> State:
         """State of the flight."""
-        return self._progress.state
+        return self._controller.state
 
     @property
     def reason(self) -> str:
         """Reason of the state; empty before the flight began."""
-        reason = self._progress.mission.reason
+        reason = self._controller.mission.reason
         return "" if reason is None else reason.text
 
     @property
     def failure(self) -> Failure | None:
         """Failure of the poses or the uplink that ended the flight; None without one."""
-        return self._progress.failure
+        return self._controller.failure
 
     @property
     def started_s(self) -> float | None:
         """Start of the trajectory, on the event loop's clock [s]; None before it is known."""
-        return self._progress.started_s
+        return self._controller.started_s
 
     def ask(self, request: Request) -> Reply:
         """Carry out ``request``, or reply why it is not possible now."""
         event, why, now = EVENT_OF[request.ask], request.why, self._now()
         self._publish(RequestRecord(now, request.ask, why))
-        if not self._progress.mission.allows(event):
+        if not self._controller.mission.allows(event):
             refusal = notice("mission.hold_first" if request.ask is Ask.GOTO else "mission.not_possible",
                              ask=request.ask, state=self.state)  # fmt: skip
             self.say(notice("mission.refused_asker", refusal=refusal, why=why) if why else refusal)
@@ -205,7 +205,7 @@ class Flight:
             case Ask.ARM if self._hold is not None and self._hold.hold.obstacle is not None:
                 return Reply.of(False, self._hold.hold.advice)
             case Ask.GOTO:
-                obstacle = self._progress.move(request.points, why, now)
+                obstacle = self._controller.fly_to(request.points, why, now)
                 if obstacle is not None:
                     self.say(notice("mission.goto_refused", why=obstacle))
                     return Reply.of(False, obstacle)
@@ -217,7 +217,7 @@ class Flight:
                     return Reply.of(False, notice("flight.over", state=self.state))
                 if not self._shutdown.killed:
                     self._shutdown.kill()
-                    self._progress.go(event, notice("mission.killed", why=why), now)
+                    self._controller.go(event, notice("mission.killed", why=why), now)
             case Ask.LAND if self._shutdown.stays:
                 # The autopilot lands, perhaps with our poses: a first Ctrl-C must not end them.
                 return Reply.of(False, notice("flight.autopilot_lands"))
@@ -225,8 +225,8 @@ class Flight:
                 self._shutdown.leave.set()
             case _:
                 asked = "mission.ended_before" if self.state in ON_GROUND else "mission.asked"
-                self._progress.go(event, notice(asked, why=why), now)
-        return Reply.of(True, notice("flight.state", state=self.state, reason=self._progress.mission.reason or ""))
+                self._controller.go(event, notice(asked, why=why), now)
+        return Reply.of(True, notice("flight.state", state=self.state, reason=self._controller.mission.reason or ""))
 
     def set_gain(self, key: str, value: float) -> Reply:
         """Begin to move a gain (see live_gains.py), or reply why not."""
@@ -267,7 +267,7 @@ class Flight:
 
         Then the link and the source are closed, and nothing leaves any more; cancelling does not shorten that.
         """
-        progress = self._progress
+        controller = self._controller
         if self._network is not None:
             NETWORK.set(self._network)
         watching = self._watch()
@@ -277,12 +277,12 @@ class Flight:
         try:
             await self._crew
         except FlightEnded as ended:
-            progress.go(Event.ABORT, ended.sentence, self._now())
+            controller.go(Event.ABORT, ended.sentence, self._now())
         except LinkError as error:
-            progress.go(Event.ABORT, notice("fault.link", why=error.says), self._now())
+            controller.go(Event.ABORT, notice("fault.link", why=error.says), self._now())
         except BaseException as error:
             why = notice("fault.stopped", name=type(error).__name__, text=error)
-            progress.go(Event.ABORT, why, self._now())
+            controller.go(Event.ABORT, why, self._now())
             if not (self._dismissed and isinstance(error, asyncio.CancelledError)):
                 raise
         finally:
@@ -291,9 +291,9 @@ class Flight:
             finally:
                 watching.cancel()
                 self._report_drops()
-                end = progress.mission.reason or notice("mission.waiting")
+                end = controller.mission.reason or notice("mission.waiting")
                 self._publish(EndRecord(self._now(), self.state, end.text, end.id, end.numbers))
-        return FlightOutcome(self.state, self.reason, "" if progress.fault is None else progress.fault.text)
+        return FlightOutcome(self.state, self.reason, "" if controller.fault is None else controller.fault.text)
 
     def _report_drops(self) -> None:
         """Report which messages and poses were lost in the flight, if they were many."""
@@ -310,15 +310,15 @@ class Flight:
             self.say(notice("link.flown", says=says))
 
     async def _fly(self) -> None:
-        await self._prearm.depart(self._pose)
-        self._progress.go(Event.ARM, notice("mission.arming"), self._now())
+        await self._prearm.depart(self._on_pose)
+        self._controller.go(Event.ARM, notice("mission.arming"), self._now())
         await self._commands.fly(Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE)
 
     async def check(self) -> list[Check]:
         """Connect, make all checks as before a flight, and disconnect; instead of :meth:`run`."""
         watching = self._watch()
         try:
-            return await self._prearm.check(self._pose)
+            return await self._prearm.check(self._on_pose)
         finally:
             await to_the_end(self._shutdown.close())
             watching.cancel()
@@ -337,11 +337,11 @@ class Flight:
         why = self._hold.hold.obstacle
         if why is not None and self.state in HELD_IN:
             if self._hold.hold.lost:
-                self._progress.fault = self._progress.fault or why
+                self._controller.fault = self._controller.fault or why
             self.land(why.text)
 
-    def _pose(self, pose: Pose) -> None:
-        if self._commands.pose(pose):
+    def _on_pose(self, pose: Pose) -> None:
+        if self._commands.pass_pose(pose):
             self._attitudes.add(pose)
             if not self._dismissed:  # later the model, which the gate uses, gets no commands
                 self.believes_poses = self._pilot.newest_pose is pose
@@ -358,7 +358,7 @@ class Flight:
         self.witness()
         return self._attitudes.latency.estimate
 
-    def _attitude(self, attitude: Attitude) -> None:
+    def _on_attitude(self, attitude: Attitude) -> None:
         """Take the vehicle's own attitude, and compare the poses with it."""
         witness, now_s = self._attitudes.attitude(attitude), self._now()
         if not self._dismissed:
@@ -366,7 +366,7 @@ class Flight:
         if self.state in IN_AIR:
             agreement = witness.verdict(now_s)
             self._pilot.set_autopilot_agreement(None if agreement is None else agreement.agrees)
-        self._progress.attitude(attitude, witness.in_poses(attitude), now_s)
+        self._controller.on_attitude(attitude, witness.in_poses(attitude), now_s)
 
     def _report_disagreement(self) -> None:
         """Report poses that are later than configured, or, while they are used, disagree with the own attitude."""

@@ -57,8 +57,9 @@ from groundstation.core.trajectory import (
     Trajectory,
     check_feasibility,
 )
+from groundstation.flight.course import Course
+from groundstation.flight.flight_controller import FlightController
 from groundstation.flight.hold_to_run import HoldToRun
-from groundstation.flight.mission_executive import Course, MissionExecutive
 from groundstation.machine import FILE, RecordingConfig, Running, folder_of, is_ours, socket_path
 from groundstation.pose import check_stamp_rate
 from groundstation.pose.sources import describe_drop, describe_origin_moves, describe_unsteady_clock
@@ -876,7 +877,7 @@ class PrearmSequence:
         link: CommandLink,
         source: PoseSource,
         pilot: Pilot,
-        progress: MissionExecutive,
+        controller: FlightController,
         witness: Callable[[], Witness],
         *,
         confirm: Callable[[], Awaitable[bool]],
@@ -891,7 +892,7 @@ class PrearmSequence:
             link: command link, to be connected.
             source: pose source, to be started.
             pilot: gets the poses; its noise estimate is checked.
-            progress: the mission's state machine.
+            controller: the flight's.
             witness: returns the present comparison of attitudes.
             confirm: asks the operator before the vehicle is armed.
             others: vehicles to keep away from.
@@ -902,7 +903,7 @@ class PrearmSequence:
         self._link = link
         self._source = source
         self._pilot = pilot
-        self._progress = progress
+        self._controller = controller
         self._witness = witness
         self._confirm = confirm
         self._others = others
@@ -921,11 +922,11 @@ class PrearmSequence:
             FlightEnded: no pose arrives, a check fails, or the operator does not confirm.
             LinkError: the link can't be connected.
         """
-        loop, progress = asyncio.get_running_loop(), self._progress
+        loop, controller = asyncio.get_running_loop(), self._controller
         from_floor = self._config.flight.start == "floor"
         if from_floor:
             self._pilot.set_on_floor()
-        progress.go(Event.START, notice("mission.waiting"), loop.time())
+        controller.go(Event.START, notice("mission.waiting"), loop.time())
         await self._connect(deliver)
         if from_floor:
             await self._stand()
@@ -935,7 +936,7 @@ class PrearmSequence:
             self._ensure_passed("fault.preflight")
         status = self._source.status
         ready = notice("mission.ready", rate_hz=status.rate_hz, latency_ms=1e3 * status.latency_s)
-        progress.go(Event.CONNECTED, ready, loop.time())
+        controller.go(Event.CONNECTED, ready, loop.time())
         await self._operator()
         if from_floor:
             self._check(arming=True)
@@ -963,7 +964,7 @@ class PrearmSequence:
     def _check(self, *, arming: bool = False) -> list[Check]:
         """Make all checks; ``arming``: the motors start next."""
         assert self._look is not None, "_stand comes first"
-        now, standing = asyncio.get_running_loop().time(), self._progress.standing
+        now, standing = asyncio.get_running_loop().time(), self._controller.standing
         agreement = self._witness().verdict(now)
         checks = self._look(standing, self._pilot.noise_m, self._link.status, now, agreement, self._source.status)
         checks += self._company(standing, now, arming=arming)

@@ -184,7 +184,7 @@ def test_a_bridge_s_own_period_is_what_its_frames_are_late_by() -> None:
     told: list[float] = []
 
     async def script(flight: Flight, _: Stage) -> None:
-        guards = flight._progress._guards
+        guards = flight._controller._guards
         assert guards is not None
         told.append(guards._view.period_s())
         await tracking(flight)
@@ -204,10 +204,10 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
         from groundstation.core.safety.geofence import BoxFence
 
         await tracking(flight, 6.0)
-        guards = flight._progress._guards
+        guards = flight._controller._guards
         assert guards is not None
         north = stage.plant.truth(asyncio.get_running_loop().time()).position_ned[0]
-        ahead = flight._progress.tick
+        ahead = flight._controller.tick
         assert ahead is not None
         sign = 1.0 if ahead.reference.velocity_ned[0] > 0.0 else -1.0
         side = (-9.0, north + 0.6) if sign > 0.0 else (north - 0.6, 9.0)

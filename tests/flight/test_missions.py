@@ -9,6 +9,7 @@ import pytest
 from groundstation.analysis.replay import replay_facts
 from groundstation.core.messages import Ask, Notice, Reply, Request
 from groundstation.core.mission import IN_AIR, State
+from groundstation.core.safety import SpoolUp
 from groundstation.flight import Flight
 from links.mavlink.protocol import MavResult
 from sim.autopilots import Px4Autopilot
@@ -135,7 +136,7 @@ def test_landing_in_flight_begins_without_a_step_of_the_speed() -> None:
     async def script(flight: Flight, _: Stage) -> None:
         last = None
         while True:
-            tick = flight._progress.tick
+            tick = flight._controller.tick
             if tick is not None and last is not None and tick is not last:
                 dt = tick.estimate.time_s - last.estimate.time_s
                 steps.append(
@@ -186,8 +187,8 @@ def test_a_descent_asked_for_between_lift_off_and_the_next_command_comes_down(li
     asked: list[bool] = []
 
     async def script(flight: Flight, _: Stage) -> None:
-        executive = flight._progress
-        while executive._spooling is None or executive._spooling.lift_off is None:
+        controller = flight._controller
+        while not (isinstance(controller.phase, SpoolUp) and controller.phase.lift_off):
             await asyncio.sleep(0.0005)
         asked.append(flight.ask(Request(Ask.DESCEND, "the test")).done)
 
@@ -259,7 +260,7 @@ def test_motors_that_an_autopilot_will_not_stop_on_the_floor_are_stopped_by_forc
 def test_a_way_down_that_does_not_end_is_ended() -> None:
     async def script(flight: Flight, stage: Stage) -> None:
         await until(lambda: flight.state is State.HOLD)
-        flight._progress._course._has_touched_down = lambda *_: False  # type: ignore[method-assign]
+        flight._controller._course.has_touched_down = lambda *_, **__: False  # type: ignore[method-assign]
         flight.land("the test")
 
     flown = mission("paper", *SHORT, script=script)

@@ -14,7 +14,7 @@ from groundstation.core.mission import State, operator
 from groundstation.core.safety import GuardsConfig
 from groundstation.flight import Flight, hold_to_run, make_flight
 from groundstation.flight.command_loop import DRAIN_S, STALL_S
-from groundstation.flight.mission_executive import LAST_CHANCE_S
+from groundstation.flight.flight_controller import LAST_CHANCE_S
 from groundstation.interfaces.api.client import STOP_ANSWER_S
 from groundstation.lab.props_off import STOP_S
 from groundstation.settings import Config, FlightConfig
@@ -117,7 +117,7 @@ def struck(world: World, config: Config, tap: Tap, event: Event) -> tuple[Comman
             loop.tap, struck_s = tap, loop.time()
             event(flight, stage)
             await asyncio.sleep(4.0)
-            tick, period_s = flight._progress.tick, flight._link.period_s
+            tick, period_s = flight._controller.tick, flight._link.period_s
             flying.cancel()
             await asyncio.gather(flying, return_exceptions=True)
         assert tick is not None

@@ -1,0 +1,424 @@
+"""Flight controller: one flight from a pose to a command, and on to the next phase of the mission. Sans-IO.
+
+A pose goes to the estimator and to its health (:class:`groundstation.core.pilot.Pilot`). At a frame the mission answers
+what has failed; then the phase gives the reference, and controller and limits make the command. After the command has
+left, the guards judge it, and the mission may move on: the next phase is what comes back. The caller owns time and
+wires.
+"""
+
+import math
+from collections.abc import Callable
+
+from groundstation.core.geometry import Quat
+from groundstation.core.messages import Others, Pose, Sentence, Tick, Waypoint, notice
+from groundstation.core.mission import IN_AIR, TABLE, Event, Mission, State
+from groundstation.core.pilot import Pilot
+from groundstation.core.safety import (
+    Escalation,
+    Failure,
+    GuardAction,
+    GuardFinding,
+    Guards,
+    HealthState,
+    Monitors,
+    PoseHealth,
+    Spool,
+    SpoolUp,
+    StandingPoses,
+    limit_n,
+)
+from groundstation.core.trajectory import Reference
+from groundstation.flight.course import Clearance, Course, Leg
+from groundstation.flight.descent_means import DescentMeans, Means
+from groundstation.flight.phases import (
+    DescentPhase,
+    GoToPhase,
+    HoldPhase,
+    LandPhase,
+    MissionMove,
+    Phase,
+    TrackPhase,
+    TransitPhase,
+)
+from groundstation.flight.uplink import CommandUplink
+from groundstation.settings import Config
+from links.core import Attitude, Command, CommandLink
+
+LAST_CHANCE_S = 0.004
+"""The next command leaves this long before the deadline of the one before [s]."""
+ASTRAY_M = 0.3
+"""Deviation from the reference above which a landing begins at the vehicle's own position [m]: a vehicle that
+is held below its reference would shoot up when released."""
+LAST_PERIODS = 2.5
+"""The last command is valid for this many periods: it must reach the next frame of a pacer."""
+LONGER_S = 10.0
+"""Time allowed for a landing in addition to the way down [s]."""
+LONGER = 2.0
+"""Factor on the time of that way at its slowest speed [-]."""
+DESCENT_M_S = 0.5
+"""Sink rate of the failsafe descent [m/s]: ArduPilot's own landing (LAND_SPEED); 4 s from a height of 2 m."""
+DISARMED_HEIGHT_M = 0.2
+"""An autopilot that disarms below this height during a descent has detected the landing [m]."""
+
+
+class FlightController:
+    """Controller of one flight: mission, phases, and the pilot that flies them. Times are on the loop's clock [s]."""
+
+    def __init__(
+        self,
+        config: Config,
+        link: CommandLink,
+        pilot: Pilot,
+        say: Callable[..., None],
+        on_state: Callable[[State, Sentence], None],
+        on_failure: Callable[[], None],
+        others: Others | None,
+        monitors: Monitors,
+    ) -> None:
+        """Take the parts.
+
+        Args:
+            config: the flight's.
+            link: the command link; only read.
+            pilot: flies the references.
+            say: takes a sentence for the operator, and the kind of its :class:`Notice`.
+            on_state: called as a state begins, with the reason.
+            on_failure: called when the poses are no longer used, before the last command leaves.
+            others: vehicles to keep away from.
+            monitors: makes the guards.
+        """
+        self._config = config
+        self._pilot = pilot
+        self._link = link
+        self._means = DescentMeans(pilot, link)
+        self._uplink = CommandUplink(link)
+        self._say = say
+        self._on_state = on_state
+        self._on_failure = on_failure
+        self.mission = Mission()
+        """State, and its reason."""
+        self.standing = StandingPoses()
+        """Poses before take-off."""
+        self.tick: Tick | None = None
+        """The newest command of the controller that left."""
+        self.fault: Sentence | None = None
+        """Cause of an early landing that nobody requested; None without one."""
+        self.failure: Failure | None = None
+        """Failure of the poses or of the uplink that ends the flight; None without one."""
+        self.started_s: float | None = None
+        """Start of the trajectory [s]; None before it is known."""
+        self._warned = ""
+        self._health = HealthState.OK
+        self._course = Course(config)
+        self._clearance = Clearance(config, others)
+        self.phase: SpoolUp | Phase | DescentPhase | None = None
+        """What is flown, or was flown last; None before the flight."""
+        self._guards: Guards | None = None
+        if config.flight.start == "floor":  # a vehicle held in the air starts with an error, and nobody beneath it
+            clearance = self._clearance
+            self._guards = monitors.guards(
+                config.guards, clearance.fence, config.vehicle, lambda: link.period_s, clearance.separation,
+                config.flight.floor_z_m, config.controller.gravity, config.flight.coast_s,
+            )  # fmt: skip
+        self._escalation = Escalation(config.guards.lasting_s)
+
+    @property
+    def state(self) -> State:
+        """State of the flight."""
+        return self.mission.state
+
+    @property
+    def low(self) -> bool:
+        """Whether the autopilot may have detected a landing: by the last estimate, the vehicle is at the floor."""
+        floor = self._config.flight.floor_z_m
+        return self.tick is not None and floor - self.tick.estimate.motion.position[2] < DISARMED_HEIGHT_M
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether the newest pose shows the vehicle on the floor, or nearly."""
+        pose = self._pilot.newest_pose
+        return pose is not None and self._config.flight.floor_z_m - pose.position_ned[2] < DISARMED_HEIGHT_M
+
+    def go(
+        self,
+        event: Event,
+        reason: Sentence,
+        now_s: float,
+        *,
+        fault: bool = False,
+        blind: bool = False,
+        phase: Phase | None = None,
+    ) -> None:
+        """Move by ``event``, and begin the phase of the new state.
+
+        Args:
+            event: event of the mission.
+            reason: its reason, for the operator.
+            now_s: instant of the move.
+            fault: it ends the flight early.
+            blind: a descent must not use the estimated speed.
+            phase: phase of the new state, where it is planned already.
+
+        Raises:
+            IllegalMove: it is not possible now.
+        """
+        if fault:
+            self.fault = self.fault or reason
+        before = self.state
+        state = self.mission.on(event, reason)
+        if state is before:
+            if event is Event.HOLD and isinstance(self.phase, HoldPhase):  # it no longer ends by itself
+                self.phase.waits = True
+            return
+        self._on_state(state, reason)
+        if state not in IN_AIR:
+            return
+        if isinstance(self.phase, SpoolUp) and self.phase.lift_off is None:  # still on the floor: nothing to fly
+            self.go(Event.TOUCHDOWN, notice("mission.still_on_floor"), now_s)
+        elif state is State.DESCENT:
+            if isinstance(self.phase, SpoolUp):  # it has left the floor since the newest pose
+                self._climb_away(now_s)
+            self.phase = DescentPhase(self._course, now_s + self._way_down_s())
+            self._descend(now_s, blind=blind, rest_s=0.0 if self._guards is None else self._config.guards.level_s)
+        elif event is Event.ARMED:
+            self._spool_up(now_s)
+        else:
+            if event is Event.TRACK:
+                self._escalation.reset()
+            self._begin(phase or self._plan_phase(event, state, now_s))
+
+    def _plan_phase(self, event: Event, state: State, now_s: float) -> Phase:
+        """Plan the phase of ``state`` from the present motion."""
+        course, config = self._course, self._config
+        if state is State.TRACKING:
+            back = Event.LAND if course.home is None else Event.RETURN
+            leg = Leg(course.trajectory, now_s) if event is Event.AIRBORNE else course.track(*self._motion(now_s))
+            return TrackPhase(leg, config.flight.duration_s, back)
+        now, time_s = self._motion(now_s)
+        if state is State.LANDING:
+            return LandPhase(course, course.land(now, time_s), now_s + self._way_down_s())
+        if state is State.RETURNING:
+            return TransitPhase(course.go_home(now, time_s), MissionMove(Event.HOME, notice("mission.home")))
+        return HoldPhase(config, course, course.hold(now, time_s), waits=event in (Event.HOLD, Event.ARRIVED))
+
+    def _way_down_s(self) -> float:
+        """Return the longest plausible duration of the way down from here [s]."""
+        pose, flight = self._pilot.newest_pose, self._config.flight
+        height_m = 0.0 if pose is None else max(flight.floor_z_m - pose.position_ned[2], 0.0)
+        return LONGER_S + LONGER * height_m / min(flight.descent_m_s, self._config.landing.touchdown_m_s)
+
+    def fly_to(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> Sentence | None:
+        """Begin to fly to ``points``; return the obstacle, or None. Points are checked now, each leg before it."""
+        for number, point in enumerate(points, 1):
+            if refusal := self._clearance.find_obstacle(point.place_ned):
+                place = list(point.place_ned)
+                return notice("goto.point", number=number, count=len(points), place=place, why=refusal)
+        phase = GoToPhase(self._course, *self._motion(now_s), points)
+        if refusal := self._clearance.find_way_out(phase.leg, now_s):
+            return notice("goto.way", target=phase.target, why=refusal)
+        self.go(Event.GOTO, notice("mission.goto", target=phase.target, why=why), now_s, phase=phase)
+        return None
+
+    def _go_on(self, reached: GoToPhase, arrived: MissionMove, now_s: float) -> None:
+        """At a point: on to the next one if its leg is free, else hold here."""
+        following = reached.begin_next(*self._motion(now_s))
+        if following is None:
+            self.go(arrived.event, arrived.reason, now_s)
+        elif refusal := self._clearance.find_way_out(following.leg, now_s):
+            self.go(Event.HOLD, notice("mission.not_to_point", target=following.target, why=refusal), now_s)
+        else:
+            self._say(notice("mission.to_point", target=following.target), kind="course")
+            self._begin(following)
+
+    def on_frame(self, now_s: float) -> tuple[Command, Tick | None]:
+        """Return the command of this frame, and all values of it; None for those of a command without controller."""
+        phase = self.phase
+        if isinstance(phase, SpoolUp):
+            if phase.lift_off is None:
+                return self._pilot.idle(now_s, self._spool_thrust_n(phase, now_s)), None
+            self._climb_away(now_s)
+        if self._is_too_late(now_s):
+            return self._pilot.last_command(now_s, LAST_PERIODS * self._link.period_s), None
+        if self._answer_failure(now_s):
+            if self._means.chosen is Means.FLOOR:
+                return self._pilot.idle(now_s, 0.0), None
+            return self._pilot.surrender(now_s, LAST_PERIODS * self._link.period_s), None
+        self._ensure_pose(now_s)
+        tick = self._pilot.tick(now_s)
+        return tick.command, tick
+
+    def _spool_thrust_n(self, spool_up: SpoolUp, now_s: float) -> float:
+        """Thrust on the floor [N]; 0 where something is wrong, and the motors go off."""
+        pose = self._pilot.newest_pose
+        assert pose is not None, "poses showed it on the floor"
+        coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
+        why = self._uplink.update(now_s) or spool_up.fault(now_s, pose, coast_s, self._clearance.fence)
+        if why is None:
+            return spool_up.thrust_n(now_s)
+        self.go(Event.LAND, why, now_s, fault=True)
+        return 0.0
+
+    def on_sent(self, now_s: float, tick: Tick | None) -> None:
+        """Take that the command of the frame has left: judge it by the guards, and end its phase if it is over."""
+        if tick is not None:
+            self._judge(tick)
+        if self._means.ends_commands and self.failure is not None:  # it was the last one
+            self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
+
+    def _is_too_late(self, now_s: float) -> bool:
+        """Whether commands end as they arrive too late; while none arrive, gains are calm and adaptation is frozen."""
+        why = self._uplink.update(now_s)
+        self._pilot.set_uplink_lost(self._uplink.is_down)
+        if not self._uplink.is_down:
+            return False
+        if why and self._uplink.is_late:
+            self.failure = Failure("link.late", notice("fault.late_commands_end", why=why))
+            self._means.chosen = Means.NOTHING
+            return True
+        if why and self.state is not State.DESCENT:
+            self.go(Event.DESCEND, why, now_s, fault=True)
+        return False
+
+    def _answer_failure(self, now_s: float) -> bool:
+        """After a failure of the poses, come down by what still responds; return whether commands end."""
+        health = self._pilot.health
+        if self._guards is None:
+            return False
+        self._pilot.pause_response(self._uplink.is_stalled(now_s))
+        self._report_health(health)
+        if not health.has_failed:
+            return False
+        if self.failure is None:
+            self.failure = Failure(health.reason_id, notice(health.reason_id))
+        reason, means = self.failure.reason, self._means.choose(now_s)
+        if means is not Means.POSITION:
+            self._on_failure()
+        if self._means.ends_commands:
+            self.failure = self.failure._replace(reason=notice("fault.poses_model", reason=reason))
+        elif means is Means.POSITION:
+            if self.state not in (State.LANDING, State.DESCENT):
+                self.go(Event.LAND, notice("fault.poses_land", reason=reason), now_s, fault=True)
+        elif self.state is not State.DESCENT:
+            whose = "their attitude" if means is Means.ATTITUDE else "the autopilot's attitude"
+            why = notice("fault.poses_descend", reason=reason, whose=whose)
+            self.go(Event.DESCEND, why, now_s, fault=True, blind=True)
+        elif not self._pilot.is_blind:
+            self._descend(now_s, blind=True)
+        return self._means.ends_commands
+
+    def _report_health(self, health: PoseHealth) -> None:
+        """Report that the response of the poses is tested, and that it is normal again."""
+        before, self._health = self._health, health.state
+        if self._health is before or self._health is HealthState.FAILED:
+            return
+        suspect = self._health is HealthState.SUSPECT
+        self._say(notice(health.reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news")
+
+    def _descend(self, now_s: float, *, blind: bool, rest_s: float = 0.0) -> None:
+        height_m = self._pilot.descend(DESCENT_M_S, blind=blind, rest_s=rest_s)
+        self._means.limit_blind_descent(now_s, height_m)
+
+    def _judge(self, tick: Tick) -> None:
+        """Apply the guards to a command of the controller, and end its phase if it is over."""
+        self.tick = tick
+        finding = None if self._guards is None else self._guards.check_command(tick, self.state)
+        if finding is None or finding.step is GuardAction.WARN:
+            warning = None if finding is None else finding.reason.as_warning()
+            if warning is not None and warning.text != self._warned:
+                self._say(warning)
+            self._warned = "" if warning is None else warning.text
+        else:
+            self._answer(finding, tick.time_s)
+        phase = self.phase if self.state in IN_AIR else None
+        assert not isinstance(phase, SpoolUp), "it has a tick"
+        move = None if phase is None else phase.find_end(tick, uplink_ok=not self._uplink.is_down)
+        self._pilot.set_ground_contact(isinstance(phase, LandPhase) and self._course.touchdown.may_have_contact)
+        if move is not None and isinstance(phase, GoToPhase):
+            self._go_on(phase, move, tick.time_s)
+        elif move is not None:
+            self.go(move.event, move.reason, tick.time_s, fault=move.fault)
+
+    def on_link_status(self, now_s: float) -> None:
+        """Examine the status of the link."""
+        status = self._link.status
+        if status.taken and self.mission.allows(Event.TAKEN_OVER):
+            self.go(Event.TAKEN_OVER, notice("fault.taken", mode=status.taken), now_s, fault=True)
+        elif self._guards is not None and self.state in IN_AIR:
+            self._answer(self._guards.check_link(status, now_s), now_s)
+
+    def _ensure_pose(self, now_s: float) -> None:
+        """If no frame is left before the newest pose is too old for a command, descend on the model."""
+        pose, coast = self._pilot.newest_pose, self._config.flight.coast_s
+        guarded = self._guards is not None and self._config.guards.level_s > 0.0
+        if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
+            why = notice("fault.pose_gap", age_ms=(now_s - pose.time_s) * 1e3)
+            self._answer(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
+
+    def _answer(self, finding: GuardFinding | None, now_s: float) -> None:
+        """Take the step that a guard requests, or the next possible one after it."""
+        answer = None if finding is None else self._escalation.escalate(finding, now_s)
+        if answer is None:
+            return
+        for step, event in (
+            (GuardAction.HOLD, Event.HOLD),
+            (GuardAction.LAND, Event.LAND),
+            (GuardAction.DESCEND, Event.DESCEND),
+        ):
+            if step >= answer.step and self.mission.allows(event):
+                if TABLE[self.state, event] is not self.state:
+                    self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
+                elif step is answer.step:
+                    self.go(event, answer.reason, now_s, fault=True)
+                    self._say(answer.reason.as_warning())
+                return
+
+    def on_pose(self, pose: Pose) -> None:
+        """Take a pose: estimate the state, and the health of the poses."""
+        self._pilot.add_pose(pose)
+        if isinstance(self.phase, SpoolUp):
+            self.phase.add_pose(pose)
+        elif self.tick is None:
+            self.standing.add(pose)
+
+    def on_attitude(self, attitude: Attitude, in_poses: Quat | None, now_s: float) -> None:
+        """Take the autopilot's attitude; ``in_poses`` is the same in the axes of the poses, if known."""
+        if attitude.rates_rad_s is not None:  # by radio, a stall of the telemetry does not concern commands
+            self._uplink.take_telemetry(now_s)
+        if in_poses is not None:
+            self._means.take_attitude(attitude, in_poses, now_s)
+
+    def _spool_up(self, now_s: float) -> None:
+        """The motors turn: raise the thrust until the vehicle leaves the floor."""
+        config, vehicle = self._config, self._config.vehicle
+        weight, takeoff = config.weight_n, config.takeoff
+        most, idle = limit_n(takeoff, vehicle, weight), config.flight.idle_thrust * weight
+        spool = Spool(weight, most, takeoff.spool_s, idle, now_s, vehicle.thrust_lag_s)
+        gravity, noise_m = config.controller.gravity, self._pilot.noise_m
+        self.phase = SpoolUp(self.standing, spool, vehicle, weight, gravity, noise_m)
+        self._course.home = self.phase.place_ned
+
+    def _climb_away(self, now_s: float) -> None:
+        """Climb off the floor; from now on it flies by poses."""
+        self._say(notice("mission.off_floor"))
+        arrival = MissionMove(Event.CLIMBED, notice("mission.at_height"))
+        self._begin(TransitPhase(self._course.climb(*self._motion(now_s)), arrival))
+
+    def _motion(self, now_s: float) -> tuple[Reference, float]:
+        """Return the motion that the next leg begins with, and its time [s]."""
+        climb = self.phase.lift_off if isinstance(self.phase, SpoolUp) else None
+        if climb is not None:  # it has just left the floor
+            motion = self._pilot.lift_off(now_s, climb.hover_share, climb.climb_m_s)
+            return motion, now_s + self._config.vehicle.acting_delay_s
+        assert self.tick is not None, "it flies"
+        reference, here = self.tick.reference, self.tick.estimate.motion
+        if self.state is State.LANDING and math.dist(reference.position_ned, here.position) > ASTRAY_M:
+            reference = Reference(here.position, here.velocity, yaw_rad=reference.yaw_rad)
+        return reference, self.tick.estimate.time_s
+
+    def _begin(self, phase: Phase) -> None:
+        """Fly ``phase`` from now on."""
+        self.phase = phase
+        self._pilot.use_profile(phase.profile)
+        self._pilot.follow(phase.leg.trajectory, phase.leg.start_s)
+        if isinstance(phase, TrackPhase):
+            self.started_s = phase.leg.start_s

@@ -1,0 +1,55 @@
+"""Uplink of commands: whether they reach the vehicle, by its acknowledgements and its telemetry. Sans-IO."""
+
+import math
+
+from groundstation.core.messages import Sentence, notice
+from links.core import IN_TIME, CommandLink
+
+SILENT_S = 0.15
+"""Shortest silence of a vehicle's telemetry after which it may not receive commands either [s]."""
+SILENTS = 2.5
+"""Shortest such silence as a multiple of its usual telemetry interval [-]."""
+LOST_S = 3.0
+"""After this long a silence only the telemetry counts as lost [s]."""
+USUAL_S = 0.02
+"""Initial value of the usual telemetry interval [s]."""
+USUAL = 0.1
+"""Weight of each interval in its running mean [-]."""
+UNHEARD_S = 0.15
+"""Acknowledgements overdue for this long: the uplink is assumed down [s]."""
+DEAF_S = 0.5
+"""Acknowledgements overdue for this long: the operator is informed, and the vehicle descends [s]."""
+
+
+class CommandUplink:
+    """Whether commands reach the vehicle, and whether its telemetry stalls. Times are on the loop's clock [s]."""
+
+    def __init__(self, link: CommandLink) -> None:
+        self._link = link
+        self._heard_s, self._usual_s = -math.inf, USUAL_S
+        self.is_down = False
+        """Whether the vehicle acknowledged nothing for so long that the uplink is assumed down."""
+        self.is_late = False
+        """Whether commands arrive too late."""
+
+    def update(self, now_s: float) -> Sentence | None:
+        """Check once a frame whether acknowledgements are overdue or late.
+
+        Return why commands can't fly the vehicle although its telemetry arrives; None if they reach it in time.
+        """
+        autopilot = self._link.autopilot
+        overdue_s, late_s = IN_TIME if autopilot is None else autopilot.arrival(now_s)
+        self.is_down, self.is_late = overdue_s > UNHEARD_S, late_s > 0.0
+        if self.is_late:
+            return notice("fault.late_commands", late_ms=1e3 * late_s)
+        return notice("fault.unanswered", overdue_ms=1e3 * overdue_s) if overdue_s > DEAF_S else None
+
+    def take_telemetry(self, now_s: float) -> None:
+        """Take the time of a telemetry message."""
+        since_s, self._heard_s = now_s - self._heard_s, now_s
+        if since_s < LOST_S:
+            self._usual_s += USUAL * (since_s - self._usual_s)
+
+    def is_stalled(self, now_s: float) -> bool:
+        """Whether the telemetry is silent for longer than usual, but not lost."""
+        return max(SILENT_S, SILENTS * self._usual_s) < now_s - self._heard_s < LOST_S
