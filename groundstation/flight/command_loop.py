@@ -7,7 +7,7 @@ otherwise pass for fresh.
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 
 from groundstation.config import STEP_WATCH
 from groundstation.core.messages import (
@@ -15,7 +15,6 @@ from groundstation.core.messages import (
     Pose,
     Say,
     Sentence,
-    Tick,
     notice,
 )
 from groundstation.core.mission import IN_AIR, Event, State
@@ -128,15 +127,13 @@ class CommandLoop:
         pilot: Pilot,
         controller: FlightController,
         idle_n: float,
-        on_tick: Callable[[Tick], None],
         say: Say,
     ) -> None:
-        """``idle_n`` is the thrust [N] until the vehicle is armed; ``on_tick`` gets each command after it has left."""
+        """``idle_n`` is the thrust [N] until the vehicle is armed."""
         self._link = link
         self._pilot = pilot
         self._controller = controller
         self._idle_n = idle_n
-        self._on_tick = on_tick
         self._say = say
         self._warned = {""}
         self.drops: LinkDropWatch | None = None
@@ -203,7 +200,7 @@ class CommandLoop:
         while True:
             now = loop.time()
             self._stalls.look(now)
-            command, tick = controller.on_frame(now)
+            command = controller.on_frame(now)
             slow = STEP_WATCH.get().slow
             if slow is not None:
                 self._warn(slow.text, slow)
@@ -220,9 +217,7 @@ class CommandLoop:
                     raise FlightEnded(self._explain_refusal(now, command, last))
                 return
             last = now, command
-            if tick is not None:
-                self._on_tick(tick)
-            controller.on_sent(now, tick)
+            controller.on_sent(now)
             if controller.state not in IN_AIR:
                 return
             await self._pacing.next(now, command.deadline_s)

@@ -142,10 +142,18 @@ class Flight:
         self._attitudes = AttitudeComparison()
         self._shutdown = Shutdown(link, source, self.say, forwards=config.forwards is not None)
         self._controller = FlightController(
-            config, link, self._pilot, self.say, self._enter, self._shutdown.distrust, others, monitors
+            config,
+            link,
+            self._pilot,
+            self.say,
+            self._on_command,
+            self._enter,
+            self._shutdown.distrust,
+            others,
+            monitors,
         )
         self._commands = CommandLoop(
-            link, self._pilot, self._controller, flight.idle_thrust * config.weight_n, self._on_command, self.say
+            link, self._pilot, self._controller, flight.idle_thrust * config.weight_n, self.say
         )
         self._live = LiveGains(config.controller)
         self._quiet = quiet

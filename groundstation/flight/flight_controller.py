@@ -70,6 +70,7 @@ class FlightController:
         link: CommandLink,
         pilot: Pilot,
         say: Callable[..., None],
+        on_tick: Callable[[Tick], None],
         on_state: Callable[[State, Sentence], None],
         on_failure: Callable[[], None],
         others: Others | None,
@@ -82,6 +83,7 @@ class FlightController:
             link: the command link; only read.
             pilot: flies the references.
             say: takes a sentence for the operator, and the kind of its :class:`Notice`.
+            on_tick: called with each command of the law that has left.
             on_state: called as a state begins, with the reason.
             on_failure: called when the poses are no longer used, before the last command leaves.
             others: vehicles to keep away from.
@@ -93,6 +95,7 @@ class FlightController:
         self._means = DescentMeans(pilot, link)
         self._uplink = CommandUplink(link)
         self._say = say
+        self._on_tick = on_tick
         self._on_state = on_state
         self._on_failure = on_failure
         self.mission = Mission()
@@ -100,7 +103,8 @@ class FlightController:
         self.standing = StandingPoses()
         """Poses before take-off."""
         self.tick: Tick | None = None
-        """The newest command of the controller that left."""
+        """Newest command of the law that has left; none on the floor."""
+        self._made: Tick | None = None
         self.fault: Sentence | None = None
         """Cause of an early landing that nobody requested; None without one."""
         self.failure: Failure | None = None
@@ -230,22 +234,22 @@ class FlightController:
             self._say(notice("mission.to_point", target=following.target), kind="course")
             self._begin(following)
 
-    def on_frame(self, now_s: float) -> tuple[Command, Tick | None]:
-        """Return the command of this frame, and all values of it; None for those of a command without controller."""
-        phase = self.phase
+    def on_frame(self, now_s: float) -> Command:
+        """Return the command of this frame."""
+        phase, self._made = self.phase, None
         if isinstance(phase, SpoolUp):
             if phase.lift_off is None:
-                return self._pilot.idle(now_s, self._spool_thrust_n(phase, now_s)), None
+                return self._pilot.idle(now_s, self._spool_thrust_n(phase, now_s))
             self._climb_away(now_s)
         if self._is_too_late(now_s):
-            return self._pilot.last_command(now_s, LAST_PERIODS * self._link.period_s), None
+            return self._pilot.last_command(now_s, LAST_PERIODS * self._link.period_s)
         if self._answer_failure(now_s):
             if self._means.chosen is Means.FLOOR:
-                return self._pilot.idle(now_s, 0.0), None
-            return self._pilot.surrender(now_s, LAST_PERIODS * self._link.period_s), None
+                return self._pilot.idle(now_s, 0.0)
+            return self._pilot.surrender(now_s, LAST_PERIODS * self._link.period_s)
         self._ensure_pose(now_s)
-        tick = self._pilot.tick(now_s)
-        return tick.command, tick
+        self._made = self._pilot.compute(now_s)
+        return self._made.command
 
     def _spool_thrust_n(self, spool_up: SpoolUp, now_s: float) -> float:
         """Thrust on the floor [N]; 0 where something is wrong, and the motors go off."""
@@ -258,10 +262,11 @@ class FlightController:
         self.go(Event.LAND, why, now_s, fault=True)
         return 0.0
 
-    def on_sent(self, now_s: float, tick: Tick | None) -> None:
+    def on_sent(self, now_s: float) -> None:
         """Take that the command of the frame has left: judge it by the guards, and end its phase if it is over."""
-        if tick is not None:
-            self._judge(tick)
+        if self._made is not None:
+            self._on_tick(self._made)
+            self._judge(self._made)
         if self._means.ends_commands and self.failure is not None:  # it was the last one
             self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
 
@@ -374,7 +379,7 @@ class FlightController:
 
     def on_pose(self, pose: Pose) -> None:
         """Take a pose: estimate the state, and the health of the poses."""
-        self._pilot.add_pose(pose)
+        self._pilot.estimate(pose)
         if isinstance(self.phase, SpoolUp):
             self.phase.add_pose(pose)
         elif self.tick is None:

@@ -50,7 +50,7 @@ async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: A
     come = asyncio.Event()
 
     def take(pose: Pose) -> None:
-        pilot.add_pose(pose)
+        pilot.estimate(pose)
         come.set()
 
     async def let_go() -> None:

@@ -321,7 +321,7 @@ def _fly_capture(driven: DrivenFlight) -> WatchedFlight:
         if is_sent:
             continue
         pose = poses[index]
-        pilot.add_pose(pose)
+        pilot.estimate(pose)
         if not lifted and index >= begin and floor_z_m - pose.position_ned[2] > WANDERING_M:
             lifted = True
             pilot.lift_off(time_s, 1.0, -(pose.velocity_ned or (0.0, 0.0, 0.0))[2])

@@ -117,7 +117,7 @@ class Shadow:
             compared = ShadowedCommand(drive, decision.drive, decision.saturated)
         self._estimator.add_command(time_s + self._vehicle.command_delay_s, drive)
         if isinstance(self._controller, Adaptive) and self._config.composite != "provable":
-            self._estimator.follow(self._controller.b_hat)
+            self._estimator.drive(self._controller.b_hat)
         return compared
 
     def _estimate(self, time_s: float) -> Estimate:

@@ -2,7 +2,7 @@
 
 Its settings, the same under every controller, are part of the config section ``[controller]``. With composite
 adaptation in its provable form the observer is autonomous: it is driven by its own d̂ and ĉ, never by b̂. Otherwise b̂
-drives it (see :meth:`ModelEstimator.follow`).
+drives it (see :meth:`ModelEstimator.drive`).
 
 Observer: a Kalman filter of a chain of integrators, and the thrust effectiveness separated from the wind.
 
@@ -772,7 +772,7 @@ class ModelEstimator:
         """Whether disturbance and λ̂ are held."""
         return self._held is not None
 
-    def follow(self, disturbance: Vec3) -> None:
+    def drive(self, disturbance: Vec3) -> None:
         """Drive the observer by b̂ [m/s², NED] instead of its own d̂ (composite adaptation off, or raw)."""
         self._disturbance = disturbance
 

@@ -204,8 +204,11 @@ class Pilot:
         motion = self._estimator.motion
         return 0.0 if motion is None else math.hypot(*motion.velocity[:2])
 
-    def add_pose(self, pose: Pose) -> None:
-        """Take one pose; one that is not newer than the last, or that the gate rejects, is ignored."""
+    def estimate(self, pose: Pose) -> None:
+        """Estimate the state at one pose, and the health of the poses.
+
+        A pose that is not newer than the last, or that the gate rejects, is ignored.
+        """
         self._tell(PoseRecord(pose))
         received = self._received
         if received.newest is not None and pose.time_s <= received.newest.time_s:
@@ -384,10 +387,10 @@ class Pilot:
         self._tell(IdleRecord(time_s, thrust_n, command))
         return command
 
-    def tick(self, time_s: float) -> Tick:
-        """Return the command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
+    def compute(self, time_s: float) -> Tick:
+        """Compute the command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
         pose, descent = self._received.newest, self._descent
-        assert pose is not None and self._leg is not None, "tick() needs a pose and a trajectory"
+        assert pose is not None and self._leg is not None, "a command needs a pose and a trajectory"
         trajectory, start_s = self._leg
         acting = time_s + self._vehicle.acting_delay_s
         estimate = self._estimator.predict(acting)
@@ -412,7 +415,7 @@ class Pilot:
         self._reference_down = reference.position_ned[2]
         self._send(time_s, decision.drive)
         if self._driver is not None:
-            self._estimator.follow(self._driver.b_hat)
+            self._estimator.drive(self._driver.b_hat)
         wind = self._wind.add(estimate, interval, is_suspect=self.health.is_suspect)
         if descent is not None and descent.blind:
             wind = descent.wind
