@@ -31,7 +31,7 @@ from groundstation.core.messages import (
 from groundstation.core.safety import MONITORS, Monitors
 from groundstation.flight.flight import Flight
 from groundstation.flight.hold_to_run import make_hold
-from groundstation.flight.prearm import Company
+from groundstation.flight.preflight import Company
 from groundstation.machine import IdleSlots, Running
 from groundstation.pose import ForwardingSource, make_source
 from groundstation.pose.sources import GatedSource

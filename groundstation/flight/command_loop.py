@@ -19,8 +19,8 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import IN_AIR, Event, State
 from groundstation.core.pilot import Pilot
-from groundstation.flight.flight_controller import LAST_CHANCE_S, FlightController
-from groundstation.flight.prearm import FlightEnded
+from groundstation.flight.controller import LAST_CHANCE_S, FlightController
+from groundstation.flight.preflight import FlightEnded
 from groundstation.machine import wake
 from links.core import Command, CommandLink, LinkError, Phase
 
@@ -119,7 +119,7 @@ AFTERMATH_S = 1.0
 
 
 class CommandLoop:
-    """Sends the commands of the :class:`groundstation.flight.flight_controller.FlightController`, one each frame."""
+    """Sends the commands of the :class:`groundstation.flight.controller.FlightController`, one each frame."""
 
     def __init__(
         self,

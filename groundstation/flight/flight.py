@@ -33,9 +33,9 @@ from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, ON_GRO
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import Failure, LiveGains, Monitors, PoseLatency, Witness
 from groundstation.flight.command_loop import CommandLoop, FrameLateness
-from groundstation.flight.flight_controller import FlightController
+from groundstation.flight.controller import FlightController
 from groundstation.flight.hold_to_run import HoldWatch
-from groundstation.flight.prearm import Company, FlightEnded, PrearmSequence
+from groundstation.flight.preflight import ArmingSequence, Company, FlightEnded
 from groundstation.flight.shutdown import Shutdown
 from groundstation.flight.statistics import FlightStatistics
 from groundstation.machine import IdleSlots, to_the_end
@@ -159,7 +159,7 @@ class Flight:
         self._quiet = quiet
         if not config.pose.by_autopilot:  # else both are its own estimate
             link.watch_attitude(self._on_attitude)
-        self._prearm = PrearmSequence(
+        self._preflight = ArmingSequence(
             config,
             link,
             source,
@@ -218,7 +218,7 @@ class Flight:
                     self.say(notice("mission.goto_refused", why=obstacle))
                     return Reply.of(False, obstacle)
             case Ask.ARM:
-                self._prearm.arm_asked.set()
+                self._preflight.arm_asked.set()
                 return Reply.of(True, notice("flight.arms"))
             case Ask.KILL:
                 if self._shutdown.closed and not self._shutdown.killed:
@@ -260,7 +260,7 @@ class Flight:
             source=self._source.status,
             link=self._link.status,
             certificate=self._pilot.certificate,
-            checks=self._prearm.checks,
+            checks=self._preflight.checks,
             gains=self._live.now,
         )
 
@@ -318,7 +318,7 @@ class Flight:
             self.say(notice("link.flown", says=says))
 
     async def _fly(self) -> None:
-        await self._prearm.depart(self._on_pose)
+        await self._preflight.depart(self._on_pose)
         self._controller.go(Event.ARM, notice("mission.arming"), self._now())
         await self._commands.fly(Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE)
 
@@ -326,7 +326,7 @@ class Flight:
         """Connect, make all checks as before a flight, and disconnect; instead of :meth:`run`."""
         watching = self._watch()
         try:
-            return await self._prearm.check(self._on_pose)
+            return await self._preflight.check(self._on_pose)
         finally:
             await to_the_end(self._shutdown.close())
             watching.cancel()
@@ -355,7 +355,7 @@ class Flight:
                 self.believes_poses = self._pilot.newest_pose is pose
                 if news := self._pilot.response.describe_news(self._late_by_attitude):
                     self.say(news.as_warning(), "latency")
-            self._prearm.first_pose.set()
+            self._preflight.first_pose.set()
 
     def witness(self) -> Witness:
         """Return the comparison of all poses so far with the vehicle's own attitude."""

@@ -30,7 +30,7 @@ from groundstation.core.messages import (
     Verdict,
     notice,
 )
-from groundstation.flight import explain_drops
+from groundstation.flight.preflight import explain_drops
 from groundstation.lab.pose_stream import (
     MOVES,
     AxisCalibration,

@@ -14,7 +14,7 @@ import msgspec
 
 from groundstation.config import ConfigError, dump
 from groundstation.core.messages import notice
-from groundstation.flight import Proof, hash_sections, line_from_terminal, proof_path, save_proof
+from groundstation.flight.preflight import Proof, hash_sections, line_from_terminal, proof_path, save_proof
 from groundstation.machine import (
     ApiError,
     Taken,

@@ -195,7 +195,7 @@ class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
 
     @property
     def real(self) -> str:
-        """The key that may lead to a real vehicle, and its value; prearm.py knows the one exception."""
+        """The key that may lead to a real vehicle, and its value; flight/preflight knows the one exception."""
         return f"port = {self.port}"
 
     @property

@@ -23,7 +23,7 @@ import msgspec
 
 from groundstation.config import ConfigError, load, read_toml
 from groundstation.core.messages import STEADY_S, notice
-from groundstation.flight import ensure_flyable
+from groundstation.flight.preflight import ensure_flyable
 from groundstation.interfaces.cli import advise_name, completion_script, words_of_flying
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit, require_package

@@ -22,7 +22,8 @@ from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, dump, lend, name_object, refuse_io, several, without_frames
 from groundstation.core.messages import EndRecord, Pose, Sentence, TickRecord, notice
 from groundstation.core.trajectory import FeasibilityReport
-from groundstation.flight import about, ensure_flyable
+from groundstation.flight import about
+from groundstation.flight.preflight import ensure_flyable
 from groundstation.machine import write_whole
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import FlightLog, LineRecord, Record

@@ -20,7 +20,7 @@ from groundstation.config import ConfigError, from_dict, load, parse_toml
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import LemniscateConfig
 from groundstation.core.vehicle import Vehicle
-from groundstation.flight import examine_trajectory
+from groundstation.flight.preflight import examine_trajectory
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import GateConfig, ViconConfig
 from groundstation.settings import Config, FlightConfig

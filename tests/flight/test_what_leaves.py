@@ -14,7 +14,7 @@ from groundstation.core.mission import State, operator
 from groundstation.core.safety import GuardsConfig
 from groundstation.flight import Flight, hold_to_run, make_flight
 from groundstation.flight.command_loop import DRAIN_S, STALL_S
-from groundstation.flight.flight_controller import LAST_CHANCE_S
+from groundstation.flight.controller import LAST_CHANCE_S
 from groundstation.interfaces.api.client import STOP_ANSWER_S
 from groundstation.lab.props_off import STOP_S
 from groundstation.settings import Config, FlightConfig

@@ -22,7 +22,8 @@ from groundstation.core.messages import Pose
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import WANDERING_M, HealthState, Monitors, PoseHealth
 from groundstation.core.vehicle import ActuatorCommand
-from groundstation.flight import Flight, ensure_flyable
+from groundstation.flight import Flight
+from groundstation.flight.preflight import ensure_flyable
 from groundstation.runtime import Exit
 from sim.cli import ProgressBar
 from sim.runs import Flyers, Stage, fly_mission, from_floor

@@ -12,7 +12,7 @@ import pytest
 
 from groundstation.config import load
 from groundstation.core.trajectory import parse_course
-from groundstation.flight import examine_trajectory
+from groundstation.flight.preflight import examine_trajectory
 from groundstation.lab import read_fleet
 from groundstation.settings import Config
 from links.bridge import BridgeConfig

@@ -80,7 +80,8 @@ def _load(args: argparse.Namespace, require: Callable[[Config], Config] = lambda
 
 def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
-    from groundstation.flight import StepTimer, confirm_arming, ensure_named
+    from groundstation.flight import StepTimer
+    from groundstation.flight.preflight import confirm_arming, ensure_named
     from groundstation.interfaces.service import fly_command, require_flyable
 
     StepTimer.start()
@@ -128,7 +129,8 @@ def _mark_lines(say: Say) -> Say:
 
 def daemon(args: argparse.Namespace) -> Exit:
     """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
-    from groundstation.flight import StepTimer, ensure_named
+    from groundstation.flight import StepTimer
+    from groundstation.flight.preflight import ensure_named
     from groundstation.interfaces.service import Format, daemon_command, require_flyable
 
     StepTimer.start()
@@ -184,7 +186,7 @@ radio_bind, radio_range_check, radio_idle = (partial(_radio, what) for what in (
 
 def radio_bridge(args: argparse.Namespace) -> Exit:
     """Pace the commands of another computer out by an RF module; or make the key that both share."""
-    from groundstation.flight import load_link_key
+    from groundstation.flight.preflight import load_link_key
 
     say = _terminal_writer()
     if args.make_key is not None:
@@ -349,7 +351,7 @@ def replay(args: argparse.Namespace) -> Exit:
 
 def doctor(args: argparse.Namespace) -> Exit:
     """Look at the autopilot's parameters, and set some on request."""
-    from groundstation.flight import line_from_terminal
+    from groundstation.flight.preflight import line_from_terminal
     from groundstation.lab import DoctorOrders, run_doctor
 
     config = _load(args)
@@ -471,13 +473,8 @@ def carry(args: argparse.Namespace) -> Exit:
 
 def trajectory(args: argparse.Namespace) -> Exit:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
-    from groundstation.flight import (
-        StepTimer,
-        describe_trajectory,
-        examine_trajectory,
-        explain_fence,
-        explain_refusal,
-    )
+    from groundstation.flight import StepTimer
+    from groundstation.flight.preflight import describe_trajectory, examine_trajectory, explain_fence, explain_refusal
 
     StepTimer.start()
     config = load(args.config, Config, args.overrides)
@@ -505,7 +502,8 @@ def check(args: argparse.Namespace) -> Exit:
         from groundstation.lab import watch_poses
 
         return watch_poses(_load(args), seconds=args.seconds, as_json=args.json)
-    from groundstation.flight import StepTimer, describe_checks, describe_failures, make_flight
+    from groundstation.flight import StepTimer, make_flight
+    from groundstation.flight.preflight import describe_checks, describe_failures
     from groundstation.interfaces.service import require_flyable
 
     StepTimer.start()
@@ -581,7 +579,7 @@ async def _serve(
 
 
 async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
-    from groundstation.flight import is_simulated
+    from groundstation.flight.preflight import is_simulated
     from links.bridge import Bridge
 
     loop = asyncio.get_running_loop()

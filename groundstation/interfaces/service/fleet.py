@@ -21,7 +21,8 @@ from typing import Any
 from groundstation.config import ConfigError, dump
 from groundstation.core.messages import Ask, Request, SourceError, notice
 from groundstation.core.mission import State
-from groundstation.flight import ensure_flyable, ensure_guarded, ensure_held, ensure_link
+from groundstation.flight import ensure_held
+from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensure_link
 from groundstation.interfaces.api import ask_station, snapshots
 from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay

@@ -42,17 +42,8 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, State
 from groundstation.core.safety import CERTAIN_S
-from groundstation.flight import (
-    DISARM_WAIT_S,
-    Flight,
-    FlightOutcome,
-    StepTimer,
-    entry_of,
-    examine_trajectory,
-    make_ends,
-    make_flight,
-    recorder,
-)
+from groundstation.flight import DISARM_WAIT_S, Flight, FlightOutcome, StepTimer, make_ends, make_flight, recorder
+from groundstation.flight.preflight import entry_of, examine_trajectory
 from groundstation.interfaces.api import Core, Server, open_client
 from groundstation.machine import (
     ApiError,

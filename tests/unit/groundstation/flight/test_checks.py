@@ -12,14 +12,15 @@ from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import Check, Pose, PoseStatus, Verdict
 from groundstation.core.safety import Agreement, StandingPoses
-from groundstation.flight import (
+from groundstation.flight.preflight import (
+    Checks,
     describe_checks,
     describe_failures,
     describe_trajectory,
     ensure_guarded,
     examine_trajectory,
 )
-from groundstation.flight.prearm import Checks, find_real_key
+from groundstation.flight.preflight.configuration import find_real_key
 from groundstation.settings import Config
 from links.core import LinkStatus
 

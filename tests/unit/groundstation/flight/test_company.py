@@ -6,7 +6,7 @@ import pytest
 
 from groundstation.config import from_dict
 from groundstation.core.messages import Check, Others, Verdict
-from groundstation.flight import Company, entry_of
+from groundstation.flight.preflight import Company, entry_of
 from groundstation.machine import Running
 from groundstation.settings import Config
 from tests.unit.groundstation.flight.test_checks import standing

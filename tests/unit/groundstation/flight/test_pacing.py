@@ -8,7 +8,8 @@ from typing import Any, cast
 import pytest
 
 from groundstation.flight import FrameLateness
-from groundstation.flight.command_loop import LAST_CHANCE_S, Pacing
+from groundstation.flight.command_loop import Pacing
+from groundstation.flight.controller import LAST_CHANCE_S
 from links.core import CommandLink
 from tests.loops import in_virtual_time
 

@@ -1,4 +1,4 @@
-"""groundstation/flight/prearm.py: what a test with the propellers off holds for, and who may have written it."""
+"""Proof on file: what a test with the propellers off holds for, and who may have written it."""
 
 from pathlib import Path
 from typing import Any
@@ -7,8 +7,8 @@ import pytest
 
 from groundstation.config import from_dict
 from groundstation.core.messages import Check, PoseStatus, Verdict
-from groundstation.flight import Proof, hash_sections, proof_path, save_proof
-from groundstation.flight.prearm import Checks, explain_missing_proof, read_proof
+from groundstation.flight.preflight import Checks, Proof, hash_sections, proof_path, read_proof, save_proof
+from groundstation.flight.preflight.proof import explain_missing_proof
 from groundstation.settings import Config
 from tests.unit.groundstation.flight.test_checks import BASE, LINK, standing
 

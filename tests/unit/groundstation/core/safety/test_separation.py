@@ -15,7 +15,7 @@ from groundstation.core.messages.pose import GAP_S, BodySighting
 from groundstation.core.mission import State
 from groundstation.core.safety import Escalation, GuardAction, GuardFinding, Guards, Separation, SeparationConfig
 from groundstation.core.safety.geofence import Near
-from groundstation.flight.prearm import Checks
+from groundstation.flight.preflight import Checks
 from groundstation.settings import Config
 from tests.unit.groundstation.core.safety.test_guards import CONFIG, PERIOD_S, VEHICLE, shown
 from tests.unit.groundstation.flight.test_checks import BASE, LINK, standing

@@ -11,7 +11,7 @@ from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import FeasibilityReport, Reference, check_feasibility
 from groundstation.core.vehicle import LimitsConfig, Vehicle
-from groundstation.flight import describe_trajectory, examine_trajectory, explain_fence, explain_refusal
+from groundstation.flight.preflight import describe_trajectory, examine_trajectory, explain_fence, explain_refusal
 from groundstation.settings import Config
 
 RADIUS_M = 2.0

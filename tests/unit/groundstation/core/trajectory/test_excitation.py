@@ -5,7 +5,7 @@ import pytest
 
 from groundstation.core.trajectory import ExcitationConfig
 from groundstation.core.trajectory.shapes import Excitation
-from groundstation.flight import examine_trajectory
+from groundstation.flight.preflight import examine_trajectory
 from groundstation.settings import Config
 
 CONFIG = ExcitationConfig()

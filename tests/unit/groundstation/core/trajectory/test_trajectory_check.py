@@ -20,8 +20,8 @@ from groundstation.core.trajectory import (
 )
 from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
-from groundstation.flight import ensure_flyable
-from groundstation.flight.prearm import explain_infeasibility
+from groundstation.flight.preflight import ensure_flyable
+from groundstation.flight.preflight.configuration import explain_infeasibility
 from groundstation.settings import Config
 
 G = 9.81

@@ -9,7 +9,7 @@ import pytest
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose, Sentence
-from groundstation.flight.prearm import explain_drops
+from groundstation.flight.preflight import explain_drops
 from groundstation.pose.sources import GateConfig, GatedSource, NatNetConfig, natnet_codec
 from groundstation.settings import Config
 from links.io import parse_address

@@ -28,9 +28,9 @@ from groundstation.core.safety import (
     limit_n,
 )
 from groundstation.core.trajectory import Reference
-from groundstation.flight.course import Clearance, Course, Leg
-from groundstation.flight.descent_means import DescentMeans, Means
-from groundstation.flight.phases import (
+from groundstation.flight.controller.course import Clearance, Course, Leg
+from groundstation.flight.controller.descent_means import DescentMeans, Means
+from groundstation.flight.controller.phases import (
     DescentPhase,
     GoToPhase,
     HoldPhase,
@@ -40,7 +40,7 @@ from groundstation.flight.phases import (
     TrackPhase,
     TransitPhase,
 )
-from groundstation.flight.uplink import CommandUplink
+from groundstation.flight.controller.uplink import CommandUplink
 from groundstation.settings import Config
 from links.core import Attitude, Command, CommandLink
 

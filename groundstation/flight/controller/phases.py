@@ -12,7 +12,7 @@ from groundstation.core.messages import Sentence, Tick, Waypoint, notice
 from groundstation.core.mission import Event
 from groundstation.core.safety import Hover, Touchdown
 from groundstation.core.trajectory import Reference
-from groundstation.flight.course import Course, Leg
+from groundstation.flight.controller.course import Course, Leg
 from groundstation.settings import Config
 
 

@@ -1,25 +1,11 @@
-"""Pre-arm: everything between a configuration and an armed vehicle.
+"""Checks before arming: of the vehicle at rest, and of its surroundings.
 
-- Before anything is opened: may this configuration fly at all? (``explain_…``, ``ensure_…``)
-- :class:`Proof`: the result of the last test with the propellers off, kept in a file of the operator's.
-- :func:`confirm_arming`: the operator's confirmation that the motors may start.
-- :class:`Checks` of the vehicle, and :class:`Company` of its surroundings: other flights on this machine, other bodies,
-  the operator's hold. Each check is OFF, PASS, WARN or FAIL, with a sentence.
-- :class:`PrearmSequence`: connect, check, and wait for the operator to arm.
+Each is OFF, PASS, WARN or FAIL, with a sentence.
 """
 
-import asyncio
-import hashlib
 import math
-import os
-import sys
-from collections.abc import Awaitable, Callable, Iterable, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
 
-import msgspec
-
-from groundstation.config import ConfigError
 from groundstation.core.control import Law, thrust_bound
 from groundstation.core.geometry import Vec3, angle_deg, third_column
 from groundstation.core.messages import (
@@ -27,9 +13,7 @@ from groundstation.core.messages import (
     Check,
     Others,
     Pose,
-    PoseSource,
     PoseStatus,
-    Say,
     Sentence,
     Verdict,
     find_link_drops,
@@ -37,8 +21,7 @@ from groundstation.core.messages import (
     notice,
     notice_fact,
 )
-from groundstation.core.mission import Event
-from groundstation.core.pilot import Pilot
+from groundstation.core.mission import HoldToRun
 from groundstation.core.safety import (
     MOUNTING_DEG,
     Agreement,
@@ -46,337 +29,30 @@ from groundstation.core.safety import (
     GuardsConfig,
     Separation,
     StandingPoses,
-    Witness,
     limit_n,
     usual_limit_n,
 )
 from groundstation.core.trajectory import (
-    Demand,
     FeasibilityReport,
     Reference,
     Trajectory,
-    check_feasibility,
 )
-from groundstation.flight.course import Course
-from groundstation.flight.flight_controller import FlightController
-from groundstation.flight.hold_to_run import HoldToRun
-from groundstation.machine import FILE, RecordingConfig, Running, folder_of, is_ours, socket_path
+from groundstation.flight.controller import Course
+from groundstation.flight.preflight.configuration import (
+    examine_trajectory,
+    explain_refusal,
+    find_real_key,
+    is_simulated,
+    least_braking_room,
+)
+from groundstation.flight.preflight.proof import Proof, explain_missing_proof
+from groundstation.machine import Running, socket_path
 from groundstation.pose import check_stamp_rate
 from groundstation.pose.sources import describe_drop, describe_origin_moves, describe_unsteady_clock
 from groundstation.settings import Config, FlightConfig
-from links.core import CommandLink, LinkError, LinkKind, LinkStatus
-from links.io import is_pseudo_terminal, read_key
-
-
-def examine_trajectory(config: Config) -> FeasibilityReport:
-    """Compare the trajectory of ``config`` with its vehicle, its limits and its floor."""
-    return check_feasibility(
-        config.trajectory.build(),
-        config.vehicle,
-        config.limits,
-        gravity=config.controller.gravity,
-        floor_z_m=config.flight.floor_z_m,
-    )
-
-
-ALIKE = 0.1
-"""Relative difference up to which a declared and a computed derivative count as equally long [-]: then their
-directions differ, and the sentence says so. Chosen."""
-
-
-def explain_refusal(config: Config, report: FeasibilityReport) -> Sentence | None:
-    """Return why the trajectory must not be flown, with the time, the limit and the remedy; None if it may."""
-    odd = report.inconsistency
-    if odd is not None and odd.name == "period":
-        return notice("trajectory.period", at_s=odd.time_s, span_s=odd.declared, far_m=odd.found)
-    if odd is not None:
-        alike = math.isclose(odd.declared, odd.found, rel_tol=ALIKE)
-        return notice(
-            "trajectory.direction" if alike else "trajectory.derivative",
-            at_s=odd.time_s,
-            name=odd.name,
-            declared=odd.declared,
-            found=odd.found,
-            unit=odd.unit,
-            of=odd.of,
-        )
-    return explain_infeasibility(report, getattr(config.trajectory, "speed_m_s", None))
-
-
-def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = None) -> Sentence | None:
-    """Return why the vehicle or its room can't follow the trajectory, and the remedy; None if they can.
-
-    ``speed_m_s`` is the trajectory's configured speed; None if it has no such key.
-    """
-    worst = next((demand for demand in report.demands if not demand.ok), None)
-    if worst is None or worst.limit is None:
-        return None
-    if worst.key == "flight.floor_z_m":
-        return notice("trajectory.below_floor", at_s=worst.time_s, depth_m=-worst.value, key=worst.key)
-    needed, limit = f"{worst.value:.3g}", f"{worst.limit:.3g}"
-    if needed == limit:
-        needed, limit = f"{worst.value:.6g}", f"{worst.limit:.6g}"
-    if report.share is None:
-        advice = notice("trajectory.slower_no_help")
-    elif speed_m_s is None:
-        advice = notice("trajectory.slow_down", percent=math.floor(100.0 * report.share))
-    else:
-        advice = notice("trajectory.slow_down_to", speed_m_s=math.floor(1000.0 * report.share * speed_m_s) / 1000.0)
-    return notice(
-        "trajectory.demand",
-        at_s=worst.time_s,
-        needed=needed,
-        limit=limit,
-        unit=worst.unit,
-        name=worst.name,
-        bound="at least" if worst.least else "limit",
-        key=worst.key,
-        advice=advice,
-    )
-
-
-def least_braking_room(fence: Fence, way: Trajectory, lasts_s: float) -> tuple[float, float]:
-    """Return the least room to the fence after braking from a point of ``way`` [m], and the time of that point [s]."""
-    least_m, at_s = math.inf, 0.0
-    for i in range(int(lasts_s / STEP_S) + 2):
-        time_s = min(i * STEP_S, lasts_s)
-        at = way.at(time_s)
-        room_m = fence.braking_room_m(at.position_ned, at.velocity_ned)
-        if room_m < least_m:
-            least_m, at_s = room_m, time_s
-    return least_m, at_s
-
-
-def explain_fence(config: Config) -> Sentence | None:
-    """Return why the trajectory does not fit into the fence; None if it does, or without a fence."""
-    if config.fence is None:
-        return None
-    trajectory = config.trajectory.build()
-    fence = Fence(config.fence, config.flight.floor_z_m)
-    room_m, at_s = least_braking_room(fence, trajectory, trajectory.joints_s[-1])
-    return None if room_m > 0.0 else notice("trajectory.fence", at_s=at_s, short_m=-room_m)
-
-
-def ensure_flyable(config: Config) -> FeasibilityReport:
-    """Return the demands of the trajectory; refuse one that can't be flown.
-
-    Raises:
-        ConfigError: it can't be flown; the sentence has the time and the limit.
-    """
-    report = examine_trajectory(config)
-    why = explain_refusal(config, report)
-    if why is not None:
-        raise ConfigError("trajectory", f"{why}. To see all of it: groundstation trajectory CONFIG")
-    return report
-
-
-def find_real_key(config: Config) -> str | None:
-    """Return the setting by which a real vehicle or real poses may be reached; None if all stays on this machine.
-
-    Each kind of link and of poses decides; one that does not decide counts as real. Loopback counts as a simulator: a
-    user who forwards it to a real vehicle must set a fence and a speed limit without being asked for them.
-    """
-    link, pose = config.link, config.pose
-    if link.real is not None and not is_simulated(link):
-        return f"link.{link.real}"
-    return None if pose.real is None else f"pose.{pose.real}"
-
-
-def is_simulated(link: LinkKind) -> bool:
-    """Whether ``link`` is configured as simulated, and its port is a pseudo-terminal, as a simulator's is."""
-    return link.simulated and is_pseudo_terminal(link.endpoint)
-
-
-def ensure_guarded(config: Config) -> None:
-    """Require a fence, a speed limit and a start from the floor of a configuration that may fly a real vehicle.
-
-    Raises:
-        ConfigError: one of them is missing.
-    """
-    why = find_real_key(config)
-    if why is None:
-        return
-    because = f"a real vehicle may fly here ({why})"
-    if config.fence is None:
-        says = f'missing, and {because}: kind = "box", north_m = [-2, 2], east_m = [-2, 2], height_m = 2.5, or convex'
-        raise ConfigError("fence", says)
-    if config.limits.max_speed_m_s is None:
-        raise ConfigError("limits.max_speed_m_s", f"missing, and {because}: the highest speed that may be commanded")
-    if config.flight.start != "floor":
-        raise ConfigError("flight.start", f"expected floor, as {because}")
-
-
-def ensure_link(config: Config) -> None:
-    """Require that all key files of the link can be used.
-
-    Raises:
-        ConfigError: one can't; the error names its configuration key.
-    """
-    for name, file in config.link.key_files.items():
-        load_link_key(file, f"link.{name}")
-
-
-def load_link_key(file: str, name: str) -> bytes:
-    """Read the secret key in ``file``, which the configuration key ``name`` names.
-
-    Raises:
-        ConfigError: the file can't be used.
-    """
-    try:
-        return read_key(Path(file))
-    except ValueError as error:
-        raise ConfigError(name, str(error)) from None
-
-
-def describe_trajectory(config: Config, report: FeasibilityReport) -> str:
-    """Describe the trajectory and its demands as text."""
-    ends = "never ends" if report.duration_s is None else f"lasts {report.duration_s:.2f} s"
-    looked = " of it" if report.duration_s is None else ""
-    floor_z_m, low, high = config.flight.floor_z_m, report.lowest_ned, report.highest_ned
-    lines = [
-        f"{config.trajectory.__struct_config__.tag} for {config.vehicle.name}: {ends}, "
-        f"{report.length_m:.2f} m in {report.span_s:.2f} s{looked}, starts at {report.start_speed_m_s:.2f} m/s",
-        f"stays within north {low[0]:.2f} to {high[0]:.2f}, east {low[1]:.2f} to {high[1]:.2f} m, "
-        f"{floor_z_m - high[2]:.2f} to {floor_z_m - low[2]:.2f} m above the floor",
-        f"{'':24}{'needs':>16}{'at':>12}{'limit':>18}",
-        *(_line(demand) for demand in report.demands),
-    ]
-    why = explain_refusal(config, report) or explain_fence(config)
-    return "\n".join([*lines, "PASS" if why is None else f"FAIL: {why}"])
-
-
-def _line(demand: Demand) -> str:
-    sign = "≥" if demand.least else "≤"
-    limit = "none" if demand.limit is None else f"{sign} {demand.limit:.4g} {demand.unit}"
-    needs = f"{demand.value:.4g} {demand.unit}"
-    verdict = "" if demand.limit is None else "  pass" if demand.ok else "  FAIL"
-    name = f"least {demand.name}" if demand.least else demand.name
-    return f"{name:24}{needs:>16}{demand.time_s:>10.2f} s{limit:>18}{verdict}"
-
-
-SECTIONS = ("vehicle", "pose", "gate", "link", "flight", "guards")
-"""Sections that decide how motors start and stop: a change of one of them voids an earlier test."""
-COMMAND = "groundstation props-off CONFIG"
-"""Command of the test with the propellers off, for sentences."""
-
-
-class Proof(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A passed test with the propellers off."""
-
-    vehicle: str
-    """The vehicle's name."""
-    digest: str
-    """Hash of the configuration, see :func:`hash_sections`."""
-    firmware: str
-    """Firmware of the autopilot as it reports it; empty where it reports none."""
-    date: str
-    """End of the test (ISO 8601, UTC)."""
-    steps: dict[str, str]
-    """Findings of each step, by its name."""
-
-
-def hash_sections(config: Config) -> str:
-    """Hash ``SECTIONS``, without file names and ``flight.duration_s``, which start and stop no motor."""
-    values = msgspec.to_builtins(config)
-    sections = {name: _without_files(values[name]) for name in SECTIONS}
-    del sections["flight"]["duration_s"]
-    return hashlib.sha256(msgspec.json.encode(sections, order="deterministic")).hexdigest()[:16]
-
-
-def proof_path(config: Config) -> Path:
-    """File of the vehicle's newest test: props-off/VEHICLE.json in $XDG_STATE_HOME/groundstation (~/.local/state)."""
-    return folder_of(RecordingConfig()).parent / "props-off" / f"{config.vehicle.name}.json"
-
-
-def save_proof(proof: Proof, path: Path) -> None:
-    """Write ``proof`` to ``path`` in the place of an older one, readable for its owner alone.
-
-    Raises:
-        OSError: it can't be written.
-    """
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    new = path.with_name(f".{path.name}.{os.getpid()}")
-    with open(new, "wb", opener=lambda name, flags: os.open(name, flags | os.O_EXCL | os.O_NOFOLLOW, 0o600)) as file:
-        file.write(msgspec.json.format(msgspec.json.encode(proof)) + b"\n")
-    new.replace(path)
-
-
-def read_proof(path: Path) -> Proof | None:
-    """Read the test at ``path``; None if there is none, or none that this user wrote."""
-    try:
-        if not is_ours(path.lstat(), FILE):
-            return None
-        return msgspec.json.decode(path.read_bytes(), type=Proof)
-    except (OSError, msgspec.MsgspecError):
-        return None
-
-
-def explain_missing_proof(proof: Proof | None, config: Config, firmware: str) -> Sentence | None:
-    """Return why ``proof`` does not cover this vehicle with its present configuration and firmware; None if it does."""
-    if proof is None or proof.vehicle != config.vehicle.name:
-        return notice("check.props_off_none", vehicle=config.vehicle.name, command=COMMAND)
-    if proof.digest != hash_sections(config):
-        sections = f"[{'], ['.join(SECTIONS)}]"
-        return notice("check.props_off_changed", date=proof.date, sections=sections, command=COMMAND)
-    if proof.firmware != firmware:
-        proven, found = proof.firmware or "unknown", firmware or "unknown"
-        return notice("check.props_off_firmware", date=proof.date, proven=proven, found=found, command=COMMAND)
-    return None
-
-
-def _without_files(value: dict[str, Any]) -> dict[str, Any]:
-    """Leave out the keys that name files."""
-    return {
-        key: _without_files(item) if isinstance(item, dict) else item
-        for key, item in value.items()
-        if not key.endswith("file")
-    }
-
-
-def ensure_named(arm: str | None, config: Config) -> None:
-    """Require that ``--arm`` names the vehicle of the configuration: the operator must know which one will move.
-
-    Raises:
-        ConfigError: it names another.
-    """
-    if arm is not None and arm != config.vehicle.name:
-        raise ConfigError("--arm", f"expected {config.vehicle.name!r}, the vehicle in the config, got {arm!r}")
-
-
-async def confirm_arming(config: Config, arm: str | None) -> bool:
-    """Return whether arming is confirmed: at once with ``--arm``, else by asking the operator at the terminal."""
-    if arm is not None:
-        return True
-    name, rehearsal = config.vehicle.name, config.rehearsal
-    prompt = notice("arm.prompt", vehicle=name)
-    if rehearsal is not None:
-        prompt = notice("arm.prompt_rehearsal", rehearsed=rehearsal.vehicle, vehicle=name)
-    answer = await line_from_terminal(notice("arm.question", prompt=prompt).text)
-    return answer.strip() == name
-
-
-async def line_from_terminal(prompt: str) -> str:
-    """Read one line from the terminal without blocking the event loop; empty at the end of the input."""
-    loop = asyncio.get_running_loop()
-    line: asyncio.Future[str] = loop.create_future()
-
-    def read() -> None:
-        if not line.done():
-            line.set_result(sys.stdin.readline())
-
-    print(prompt, end="", flush=True)
-    loop.add_reader(sys.stdin.fileno(), read)
-    try:
-        return await line
-    finally:
-        loop.remove_reader(sys.stdin.fileno())
-
+from links.core import LinkStatus
 
 # Limits of the checks. Those without a named origin were chosen.
-LOOK_S = 1.2
-"""Time over which poses are collected before the first checks [s]."""
-STEP_S = 0.05
-"""Step at which trajectories are checked against the fence [s]."""
 FEW_HZ = 20.0
 """Pose rate below which the check fails [1/s]."""
 WARN_RATE = 0.8
@@ -851,165 +527,3 @@ def entry_of(config: Config, command: str, pid: int) -> Running:
         poses=f"{pose.kind} {pose.address}",
         link=config.link.destination,
     )
-
-
-LOOK_AGAIN_S = 1.0
-"""Period at which the checks are repeated until the operator arms [s]. Chosen."""
-
-
-class FlightEnded(Exception):
-    """The flight can't go on, for the reason in ``sentence``."""
-
-    def __init__(self, sentence: Sentence) -> None:
-        super().__init__(sentence.text)
-        self.sentence = sentence
-
-
-class PrearmSequence:
-    """The sequence of one flight from connecting until the vehicle may be armed."""
-
-    checks: tuple[Check, ...] = ()
-    """Newest checks, for the screens; empty once the operator has armed."""
-
-    def __init__(
-        self,
-        config: Config,
-        link: CommandLink,
-        source: PoseSource,
-        pilot: Pilot,
-        controller: FlightController,
-        witness: Callable[[], Witness],
-        *,
-        confirm: Callable[[], Awaitable[bool]],
-        others: Others | None,
-        say: Say,
-        company: Company,
-    ) -> None:
-        """Open nothing yet.
-
-        Args:
-            config: the flight's.
-            link: command link, to be connected.
-            source: pose source, to be started.
-            pilot: gets the poses; its noise estimate is checked.
-            controller: the flight's.
-            witness: returns the present comparison of attitudes.
-            confirm: asks the operator before the vehicle is armed.
-            others: vehicles to keep away from.
-            say: takes sentences for the operator.
-            company: checks of the surroundings.
-        """
-        self._config = config
-        self._link = link
-        self._source = source
-        self._pilot = pilot
-        self._controller = controller
-        self._witness = witness
-        self._confirm = confirm
-        self._others = others
-        self._say = say
-        self._company = company
-        self._look: Checks | None = None
-        self.arm_asked = asyncio.Event()
-        """Set by a request to arm."""
-        self.first_pose = asyncio.Event()
-        """The owner sets this event at the first pose."""
-
-    async def depart(self, deliver: Callable[[Pose], None]) -> None:
-        """Run the whole sequence; when it returns, the vehicle may be armed. ``deliver`` gets all poses from now on.
-
-        Raises:
-            FlightEnded: no pose arrives, a check fails, or the operator does not confirm.
-            LinkError: the link can't be connected.
-        """
-        loop, controller = asyncio.get_running_loop(), self._controller
-        from_floor = self._config.flight.start == "floor"
-        if from_floor:
-            self._pilot.set_on_floor()
-        controller.go(Event.START, notice("mission.waiting"), loop.time())
-        await self._connect(deliver)
-        if from_floor:
-            await self._stand()
-            for one in self._check():
-                if one.verdict in (Verdict.WARN, Verdict.FAIL):
-                    self._say(notice("flight.preflight", verdict=one.verdict, check=one.name, says=one.says))
-            self._ensure_passed("fault.preflight")
-        status = self._source.status
-        ready = notice("mission.ready", rate_hz=status.rate_hz, latency_ms=1e3 * status.latency_s)
-        controller.go(Event.CONNECTED, ready, loop.time())
-        await self._operator()
-        if from_floor:
-            self._check(arming=True)
-            self._ensure_passed("fault.not_armed")
-        self.checks = ()
-        self._company.leave()
-        self._witness().arm()
-
-    async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
-        """Connect and make the checks, without arming; a connection that fails is a failed check."""
-        try:
-            await self._connect(deliver)
-            await self._stand()
-            return self._check()
-        except (FlightEnded, LinkError, OSError) as error:
-            conflict = self._link.status.conflict
-            found = [report("connection", Verdict.FAIL, "check.connection", why=error)]
-            return [*found, report("frames", Verdict.FAIL, "check.conflict", why=conflict)] if conflict else found
-
-    async def _stand(self) -> None:
-        """Collect poses of the vehicle at rest for ``LOOK_S``, and let the link examine its autopilot."""
-        self._look = Checks(self._config, self._others, read_proof(proof_path(self._config)))
-        await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
-
-    def _check(self, *, arming: bool = False) -> list[Check]:
-        """Make all checks; ``arming``: the motors start next."""
-        assert self._look is not None, "_stand comes first"
-        now, standing = asyncio.get_running_loop().time(), self._controller.standing
-        agreement = self._witness().verdict(now)
-        checks = self._look(standing, self._pilot.noise_m, self._link.status, now, agreement, self._source.status)
-        checks += self._company(standing, now, arming=arming)
-        self.checks = tuple(checks)
-        return checks
-
-    def _ensure_passed(self, id: str) -> None:
-        """End the flight by the sentence ``id`` if a newest check failed."""
-        if bad := describe_failures(self.checks):
-            raise FlightEnded(notice(id, failed=bad))
-
-    async def _connect(self, deliver: Callable[[Pose], None]) -> None:
-        """Start the pose source, connect the link, and wait for the first pose."""
-        await self._source.start(deliver)
-        await self._link.connect()
-        wait = self._config.flight.pose_wait_s
-        try:
-            await asyncio.wait_for(self.first_pose.wait(), wait)
-        except TimeoutError:
-            raise FlightEnded(notice("fault.no_first_pose", wait_s=wait, why=self._explain_silence())) from None
-
-    def _explain_silence(self) -> Sentence:
-        """Return why no pose has arrived."""
-        pose = self._config.pose
-        if pose.by_autopilot:
-            said = f"; it said last: “{self._link.status.text}”" if self._link.status.text else ""
-            if hint := explain_drops(self._source.status):
-                said = f"; {hint}{said}"
-            return notice("pose.no_estimate", said=said)
-        settings = {pose.address_key: pose.address, pose.body_key: pose.body_name}
-        keys = ", ".join(f"pose.{key} = {value}" for key, value in settings.items() if key)
-        why = explain_drops(self._source.status) or notice("pose.nothing_arrived")
-        return notice("pose.nothing_of_use", kind=pose.kind, keys=keys, why=why)
-
-    async def _operator(self) -> None:
-        """Wait until the operator arms: at the terminal, or by a request."""
-        confirmed, asked = asyncio.ensure_future(self._confirm()), asyncio.ensure_future(self.arm_asked.wait())
-        try:
-            while not (confirmed.done() or asked.done()):
-                if self._look is not None:
-                    self._check()  # the screens show the present checks until the operator arms
-                await asyncio.wait({confirmed, asked}, timeout=LOOK_AGAIN_S, return_when=asyncio.FIRST_COMPLETED)
-            if not asked.done() and not confirmed.result():
-                raise FlightEnded(notice("fault.not_confirmed"))
-        finally:
-            for task in (confirmed, asked):
-                task.cancel()
-            await asyncio.gather(confirmed, asked, return_exceptions=True)

@@ -1,0 +1,49 @@
+"""Prompts: the operator's confirmation that the motors may start."""
+
+import asyncio
+import sys
+
+from groundstation.config import ConfigError
+from groundstation.core.messages import (
+    notice,
+)
+from groundstation.settings import Config
+
+
+def ensure_named(arm: str | None, config: Config) -> None:
+    """Require that ``--arm`` names the vehicle of the configuration: the operator must know which one will move.
+
+    Raises:
+        ConfigError: it names another.
+    """
+    if arm is not None and arm != config.vehicle.name:
+        raise ConfigError("--arm", f"expected {config.vehicle.name!r}, the vehicle in the config, got {arm!r}")
+
+
+async def confirm_arming(config: Config, arm: str | None) -> bool:
+    """Return whether arming is confirmed: at once with ``--arm``, else by asking the operator at the terminal."""
+    if arm is not None:
+        return True
+    name, rehearsal = config.vehicle.name, config.rehearsal
+    prompt = notice("arm.prompt", vehicle=name)
+    if rehearsal is not None:
+        prompt = notice("arm.prompt_rehearsal", rehearsed=rehearsal.vehicle, vehicle=name)
+    answer = await line_from_terminal(notice("arm.question", prompt=prompt).text)
+    return answer.strip() == name
+
+
+async def line_from_terminal(prompt: str) -> str:
+    """Read one line from the terminal without blocking the event loop; empty at the end of the input."""
+    loop = asyncio.get_running_loop()
+    line: asyncio.Future[str] = loop.create_future()
+
+    def read() -> None:
+        if not line.done():
+            line.set_result(sys.stdin.readline())
+
+    print(prompt, end="", flush=True)
+    loop.add_reader(sys.stdin.fileno(), read)
+    try:
+        return await line
+    finally:
+        loop.remove_reader(sys.stdin.fileno())
