@@ -15,8 +15,8 @@ from links.core.deadman import (
     LinkStatus,
     Phase,
     Segment,
+    from_euler_zyx,
     full_thrust_n,
-    quaternion_of,
     signal,
     thrust,
 )

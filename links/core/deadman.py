@@ -75,8 +75,8 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
         )
 
 
-def quaternion_of(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Convert angles [rad], turned about z, then y, then x, to a unit quaternion w, x, y, z."""
+def from_euler_zyx(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Convert angles [rad], turned about z, then y, then x, to the body-to-world quaternion w, x, y, z."""
     cr, sr, cp, sp = math.cos(0.5 * roll), math.sin(0.5 * roll), math.cos(0.5 * pitch), math.sin(0.5 * pitch)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     return (

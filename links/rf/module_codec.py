@@ -39,7 +39,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from links.core import quaternion_of
+from links.core import from_euler_zyx
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
 from links.rf.codec import RfDecoder, RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
 
@@ -334,7 +334,7 @@ class CrsfDecoder(RfDecoder):
                 return RfFrame(None, None, payload[4])
         if kind == CrsfFrame.ATTITUDE and len(payload) >= 6:
             pitch, roll, yaw = (1e-4 * int.from_bytes(payload[k : k + 2], "big", signed=True) for k in (0, 2, 4))
-            return RfFrame(None, tells=RfTelemetry(attitude=quaternion_of(roll, self._pitch * pitch, yaw)))
+            return RfFrame(None, tells=RfTelemetry(attitude=from_euler_zyx(roll, self._pitch * pitch, yaw)))
         return RfFrame(None, tells=_decode_telemetry(kind, payload))
 
 

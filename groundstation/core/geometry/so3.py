@@ -24,6 +24,8 @@ from typing import Annotated, Any, Literal, Protocol, TypeAlias
 
 import msgspec
 
+from links.core import from_euler_zyx as from_euler_zyx  # noqa: PLC0414  # one of the rotations here
+
 Real: TypeAlias = float
 """A float, or, under ``ARRAYS``, a numpy array of shape (N,) of float64."""
 
@@ -245,19 +247,6 @@ def heading(q: Quat, ops: Ops = FLOATS) -> Real:
     """Yaw [rad] of :func:`euler_zyx` alone."""
     w, x, y, z = q
     return ops.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-
-
-def from_euler_zyx(roll: Real, pitch: Real, yaw: Real, ops: Ops = FLOATS) -> Quat:
-    """The body-to-world quaternion of roll, pitch, yaw [rad]."""
-    cr, sr = ops.cos(0.5 * roll), ops.sin(0.5 * roll)
-    cp, sp = ops.cos(0.5 * pitch), ops.sin(0.5 * pitch)
-    cy, sy = ops.cos(0.5 * yaw), ops.sin(0.5 * yaw)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
 
 
 World: TypeAlias = Literal[

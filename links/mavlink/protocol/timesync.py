@@ -11,7 +11,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from links.core import Attitude, quaternion_of
+from links.core import Attitude, from_euler_zyx
 from links.mavlink.protocol.codec import Message
 
 NEWEST = 16
@@ -86,7 +86,7 @@ def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attit
         case "ATTITUDE_QUATERNION":
             q = (message.q1, message.q2, message.q3, message.q4)
         case "ATTITUDE" if math.isfinite(message.roll + message.pitch + message.yaw):
-            q = quaternion_of(message.roll, message.pitch, message.yaw)
+            q = from_euler_zyx(message.roll, message.pitch, message.yaw)
         case _:
             return None
     rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
