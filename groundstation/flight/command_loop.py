@@ -23,6 +23,7 @@ from groundstation.flight.controller import LAST_CHANCE_S, FlightController
 from groundstation.flight.preflight import FlightEnded
 from groundstation.machine import wake
 from links.core import Command, CommandLink, LinkError, Phase
+from links.text import to_ms
 
 AT_ONCE_S = 1e-6
 """Times closer than this are equal [s]: timers fire up to a clock tick early, in virtual time without end."""
@@ -245,9 +246,9 @@ class CommandLoop:
             return notice("code.slow_end", slow=slow)
         gap = 0.0 if last is None else now - last[0]
         if gap > max(STALL_S, 2.0 * self._link.period_s):
-            return notice("fault.stood_still", gap_ms=gap * 1e3)
+            return notice("fault.stood_still", gap_ms=to_ms(gap))
         late = command if last is None or now > command.deadline_s else last[1]
-        return notice("fault.no_pose", age_ms=(now - late.pose_time_s) * 1e3)
+        return notice("fault.no_pose", age_ms=to_ms(now - late.pose_time_s))
 
     def _ensure_armed(self, now: float) -> None:
         """End the flight if the autopilot has disarmed, or land if it did so on the floor.

@@ -27,6 +27,7 @@ from groundstation.core.messages import (
 from groundstation.core.mission import State
 from groundstation.core.vehicle import Vehicle
 from links.core import Lateness, LinkStatus
+from links.text import to_cm
 
 
 class FlightStatistics:
@@ -135,7 +136,7 @@ class FlightStatistics:
         numbers = {"from_s": STEADY_S, "flown_s": self._flown_s}
         if rms_m is None or max_m is None:
             return notice("recording.none_short", **numbers)
-        return notice("recording.none_figures", rms_cm=100.0 * rms_m, max_cm=100.0 * max_m, **numbers)
+        return notice("recording.none_figures", rms_cm=to_cm(rms_m), max_cm=to_cm(max_m), **numbers)
 
     def _rate(self, now: float) -> float:
         """Number of poses that arrived within the last second."""

@@ -16,6 +16,7 @@ from typing import Any
 
 from groundstation.config import STEP_LIMIT_S, STEP_WATCH, StepWatch
 from groundstation.core.messages import Sentence, notice
+from links.text import to_ms
 
 AGAIN_S = 0.05
 """Period of repeated interrupts [s]: code that catches every exception may go on."""
@@ -104,9 +105,9 @@ class StepTimer(StepWatch):
             return
         self._newest_s = now_s
         if took_s <= SLOW_S:
-            self._newest = notice("code.stalls", what=what, took_ms=1e3 * took_s, limit_ms=1e3 * STALLING_S)
+            self._newest = notice("code.stalls", what=what, took_ms=to_ms(took_s), limit_ms=to_ms(STALLING_S))
             return
-        self._newest = notice("code.slow", what=what, took_ms=1e3 * took_s, limit_ms=1e3 * SLOW_S)
+        self._newest = notice("code.slow", what=what, took_ms=to_ms(took_s), limit_ms=to_ms(SLOW_S))
         if took_s > SLOWER * self._slowest_s or self.slow is None:
             self.slow, self._slowest_s = self._newest, took_s
 
@@ -146,4 +147,4 @@ class StepTimer(StepWatch):
     def _timeout(self) -> StepTimeout:
         if self._limit_s > STEP_LIMIT_S:
             return StepTimeout(notice("code.hangs_making", limit_s=self._limit_s))
-        return StepTimeout(notice("code.hangs", limit_ms=1e3 * self._limit_s))
+        return StepTimeout(notice("code.hangs", limit_ms=to_ms(self._limit_s)))

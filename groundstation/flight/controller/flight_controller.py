@@ -43,6 +43,7 @@ from groundstation.flight.controller.phases import (
 from groundstation.flight.controller.uplink import CommandUplink
 from groundstation.settings import Config
 from links.core import Attitude, Command, CommandLink
+from links.text import to_ms
 
 LAST_CHANCE_S = 0.004
 """The next command leaves this long before the deadline of the one before [s]."""
@@ -356,7 +357,7 @@ class FlightController:
         pose, coast = self._pilot.newest_pose, self._config.flight.coast_s
         guarded = self._guards is not None and self._config.guards.level_s > 0.0
         if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
-            why = notice("fault.pose_gap", age_ms=(now_s - pose.time_s) * 1e3)
+            why = notice("fault.pose_gap", age_ms=to_ms(now_s - pose.time_s))
             self._answer(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
 
     def _answer(self, finding: GuardFinding | None, now_s: float) -> None:

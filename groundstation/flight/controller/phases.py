@@ -14,6 +14,7 @@ from groundstation.core.safety import Hover, Touchdown
 from groundstation.core.trajectory import Reference
 from groundstation.flight.controller.course import Course, Leg
 from groundstation.settings import Config
+from links.text import to_percent
 
 
 class MissionMove(NamedTuple):
@@ -102,11 +103,11 @@ class HoldPhase(Phase):
             return None
         self._course.touchdown, self._hover = Touchdown(hover), None
         low, high = self._config.vehicle.hover_range
-        percent = 100.0 * hover / weight
+        percent = to_percent(hover / weight)
         if low <= hover / weight <= high:
             hovers = notice("mission.hovers", hover_n=hover, percent=percent)
             return None if self.waits else MissionMove(Event.TRACK, hovers)
-        why = notice("mission.hover_thrust", hover_n=hover, percent=percent, low=100.0 * low, high=100.0 * high)
+        why = notice("mission.hover_thrust", hover_n=hover, percent=percent, low=to_percent(low), high=to_percent(high))
         return MissionMove(Event.LAND, why, fault=True)
 
 

@@ -4,6 +4,7 @@ import math
 
 from groundstation.core.messages import Sentence, notice
 from links.core import IN_TIME, CommandLink
+from links.text import to_ms
 
 SILENT_S = 0.15
 """Shortest silence of a vehicle's telemetry after which it may not receive commands either [s]."""
@@ -41,8 +42,8 @@ class CommandUplink:
         overdue_s, late_s = IN_TIME if autopilot is None else autopilot.arrival(now_s)
         self.is_down, self.is_late = overdue_s > UNHEARD_S, late_s > 0.0
         if self.is_late:
-            return notice("fault.late_commands", late_ms=1e3 * late_s)
-        return notice("fault.unanswered", overdue_ms=1e3 * overdue_s) if overdue_s > DEAF_S else None
+            return notice("fault.late_commands", late_ms=to_ms(late_s))
+        return notice("fault.unanswered", overdue_ms=to_ms(overdue_s)) if overdue_s > DEAF_S else None
 
     def take_telemetry(self, now_s: float) -> None:
         """Take the time of a telemetry message."""

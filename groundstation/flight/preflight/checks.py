@@ -51,6 +51,7 @@ from groundstation.pose import check_stamp_rate
 from groundstation.pose.sources import describe_drop, describe_origin_moves, describe_unsteady_clock
 from groundstation.settings import Config, FlightConfig
 from links.core import LinkStatus
+from links.text import to_cm, to_mm, to_ms, to_percent
 
 # Limits of the checks. Those without a named origin were chosen.
 FEW_HZ = 20.0
@@ -209,8 +210,8 @@ class Checks:
         age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
         verdict = find_verdict(age, min(WARN_AGE_S, fail), fail)
         if verdict is Verdict.FAIL and (why := explain_drops(source)):
-            return report("pose age", verdict, "check.pose_age_why", age_ms=1e3 * age, why=why)
-        return report("pose age", verdict, "check.pose_age", age_ms=1e3 * age)
+            return report("pose age", verdict, "check.pose_age_why", age_ms=to_ms(age), why=why)
+        return report("pose age", verdict, "check.pose_age", age_ms=to_ms(age))
 
     def _props_off(self, link: LinkStatus) -> Check:
         """Check that the test with the propellers off was passed with the present configuration."""
@@ -226,15 +227,15 @@ class Checks:
         """Check the times without poses (coasting, then level) against their defaults."""
         coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
         usual_s = FlightConfig().coast_s + GuardsConfig().level_s
-        values = {"coast_ms": 1e3 * coast_s, "level_ms": 1e3 * level_s}
+        values = {"coast_ms": to_ms(coast_s), "level_ms": to_ms(level_s)}
         if coast_s + level_s <= usual_s + 1e-9:  # 1 ns for rounding
             return report("deadline", Verdict.PASS, "check.deadline", **values)
-        return report("deadline", Verdict.WARN, "check.deadline_long", usual_ms=1e3 * usual_s, **values)
+        return report("deadline", Verdict.WARN, "check.deadline_long", usual_ms=to_ms(usual_s), **values)
 
     def _noise(self, noise_m: float, noise_deg: float) -> Check:
         """Check the noise of position and of roll and pitch; the worse by its limit decides."""
         verdict = find_verdict(max(noise_m / NOISE_M, noise_deg / NOISE_DEG), WARN_NOISE, 1.0)
-        return report("pose noise", verdict, "check.pose_noise", noise_mm=1e3 * noise_m, noise_deg=noise_deg)
+        return report("pose noise", verdict, "check.pose_noise", noise_mm=to_mm(noise_m), noise_deg=noise_deg)
 
     def _rest(self, poses: list[Pose], source: PoseStatus) -> Check:
         if source.origin_moves > 1:
@@ -243,7 +244,7 @@ class Checks:
             return Check.of("at rest", verdict, describe_origin_moves(source.origin_moves))
         far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
         limit = MOVED_M if poses[0].velocity_ned is None else WANDERED_M
-        return report("at rest", find_verdict(far, limit, limit), "check.at_rest", spread_cm=100.0 * far)
+        return report("at rest", find_verdict(far, limit, limit), "check.at_rest", spread_cm=to_cm(far))
 
     def _tilt(self, pose: Pose) -> Check:
         tilt = angle_deg(third_column(pose.attitude)[2])
@@ -332,7 +333,7 @@ class Checks:
                 return report("battery", Verdict.OFF, "check.battery_silent")
             return report("battery", Verdict.OFF, "check.battery_unjudged", voltage_v=volts)
         charge = [f"{volts:.2f} V"] if volts is not None else []
-        charge += [f"{100.0 * share:.0f} %"] if share is not None else []
+        charge += [f"{to_percent(share):.0f} %"] if share is not None else []
         low = (share is not None and share < c.battery_share) or (
             volts is not None and c.battery_v is not None and volts < c.battery_v
         )
@@ -345,7 +346,7 @@ class Checks:
             return report("round trip", Verdict.OFF, "check.rtt_unknown")
         limit = self._config.guards.rtt_s
         verdict = find_verdict(link.rtt_s, WARN_RTT * limit, limit)
-        return report("round trip", verdict, "check.rtt", rtt_ms=1e3 * link.rtt_s, limit_ms=1e3 * limit)
+        return report("round trip", verdict, "check.rtt", rtt_ms=to_ms(link.rtt_s), limit_ms=to_ms(limit))
 
     def _arm(self, link: LinkStatus) -> Check:
         name, said = "ready to arm", f"; it said last: “{link.text}”" if link.text else ""
@@ -396,7 +397,7 @@ class Checks:
         """Check the thrust limit on the floor, where the poses may be another body's."""
         vehicle, weight_n = self._config.vehicle, self._config.weight_n
         limit, usual = limit_n(self._config.takeoff, vehicle, weight_n), usual_limit_n(vehicle, weight_n)
-        values = {"thrust_n": limit, "percent": 100.0 * limit / self._config.weight_n}
+        values = {"thrust_n": limit, "percent": to_percent(limit / self._config.weight_n)}
         if limit <= usual:
             return report("take-off thrust", Verdict.PASS, "check.thrust_limit", **values)
         return report("take-off thrust", Verdict.WARN, "check.thrust_limit_high", usual_n=usual, **values)

@@ -20,6 +20,7 @@ from groundstation.core.trajectory import (
 from groundstation.settings import Config
 from links.core import LinkKind
 from links.io import is_pseudo_terminal, read_key
+from links.text import to_percent
 
 
 def examine_trajectory(config: Config) -> FeasibilityReport:
@@ -73,7 +74,7 @@ def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = N
     if report.share is None:
         advice = notice("trajectory.slower_no_help")
     elif speed_m_s is None:
-        advice = notice("trajectory.slow_down", percent=math.floor(100.0 * report.share))
+        advice = notice("trajectory.slow_down", percent=math.floor(to_percent(report.share)))
     else:
         advice = notice("trajectory.slow_down_to", speed_m_s=math.floor(1000.0 * report.share * speed_m_s) / 1000.0)
     return notice(

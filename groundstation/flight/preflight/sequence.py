@@ -23,6 +23,7 @@ from groundstation.flight.preflight.checks import Checks, Company, describe_fail
 from groundstation.flight.preflight.proof import proof_path, read_proof
 from groundstation.settings import Config
 from links.core import CommandLink, LinkError
+from links.text import to_ms
 
 LOOK_S = 1.2
 """Time over which poses are collected before the first checks [s]."""
@@ -108,7 +109,7 @@ class ArmingSequence:
                     self._say(notice("flight.preflight", verdict=one.verdict, check=one.name, says=one.says))
             self._ensure_passed("fault.preflight")
         status = self._source.status
-        ready = notice("mission.ready", rate_hz=status.rate_hz, latency_ms=1e3 * status.latency_s)
+        ready = notice("mission.ready", rate_hz=status.rate_hz, latency_ms=to_ms(status.latency_s))
         controller.go(Event.CONNECTED, ready, loop.time())
         await self._operator()
         if from_floor:
