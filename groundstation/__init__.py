@@ -36,38 +36,39 @@ from groundstation.runtime.version import __version__ as __version__
 TYPE_CHECKING = False
 # Each as itself, as type checkers take no other name for one that is handed on.
 if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to what stands above what
-    from groundstation.analysis.recordings import FlightData as FlightData
-    from groundstation.analysis.recordings import load as load
+    from groundstation.analysis.recordings import FlightData as FlightData, load as load
     from groundstation.config.errors import ConfigError as ConfigError
     from groundstation.config.user_code import UserCodeFault as UserCodeFault
-    from groundstation.core.control.attitude import clamp_command as clamp_command
-    from groundstation.core.control.attitude import half_angle_error as half_angle_error
-    from groundstation.core.control.attitude import make_decision as make_decision
-    from groundstation.core.control.attitude import push as push
-    from groundstation.core.control.attitude import sine_error as sine_error
-    from groundstation.core.control.attitude import turning as turning
-    from groundstation.core.control.controllers import Baseline as Baseline
-    from groundstation.core.control.controllers import InnerLoop as InnerLoop
-    from groundstation.core.messages.snapshot import Ask as Ask
-    from groundstation.core.messages.snapshot import Controller as Controller
-    from groundstation.core.messages.snapshot import Decision as Decision
-    from groundstation.core.messages.snapshot import Diagnostics as Diagnostics
-    from groundstation.core.messages.snapshot import Estimate as Estimate
-    from groundstation.core.messages.snapshot import Request as Request
-    from groundstation.core.messages.snapshot import Waypoint as Waypoint
+    from groundstation.core.control.attitude import (
+        clamp_command as clamp_command,
+        half_angle_error as half_angle_error,
+        make_decision as make_decision,
+        push as push,
+        sine_error as sine_error,
+        turning as turning,
+    )
+    from groundstation.core.control.controllers import Baseline as Baseline, InnerLoop as InnerLoop
+    from groundstation.core.messages.snapshot import (
+        Ask as Ask,
+        Controller as Controller,
+        Decision as Decision,
+        Diagnostics as Diagnostics,
+        Estimate as Estimate,
+        Request as Request,
+        Waypoint as Waypoint,
+    )
     from groundstation.core.trajectory.port import Reference as Reference
-    from groundstation.core.vehicle.vehicle import ActuatorCommand as ActuatorCommand
-    from groundstation.core.vehicle.vehicle import Motion as Motion
-    from groundstation.core.vehicle.vehicle import Vehicle as Vehicle
+    from groundstation.core.vehicle.vehicle import (
+        ActuatorCommand as ActuatorCommand,
+        Motion as Motion,
+        Vehicle as Vehicle,
+    )
     from groundstation.interfaces.api.client import ask_station as ask_station
     from groundstation.interfaces.api.messages import OrderAnswer as OrderAnswer
     from groundstation.machine.register import ApiError as ApiError
-    from sim.runs.simulation import Run as Run
-    from sim.runs.simulation import simulate as simulate
-    from sim.studies.budget import ErrorBudget as ErrorBudget
-    from sim.studies.budget import error_budget as error_budget
-    from sim.studies.comparison import ControllerComparison as ControllerComparison
-    from sim.studies.comparison import compare as compare
+    from sim.runs.simulation import Run as Run, simulate as simulate
+    from sim.studies.budget import ErrorBudget as ErrorBudget, error_budget as error_budget
+    from sim.studies.comparison import ControllerComparison as ControllerComparison, compare as compare
 
 _MODULES = {
     "FlightData": "groundstation.analysis.recordings",

@@ -33,12 +33,12 @@ from groundstation.recording import (
     Entry,
     Recording,
     about_texts,
+    channels as ch,
     read_command,
     read_pose,
     read_reference,
     refuse_recordings,
 )
-from groundstation.recording import channels as ch
 from groundstation.runtime import Exit
 from groundstation.settings import Config, read_flown_config
 from links.core import Command

@@ -17,19 +17,36 @@ from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
-from groundstation.config import ConfigError, load, read_toml
+from groundstation.analysis import view_command
+from groundstation.config import ConfigError, keys_of, load, read_toml
 from groundstation.core.messages import STEADY_S, notice
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.interfaces.cli import advise_name, completion_script, words_of_flying
+from groundstation.lab import read_fleet
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
-from sim.runs import MissionResult
+from sim.autopilots import AUTOPILOTS, Parameters
+from sim.cli import ProgressBar, summary, typed_command
+from sim.runs import (
+    RECORDING,
+    FleetMission,
+    Flyers,
+    MissionResult,
+    Run,
+    fly_fleet,
+    fly_mission,
+    from_floor,
+    place_fleet,
+    serve as serve_stage,
+    serve_fleet,
+    simulate,
+)
 from sim.scenarios import (
     BETAFLIGHT,
     SCENARIOS,
@@ -43,9 +60,6 @@ from sim.scenarios import (
     world_as_told,
 )
 from sim.world import World
-
-if TYPE_CHECKING:
-    from sim.runs import FleetMission, Run
 
 T = TypeVar("T")
 __all__ = ["advise_name"]  # called by groundstation.runtime, as in the commands of groundstation
@@ -83,10 +97,14 @@ dev_autopilots = partial(_prove, "autopilots", "onboard")
 
 def compare(args: argparse.Namespace) -> Exit:
     """Fly controllers side by side."""
-    from sim.cli import ProgressBar, typed_command
-    from sim.studies import CONTROLLERS, check_plot, text_table, write_between_markers
-    from sim.studies import compare as fly_side_by_side
-    from sim.studies import plot as draw
+    from sim.studies import (
+        CONTROLLERS,
+        check_plot,
+        compare as fly_side_by_side,
+        plot as draw,
+        text_table,
+        write_between_markers,
+    )
 
     if args.write is not None:
         fill_markers(args.write, {"figures": ""})
@@ -122,9 +140,7 @@ def compare(args: argparse.Namespace) -> Exit:
 
 def _at_equal_margins(args: argparse.Namespace) -> Exit:
     """Tune every law under the same robustness floors, and fly the best gains of each once more."""
-    from sim.cli import ProgressBar
     from sim.cli.tune import need_optuna
-    from sim.runs import Flyers
     from sim.studies import SEARCHED_LAWS, TRIALS, compare_at_equal_margins, describe_terms, equal_margins_table
 
     need_optuna()
@@ -150,7 +166,6 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
 
 def campaign(args: argparse.Namespace) -> Exit:
     """Fly one scenario many times, in drawn worlds; exit code 1 if a flight failed."""
-    from sim.cli import ProgressBar
     from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, report, run, text
 
     scenario = scenario_of(args.scenario)
@@ -210,8 +225,6 @@ def dev_intervals(args: argparse.Namespace) -> Exit:
 
 def _fly_study(args: argparse.Namespace, kinds: int, flights: Iterable[T]) -> list[T]:
     """Fly ``kinds`` times ``--flights`` in each scenario, behind a progress bar."""
-    from sim.cli import ProgressBar
-
     _refuse_early(args.scenarios, args.write)
     results = list[T]()
     with ProgressBar("flights", len(args.scenarios) * kinds * args.flights) as counter:
@@ -231,7 +244,6 @@ def _refuse_early(scenarios: Iterable[str], page: Path | None) -> None:
 
 def dev_upsets(args: argparse.Namespace) -> Exit:
     """Fly every law through large steps and pushes of the wind, and from drawn starts."""
-    from sim.cli import ProgressBar
     from sim.studies import BATCHES, VEHICLES, compare_upsets, upsets_table
 
     scenarios = args.scenarios or VEHICLES
@@ -244,8 +256,6 @@ def dev_upsets(args: argparse.Namespace) -> Exit:
 
 def _show(args: argparse.Namespace, table: str) -> None:
     """Print ``table``; with ``--write``, put it into the page, too, with the command that made it."""
-    from sim.cli import typed_command
-
     print(table)
     if args.write is not None:
         replace_between_markers(args.write, f"{table}\n\nMade by `{typed_command()}`.")
@@ -300,8 +310,6 @@ def dev_check_vectors(args: argparse.Namespace) -> Exit:
 
 def completion(args: argparse.Namespace) -> Exit:
     """Print the script with which a shell completes the command lines."""
-    from groundstation.config import keys_of
-    from sim.world import World
 
     def words(command: str, argument: str) -> list[str]:
         if argument in ("scenario", "scenarios"):
@@ -330,9 +338,6 @@ def dev_states(args: argparse.Namespace) -> Exit:
 
 def fly(args: argparse.Namespace) -> Exit:
     """Fly one scenario in virtual time."""
-    from sim.cli.console import ProgressBar, summary
-    from sim.runs import RECORDING, simulate
-
     if args.view is not None:
         if args.out is None:
             raise ConfigError("--view", "shows what was recorded: expected --out DIR beside it")
@@ -354,13 +359,11 @@ def fly(args: argparse.Namespace) -> Exit:
         )
     print(json.dumps(run.facts) if args.json else summary(run.facts, args.out, paper=_is_papers(args, run)), flush=True)
     if args.view is not None:
-        from groundstation.analysis import view_command
-
         view_command(args.out / RECORDING, args.view, None)
     return Exit.DONE if run.completed else Exit.FAILED
 
 
-def _is_papers(args: argparse.Namespace, run: "Run") -> bool:
+def _is_papers(args: argparse.Namespace, run: Run) -> bool:
     """Whether this flight is the paper's (law, trajectory, wind), so that the paper's figures are shown beside it."""
     usual = (args.source, args.link or "mavlink", args.autopilot) == ("vicon", "mavlink", "px4")
     changed = args.overrides or args.config is not None
@@ -369,8 +372,6 @@ def _is_papers(args: argparse.Namespace, run: "Run") -> bool:
 
 def mission(args: argparse.Namespace) -> Exit:
     """Fly one scenario from the floor to its trajectory and back, in virtual time."""
-    from sim.runs import fly_mission, from_floor
-
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
     if args.real_time:
         raise ConfigError("--real-time", notice("mission.real_time"))
@@ -397,8 +398,6 @@ def mission(args: argparse.Namespace) -> Exit:
 
 def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> Exit:
     """Fly several missions side by side."""
-    from sim.runs import fly_fleet
-
     flown = fly_fleet(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot)
     asked = {"scenario": name, "seed": args.seed, "source": args.source}
     title = f"{name}, {args.vehicles} vehicles, poses by {args.source}, seed {args.seed}"
@@ -429,7 +428,7 @@ def summarize_mission(title: str, mission: MissionResult) -> str:
     return "\n".join(lines)
 
 
-def fleet_summary(title: str, flown: "FleetMission") -> str:
+def fleet_summary(title: str, flown: FleetMission) -> str:
     """Describe several missions as text."""
     lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", f"{'':12}{'RMS':>9}{'touchdown':>12}"]
     for one in flown.vehicles:
@@ -449,7 +448,7 @@ def _format(value: float | None, unit: str) -> str:
     return "–" if value is None else f"{value:.2f} {unit}"
 
 
-def fleet_facts(asked: dict[str, Any], flown: "FleetMission") -> dict[str, Any]:
+def fleet_facts(asked: dict[str, Any], flown: FleetMission) -> dict[str, Any]:
     """Make one JSON object of the missions: the options in ``asked``, and the results."""
     apart_m = None if flown.nearest is None else flown.nearest.distance_m
     return {**asked, "landed": flown.landed, "min_separation_m": apart_m, **msgspec.to_builtins(flown)}
@@ -457,9 +456,6 @@ def fleet_facts(asked: dict[str, Any], flown: "FleetMission") -> dict[str, Any]:
 
 def serve(args: argparse.Namespace) -> Exit:
     """Run the simulated side in real time."""
-    from sim.runs import place_fleet, serve_fleet
-    from sim.runs import serve as serve_stage
-
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
@@ -472,8 +468,6 @@ def serve(args: argparse.Namespace) -> Exit:
     if args.carried and args.config is None:
         raise ConfigError("--carried", "expected --config FILE.toml beside it: what is carried is of a room")
     if args.fleet is not None:
-        from groundstation.lab import read_fleet
-
         truth, told = by_side(args.overrides, None)
         labs = [member.lab for member in read_fleet(args.fleet, told).members]
         worlds = place_fleet(overridden(scenario.world, truth), labs)
@@ -483,8 +477,6 @@ def serve(args: argparse.Namespace) -> Exit:
         return _serve_room(args, scenario.world, common)
     world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
     if args.floor:
-        from sim.runs import from_floor
-
         world, config = from_floor(world, config, None)
     return asyncio.run(serve_stage(scenario.name, world, config, second=args.gcs, **common))
 
@@ -503,10 +495,6 @@ def parse_gcs(text: str) -> str:
 
 def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> Exit:
     """Run the simulated side for ``--rehearse`` of a configuration, or of a fleet file."""
-    from groundstation.lab import read_fleet
-    from sim.runs import serve as serve_stage
-    from sim.runs import serve_fleet
-
     served = f"{args.config} for --rehearse{f', wrong by {args.wrong}' if args.wrong else ''}"
     truth, told = by_side(args.overrides, None)
     if "vehicles" in read_toml(args.config):
@@ -522,8 +510,6 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
 
 def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
     """Read ``NAME=VALUE`` of each parameter of the ``autopilot`` that differs from its default."""
-    from sim.autopilots import AUTOPILOTS, Parameters
-
     if autopilot == BETAFLIGHT:
         if texts:
             raise ConfigError("--param", "Betaflight has settings, and no parameters")

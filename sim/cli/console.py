@@ -50,8 +50,14 @@ class ProgressBar:
 
     def _make_bar(self) -> Any:
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-        from rich.progress import TimeRemainingColumn as Remaining
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn as Remaining,
+        )
 
         columns = (
             (TextColumn(self._format), TimeElapsedColumn()) if self._format else (MofNCompleteColumn(), Remaining())

@@ -30,6 +30,7 @@ from sim.studies.tune import (
     find_best,
     make_station,
     markdown_table,
+    report as measured,
     run,
     space,
     stage_scenarios,
@@ -37,7 +38,6 @@ from sim.studies.tune import (
     verify,
     with_gains,
 )
-from sim.studies.tune import report as measured
 
 SCENARIOS = ["paper", "adverse"]
 """Default scenarios of a search: one for accuracy, one for robustness."""

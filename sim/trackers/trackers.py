@@ -21,11 +21,11 @@ from groundstation.pose.sources import (
     VisionConfig,
     json_codec,
     mavlink_codec,
+    natnet_codec as natnet,
+    qualisys_codec as qtm,
     send_by,
     vicon_codec,
 )
-from groundstation.pose.sources import natnet_codec as natnet
-from groundstation.pose.sources import qualisys_codec as qtm
 from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec
 from sim.world import PositionWander, Quadrotor, World, generator, normals, rows, with_noise

@@ -5,8 +5,7 @@ from fractions import Fraction
 
 import msgspec
 import pytest
-from hypothesis import assume, example, given
-from hypothesis import strategies as st
+from hypothesis import assume, example, given, strategies as st
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import (

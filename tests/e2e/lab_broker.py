@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.interfaces.mqtt import MqttBroker as Address
-from groundstation.interfaces.mqtt import from_url
+from groundstation.interfaces.mqtt import MqttBroker as Address, from_url
 from tests.e2e.test_mqtt import Broker, free_tcp_port
 
 SET_UP = Path(__file__).parents[2] / "examples" / "broker" / "set-up.sh"

@@ -17,8 +17,7 @@ import pytest
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import Ask, Request, Snapshot
-from groundstation.interfaces.api import Control, Server, ask_station, snapshots
-from groundstation.interfaces.api import server as api_server
+from groundstation.interfaces.api import Control, Server, ask_station, server as api_server, snapshots
 from groundstation.interfaces.api.client import open_client
 from groundstation.machine import ApiError, Latest, StatusConfig, find_socket, socket_path
 from tests.loops import in_real_time

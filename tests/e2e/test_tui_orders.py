@@ -10,8 +10,7 @@ from textual.widgets import Input
 
 from groundstation.core.messages import Ask
 from groundstation.interfaces.api.client import StopReport
-from groundstation.interfaces.tui import app as ordering
-from groundstation.interfaces.tui import model as feed
+from groundstation.interfaces.tui import app as ordering, model as feed
 from groundstation.interfaces.tui.app import Dashboard
 from groundstation.interfaces.tui.widgets import Knob, Typed
 from tests.dashboards import Fixed, Stage, dashboard, flown, play, says, standing, told, until

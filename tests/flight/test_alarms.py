@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.proving.alarms import WRONGS, Alarms, Watch, plan_floors, watch_all
-from tests.proving.alarms import watch_capture as recorded_flights
+from tests.proving.alarms import WRONGS, Alarms, Watch, plan_floors, watch_all, watch_capture as recorded_flights
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 

@@ -9,8 +9,7 @@ from groundstation.analysis.report import FlightColumns, read_columns
 from groundstation.interfaces.cli import commands
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies import Contribution
-from sim.studies import budget as module
+from sim.studies import Contribution, budget as module
 from sim.studies.budget import SOURCES, ErrorBudget, compute_budget, error_budget
 from sim.world import World
 from tests.flown_once import once

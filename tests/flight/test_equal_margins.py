@@ -6,8 +6,7 @@ import pytest
 
 from groundstation.core.control.controllers import Pid
 from sim.runs import Flyers
-from sim.studies import SEARCHED_LAWS, compare_at_equal_margins
-from sim.studies import comparison as module
+from sim.studies import SEARCHED_LAWS, compare_at_equal_margins, comparison as module
 from sim.studies.comparison import (
     FLOORS,
     EqualTerms,

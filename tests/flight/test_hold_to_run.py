@@ -12,8 +12,7 @@ from groundstation.core.mission.operator import DEBOUNCE_S
 from groundstation.flight import Flight, HoldWatch, assembly
 from groundstation.flight.hold_to_run import LOOK_S
 from sim.autopilots import SimulatedAutopilot
-from sim.runs import MissionResult, Stage, from_floor
-from sim.runs import fly_mission as fly
+from sim.runs import MissionResult, Stage, fly_mission as fly, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT
 from tests.hold_double import Hand

@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.control import SUSPENDED, VIOLATED, CertificateMonitor, Gains
 from groundstation.core.geometry import Vec3

@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.control import OFF, plan_bring_down
 from groundstation.core.control.bring_down import SINK_S

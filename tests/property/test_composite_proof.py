@@ -11,8 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.control import Gains, LawState, backstep
 from groundstation.core.control.backstepping import BacksteppingAxis, LawOutput, axis, growth, project, within

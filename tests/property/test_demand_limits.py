@@ -4,8 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
 from groundstation.core.control.demand_limits import LEAST_COSINE, RESERVE, YAW_RAD_S2, DemandLimits
 from groundstation.core.geometry import FLOATS, arrays, rotate, third_column

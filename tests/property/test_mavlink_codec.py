@@ -3,8 +3,7 @@
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.pose.sources import LocalPositionDecoder, OdometryDecoder
 from links.mavlink.protocol import MavlinkCodec, Words

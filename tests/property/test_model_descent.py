@@ -2,8 +2,7 @@
 
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.control import plan_model_descent
 from groundstation.core.control.model_descent import BRAKE_S, MOST

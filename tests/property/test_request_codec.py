@@ -1,7 +1,6 @@
 """Whatever is published on the request topic, nothing but what the key has sealed is ever done."""
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.messages import Ask, Reply, Request
 from groundstation.interfaces.mqtt.messages import SealedRequest

@@ -1,6 +1,5 @@
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from links.rf import CrsfLinkConfig, DsmLinkConfig
 from links.rf.codec import RfCodec

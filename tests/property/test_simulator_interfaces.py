@@ -3,8 +3,7 @@
 import json
 import struct
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots.ardupilot import MANY, read_servos, write_state

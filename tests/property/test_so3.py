@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.geometry import Quat, Vec3, arrays, so3
 

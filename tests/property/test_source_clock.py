@@ -7,8 +7,7 @@ import random
 from collections.abc import Callable
 from typing import NamedTuple
 
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import Phase, given, settings, strategies as st
 
 from groundstation.pose.sources.intake import MAX_DRIFT, SourceClock
 

@@ -1,8 +1,7 @@
 import math
 import struct
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.geometry import so3
 from groundstation.pose.sources.intake import Intake

@@ -34,8 +34,7 @@ from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop, in_virtual_time
 from sim.world import FourRotors, World, generator, rows
-from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Meddler, late, stand_between, still
-from tests.proving.faults import Struck as StruckPose
+from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Meddler, Struck as StruckPose, late, stand_between, still
 from tests.proving.takeoff_start import HEAD, TakeOff, describe, fly_take_off
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduCopter"}

@@ -24,8 +24,7 @@ from groundstation.__main__ import parser as flying
 from groundstation.analysis import Channel, Track
 from groundstation.config import describe_type, field_descriptions, refuse_io, structs
 from groundstation.core.messages import NOTICES
-from groundstation.core.mission import FINAL, Event, State
-from groundstation.core.mission import TABLE as TRANSITIONS
+from groundstation.core.mission import FINAL, TABLE as TRANSITIONS, Event, State
 from groundstation.core.safety import list_limits
 from groundstation.interfaces.mqtt import schema_text, schemas, topics_table
 from groundstation.machine import fill_markers, replace_between_markers

@@ -5,9 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from tests.proving.bench import bench
-from tests.proving.bench import links as bench_links
-from tests.proving.bench import tick as bench_tick
+from tests.proving.bench import bench, links as bench_links, tick as bench_tick
 from tests.proving.bench.links import Answers, Waiting, figures_of, together
 
 

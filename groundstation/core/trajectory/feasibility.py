@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 
 from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, arrays
 from groundstation.core.trajectory.port import Reference, Trajectory
@@ -387,8 +388,6 @@ def _share(
     times: list[float], motions: list[PathMotion], vehicle: Vehicle, limits: LimitsConfig, gravity: float
 ) -> float | None:
     """The largest share of its speed, below all of it, at which it keeps the limits, height aside."""
-    import numpy as np
-
     # All instants at once: they are looked at a dozen times.
     ops = arrays()
     whole: Any = [

@@ -28,6 +28,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import msgspec
+import numpy as np
 
 from groundstation.config import FromFile
 from groundstation.core.geometry import FARTHEST_M, Vec3
@@ -48,7 +49,6 @@ from groundstation.core.trajectory.port import (
 )
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
     Array = npt.NDArray[np.float64]
@@ -69,8 +69,6 @@ def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
     Returns:
         (N - 1, DEGREE + 1, axes), ascending, by the share x in 0..1 of each span.
     """
-    import numpy as np
-
     spans = np.diff(times_s)
     unit = float(np.mean(spans))  # in units of the mean span the numbers stay near 1
     powers = (spans / unit)[:, None] ** np.arange(order)
@@ -97,8 +95,6 @@ def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
 
 def _solve(own: "Array", next_: "Array", given: "Array", free: "npt.NDArray[np.bool_]") -> "Array":
     """Solve for the free derivatives, (N, order, axes); 0 elsewhere."""
-    import numpy as np
-
     count, order = free.shape
     side = -(own @ given)
     side[:-1] -= next_ @ given[1:]
@@ -119,8 +115,6 @@ def _solve(own: "Array", next_: "Array", given: "Array", free: "npt.NDArray[np.b
 
 def ends(order: int) -> "Array":
     """A: from the coefficients to the derivatives at x = 0, then at x = 1."""
-    import numpy as np
-
     rows = np.zeros((2 * order, 2 * order))
     for k in range(order):
         rows[k, k] = math.factorial(k)
@@ -130,8 +124,6 @@ def ends(order: int) -> "Array":
 
 def roughness(order: int) -> "Array":
     """Q of this file's heading."""
-    import numpy as np
-
     products = np.zeros((2 * order, 2 * order))
     for i in range(order, 2 * order):
         for j in range(order, 2 * order):
@@ -373,8 +365,6 @@ def allocate_times(known: "Array", order: int, max_speed: float, max_acceleratio
         max_speed: largest speed [m/s].
         max_acceleration: largest acceleration [m/s²].
     """
-    import numpy as np
-
     lengths = np.linalg.norm(np.diff(known[:, 0, :3], axis=0), axis=1)
     legs = lengths / max_speed + np.sqrt(lengths / max_acceleration)
     best = np.full(len(legs), np.inf)
@@ -397,15 +387,11 @@ def allocate_times(known: "Array", order: int, max_speed: float, max_acceleratio
 
 
 def _times(legs: "Array") -> "Array":
-    import numpy as np
-
     return np.concatenate([[0.0], np.cumsum(legs)])
 
 
 def _slope(coefficients: "Array", legs: "Array", order: int) -> "Array":
     """The gradient of log(∫|p^(r)|² · duration^(2r-1)), which no pace changes, by the logarithm of each leg's time."""
-    import numpy as np
-
     matrix = ends(order)
     inverse = np.linalg.inv(matrix)
     cost = inverse.T @ roughness(order) @ inverse
@@ -420,8 +406,6 @@ def _slope(coefficients: "Array", legs: "Array", order: int) -> "Array":
 
 def _find_demand(coefficients: "Array", legs: "Array", max_speed: float, max_acceleration: float) -> "Array":
     """Return the factor by which each leg must be slowed to keep both limits, (M,)."""
-    import numpy as np
-
     x = np.linspace(0.0, 1.0, LOOKS + 1)[:, None]
     powers = np.arange(coefficients.shape[1])
     first = powers * x ** np.maximum(powers - 1, 0)
@@ -546,8 +530,6 @@ def headings(yaws_deg: tuple[float, ...] | None, yaw_deg: float, count: int) -> 
 
 @lru_cache(maxsize=4)
 def _plan(config: WaypointsConfig) -> Spline:
-    import numpy as np
-
     points = np.array(config.points_ned[:1] + config.points_ned[1:] * config.laps)
     single = config.yaws_deg
     yaws = headings(None if single is None else single[:1] + single[1:] * config.laps, config.yaw_deg, len(points))
@@ -632,8 +614,6 @@ class SamplesConfig(
 
 @lru_cache(maxsize=4)
 def _spline(config: SamplesConfig) -> Spline:
-    import numpy as np
-
     times = np.array(config.times_s)
     known = np.full((len(times), 4, 4), np.nan)
     known[:, 0, :3] = config.points_ned

@@ -1,10 +1,12 @@
 """Pose sources by vendor, one or two files each, and what they share: intake, the outlier gate, and datagrams."""
 
-from groundstation.pose.sources import json_codec as json_codec
-from groundstation.pose.sources import mavlink_codec as mavlink_codec
-from groundstation.pose.sources import natnet_codec as natnet_codec
-from groundstation.pose.sources import qualisys_codec as qualisys_codec
-from groundstation.pose.sources import vicon_codec as vicon_codec
+from groundstation.pose.sources import (
+    json_codec as json_codec,
+    mavlink_codec as mavlink_codec,
+    natnet_codec as natnet_codec,
+    qualisys_codec as qualisys_codec,
+    vicon_codec as vicon_codec,
+)
 from groundstation.pose.sources.datagram import GatedSource, JsonConfig, cannot_listen, join, send_by
 from groundstation.pose.sources.intake import (
     Gate,

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.analysis.evidence.evidence import describe_flight, examine_flight
 from tests.shadow_flight import Flight

@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.config import RETIRED_KEYS, ConfigError, RetiredKeyWarning, dump, from_dict, keys_of, load
 from groundstation.core.trajectory.port import HoldConfig

@@ -7,8 +7,7 @@ from typing import Any
 import evdev
 import pytest
 from evdev import ecodes
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from pymavlink.dialects.v20 import common
 
 from groundstation.config import ConfigError, from_dict

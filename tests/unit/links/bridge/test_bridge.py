@@ -8,8 +8,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from links.bridge import Bridge, BridgeConfig, BridgeLink, BridgeLinkConfig
 from links.bridge.codec import UPS, DatagramKind, Seal, Up, kind_of

@@ -5,8 +5,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.geometry import so3
 from links.core import Attitude, Command, Deadman, LinkMisuse, Phase, Segment

@@ -1,8 +1,7 @@
 """links/core/deadman.py."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from links.core import full_thrust_n, signal, thrust
 

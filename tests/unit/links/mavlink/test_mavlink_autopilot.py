@@ -7,8 +7,7 @@ import pytest
 from groundstation.core.geometry import so3
 from links.mavlink.protocol import FORCE, MavCommand, MavlinkCodec
 from sim.autopilots import Px4Autopilot
-from sim.autopilots.dialects import OFFBOARD
-from sim.autopilots.dialects import PX4_LAND as LAND
+from sim.autopilots.dialects import OFFBOARD, PX4_LAND as LAND
 from tests.airframe_double import Brick
 
 PERIOD_S = 0.02

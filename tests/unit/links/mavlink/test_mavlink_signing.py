@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from links.io import read_key

@@ -1,8 +1,7 @@
 """links/mavlink/protocol/timesync.py: the autopilot's clock against ours."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from links.mavlink.protocol import Timesync
 from links.mavlink.protocol.timesync import NEWEST

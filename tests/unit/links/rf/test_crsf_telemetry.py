@@ -5,8 +5,7 @@ import struct
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.geometry import so3
 from links.bridge.codec import StationEnd, Welcome

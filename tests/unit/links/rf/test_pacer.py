@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 import msgspec
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from links.core import Command, Segment
 from links.rf import Arm, Channels, CrsfLinkConfig, DsmLinkConfig, End, FramePacer, Give, Stop

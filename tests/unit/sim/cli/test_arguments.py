@@ -8,19 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.__main__ import COMMANDS as FLYING
-from groundstation.__main__ import MOVED
-from groundstation.__main__ import main as flying_main
-from groundstation.__main__ import parser as flying_parser
+from groundstation.__main__ import COMMANDS as FLYING, MOVED, main as flying_main, parser as flying_parser
 from groundstation.config import ArgumentError, ConfigError, load
 from groundstation.interfaces.cli import commands as flying
 from groundstation.recording.records import MAGIC
 from groundstation.runtime import Groups, build_parser
 from groundstation.settings import Config
-from sim.__main__ import COMMANDS as SIMULATING
-from sim.__main__ import MOVED as SIM_MOVED
-from sim.__main__ import main as simulating_main
-from sim.__main__ import parser as simulating_parser
+from sim.__main__ import (
+    COMMANDS as SIMULATING,
+    MOVED as SIM_MOVED,
+    main as simulating_main,
+    parser as simulating_parser,
+)
 from sim.cli import commands as simulating
 
 

@@ -26,8 +26,7 @@ from groundstation.analysis.identify.fit import (
     turns,
 )
 from groundstation.analysis.identify.stretch import Column
-from groundstation.core.geometry import FLOATS, IDENTITY
-from groundstation.core.geometry import rotate as turned_by
+from groundstation.core.geometry import FLOATS, IDENTITY, rotate as turned_by
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
 from groundstation.settings import Config
 from links.core import full_thrust_n, signal, thrust

@@ -4,8 +4,7 @@ import math
 
 import msgspec
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.safety import Fence

@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import Blend, Chain, LemniscateConfig, Limits, Reference, blend, run_in, stop

@@ -4,8 +4,7 @@ import re
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from groundstation.core.messages import Ask, Waypoint
 from groundstation.interfaces.api import Control, OrderAnswer, decode

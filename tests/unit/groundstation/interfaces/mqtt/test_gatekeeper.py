@@ -8,8 +8,7 @@ import msgspec
 import pytest
 
 from groundstation.core.messages import Ask, Request, Sentence, Waypoint
-from groundstation.interfaces.api.messages import ANYONE, ClientOrder, Party
-from groundstation.interfaces.api.messages import Desk as ControlDesk
+from groundstation.interfaces.api.messages import ANYONE, ClientOrder, Desk as ControlDesk, Party
 from groundstation.interfaces.mqtt.messages import SealedRequest
 from groundstation.interfaces.mqtt.requests import (
     ANY_MESSAGES,

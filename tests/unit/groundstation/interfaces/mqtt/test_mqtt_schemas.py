@@ -7,8 +7,7 @@ import msgspec
 import pytest
 from jsonschema import Draft202012Validator
 
-from groundstation.interfaces.mqtt.command import schema_text as text
-from groundstation.interfaces.mqtt.command import schemas, topics_table
+from groundstation.interfaces.mqtt.command import schema_text as text, schemas, topics_table
 from groundstation.interfaces.mqtt.messages import (
     EventMessage,
     HealthMessage,

@@ -9,8 +9,7 @@ import pytest
 
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose
-from groundstation.pose.sources import QualisysConfig
-from groundstation.pose.sources import qualisys_codec as qtm
+from groundstation.pose.sources import QualisysConfig, qualisys_codec as qtm
 from groundstation.pose.sources.qualisys import QualisysSource
 from links.io import parse_address
 from sim.trackers import QtmServer, TrackedBody

@@ -7,8 +7,7 @@ import pytest
 from groundstation.core.messages import PoseStatus
 from groundstation.pose.sources import Intake, JsonReader, ViconReader
 from groundstation.pose.sources.intake import ALONE_S, BOTH_S, PoseReader
-from groundstation.pose.sources.json_codec import encode as encode_json
-from groundstation.pose.sources.json_codec import json_pose
+from groundstation.pose.sources.json_codec import encode as encode_json, json_pose
 from groundstation.pose.sources.mavlink_codec import VisionEstimate, VisionReader, encode_vision
 from groundstation.pose.sources.vicon_codec import ViconObject, encode
 from links.mavlink.protocol import MavlinkCodec
