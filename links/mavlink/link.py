@@ -194,7 +194,7 @@ class ArmedSpan(msgspec.Struct, gc=False):
     obeys_s: float | None = None
     """Since when the autopilot obeys [s]; None before that, and once it does not any more."""
     taken: str = ""
-    """Who has taken the vehicle over, in words; empty where nobody has."""
+    """Sender that has taken the vehicle over, in words; empty where none has."""
     lands_by_itself: bool = False
     """Whether LAND was accepted."""
 

@@ -205,9 +205,9 @@ class ArmingWindow(msgspec.Struct, gc=False):
     number: int = 0
     """0 before the first."""
     high_s: float = math.inf
-    """From then on the arm channel is up [s]."""
+    """Time from which on the arm channel is up [s]."""
     obey_s: float = math.inf
-    """From then on commands leave [s]."""
+    """Time from which on commands leave [s]."""
     slept_s: float = 0.0
     """Sleep of the computer since [s]."""
     deaf: bool = False
@@ -238,7 +238,7 @@ class KeptPort:
     __slots__ = ("_reopen_s", "_wait_s", "fresh", "port", "why_closed")
 
     def __init__(self, port: Port, now_s: float) -> None:
-        """Not open yet."""
+        """Keep ``port``, which is not open yet."""
         self.port = port
         self.why_closed = "not opened yet"
         """Why it can't be used; empty where it can."""
@@ -260,7 +260,7 @@ class KeptPort:
         return True
 
     def lose(self, error: OSError, now_s: float) -> None:
-        """It is gone."""
+        """Close the port, which is gone, and wait before it is opened again."""
         self.close(error.strerror or str(error))
         self._reopen_s = now_s + self._wait_s
 

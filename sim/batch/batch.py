@@ -513,7 +513,7 @@ class DelayedCommands:
     """Commands of N vehicles that act late; see :class:`sim.world.quadrotor.DelayLine`."""
 
     def __init__(self, worlds: Sequence[World], thrust: Array) -> None:
-        """Until the first command acts it is ``thrust`` [N] without rates."""
+        """Begin with ``thrust`` [N] and no rates, until the first command acts."""
         thrust_s, rates_s = column(worlds, "thrust_delay_s"), column(worlds, "rate_delay_s")
         self._delays: Array = np.stack([thrust_s, *[rates_s] * 3])
         """Dead times of thrust and of each rate, (4, N) [s]."""

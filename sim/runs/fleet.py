@@ -63,7 +63,8 @@ class Tracks:
     def last(self, number: int, start: Vec3) -> Vec3:
         """Where it was seen last [m, NED]; ``start`` where it was never released."""
         one = self.of[number]
-        return (one.x[-1], one.y[-1], one.z[-1]) if one.times else start
+        north, east, down = one.axes
+        return (north[-1], east[-1], down[-1]) if one.times else start
 
     def nearest(self, names: Sequence[str], starts: Sequence[Vec3]) -> Nearest | None:
         """Find the smallest distance between two vehicles; one that was never released stays at its start."""
@@ -73,7 +74,7 @@ class Tracks:
         for one, start in zip(self.of, starts, strict=True):
             columns = [
                 np.interp(grid, one.times, axis) if one.times else grid * 0.0 + s
-                for axis, s in zip((one.x, one.y, one.z), start, strict=True)
+                for axis, s in zip(one.axes, start, strict=True)
             ]
             places.append(np.stack(columns))
         found: Nearest | None = None

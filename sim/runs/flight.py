@@ -127,7 +127,7 @@ async def fly(
 
 
 class FlightEnd(NamedTuple):
-    """How a flight from the air ended."""
+    """End of a flight from the air."""
 
     complete: bool
     why: str
@@ -135,7 +135,7 @@ class FlightEnd(NamedTuple):
     started_s: float | None
     """When it was released, on the event loop's clock [s]."""
     flown_s: float
-    """How long it flew since then [s]."""
+    """Time flown since then [s]."""
 
 
 class FlightFromAir:

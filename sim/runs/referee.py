@@ -66,25 +66,26 @@ class TrueTrack:
 
     def __init__(self) -> None:
         self.times = array("d")
-        self.x, self.y, self.z = array("d"), array("d"), array("d")
-        self._add = self.times.append, self.x.append, self.y.append, self.z.append  # at four hundred steps a second
+        self._places = array("d")
+        """North, east and down of every step, one after the other."""
 
     def step(self, time_s: float, place: Vec3) -> None:
         """One step."""
-        add_time, add_x, add_y, add_z = self._add
-        x, y, z = place
-        add_time(time_s)
-        add_x(x)
-        add_y(y)
-        add_z(z)
+        self.times.append(time_s)
+        self._places.extend(place)
+
+    @property
+    def axes(self) -> tuple["array[float]", "array[float]", "array[float]"]:
+        """North, east and down [m], one entry a step."""
+        return self._places[0::3], self._places[1::3], self._places[2::3]
 
     def errors(
         self, trajectory: Trajectory, start_s: float, since_s: float = -math.inf, until_s: float = math.inf
     ) -> list[float]:
         """Distances from a trajectory begun at ``start_s`` [m], at each step from ``since_s`` until ``until_s``."""
         at = trajectory.position_at
-        steps = zip(self.times, self.x, self.y, self.z, strict=True)
-        return [math.dist((x, y, z), at(t - start_s)) for t, x, y, z in steps if since_s <= t < until_s]
+        steps = zip(self.times, *self.axes, strict=True)
+        return [math.dist(place, at(t - start_s)) for t, *place in steps if since_s <= t < until_s]
 
     def judge_figure(
         self, trajectory: Trajectory, started_s: float | None, states: Sequence[StateEntry], step_s: float

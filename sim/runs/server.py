@@ -137,7 +137,7 @@ async def _run(stage: Stage | FleetStage) -> None:
 
 
 def _describe_end(config: Config, autopilot: str, pty: PtyWire | None) -> str:
-    """What hears the commands, and where, in words."""
+    """Describe the receiver of the commands, and its address."""
     link = config.link
     if isinstance(link, MavlinkLinkConfig):
         return f"{autopilot} autopilot (MAVLink) to {_medium(link)} {link.endpoint}"

@@ -126,7 +126,7 @@ class DelayLine:
 
 
 class ActuationChain:
-    """From a told thrust and told rates to those that act: gain, limits and dead times."""
+    """Way of commanded thrust and rates to those that act: gain, limits and dead times."""
 
     __slots__ = ("_late_rates", "_late_thrust", "_limits", "_rates", "_thrust", "_world", "gain", "strength", "told")
 
@@ -231,7 +231,7 @@ class FloorContact:
     __slots__ = ("_held_s", "_highest_m", "_world", "felt", "hardest_m_s", "is_down", "touchdown_m_s")
 
     def __init__(self, world: World) -> None:
-        """Not in contact."""
+        """Begin without contact."""
         self._world = world
         self.is_down = False
         """True while it rests on the floor (not while it is held in the air)."""

@@ -236,7 +236,7 @@ class Allowance(NamedTuple):
     rate_hz: float
     """[1/s]"""
     burst: float
-    """How many may come at once [-]."""
+    """Number that may come at once [-]."""
 
 
 class TokenBucket:

@@ -122,11 +122,11 @@ class EstimatorFlag(IntFlag):
     HEIGHT_ABSOLUTE = 32
     HEIGHT_ABOVE_GROUND = 64
     CONSTANT_POSITION = 128
-    """It believes that the vehicle stands still."""
+    """Estimator without an aid: its position counts as constant."""
     PREDICTED_RELATIVE = 256
     PREDICTED_ABSOLUTE = 512
     GPS_JUMPS = 1024
-    """Of ArduPilot: it is not initialised yet."""
+    """Estimator that is not initialised yet, in ArduPilot's EKF_STATUS_REPORT."""
 
 
 FORCE = 21196.0

@@ -290,7 +290,7 @@ LONGEST_S = 0.320
 DELAYS = (0.005, LONGEST_S, 0.001)
 """First step of a search for a delay, its last one, and how near it is told [s]."""
 FACTORS = (math.log(1.1), math.log(8.0), math.log(1.02))
-"""The same for the logarithm of a factor [-]."""
+"""First step of a search for a factor, its last one, and how near it is told, as logarithms [-]."""
 
 
 class MarginAxis(msgspec.Struct, frozen=True):
