@@ -99,6 +99,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     except BrokenPipeError:
         sys.stderr.close()  # whoever read us has seen enough
     except OSError as error:
+        if target.is_file():
+            target.unlink()
         raise ConfigError("--out", f"cannot write {error.filename or target}: {error.strerror}") from None
     return Exit.DONE
 

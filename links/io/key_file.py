@@ -61,7 +61,11 @@ def make_key(path: Path) -> None:
     """
     try:
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+        try:
+            with os.fdopen(fd, "w", encoding="ascii") as file:
+                file.write(os.urandom(KEY_BYTES).hex() + "\n")
+        except OSError:
+            path.unlink()  # half a key is none
+            raise
     except OSError as error:
         raise ValueError(link_notice("key_file.unwritten", path=path, why=error.strerror).text) from None
-    with os.fdopen(fd, "w") as file:
-        file.write(os.urandom(KEY_BYTES).hex() + "\n")

@@ -369,7 +369,11 @@ class RunFolder:
         self._log.close(*(None if value is None else 0.01 * value for value in (rms_cm, max_cm)))
         self._poses.close()
         result = {**facts, "sim": msgspec.to_builtins(self._world)}
-        write_whole(self.path / "summary.json", json.dumps(result, indent=2) + "\n")
+        summary = self.path / "summary.json"
+        try:
+            write_whole(summary, json.dumps(result, indent=2) + "\n")
+        except OSError as error:
+            _warn(notice("recording.no_file", path=summary, why=error.strerror))
 
 
 def _warn(sentence: Sentence) -> None:

@@ -17,6 +17,7 @@ from groundstation import load
 from groundstation.machine import NonBlockingWriter
 from groundstation.recording import NoRecording, Recording
 from tests.e2e.stations import Room, served
+from tests.recordings import recorded
 
 
 def test_a_full_pipe_loses_lines_and_tells_how_many_once_it_is_read() -> None:
@@ -83,6 +84,29 @@ def test_a_full_disk_is_told_of_in_one_line() -> None:
         words = [sys.executable, "-m", "groundstation", "config", "show"]
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (1, "the output cannot be written: No space left on device\n")
+
+
+FULL = [
+    (("export", "{log}", "--format", "npz", "--out", "{out}.npz"), "--out: cannot write {out}.npz: File too large"),
+    (("export", "{log}", "--format", "mcap", "--out", "{out}.mcap"), "--out: cannot write {out}.mcap: File too large"),
+    (("logs", "import", "{poses}", "--map", "tum", "--out", "{out}.mcap"), "--out: cannot write {out}.mcap: File too"),
+    (("mqtt", "make-key", "{out}.key"), "mqtt make-key: cannot write {out}.key: File too large"),
+]
+
+
+@pytest.mark.parametrize(("words", "says"), FULL, ids=["npz", "mcap", "import", "key"])
+def test_what_a_full_disk_does_not_hold_is_not_begun(words: tuple[str, ...], says: str, tmp_path: Path) -> None:
+    """As on a full disk, no file may grow beyond 16 bytes."""
+    poses = tmp_path / "poses.txt"
+    poses.write_text("".join(f"{0.01 * n} {0.001 * n} 0 1 0 0 0 1\n" for n in range(200)), "utf-8")
+    names = {"log": recorded()[0], "poses": poses, "out": tmp_path / "made"}
+    limit = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (16, 16)); "
+    command = [word.format(**names) for word in words]
+    code = f"{limit}sys.argv = ['groundstation', *{command!r}]; runpy.run_module('groundstation', run_name='__main__')"
+    done = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.startswith(f"groundstation: {says.format(**names)}")
+    assert done.returncode == 2
+    assert [file.name for file in tmp_path.iterdir()] == ["poses.txt"]
 
 
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])

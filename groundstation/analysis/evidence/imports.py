@@ -324,7 +324,11 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
     mapping = load_mapping(map_name)
     flight = read_flight(mapping, paths, body)
     with refuse_io("--out", f"cannot write {out}"):
-        write_flight(flight, mapping, map_name, paths, out)
+        try:
+            write_flight(flight, mapping, map_name, paths, out)
+        except BaseException:
+            out.unlink(missing_ok=True)  # what was begun of it
+            raise
     told = {MEASURED: "poses", SETPOINT: "commands", REFERENCE: "of the reference", TRUTH: "true"}
     print(f"{out}: {', '.join(f'{len(flight.of(topic))} {what}' for topic, what in told.items())}")
     for line in flight.missing:

@@ -47,6 +47,7 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
         NoticeTemplate("recording.not", "WARNING: not recording, the flight goes on: {why}"),
         NoticeTemplate("recording.torn", "WARNING: parts of {path} are lost from here on, the flight goes on: {why}"),
         NoticeTemplate("recording.no_end", "WARNING: the end of {path} is missing: {why}"),
+        NoticeTemplate("recording.no_file", "WARNING: {path} is not written: {why}"),
         NoticeTemplate("recording.no_tlog", "WARNING: no .tlog of this flight: {why}"),
         NoticeTemplate("recording.unrecordable", "WARNING: a part of this flight can't be recorded: {why}"),
         NoticeTemplate("recording.still_writing", "WARNING: the recorder is still writing; it ends by itself"),
