@@ -137,10 +137,7 @@ SERVE: Arguments = {
     "--carried": {
         "action": "store_true", "help": "with --config: for each Enter here a hand makes the moves of `carry`",
     },
-    "--gcs": {
-        "nargs": "?", "const": "127.0.0.1:14550", "metavar": "HOST:PORT",
-        "help": "a second ground station here, such as QGroundControl, hears the autopilot (default 127.0.0.1:14550)",
-    },
+    "--gcs": {"nargs": "?", "const": "14550", "metavar": "HOST:PORT", "help": "gone: put a MAVLink router between"},
     **_duration("stop after so many seconds"),
 }  # fmt: skip
 COMPARE: Arguments = {

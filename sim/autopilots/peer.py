@@ -1,7 +1,7 @@
 """A simulated autopilot, one by name, and its wires.
 
 On UDP it speaks first, to the ground station, as PX4 does. In a rehearsal it may have to wait at an address, to accept
-TCP connections, or to be at the end of a serial port; and a second ground station may hear it, too.
+TCP connections, or to be at the end of a serial port.
 """
 
 import asyncio
@@ -158,9 +158,6 @@ class AutopilotPeer:
         it, on top of what the network takes [s]. ``open_wire`` opens another wire instead of that UDP.
         """
         self._open_wire = open_wire or speak_to(remote)
-        self.open_second: OpenWire | None = None
-        """Opens the wire of a second ground station, which hears all telemetry and the answers to what it asks."""
-        self._second: Wire | None = None
         self._autopilot = autopilot
         self._delay_s = delay_s
         self.hearing_s = hearing_s
@@ -181,8 +178,6 @@ class AutopilotPeer:
         self._loop = loop
         self._transport = await self._open_wire(self.datagram_received)
         try:
-            if self.open_second is not None:
-                self._second = await self.open_second(self._hear_second)
             self._wake()
             await self._end
         finally:
@@ -190,8 +185,6 @@ class AutopilotPeer:
             if self._timer is not None:
                 self._timer.cancel()
             self._transport.abort()
-            if self._second is not None:
-                self._second.abort()
 
     def silence(self) -> None:
         """Let nothing leave any more, as a telemetry radio that dies; it still hears and flies."""
@@ -239,29 +232,12 @@ class AutopilotPeer:
         else:
             self._schedule()
 
-    def _hear_second(self, data: bytes, addr: Any) -> None:
-        """The second ground station: no radio is between it and the autopilot."""
-        del addr
-        if self._loop is None or self._second is None:
-            return
-        try:
-            for frame in self._autopilot.receive(data, self._loop.time()):
-                self._second.sendto(frame)
-        except Exception as error:  # noqa: BLE001  # run() raises it
-            self._fail(error)
-        else:
-            self._schedule()
-
     def _wake(self) -> None:
         if self._loop is None:
             return
         self._timer_s = math.inf
         try:
-            frames = self._autopilot.poll(self._loop.time())
-            self._send(frames)
-            if self._second is not None:
-                for frame in frames:
-                    self._second.sendto(frame)
+            self._send(self._autopilot.poll(self._loop.time()))
         except Exception as error:  # noqa: BLE001  # run() raises it
             self._fail(error)
         else:

@@ -30,7 +30,6 @@ from groundstation.lab import read_fleet
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config, rehearse
-from links.io import is_loopback, parse_address
 from sim.autopilots import AUTOPILOTS, Parameters
 from sim.cli import ProgressBar, summary, typed_command
 from sim.runs import (
@@ -460,8 +459,8 @@ def serve(args: argparse.Namespace) -> Exit:
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
             raise ConfigError(f"--{option}", "Betaflight flies one vehicle of a scenario")
-    if args.gcs is not None and not is_loopback(parse_gcs(args.gcs)):
-        raise ConfigError("--gcs", f"expected an address of this machine, such as 127.0.0.1:14550, got {args.gcs}")
+    if args.gcs:
+        raise ConfigError("--gcs", notice("serve.gcs"))
     common: dict[str, Any] = {"seed": args.seed, "duration_s": args.duration, "autopilot": args.autopilot}
     if args.wrong and args.config is None:
         raise ConfigError("--wrong", "expected --config FILE.toml beside it: what is wrong is against a file")
@@ -478,19 +477,7 @@ def serve(args: argparse.Namespace) -> Exit:
     world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
     if args.floor:
         world, config = from_floor(world, config, None)
-    return asyncio.run(serve_stage(scenario.name, world, config, second=args.gcs, **common))
-
-
-def parse_gcs(text: str) -> str:
-    """Return the host of ``--gcs``.
-
-    Raises:
-        ConfigError: it is not an address.
-    """
-    try:
-        return parse_address(text)[0]
-    except ValueError as error:
-        raise ConfigError("--gcs", str(error)) from None
+    return asyncio.run(serve_stage(scenario.name, world, config, **common))
 
 
 def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> Exit:
@@ -504,7 +491,7 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
         return asyncio.run(serve_fleet(served, [world for world, _ in made], [room for _, room in made], **common))
     config = rehearse(load(args.config, Config, told), args.config)
     world, room = make_mistakes(world_as_told(air, config, truth), config, args.wrong)
-    more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried}
+    more = {"standing": others_of(config), "carried": args.carried}
     return asyncio.run(serve_stage(served, world, room, **more, **common))
 
 

@@ -20,9 +20,7 @@ from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig,
 from groundstation.runtime import Exit
 from groundstation.settings import Config, RehearsalConfig, beacon
 from links.bridge import BridgeLinkConfig
-from links.io import parse_address
 from links.mavlink import MavlinkLinkConfig
-from sim.autopilots import speak_to
 from sim.radio import PtyWire
 from sim.runs.stage import FleetStage, Stage
 from sim.world import World
@@ -89,12 +87,11 @@ async def serve(
     autopilot: str = "px4",
     parameters: Mapping[str, float] | None = None,
     standing: Sequence[tuple[str, Vec3]] = (),
-    second: str | None = None,
     carried: bool = False,
 ) -> Exit:
     """Serve until ``duration_s`` [s] have passed (None: until interrupted); returns the exit code.
 
-    ``standing`` are further bodies that stand still; ``second`` is the address of a second ground station. With
+    ``standing`` are further bodies that stand still; with
     ``carried`` a hand makes the moves of ``groundstation carry`` for each line on standard input.
 
     Raises:
@@ -108,12 +105,8 @@ async def serve(
         stage = Stage(world, config, seed, autopilot=autopilot, parameters=parameters, pty=pty, standing=standing)
         if link.has_autopilot:
             stage.autopilot.uid = os.getpid()  # two simulators are two vehicles
-        more = ""
-        if second is not None:
-            stage.peer.open_second = speak_to(parse_address(second))
-            more = f"; a second ground station at udp {second} hears it, too"
         end = _describe_end(config, autopilot, pty)
-        print(f"serving {name}: {end}, {_poses(config.pose)}{broker}{more}. Ctrl-C ends.", flush=True)
+        print(f"serving {name}: {end}, {_poses(config.pose)}{broker}. Ctrl-C ends.", flush=True)
         if carried:
             stage.offer_hand(seed)
         try:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from groundstation.analysis.identify.fit import (
     DRAG,
@@ -44,6 +45,7 @@ from groundstation.analysis.report import (
     document,
     finish_panels,
     frame_picture,
+    html_table,
     save_figures,
 )
 from groundstation.config import ConfigError, from_dict, refuse_io
@@ -121,12 +123,17 @@ class NoiseLevel(NamedTuple):
     deviation: float
 
 
-def measure_noise(at_s: Column, left: Column) -> NoiseLevel:
-    """Measure the noise in ``left`` (N, k), sampled at ``at_s`` (N,) [s]; infinite deviation for too few samples."""
+def _find_runs(at_s: Column, uneven: float) -> tuple[NDArray[np.bool_], float]:
+    """Begins of five samples whose intervals differ by less than the share ``uneven``, and the usual interval [s]."""
     spans = np.diff(at_s)
     usual = float(np.median(spans))
-    even = np.abs(spans - usual) < UNEVEN * usual
-    runs = even[:-3] & even[1:-2] & even[2:-1] & even[3:]
+    even = np.abs(spans - usual) < uneven * usual
+    return even[:-3] & even[1:-2] & even[2:-1] & even[3:], usual
+
+
+def measure_noise(at_s: Column, left: Column) -> NoiseLevel:
+    """Measure the noise in ``left`` (N, k), sampled at ``at_s`` (N,) [s]; infinite deviation for too few samples."""
+    runs, _ = _find_runs(at_s, UNEVEN)
     # Independent noise has 1 + 16 + 36 + 16 + 1 times its variance in these; see estimation/estimator.py.
     squares = (np.diff(left, 4, axis=0)[runs] ** 2).mean(axis=1) / 70.0
     blocks = len(squares) // BLOCK
@@ -157,11 +164,7 @@ def measure_jitter(at_s: Column, left: Column, position: Column) -> StampJitter:
     Noise squared is r + s² v² on each axis: by least squares over ``left``, see :func:`measure_noise`, which is weighed
     by what each of its squares scatters by itself.
     """
-    spans = np.diff(at_s)
-    usual = float(np.median(spans))
-    # A stamp that is off by more than this is taken for a pose that is missing.
-    even = np.abs(spans - usual) < 0.5 * usual
-    runs = even[:-3] & even[1:-2] & even[2:-1] & even[3:]
+    runs, usual = _find_runs(at_s, 0.5)  # a stamp that is off by more is taken for a pose that is missing
     squares = (np.diff(left, 4, axis=0)[runs] ** 2) / 70.0
     speeds = ((position[4:] - position[:-4])[runs] / (4.0 * usual)) ** 2
     blocks = len(squares) // BLOCK
@@ -739,17 +742,13 @@ def write_page(folder: Path, found: IdentifiedVehicle, figures: Sequence[tuple[R
     """
     name = found.seen.config.vehicle.name
     title = f"{name}, identified from {found.seen.path.name}"
-    head = "".join(
-        f"<th{' class=number' if i else ''}>{cell}</th>" for i, cell in enumerate(("", "found", "95 %", "told"))
-    )
-    rows = [f"<tr>{head}<th></th></tr>"]
-    for one in found.parameters.values():
-        label = f"{one.title} [{one.unit}]" if one.unit else one.title
-        numbers = "".join(f'<td class="number">{escape(cell)}</td>' for cell in describe_figures(one))
-        rows.append(f'<tr><td>{escape(label)}</td>{numbers}<td class="note">{escape(one.note)}</td></tr>')
+    rows = [
+        [f"{one.title} [{one.unit}]" if one.unit else one.title, *describe_figures(one), one.note]
+        for one in found.parameters.values()
+    ]
     parts = [f"<h1>{escape(title)}</h1>"]
     parts += [f'<p class="note">{escape(line)}</p>' for line in remarks(found)]
-    parts.append(f"<table>{''.join(rows)}</table>")
+    parts.append(html_table(["", "found", "95 %", "told", ""], rows, numbers=range(1, 4)))
     parts += [frame_picture(one.name, one.title, one.caption, path) for one, path in figures]
     page = folder / PAGE
     write_whole(page, document(title, parts))

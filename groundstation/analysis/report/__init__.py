@@ -13,4 +13,4 @@ from groundstation.analysis.report.figures import (
     save_figures,
 )
 from groundstation.analysis.report.flight import FlightColumns, NoCommand, read_columns
-from groundstation.analysis.report.page import document, frame_picture, report_command
+from groundstation.analysis.report.page import document, frame_picture, html_table, report_command

@@ -74,11 +74,11 @@ def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts
     title = " against ".join(_name(one) for one in facts)
     parts = [f"<h1>{escape(title)}</h1>", *(_warnings(one) for one in facts)]
     head, *rows = result_table(names, facts)
-    parts += ["<h2>Result</h2>", _table(head, rows, numbers=range(1, len(head))), f'<p class="note">{AGAINST}</p>']
+    parts += ["<h2>Result</h2>", html_table(head, rows, numbers=range(1, len(head))), f'<p class="note">{AGAINST}</p>']
     parts += [_budget(name, one["budget"]) for name, one in zip(names, facts, strict=True) if one["budget"]]
     parts += [frame_picture(one.name, one.title, one.caption, path) for one, path in figures]
     parts += ["<h2>Events</h2>", *(_events(name, one) for name, one in zip(names, facts, strict=True))]
-    parts += ["<h2>What flew</h2>", _table(["", *names], _program(facts))]
+    parts += ["<h2>What flew</h2>", html_table(["", *names], _program(facts))]
     parts += [_config(name, one) for name, one in zip(names, facts, strict=True)]
     page = folder / PAGE
     write_whole(page, document(title, parts))
@@ -207,7 +207,7 @@ def _last_words(link: dict[str, Any]) -> str:
 def _budget(name: str, budget: dict[str, Any]) -> str:
     head, *rows = budget_table(budget)
     note = f"{budget['of']} {NOT_A_SUM}" if rows else budget["of"]
-    table = _table(head, rows, numbers=range(1, 4)) if rows else ""
+    table = html_table(head, rows, numbers=range(1, 4)) if rows else ""
     return f'<h2 id="error-budget">Error budget of {escape(name)}</h2>{table}<p class="note">{escape(note)}</p>'
 
 
@@ -254,7 +254,9 @@ def _events(name: str, one: dict[str, Any]) -> str:
         [f"{event['time_s']:.2f}", f"{event['clock_s']:.3f}", event["kind"], event["text"]] for event in one["events"]
     ]
     head = ["time [s]", "clock [s]", "what", ""]
-    return f"<h3>{escape(name)}</h3>" + _table(head, rows, numbers=range(2)) + f'<p class="note">{escape(CLOCK)}</p>'
+    return (
+        f"<h3>{escape(name)}</h3>" + html_table(head, rows, numbers=range(2)) + f'<p class="note">{escape(CLOCK)}</p>'
+    )
 
 
 def _program(facts: Sequence[dict[str, Any]]) -> list[list[str]]:
@@ -271,7 +273,8 @@ def _config(name: str, one: dict[str, Any]) -> str:
     return f"<details><summary>Configuration of {escape(name)}</summary><pre>{escape(one['config'])}</pre></details>"
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: range = range(0)) -> str:
+def html_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: range = range(0)) -> str:
+    """A table in HTML; ``numbers`` are its columns of numbers."""
     kinds = [' class="number"' if i in numbers else "" for i in range(len(head))]
     cells = [[f"<th{kind}>{escape(cell)}</th>" for kind, cell in zip(kinds, head, strict=True)]]
     cells += [[f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)] for row in rows]

@@ -47,6 +47,11 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
     NoticeTemplate(
+        "serve.gcs",
+        "a second ground station is no longer served",
+        "put a MAVLink router, such as mavlink-routerd, between autopilot and ground stations, as with a real one",
+    ),
+    NoticeTemplate(
         "mission.real_time",
         "fleets are no longer flown in real time by one command",
         "run `groundstation-sim serve --fleet FLEET.toml` and `groundstation fleet FLEET.toml`; "
