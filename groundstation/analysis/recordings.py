@@ -1,7 +1,7 @@
 """Recordings, listed and exported (``groundstation logs``, ``groundstation export``), and read as arrays: flight data.
 
-A list has the headline numbers of each flight. An export has channels as CSV, poses to be played again, or a recording
-that was cut off made whole.
+A list has the headline numbers of each flight. An export has channels as CSV, or a recording that was cut off made
+whole.
 
 Flight data is a recorded flight as arrays, tables and pictures, for notebooks and scripts:
 
@@ -24,6 +24,7 @@ import msgspec
 import numpy as np
 
 from groundstation.config import ConfigError
+from groundstation.core.messages import notice
 from groundstation.machine import (
     RecordingConfig,
     folder_of,
@@ -33,7 +34,6 @@ from groundstation.machine import (
     open_whole,
     tidy,
 )
-from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import (
     CHANNELS,
     FlightHeadline,
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = {
-    "csv": "", "parquet": ".parquet", "npz": ".npz", "mat": ".mat", "rrd": ".rrd", "poses": "-poses.csv",
+    "csv": "", "parquet": ".parquet", "npz": ".npz", "mat": ".mat", "rrd": ".rrd",
     "mcap": "-whole.mcap", "foxglove": "-foxglove.mcap",
 }  # fmt: skip
 """Suffix of each format behind the recording's name, by default."""
@@ -72,6 +72,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     Raises:
         ConfigError: a file is no recording, a channel has another name, or the result can't be written.
     """
+    if form == "poses":
+        raise ConfigError("--format", notice("export.poses"))
     wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
     for name in wanted:
         if name not in CHANNELS:
@@ -119,8 +121,6 @@ def _export(recording: Recording, form: str, topics: list[str], target: Path) ->
 
             scene = FoxgloveScene("--format")
             return f"{rewrite(recording, target, topics, scene)} messages with the scene, for Foxglove"
-        case "poses":
-            return f"{write_poses(recording, target)} poses: {CSV_COLUMNS}"
     rows = [count for count in write_tables(recording, form, topics or list(CHANNELS), target).values() if count]
     return f"{sum(rows)} rows of {len(rows)} channels"
 
@@ -163,19 +163,6 @@ def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, in
             writers[entry.topic].writerow(dict(flatten(entry.value(), "")))
             rows[entry.topic] += 1
     return rows
-
-
-def write_poses(recording: Recording, target: Path) -> int:
-    """Write the poses as they came, in ``CSV_COLUMNS``; the number of poses."""
-    count = 0
-    with open_whole(target) as file:
-        file.write(CSV_COLUMNS + "\n")
-        for entry in recording.entries(("/measured",)):
-            count += 1
-            seen = entry.message()
-            p, q = seen.position_ned, seen.attitude
-            file.write(encode_csv(CsvRow(seen.time_s, seen.arrival_s, (p.x, p.y, p.z), (q.w, q.x, q.y, q.z))))
-    return count
 
 
 def flatten(value: Any, name: str) -> Iterator[tuple[str, Any]]:

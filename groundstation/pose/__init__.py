@@ -2,14 +2,10 @@
 
 from groundstation.pose.forward import ForwardingSource
 from groundstation.pose.recorded_codec import (
-    CSV_COLUMNS,
-    IN_RUN_FOLDER,
-    CsvRow,
     Sender,
     TlogReader,
     TlogRecord,
     describe_senders,
-    encode_csv,
     find_autopilots,
     is_autopilot,
 )

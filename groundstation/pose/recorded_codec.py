@@ -1,11 +1,6 @@
-"""Files of recorded poses: CSV, and the .tlog of a MAVLink flight. Sans-IO.
+"""The .tlog of a MAVLink flight. Sans-IO.
 
-CSV, as a run's folder and `groundstation export --format poses` have it, has one row a pose, in order of time, below a
-row of names:
-
-    t,x,y,z,qw,qx,qy,qz,arrival  [s, m, -], arrival: when its bytes came [s], by the clock of t
-
-A .tlog has every MAVLink frame of a flight, both ways, each behind the time that it was logged:
+It has every MAVLink frame of a flight, both ways, each behind the time that it was logged:
 
     8 bytes   microseconds since 1970, big-endian
     n bytes   the frame (links/mavlink/protocol/codec.py)
@@ -19,31 +14,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import notice
 from groundstation.pose.sources import POSE_MESSAGES
 from links.mavlink.protocol import GROUND_STATION, INVALID, MavlinkCodec, Message, frame_end
-
-CSV_COLUMNS = "t,x,y,z,qw,qx,qy,qz,arrival"
-IN_RUN_FOLDER = "poses.csv"
-"""Name of the file of poses in a run's folder."""
-
-
-class CsvRow(NamedTuple):
-    """One recorded pose, in the axes of the file."""
-
-    t_s: float
-    """Time of the measurement, on the clock of the recording [s]."""
-    arrival_s: float
-    """Time of its arrival, on the same clock [s]."""
-    position: Vec3
-    attitude: Quat
-
-
-def encode_csv(row: CsvRow) -> str:
-    """Return the row with its end of line; numbers read back to the last bit."""
-    return ",".join(map(repr, (row.t_s, *row.position, *row.attitude, row.arrival_s))) + "\n"
-
 
 _STAMP_BYTES = 8
 """Length of a record's time stamp [bytes]."""

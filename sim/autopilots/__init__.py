@@ -19,7 +19,6 @@ from sim.autopilots.peer import (
     OpenWire,
     accept_at,
     at_end_of,
-    speak_to,
     wait_at,
 )
 from sim.autopilots.px4 import Px4, make_px4

@@ -1,6 +1,6 @@
 """Simulation for programs and notebooks: fly one scenario, and read its recording as arrays.
 
-A flight's folder holds the configuration, the recording (flight.mcap, flight.tlog), the poses as CSV, and the result.
+A flight's folder holds the configuration, the recording (flight.mcap, flight.tlog), and the result.
 """
 
 import asyncio
@@ -10,7 +10,7 @@ import json
 import sys
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from numbers import Integral, Real
 from pathlib import Path
@@ -20,12 +20,11 @@ import msgspec
 
 from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, dump, lend, name_object, refuse_io, several, without_frames
-from groundstation.core.messages import EndRecord, Pose, Sentence, TickRecord, notice
+from groundstation.core.messages import EndRecord, Sentence, TickRecord
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import about
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.machine import write_whole
-from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import FlightLog, LineRecord, Record
 from groundstation.settings import Config
 from sim.runs.flight import Result, fly
@@ -230,7 +229,6 @@ def _fly(plan: Plan, folder: "RunFolder | None", on_progress: Callable[[float, f
         seed=plan.seed,
         duration_s=plan.duration_s,
         autopilot=plan.ends.autopilot,
-        on_pose=folder.pose if folder is not None else None,
         give=folder.give if folder is not None else None,
         on_progress=None if on_progress is None else lambda done_s: on_progress(done_s, plan.duration_s),
     )
@@ -333,8 +331,6 @@ class RunFolder:
                 (path / name).unlink(missing_ok=True)
             # Times of the recording begin at 0, not at the wall clock: the same flight gives the same bytes.
             self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
-            self._poses = TextOutput(path / IN_RUN_FOLDER)
-        self._poses.write(CSV_COLUMNS + "\n")
         self._world = world
         self._last_s = 0.0
         self._state = "idle"
@@ -354,12 +350,6 @@ class RunFolder:
         """Keep all records of a simulation that ends in an error: the last ones show its cause."""
         self._log.flush()
         self._log.leave()
-        self._poses.close()
-
-    def pose(self, pose: Pose) -> None:
-        """Take one pose."""
-        row = CsvRow(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude)
-        self._poses.write(encode_csv(row))
 
     def close(self, facts: dict[str, Any]) -> None:
         """Write the result and close everything."""
@@ -367,7 +357,6 @@ class RunFolder:
             self._log.write(EndRecord(self._last_s, self._state, facts["why"]))
         rms_cm, max_cm = facts.get("rms_cm"), facts.get("max_cm")
         self._log.close(*(None if value is None else 0.01 * value for value in (rms_cm, max_cm)))
-        self._poses.close()
         result = {**facts, "sim": msgspec.to_builtins(self._world)}
         summary = self.path / "summary.json"
         try:
@@ -378,34 +367,3 @@ class RunFolder:
 
 def _warn(sentence: Sentence) -> None:
     print(sentence, file=sys.stderr)
-
-
-class TextOutput:
-    """One text file of a run. If it can't be written any more (a full disk), it warns, and the flight goes on."""
-
-    def __init__(self, path: Path) -> None:
-        """Replace the file at ``path``.
-
-        Raises:
-            OSError: it can't be opened.
-        """
-        self._path = path
-        self._file = path.open("w", encoding="utf-8")
-
-    def write(self, text: str) -> None:
-        """Append ``text``; after an error it is dropped."""
-        if not self._file.closed:
-            self._attempt(lambda: self._file.write(text))
-
-    def close(self) -> None:
-        """Write the buffered text, and close the file."""
-        self._attempt(self._file.close)
-
-    def _attempt(self, work: Callable[[], object]) -> None:
-        """Do ``work``; at an error, close the file and warn."""
-        try:
-            work()
-        except OSError as error:
-            with suppress(OSError):
-                self._file.close()
-            _warn(notice("recording.no_end", path=self._path, why=error.strerror))

@@ -46,6 +46,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
+    NoticeTemplate("export.poses", "poses have no format of their own any more", "take --channel /measured"),
     NoticeTemplate(
         "serve.gcs",
         "a second ground station is no longer served",
