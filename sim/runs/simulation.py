@@ -20,7 +20,7 @@ import msgspec
 
 from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, dump, lend, name_object, refuse_io, several, without_frames
-from groundstation.core.messages import EndRecord, Sentence, TickRecord
+from groundstation.core.messages import EndRecord, Sentence, TickRecord, notice
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import about
 from groundstation.flight.preflight import ensure_flyable
