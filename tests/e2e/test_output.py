@@ -86,6 +86,20 @@ def test_a_full_disk_is_told_of_in_one_line() -> None:
     assert (done.returncode, done.stderr) == (1, "the output cannot be written: No space left on device\n")
 
 
+def test_a_dashboard_whose_station_can_not_write_its_log_says_so_before_anything_flies(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("no folder", "utf-8")
+    folder = tmp_path / "taken" / "flights"
+    main, side = pty.openpty()
+    words = ["fly", "examples/loopback.toml", "--tui", "--set", f"recording.folder={folder}"]
+    command = [sys.executable, "-m", "groundstation", *words]
+    done = subprocess.run(command, stdin=side, stdout=side, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+    os.close(side)
+    os.close(main)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"groundstation: recording.folder: cannot write {folder / 'mqx.log'}")
+    assert done.stderr.endswith("Not a directory\n")
+
+
 FULL = [
     (("export", "{log}", "--format", "npz", "--out", "{out}.npz"), "--out: cannot write {out}.npz: File too large"),
     (("export", "{log}", "--format", "mcap", "--out", "{out}.mcap"), "--out: cannot write {out}.mcap: File too large"),

@@ -87,6 +87,7 @@ from groundstation.machine import (
     ApiError,
     StatusConfig,
     find_socket,
+    folder_of,
     is_served,
     make_folder,
     open_private,
@@ -866,12 +867,15 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
         raise ConfigError("status.path", str(notice("screen.served", path=path, again=again)))
-    log = make_folder(config.recording) / f"{vehicle}.log"
+    log = folder_of(config.recording) / f"{vehicle}.log"
     overrides = [word for override in args.overrides for word in ("--set", override)]
     overrides += ["--rehearse"] if args.rehearse else []
     arm = [] if args.arm is None else ["--arm", args.arm]
     words = ["daemon", str(args.config), "--once", *overrides, *arm]
-    with open(log, "wb", opener=open_private) as output:  # Path.open has no opener
+    with refuse_io("recording.folder", f"cannot write {log}, which the ground station behind the dashboard needs"):
+        make_folder(config.recording)
+        output = open(log, "wb", opener=open_private)  # noqa: SIM115  # closed below; Path.open has no opener
+    with output:
         core = start_child("groundstation", *words, stdout=output, stderr=output)
 
     def describe_end() -> str:
