@@ -92,12 +92,13 @@ def test_a_dashboard_whose_station_can_not_write_its_log_says_so_before_anything
     main, side = pty.openpty()
     words = ["fly", "examples/loopback.toml", "--tui", "--set", f"recording.folder={folder}"]
     command = [sys.executable, "-m", "groundstation", *words]
-    done = subprocess.run(command, stdin=side, stdout=side, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+    done = subprocess.run(command, stdin=side, stdout=side, stderr=side, timeout=60, check=False)
+    said = os.read(main, 10_000).decode()
     os.close(side)
     os.close(main)
     assert done.returncode == 2
-    assert done.stderr.startswith(f"groundstation: recording.folder: cannot write {folder / 'mqx.log'}")
-    assert done.stderr.endswith("Not a directory\n")
+    assert said.startswith(f"groundstation: recording.folder: cannot write {folder / 'mqx.log'}")
+    assert said.endswith("Not a directory\r\n")
 
 
 FULL = [
