@@ -520,7 +520,7 @@ class _Replay:
             pose = recorded
         else:
             self.result.compare("pose", seen.arrival_s, recorded, pose)
-        self._pilot.estimate(pose)
+        self._pilot.estimate_state(pose)
 
     def _idle(self, idle: ch.IdleMessage) -> None:
         end, self._end = self._end, None
@@ -561,7 +561,7 @@ class _Replay:
             return
         self._command = None
         self._told.reference = read_reference(reference)
-        tick = self._pilot.compute(recorded.time_s)
+        tick = self._pilot.compute_command(recorded.time_s)
         was, command = read_command(recorded), tick.command
         if was != command:
             self._pilot.obey(recorded.time_s, was)

@@ -83,8 +83,8 @@ class Pacing:
             self._waiting = None
 
 
-LOOK_S = 0.02
-"""Longest time between two calls of :meth:`StallDetector.look` [s]."""
+STALL_CHECK_S = 0.02
+"""Longest time between two calls of :meth:`StallDetector.note_running` [s]."""
 STALL_S = 0.06
 """A longer time without a look means that the program was stalled [s]."""
 DRAIN_S = 0.01
@@ -97,7 +97,7 @@ class StallDetector:
     _looked_s: float | None = None
     _drained_s = 0.0
 
-    def look(self, now_s: float) -> None:
+    def note_running(self, now_s: float) -> None:
         """Note that the program runs at ``now_s``."""
         if self._looked_s is not None and now_s - self._looked_s > STALL_S:
             self._drained_s = now_s + DRAIN_S
@@ -107,15 +107,15 @@ class StallDetector:
         """Whether data read at ``now_s`` may have arrived during a stall."""
         if self._looked_s is None:
             return False
-        self.look(now_s)
+        self.note_running(now_s)
         return now_s < self._drained_s
 
 
-LINK_LOOK_S = 0.5
+LINK_CHECK_S = 0.5
 """Period at which the autopilot's presence and arming are checked [s]."""
 DISARM_WAIT_S = 8.0
 """Time for a landed autopilot to accept disarming [s]: it must first detect the landing."""
-AFTERMATH_S = 1.0
+HANG_S = 1.0
 """The controller must notice a silent link within this time [s]; else it hangs."""
 
 
@@ -176,15 +176,15 @@ class CommandLoop:
         """Detect stalls between frames and poses that are far apart, too."""
         loop = asyncio.get_running_loop()
         while True:
-            self._stalls.look(loop.time())
-            await asyncio.sleep(LOOK_S)
+            self._stalls.note_running(loop.time())
+            await asyncio.sleep(STALL_CHECK_S)
 
     async def _while_the_link_sends(self, work: Awaitable[None]) -> None:
         """Await ``work``; a controller that does not notice that the link has fallen silent hangs."""
         task, silent = asyncio.ensure_future(work), asyncio.ensure_future(self._link.silent())
         try:
             await asyncio.wait({task, silent}, return_when=asyncio.FIRST_COMPLETED)
-            await asyncio.wait({task}, timeout=AFTERMATH_S)
+            await asyncio.wait({task}, timeout=HANG_S)
             if not task.done():
                 raise FlightEnded(notice("fault.controller_hangs"))
             task.result()
@@ -200,13 +200,13 @@ class CommandLoop:
         self._pacing.begin()
         while True:
             now = loop.time()
-            self._stalls.look(now)
+            self._stalls.note_running(now)
             command = controller.on_frame(now)
             slow = STEP_WATCH.get().slow
             if slow is not None:
                 self._warn(slow.text, slow)
             if now >= look:
-                look += LINK_LOOK_S
+                look += LINK_CHECK_S
                 self._ensure_armed(now)
                 controller.on_link_status(now)
                 self._warn_of_link()

@@ -44,7 +44,7 @@ from groundstation.settings import Config
 from links.core import Attitude, CommandLink, LinkError
 from links.io import NETWORK, Network
 
-UNSEEN = 64
+WAITING_POSES = 64
 """Number of poses that wait for the vehicle's attitude, at most [-]."""
 
 
@@ -61,7 +61,7 @@ class AttitudeComparison:
     def add(self, pose: Pose) -> None:
         """Take one pose."""
         self._unseen.append(pose)
-        if len(self._unseen) >= UNSEEN:
+        if len(self._unseen) >= WAITING_POSES:
             self.compare()
 
     def compare(self) -> Witness:
@@ -145,10 +145,7 @@ class Flight:
             config,
             link,
             self._pilot,
-            self.say,
-            self._on_command,
-            self._enter,
-            self._shutdown.distrust,
+            self,
             others,
             monitors,
         )
@@ -384,7 +381,8 @@ class Flight:
         if state in IN_AIR and state is not State.DESCENT and (news := self._attitudes.witness.describe_news()):
             self.say(news.as_warning())
 
-    def _enter(self, state: State, reason: Sentence) -> None:
+    def on_state(self, state: State, reason: Sentence) -> None:
+        """Publish a new state; a final one ends the commands. See :class:`FlightListener`."""
         severity = Severity.WARNING if state in ALARMING else Severity.INFO
         self._publish(Notice.of(self._now(), state, reason, "state", severity))
         if state in FINAL and state is not State.LANDED:  # no more commands: the link brings the vehicle down
@@ -394,7 +392,12 @@ class Flight:
             if self._crew is not None:
                 self._crew.cancel()
 
-    def _on_command(self, tick: Tick) -> None:
+    def on_failure(self) -> None:
+        """Forward no more poses. See :class:`FlightListener`."""
+        self._shutdown.distrust()
+
+    def on_tick(self, tick: Tick) -> None:
+        """Publish a command that has left, and move the gains. See :class:`FlightListener`."""
         state = self.state
         for warning in tick.certificate.warnings:
             self.say(warning.as_warning(), "certificate")

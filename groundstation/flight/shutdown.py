@@ -11,9 +11,9 @@ from groundstation.core.messages import (
 )
 from links.core import CommandLink, LinkError
 
-STAY_LOOK_S = 0.1
+MONITOR_PERIOD_S = 0.1
 """Period at which an autopilot left in the air is checked after the flight [s]."""
-STAYS_S = 30.0
+MONITORED_S = 30.0
 """An autopilot that lands by itself is monitored, and can be killed, for this long after the last
 command [s]."""
 
@@ -85,19 +85,19 @@ class Shutdown:
         if not (self._turns() and (self.forwards or (autopilot is not None and autopilot.lands_by_itself))):
             return
         now_s = asyncio.get_running_loop().time
-        until_s = now_s() + STAYS_S
+        until_s = now_s() + MONITORED_S
         self.stays = True
         self._say(notice("flight.poses_go_on" if self.forwards else "flight.still_heard"))
         while self._turns() and not self.leave.is_set() and (self.forwards or now_s() < until_s):
             with suppress(TimeoutError):
-                await asyncio.wait_for(self.leave.wait(), STAY_LOOK_S)
+                await asyncio.wait_for(self.leave.wait(), MONITOR_PERIOD_S)
         self.stays = False
         if self.killed:
             return
         if self.leave.is_set():
             self._say(notice("flight.left_as_asked"))
         elif self._turns():
-            self._say(notice("flight.left_turning", limit_s=STAYS_S))
+            self._say(notice("flight.left_turning", limit_s=MONITORED_S))
         else:
             self._say(notice("flight.left_stopped"))
 

@@ -50,7 +50,7 @@ async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: A
     come = asyncio.Event()
 
     def take(pose: Pose) -> None:
-        pilot.estimate(pose)
+        pilot.estimate_state(pose)
         come.set()
 
     async def let_go() -> None:

@@ -32,9 +32,9 @@ def a_tick() -> Tick:
     """One command of a pilot on its first pose."""
     config = Config()
     pilot = Pilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
-    pilot.estimate(Pose(0, 0.0, 0.02, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0)))
+    pilot.estimate_state(Pose(0, 0.0, 0.02, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0)))
     pilot.follow(config.trajectory.build(), 0.0)
-    return pilot.compute(0.03)
+    return pilot.compute_command(0.03)
 
 
 def the_recording(folder: Path) -> Path:

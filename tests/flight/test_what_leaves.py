@@ -158,7 +158,7 @@ def _controller_raises(flight: Flight, stage: Stage) -> None:
     def raises(*_: object) -> None:
         raise RuntimeError("a bug")
 
-    flight._pilot.compute = raises  # type: ignore[method-assign, assignment]  # as a controller of one's own may
+    flight._pilot.compute_command = raises  # type: ignore[method-assign, assignment]  # as a controller of one's own may
 
 
 def _pacer_dies(flight: Flight, stage: Stage) -> None:

@@ -322,7 +322,7 @@ def _fly_capture(driven: DrivenFlight) -> WatchedFlight:
         if is_sent:
             continue
         pose = poses[index]
-        pilot.estimate(pose)
+        pilot.estimate_state(pose)
         if not lifted and index >= begin and floor_z_m - pose.position_ned[2] > WANDERING_M:
             lifted = True
             pilot.lift_off(time_s, 1.0, -(pose.velocity_ned or (0.0, 0.0, 0.0))[2])

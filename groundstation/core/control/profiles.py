@@ -21,7 +21,7 @@ GainSet = Callable[[Gains], Gains]
 
 
 class FlightProfile(NamedTuple):
-    """How phases of one kind are flown."""
+    """Profile of phases of one kind."""
 
     gains: GainSet | None
     """Gain set; None for the configured gains."""

@@ -38,7 +38,7 @@ VelocityBias = Annotated[float, msgspec.Meta(ge=0.0, le=2.0)]
 Wander = Annotated[float, msgspec.Meta(ge=0.0, le=2.0)]
 """A random walk of positions [m/√s]: ten times that of a receiver of satellites; more is in millimetres."""
 MarkerWander = Annotated[float, msgspec.Meta(ge=0.0, le=0.1)]
-"""The same of a tracker's positions [m/√s]; more is in millimetres."""
+"""A random walk of a tracker's positions [m/√s]; more is in millimetres."""
 ModelNoise = Annotated[float, msgspec.Meta(gt=0.0, le=5.0)]
 """Noise density of the model's acceleration [m/s² per √Hz]; more is a model that knows nothing."""
 WindNoise = Annotated[float, msgspec.Meta(gt=0.0, le=50.0)]

@@ -61,7 +61,7 @@ _MEASURED_DROPS = {
     "late": "{value:.0f} ms old when it came, limit {limit:.0f} ms (flight.coast_s): look for a queue in the network "
     "or the tracking computer",
 }
-"""The same of the reasons for which the newest drop has a number and a limit."""
+"""Sentences of those reasons for which the newest drop has a number and a limit."""
 
 POSE_NOTICES: tuple[NoticeTemplate, ...] = (
     *(NoticeTemplate(f"drop.{reason}", f"{reason} ({meaning})") for reason, meaning in _DROPS.items()),

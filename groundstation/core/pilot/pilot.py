@@ -204,7 +204,7 @@ class Pilot:
         motion = self._estimator.motion
         return 0.0 if motion is None else math.hypot(*motion.velocity[:2])
 
-    def estimate(self, pose: Pose) -> None:
+    def estimate_state(self, pose: Pose) -> None:
         """Estimate the state at one pose, and the health of the poses.
 
         A pose that is not newer than the last, or that the gate rejects, is ignored.
@@ -387,7 +387,7 @@ class Pilot:
         self._tell(IdleRecord(time_s, thrust_n, command))
         return command
 
-    def compute(self, time_s: float) -> Tick:
+    def compute_command(self, time_s: float) -> Tick:
         """Compute the command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
         pose, descent = self._received.newest, self._descent
         assert pose is not None and self._leg is not None, "a command needs a pose and a trajectory"

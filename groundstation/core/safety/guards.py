@@ -226,7 +226,7 @@ class GuardView:
         self._reset_count: int | None = None
         self._reset_s: list[float] = []
 
-    def take(self, tick: GuardInput, *, is_guided: bool) -> None:
+    def add_command(self, tick: GuardInput, *, is_guided: bool) -> None:
         """Take one more command."""
         self.tick, self.is_guided = tick, is_guided
         now_s, left_s = tick.time_s, self._left_s
@@ -480,7 +480,7 @@ class Guards:
 
     def check_command(self, tick: GuardInput, state: State) -> GuardFinding | None:
         """Return the gravest finding of one command."""
-        self._view.take(tick, is_guided=state is not State.DESCENT)
+        self._view.add_command(tick, is_guided=state is not State.DESCENT)
         found = [self._check(guard, tick.time_s) for guard in GUARDS if guard.id not in OF_LINK]
         return max((one for one in found if one is not None), key=lambda one: one.step, default=None)
 

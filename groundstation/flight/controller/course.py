@@ -13,21 +13,21 @@ from groundstation.settings import Config
 
 AT_REST_M_S = 0.02
 """A reference slower than this is not braked before the next leg [m/s]."""
-FAST_M_S2 = 2.0
+CLIMB_M_S2 = 2.0
 """Deceleration after a lift-off faster than the climb speed, and largest acceleration of a climb
 [m/s²]: just off the floor thrust allows no more."""
-BLOWN_M_S = 0.1
+DRIFT_M_S = 0.1
 """Above this horizontal speed at lift-off, wind has moved the vehicle and it is braked [m/s]."""
-HALTS_M_S2 = 3.0
+DRIFT_BRAKING_M_S2 = 3.0
 """Deceleration of that braking [m/s²]."""
-HALTS_PER_S = 3.5
+DRIFT_BRAKING_PER_S = 3.5
 """Deceleration per m/s of an autopilot's own speed estimate, at most [1/s]: 0.3 m/s may be its
 wander."""
 LEAST_HEIGHT_M = 0.3
 """Lowest height that goto accepts [m]."""
-SEEN_M = 0.005
+ON_FENCE_M = 0.005
 """A point this close to the fence is reported as on it [m]."""
-LOOKS = 40
+CHECKED_POINTS = 40
 """Number of points at which a leg is checked before it is flown [-]: less than a millisecond."""
 
 
@@ -59,7 +59,7 @@ class Clearance:
         room = math.inf if self.fence is None else self.fence.room_m(place)
         if room > 0.0:
             return None
-        return notice("goto.on_fence") if room > -SEEN_M else notice("goto.outside", outside_m=-room)
+        return notice("goto.on_fence") if room > -ON_FENCE_M else notice("goto.outside", outside_m=-room)
 
     def find_way_out(self, leg: Leg, now_s: float) -> Sentence | None:
         """Describe the obstacle on the way of ``leg``, braking included; None without one."""
@@ -67,7 +67,7 @@ class Clearance:
         if separation is not None and separation.config.unknown != "warn" and (lost := separation.unknown(now_s)):
             return notice("goto.unseen", names=", ".join(lost))
         way = leg.trajectory
-        begin_s, steps = now_s - leg.start_s, LOOKS
+        begin_s, steps = now_s - leg.start_s, CHECKED_POINTS
         for n in range(steps + 1):
             at = way.at(begin_s * (1.0 - n / steps))
             if self.fence is not None and not self.fence.braking_room_m(at.position_ned, at.velocity_ned) > 0.0:
@@ -83,7 +83,10 @@ class Clearance:
 class Course:
     """Ways of one flight, each from the motion of now. Times are on the event loop's clock [s]."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, others: Others | None = None) -> None:
+        """``others`` are vehicles to keep away from."""
+        self.clearance = Clearance(config, others)
+        """Obstacles to points and legs."""
         self.trajectory = config.trajectory.build()
         """The configured trajectory."""
         self.home: Vec3 | None = None
@@ -98,7 +101,7 @@ class Course:
         """Climb to the take-off height from the motion ``now`` at the lift-off."""
         takeoff = self._config.takeoff
         is_fast = math.hypot(*now.velocity_ned) > takeoff.climb_m_s
-        limits = Limits(takeoff.climb_m_s, FAST_M_S2 if is_fast else min(takeoff.transit_m_s2, FAST_M_S2))
+        limits = Limits(takeoff.climb_m_s, CLIMB_M_S2 if is_fast else min(takeoff.transit_m_s2, CLIMB_M_S2))
         return self._rise(None, self._halt_aside(now), now, limits, time_s)
 
     def entry(self, now: Reference) -> list[Blend]:
@@ -170,9 +173,13 @@ class Course:
         """Brake the horizontal motion of a climb that wind has moved; nothing opposed the wind on the floor."""
         north, east, climb = now.velocity_ned
         speed = math.hypot(north, east)
-        if speed <= BLOWN_M_S:
+        if speed <= DRIFT_M_S:
             return []
-        hardest = min(HALTS_M_S2, HALTS_PER_S * speed) if self._config.pose.by_autopilot else HALTS_M_S2
+        hardest = (
+            min(DRIFT_BRAKING_M_S2, DRIFT_BRAKING_PER_S * speed)
+            if self._config.pose.by_autopilot
+            else DRIFT_BRAKING_M_S2
+        )
         halt = stop(msgspec.structs.replace(now, velocity_ned=(north, east, 0.0)), Limits(1.0, hardest))
         north, east, down = halt.at(halt.duration_s).position_ned
         place = (north, east, down + climb * halt.duration_s)

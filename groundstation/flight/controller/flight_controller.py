@@ -7,10 +7,10 @@ wires.
 """
 
 import math
-from collections.abc import Callable
+from typing import Protocol
 
 from groundstation.core.geometry import Quat
-from groundstation.core.messages import Others, Pose, Sentence, Tick, Waypoint, notice
+from groundstation.core.messages import NoticeKind, Others, Pose, Sentence, Tick, Waypoint, notice
 from groundstation.core.mission import IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
@@ -28,7 +28,7 @@ from groundstation.core.safety import (
     limit_n,
 )
 from groundstation.core.trajectory import Reference
-from groundstation.flight.controller.course import Clearance, Course, Leg
+from groundstation.flight.controller.course import Course, Leg
 from groundstation.flight.controller.descent_means import DescentMeans, Means
 from groundstation.flight.controller.phases import (
     DescentPhase,
@@ -47,19 +47,35 @@ from links.text import to_ms
 
 LAST_CHANCE_S = 0.004
 """The next command leaves this long before the deadline of the one before [s]."""
-ASTRAY_M = 0.3
+OFF_REFERENCE_M = 0.3
 """Deviation from the reference above which a landing begins at the vehicle's own position [m]: a vehicle that
 is held below its reference would shoot up when released."""
 LAST_PERIODS = 2.5
 """The last command is valid for this many periods: it must reach the next frame of a pacer."""
-LONGER_S = 10.0
+LANDING_MARGIN_S = 10.0
 """Time allowed for a landing in addition to the way down [s]."""
-LONGER = 2.0
+LANDING_FACTOR = 2.0
 """Factor on the time of that way at its slowest speed [-]."""
 DESCENT_M_S = 0.5
 """Sink rate of the failsafe descent [m/s]: ArduPilot's own landing (LAND_SPEED); 4 s from a height of 2 m."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height during a descent has detected the landing [m]."""
+
+
+class FlightListener(Protocol):
+    """Port of who hears of a flight, and ends what the flight no longer needs."""
+
+    def say(self, sentence: Sentence, kind: NoticeKind = "news") -> None:
+        """Report ``sentence`` to the operator."""
+
+    def on_tick(self, tick: Tick) -> None:
+        """Take a command of the law that has left."""
+
+    def on_state(self, state: State, reason: Sentence) -> None:
+        """Take the state that begins, and its reason."""
+
+    def on_failure(self) -> None:
+        """End all use of the poses: they are wrong, and the last command has not left yet."""
 
 
 class FlightController:
@@ -70,10 +86,7 @@ class FlightController:
         config: Config,
         link: CommandLink,
         pilot: Pilot,
-        say: Callable[..., None],
-        on_tick: Callable[[Tick], None],
-        on_state: Callable[[State, Sentence], None],
-        on_failure: Callable[[], None],
+        listener: FlightListener,
         others: Others | None,
         monitors: Monitors,
     ) -> None:
@@ -83,10 +96,7 @@ class FlightController:
             config: the flight's.
             link: the command link; only read.
             pilot: flies the references.
-            say: takes a sentence for the operator, and the kind of its :class:`Notice`.
-            on_tick: called with each command of the law that has left.
-            on_state: called as a state begins, with the reason.
-            on_failure: called when the poses are no longer used, before the last command leaves.
+            listener: hears of what happens.
             others: vehicles to keep away from.
             monitors: makes the guards.
         """
@@ -95,10 +105,7 @@ class FlightController:
         self._link = link
         self._means = DescentMeans(pilot, link)
         self._uplink = CommandUplink(link)
-        self._say = say
-        self._on_tick = on_tick
-        self._on_state = on_state
-        self._on_failure = on_failure
+        self._listener = listener
         self.mission = Mission()
         """State, and its reason."""
         self.standing = StandingPoses()
@@ -114,13 +121,12 @@ class FlightController:
         """Start of the trajectory [s]; None before it is known."""
         self._warned = ""
         self._health = HealthState.OK
-        self._course = Course(config)
-        self._clearance = Clearance(config, others)
+        self._course = Course(config, others)
         self.phase: SpoolUp | Phase | DescentPhase | None = None
-        """What is flown, or was flown last; None before the flight."""
+        """Phase that is flown, or was flown last; None before the flight."""
         self._guards: Guards | None = None
         if config.flight.start == "floor":  # a vehicle held in the air starts with an error, and nobody beneath it
-            clearance = self._clearance
+            clearance = self._course.clearance
             self._guards = monitors.guards(
                 config.guards, clearance.fence, config.vehicle, lambda: link.period_s, clearance.separation,
                 config.flight.floor_z_m, config.controller.gravity, config.flight.coast_s,
@@ -175,7 +181,7 @@ class FlightController:
             if event is Event.HOLD and isinstance(self.phase, HoldPhase):  # it no longer ends by itself
                 self.phase.waits = True
             return
-        self._on_state(state, reason)
+        self._listener.on_state(state, reason)
         if state not in IN_AIR:
             return
         if isinstance(self.phase, SpoolUp) and self.phase.lift_off is None:  # still on the floor: nothing to fly
@@ -210,16 +216,18 @@ class FlightController:
         """Return the longest plausible duration of the way down from here [s]."""
         pose, flight = self._pilot.newest_pose, self._config.flight
         height_m = 0.0 if pose is None else max(flight.floor_z_m - pose.position_ned[2], 0.0)
-        return LONGER_S + LONGER * height_m / min(flight.descent_m_s, self._config.landing.touchdown_m_s)
+        return LANDING_MARGIN_S + LANDING_FACTOR * height_m / min(
+            flight.descent_m_s, self._config.landing.touchdown_m_s
+        )
 
     def fly_to(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> Sentence | None:
         """Begin to fly to ``points``; return the obstacle, or None. Points are checked now, each leg before it."""
         for number, point in enumerate(points, 1):
-            if refusal := self._clearance.find_obstacle(point.place_ned):
+            if refusal := self._course.clearance.find_obstacle(point.place_ned):
                 place = list(point.place_ned)
                 return notice("goto.point", number=number, count=len(points), place=place, why=refusal)
         phase = GoToPhase(self._course, *self._motion(now_s), points)
-        if refusal := self._clearance.find_way_out(phase.leg, now_s):
+        if refusal := self._course.clearance.find_way_out(phase.leg, now_s):
             return notice("goto.way", target=phase.target, why=refusal)
         self.go(Event.GOTO, notice("mission.goto", target=phase.target, why=why), now_s, phase=phase)
         return None
@@ -229,10 +237,10 @@ class FlightController:
         following = reached.begin_next(*self._motion(now_s))
         if following is None:
             self.go(arrived.event, arrived.reason, now_s)
-        elif refusal := self._clearance.find_way_out(following.leg, now_s):
+        elif refusal := self._course.clearance.find_way_out(following.leg, now_s):
             self.go(Event.HOLD, notice("mission.not_to_point", target=following.target, why=refusal), now_s)
         else:
-            self._say(notice("mission.to_point", target=following.target), kind="course")
+            self._listener.say(notice("mission.to_point", target=following.target), "course")
             self._begin(following)
 
     def on_frame(self, now_s: float) -> Command:
@@ -249,7 +257,7 @@ class FlightController:
                 return self._pilot.idle(now_s, 0.0)
             return self._pilot.surrender(now_s, LAST_PERIODS * self._link.period_s)
         self._ensure_pose(now_s)
-        self._made = self._pilot.compute(now_s)
+        self._made = self._pilot.compute_command(now_s)
         return self._made.command
 
     def _spool_thrust_n(self, spool_up: SpoolUp, now_s: float) -> float:
@@ -257,7 +265,7 @@ class FlightController:
         pose = self._pilot.newest_pose
         assert pose is not None, "poses showed it on the floor"
         coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
-        why = self._uplink.update(now_s) or spool_up.fault(now_s, pose, coast_s, self._clearance.fence)
+        why = self._uplink.check(now_s) or spool_up.fault(now_s, pose, coast_s, self._course.clearance.fence)
         if why is None:
             return spool_up.thrust_n(now_s)
         self.go(Event.LAND, why, now_s, fault=True)
@@ -266,14 +274,14 @@ class FlightController:
     def on_sent(self, now_s: float) -> None:
         """Take that the command of the frame has left: judge it by the guards, and end its phase if it is over."""
         if self._made is not None:
-            self._on_tick(self._made)
+            self._listener.on_tick(self._made)
             self._judge(self._made)
         if self._means.ends_commands and self.failure is not None:  # it was the last one
             self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
 
     def _is_too_late(self, now_s: float) -> bool:
         """Whether commands end as they arrive too late; while none arrive, gains are calm and adaptation is frozen."""
-        why = self._uplink.update(now_s)
+        why = self._uplink.check(now_s)
         self._pilot.set_uplink_lost(self._uplink.is_down)
         if not self._uplink.is_down:
             return False
@@ -298,7 +306,7 @@ class FlightController:
             self.failure = Failure(health.reason_id, notice(health.reason_id))
         reason, means = self.failure.reason, self._means.choose(now_s)
         if means is not Means.POSITION:
-            self._on_failure()
+            self._listener.on_failure()
         if self._means.ends_commands:
             self.failure = self.failure._replace(reason=notice("fault.poses_model", reason=reason))
         elif means is Means.POSITION:
@@ -318,7 +326,9 @@ class FlightController:
         if self._health is before or self._health is HealthState.FAILED:
             return
         suspect = self._health is HealthState.SUSPECT
-        self._say(notice(health.reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news")
+        self._listener.say(
+            notice(health.reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news"
+        )
 
     def _descend(self, now_s: float, *, blind: bool, rest_s: float = 0.0) -> None:
         height_m = self._pilot.descend(DESCENT_M_S, blind=blind, rest_s=rest_s)
@@ -331,7 +341,7 @@ class FlightController:
         if finding is None or finding.step is GuardAction.WARN:
             warning = None if finding is None else finding.reason.as_warning()
             if warning is not None and warning.text != self._warned:
-                self._say(warning)
+                self._listener.say(warning)
             self._warned = "" if warning is None else warning.text
         else:
             self._answer(finding, tick.time_s)
@@ -375,12 +385,12 @@ class FlightController:
                     self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
                 elif step is answer.step:
                     self.go(event, answer.reason, now_s, fault=True)
-                    self._say(answer.reason.as_warning())
+                    self._listener.say(answer.reason.as_warning())
                 return
 
     def on_pose(self, pose: Pose) -> None:
         """Take a pose: estimate the state, and the health of the poses."""
-        self._pilot.estimate(pose)
+        self._pilot.estimate_state(pose)
         if isinstance(self.phase, SpoolUp):
             self.phase.add_pose(pose)
         elif self.tick is None:
@@ -405,7 +415,7 @@ class FlightController:
 
     def _climb_away(self, now_s: float) -> None:
         """Climb off the floor; from now on it flies by poses."""
-        self._say(notice("mission.off_floor"))
+        self._listener.say(notice("mission.off_floor"))
         arrival = MissionMove(Event.CLIMBED, notice("mission.at_height"))
         self._begin(TransitPhase(self._course.climb(*self._motion(now_s)), arrival))
 
@@ -417,7 +427,7 @@ class FlightController:
             return motion, now_s + self._config.vehicle.acting_delay_s
         assert self.tick is not None, "it flies"
         reference, here = self.tick.reference, self.tick.estimate.motion
-        if self.state is State.LANDING and math.dist(reference.position_ned, here.position) > ASTRAY_M:
+        if self.state is State.LANDING and math.dist(reference.position_ned, here.position) > OFF_REFERENCE_M:
             reference = Reference(here.position, here.velocity, yaw_rad=reference.yaw_rad)
         return reference, self.tick.estimate.time_s
 

@@ -63,7 +63,7 @@ class GoToPhase(TransitPhase):
     def __init__(
         self, course: Course, now: Reference, time_s: float, points: tuple[Waypoint, ...], index: int = 0
     ) -> None:
-        """From the motion ``now`` at ``time_s`` [s] to the point ``index`` of ``points``."""
+        """Plan the way to the point ``index`` of ``points``, from the motion ``now`` at ``time_s`` [s]."""
         which = f", {index + 1} of {len(points)}" if len(points) > 1 else ""
         self.target = course.describe(points[index], which)
         """Description of the point."""

@@ -6,19 +6,19 @@ from groundstation.core.messages import Sentence, notice
 from links.core import IN_TIME, CommandLink
 from links.text import to_ms
 
-SILENT_S = 0.15
+TELEMETRY_STALL_S = 0.15
 """Shortest silence of a vehicle's telemetry after which it may not receive commands either [s]."""
-SILENTS = 2.5
+TELEMETRY_STALL_INTERVALS = 2.5
 """Shortest such silence as a multiple of its usual telemetry interval [-]."""
-LOST_S = 3.0
+TELEMETRY_LOST_S = 3.0
 """After this long a silence only the telemetry counts as lost [s]."""
-USUAL_S = 0.02
+TELEMETRY_INTERVAL_S = 0.02
 """Initial value of the usual telemetry interval [s]."""
-USUAL = 0.1
+INTERVAL_WEIGHT = 0.1
 """Weight of each interval in its running mean [-]."""
-UNHEARD_S = 0.15
+UPLINK_DOWN_S = 0.15
 """Acknowledgements overdue for this long: the uplink is assumed down [s]."""
-DEAF_S = 0.5
+UPLINK_LOST_S = 0.5
 """Acknowledgements overdue for this long: the operator is informed, and the vehicle descends [s]."""
 
 
@@ -27,30 +27,31 @@ class CommandUplink:
 
     def __init__(self, link: CommandLink) -> None:
         self._link = link
-        self._heard_s, self._usual_s = -math.inf, USUAL_S
+        self._telemetry_s, self._interval_s = -math.inf, TELEMETRY_INTERVAL_S
         self.is_down = False
         """Whether the vehicle acknowledged nothing for so long that the uplink is assumed down."""
         self.is_late = False
         """Whether commands arrive too late."""
 
-    def update(self, now_s: float) -> Sentence | None:
+    def check(self, now_s: float) -> Sentence | None:
         """Check once a frame whether acknowledgements are overdue or late.
 
         Return why commands can't fly the vehicle although its telemetry arrives; None if they reach it in time.
         """
         autopilot = self._link.autopilot
         overdue_s, late_s = IN_TIME if autopilot is None else autopilot.arrival(now_s)
-        self.is_down, self.is_late = overdue_s > UNHEARD_S, late_s > 0.0
+        self.is_down, self.is_late = overdue_s > UPLINK_DOWN_S, late_s > 0.0
         if self.is_late:
             return notice("fault.late_commands", late_ms=to_ms(late_s))
-        return notice("fault.unanswered", overdue_ms=to_ms(overdue_s)) if overdue_s > DEAF_S else None
+        return notice("fault.unanswered", overdue_ms=to_ms(overdue_s)) if overdue_s > UPLINK_LOST_S else None
 
     def take_telemetry(self, now_s: float) -> None:
         """Take the time of a telemetry message."""
-        since_s, self._heard_s = now_s - self._heard_s, now_s
-        if since_s < LOST_S:
-            self._usual_s += USUAL * (since_s - self._usual_s)
+        since_s, self._telemetry_s = now_s - self._telemetry_s, now_s
+        if since_s < TELEMETRY_LOST_S:
+            self._interval_s += INTERVAL_WEIGHT * (since_s - self._interval_s)
 
     def is_stalled(self, now_s: float) -> bool:
         """Whether the telemetry is silent for longer than usual, but not lost."""
-        return max(SILENT_S, SILENTS * self._usual_s) < now_s - self._heard_s < LOST_S
+        stall_s = max(TELEMETRY_STALL_S, TELEMETRY_STALL_INTERVALS * self._interval_s)
+        return stall_s < now_s - self._telemetry_s < TELEMETRY_LOST_S

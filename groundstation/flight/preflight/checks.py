@@ -439,7 +439,7 @@ def describe_checks(checks: list[Check]) -> str:
     return "\n".join(f"{check.verdict:5}{check.name:20}{check.says}" for check in checks)
 
 
-SEEN_S = 0.5
+SIGHTING_S = 0.5
 """Time after its last sighting for which a body's place counts [s]. Chosen."""
 
 
@@ -498,7 +498,7 @@ class Company:
         place, near = standing.place_ned, list[tuple[float, str]]()
         for body in self._bodies.bodies:
             sight = self._bodies.sighting(body)
-            if sight is not None and now_s - sight.time_s < SEEN_S:
+            if sight is not None and now_s - sight.time_s < SIGHTING_S:
                 near.append((math.dist(place, sight.position_ned), body))
         if not near:
             return report(name, Verdict.PASS, "check.bodies_none")

@@ -25,9 +25,9 @@ from groundstation.settings import Config
 from links.core import CommandLink, LinkError
 from links.text import to_ms
 
-LOOK_S = 1.2
+COLLECTION_S = 1.2
 """Time over which poses are collected before the first checks [s]."""
-LOOK_AGAIN_S = 1.0
+RECHECK_S = 1.0
 """Period at which the checks are repeated until the operator arms [s]. Chosen."""
 
 
@@ -131,9 +131,9 @@ class ArmingSequence:
             return [*found, report("frames", Verdict.FAIL, "check.conflict", why=conflict)] if conflict else found
 
     async def _stand(self) -> None:
-        """Collect poses of the vehicle at rest for ``LOOK_S``, and let the link examine its autopilot."""
+        """Collect poses of the vehicle at rest for ``COLLECTION_S``, and let the link examine its autopilot."""
         self._look = Checks(self._config, self._others, read_proof(proof_path(self._config)))
-        await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
+        await asyncio.gather(asyncio.sleep(COLLECTION_S), self._link.examine())
 
     def _check(self, *, arming: bool = False) -> list[Check]:
         """Make all checks; ``arming``: the motors start next."""
@@ -180,7 +180,7 @@ class ArmingSequence:
             while not (confirmed.done() or asked.done()):
                 if self._look is not None:
                     self._check()  # the screens show the present checks until the operator arms
-                await asyncio.wait({confirmed, asked}, timeout=LOOK_AGAIN_S, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait({confirmed, asked}, timeout=RECHECK_S, return_when=asyncio.FIRST_COMPLETED)
             if not asked.done() and not confirmed.result():
                 raise FlightEnded(notice("fault.not_confirmed"))
         finally:

@@ -24,7 +24,7 @@ Parts = Sequence[tuple[type, str]]
 """Classes, and the methods of theirs that are timed."""
 CORE: Parts = ((ModelEstimator, "update"), (ModelEstimator, "predict"), (Adaptive, "decide"))
 """Law, observer and predictor."""
-WHOLE: Parts = ((Pilot, "estimate"), (Pilot, "compute"))
+WHOLE: Parts = ((Pilot, "estimate_state"), (Pilot, "compute_command"))
 """All that a command needs: the reference, the bring-down it carries, the watch and the monitor too."""
 
 

@@ -33,13 +33,13 @@ def test_what_may_stand_is_only_levelled_however_far_it_is_from_its_reference(
 ) -> None:
     told: list[Any] = []
     flies, place = Pilot(VEHICLE, Gains(), 0.25, 0.0, tell=told.append), (0.0, 0.0, -0.4)
-    flies.estimate(Pose(0, 0.0, 0.0, place, leaning(degrees, azimuth_deg)))
+    flies.estimate_state(Pose(0, 0.0, 0.0, place, leaning(degrees, azimuth_deg)))
     flies.use_profile(TRANSIT)
     flies.follow(Hold((2.0, -2.0, -0.4), 0.0), 0.0)
-    free = flies.compute(0.0).decision.drive
+    free = flies.compute_command(0.0).decision.drive
     for _ in range(3):
         flies.set_ground_contact(True)
-    tick = flies.compute(0.0)
+    tick = flies.compute_command(0.0)
     roll, pitch = sine_error(tick.estimate.motion.attitude, push((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), G)[0])
     thrust, (p, q, r) = tick.decision.drive
     back = (p * roll + q * pitch) / math.hypot(roll, pitch)
