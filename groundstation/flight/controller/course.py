@@ -175,11 +175,9 @@ class Course:
         speed = math.hypot(north, east)
         if speed <= DRIFT_M_S:
             return []
-        hardest = (
-            min(DRIFT_BRAKING_M_S2, DRIFT_BRAKING_PER_S * speed)
-            if self._config.pose.by_autopilot
-            else DRIFT_BRAKING_M_S2
-        )
+        hardest = DRIFT_BRAKING_M_S2
+        if self._config.pose.by_autopilot:
+            hardest = min(hardest, DRIFT_BRAKING_PER_S * speed)
         halt = stop(msgspec.structs.replace(now, velocity_ned=(north, east, 0.0)), Limits(1.0, hardest))
         north, east, down = halt.at(halt.duration_s).position_ned
         place = (north, east, down + climb * halt.duration_s)

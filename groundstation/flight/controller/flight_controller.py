@@ -216,9 +216,8 @@ class FlightController:
         """Return the longest plausible duration of the way down from here [s]."""
         pose, flight = self._pilot.newest_pose, self._config.flight
         height_m = 0.0 if pose is None else max(flight.floor_z_m - pose.position_ned[2], 0.0)
-        return LANDING_MARGIN_S + LANDING_FACTOR * height_m / min(
-            flight.descent_m_s, self._config.landing.touchdown_m_s
-        )
+        slowest_m_s = min(flight.descent_m_s, self._config.landing.touchdown_m_s)
+        return LANDING_MARGIN_S + LANDING_FACTOR * height_m / slowest_m_s
 
     def fly_to(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> Sentence | None:
         """Begin to fly to ``points``; return the obstacle, or None. Points are checked now, each leg before it."""
