@@ -396,7 +396,7 @@ class ObedientPilot(Pilot):
     def obey(self, time_s: float, command: Command) -> None:
         """Take the recorded ``command`` of ``time_s`` [s] in place of the new one: the vehicle moved by it."""
         drive = ActuatorCommand(command.thrust_n, command.rates_rad_s)
-        self._estimator.add_command(time_s + self._vehicle.command_delay_s, drive)
+        self.state.estimator.add_command(time_s + self._vehicle.command_delay_s, drive)
 
 
 class _RecordedReference:

@@ -253,7 +253,7 @@ class Flight:
             state=self.state,
             reason=self.reason,
             started_s=self.started_s,
-            pose=self._pilot.newest_pose,
+            pose=self._pilot.state.newest_pose,
             source=self._source.status,
             link=self._link.status,
             certificate=self._pilot.certificate,
@@ -349,8 +349,8 @@ class Flight:
         if self._commands.pass_pose(pose):
             self._attitudes.add(pose)
             if not self._dismissed:  # later the model, which the gate uses, gets no commands
-                self.believes_poses = self._pilot.newest_pose is pose
-                if news := self._pilot.response.describe_news(self._late_by_attitude):
+                self.believes_poses = self._pilot.state.newest_pose is pose
+                if news := self._pilot.state.response.describe_news(self._late_by_attitude):
                     self.say(news.as_warning(), "latency")
             self._preflight.first_pose.set()
 
@@ -401,7 +401,7 @@ class Flight:
         state = self.state
         for warning in tick.certificate.warnings:
             self.say(warning.as_warning(), "certificate")
-        suspicious, self._suspicious = self._suspicious, self._pilot.is_suspicious
+        suspicious, self._suspicious = self._suspicious, self._pilot.state.is_suspicious
         if self._suspicious and not suspicious and self._link.autopilot is not None:
             self._link.autopilot.ask_mode()  # a vehicle that somebody has taken over does not respond either
         step, news = self._live.update(

@@ -111,7 +111,7 @@ async def _hold_armed(
         for event in _find_events(config, link):
             if event not in told:
                 told.add(event)
-                newest = pilot.newest_pose
+                newest = pilot.state.newest_pose
                 tell(News(event, now, link.status.text, None if newest is None else newest.time_s))
         await asyncio.sleep(link.period_s)
 

@@ -37,7 +37,7 @@ def test_a_batch_agrees_with_whole_flights_to_a_micrometre(
 ) -> None:
     asked = scenario.startswith("rotors")  # a flight whose lags are told so wrongly asks its poses, which no batch does
     if asked:
-        monkeypatch.setattr("groundstation.core.pilot.pilot.SUSPECT_M_S2", math.inf)
+        monkeypatch.setattr("groundstation.core.pilot.vehicle_state.SUSPECT_M_S2", math.inf)
     world, config = prepare(SCENARIOS[scenario], list(overrides))
     batch = fly_batch([world] * SEEDS, config, list(range(SEEDS)), duration_s=DURATION_S)
     assert batch.survived.all()

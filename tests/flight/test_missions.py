@@ -89,7 +89,7 @@ def test_thrust_effectiveness_is_not_learnt_on_the_floor() -> None:
     async def script(flight: Flight, _: Stage) -> None:
         await until(lambda: flight.state is State.TAKEOFF)
         while flight.snapshot().thrust_n == 0.0:  # no law has flown yet
-            learnt.append(flight._pilot._estimator._effectiveness.value)
+            learnt.append(flight._pilot.state.estimator._effectiveness.value)
             await asyncio.sleep(0.01)
 
     assert mission("adverse", *SHORT, script=script).landed

@@ -284,8 +284,8 @@ class RecordedPilot(Pilot):
 
     def take_command(self, time_s: float, drive: ActuatorCommand, interval_s: float) -> None:
         """Take a command that left at ``time_s`` [s], so long after the one before."""
-        self._send(time_s, drive)
-        self._wind.add(self._estimator.predict(time_s), interval_s)
+        self.state.add_command(time_s, drive)
+        self.state.wind.add(self.state.estimator.predict(time_s), interval_s)
 
 
 def watch_capture(file: Path, overrides: Sequence[str]) -> Alarms:
@@ -309,14 +309,14 @@ def _fly_capture(driven: DrivenFlight) -> WatchedFlight:
     stood = [pose.position_ned[2] for pose in poses[:begin] if pose.arrival_s >= lifts_s - STOOD_S]
     floor_z_m = mean(stood) if stood else math.inf  # a recording may begin in the air
     pilot = RecordedPilot(config.vehicle, config.controller, config.flight.coast_s, floor_z_m, health=WatchedHealth)
-    health = pilot.health
+    health = pilot.state.health
     assert isinstance(health, WatchedHealth), "made by this"
     ended, lifted, last_s = "", False, from_s
     pilot.set_on_floor()
     events = [(pose.arrival_s, 0, i) for i, pose in enumerate(poses)]
     events += [(time_s, 1, i) for i, (time_s, _) in enumerate(driven.commands)]
     for time_s, is_sent, index in sorted(e for e in events if from_s <= e[0] <= ends_s):
-        if is_sent and pilot.newest_pose is not None:
+        if is_sent and pilot.state.newest_pose is not None:
             pilot.take_command(time_s, driven.commands[index][1], time_s - last_s)
             last_s = time_s
         if is_sent:

@@ -1,3 +1,4 @@
 """Pilot: estimator, monitors, controller and limits of one vehicle, from a pose to a command."""
 
-from groundstation.core.pilot.pilot import NOISE_POSES, Pilot
+from groundstation.core.pilot.pilot import Pilot
+from groundstation.core.pilot.vehicle_state import NOISE_POSES

@@ -62,14 +62,14 @@ class DescentMeans:
         if self.ends_commands:
             return self.chosen
         pilot, autopilot = self._pilot, self._link.autopilot
-        slow = pilot.is_blind and pilot.speed_aside_m_s < BRAKED_M_S
-        if pilot.health.is_position_usable:
+        slow = pilot.state.is_blind and pilot.state.speed_aside_m_s < BRAKED_M_S
+        if pilot.state.health.is_position_usable:
             self.chosen = Means.POSITION
         elif slow and autopilot is not None and autopilot.could_land_by_itself(now_s):
             self.chosen = Means.NOTHING
-        elif pilot.is_blind and now_s > self._over_s:
+        elif pilot.state.is_blind and now_s > self._over_s:
             self.chosen = Means.FLOOR
-        elif pilot.health.is_attitude_usable:
+        elif pilot.state.health.is_attitude_usable:
             self.chosen = Means.ATTITUDE
         else:
             self.chosen = Means.AUTOPILOT if now_s - self._attitude_s < AUTOPILOT_S else Means.NOTHING

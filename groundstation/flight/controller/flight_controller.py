@@ -147,7 +147,7 @@ class FlightController:
     @property
     def at_floor(self) -> bool:
         """Whether the newest pose shows the vehicle on the floor, or nearly."""
-        pose = self._pilot.newest_pose
+        pose = self._pilot.state.newest_pose
         return pose is not None and self._config.flight.floor_z_m - pose.position_ned[2] < DISARMED_HEIGHT_M
 
     def go(
@@ -214,7 +214,7 @@ class FlightController:
 
     def _way_down_s(self) -> float:
         """Return the longest plausible duration of the way down from here [s]."""
-        pose, flight = self._pilot.newest_pose, self._config.flight
+        pose, flight = self._pilot.state.newest_pose, self._config.flight
         height_m = 0.0 if pose is None else max(flight.floor_z_m - pose.position_ned[2], 0.0)
         slowest_m_s = min(flight.descent_m_s, self._config.landing.touchdown_m_s)
         return LANDING_MARGIN_S + LANDING_FACTOR * height_m / slowest_m_s
@@ -261,7 +261,7 @@ class FlightController:
 
     def _spool_thrust_n(self, spool_up: SpoolUp, now_s: float) -> float:
         """Thrust on the floor [N]; 0 where something is wrong, and the motors go off."""
-        pose = self._pilot.newest_pose
+        pose = self._pilot.state.newest_pose
         assert pose is not None, "poses showed it on the floor"
         coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
         why = self._uplink.check(now_s) or spool_up.fault(now_s, pose, coast_s, self._course.clearance.fence)
@@ -294,7 +294,7 @@ class FlightController:
 
     def _answer_failure(self, now_s: float) -> bool:
         """After a failure of the poses, come down by what still responds; return whether commands end."""
-        health = self._pilot.health
+        health = self._pilot.state.health
         if self._guards is None:
             return False
         self._pilot.pause_response(self._uplink.is_stalled(now_s))
@@ -315,7 +315,7 @@ class FlightController:
             whose = "their attitude" if means is Means.ATTITUDE else "the autopilot's attitude"
             why = notice("fault.poses_descend", reason=reason, whose=whose)
             self.go(Event.DESCEND, why, now_s, fault=True, blind=True)
-        elif not self._pilot.is_blind:
+        elif not self._pilot.state.is_blind:
             self._descend(now_s, blind=True)
         return self._means.ends_commands
 
@@ -363,7 +363,7 @@ class FlightController:
 
     def _ensure_pose(self, now_s: float) -> None:
         """If no frame is left before the newest pose is too old for a command, descend on the model."""
-        pose, coast = self._pilot.newest_pose, self._config.flight.coast_s
+        pose, coast = self._pilot.state.newest_pose, self._config.flight.coast_s
         guarded = self._guards is not None and self._config.guards.level_s > 0.0
         if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
             why = notice("fault.pose_gap", age_ms=to_ms(now_s - pose.time_s))
@@ -408,7 +408,7 @@ class FlightController:
         weight, takeoff = config.weight_n, config.takeoff
         most, idle = limit_n(takeoff, vehicle, weight), config.flight.idle_thrust * weight
         spool = Spool(weight, most, takeoff.spool_s, idle, now_s, vehicle.thrust_lag_s)
-        gravity, noise_m = config.controller.gravity, self._pilot.noise_m
+        gravity, noise_m = config.controller.gravity, self._pilot.state.noise_m
         self.phase = SpoolUp(self.standing, spool, vehicle, weight, gravity, noise_m)
         self._course.home = self.phase.place_ned
 

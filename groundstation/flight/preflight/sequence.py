@@ -140,7 +140,7 @@ class ArmingSequence:
         assert self._look is not None, "_stand comes first"
         now, standing = asyncio.get_running_loop().time(), self._controller.standing
         agreement = self._witness().verdict(now)
-        checks = self._look(standing, self._pilot.noise_m, self._link.status, now, agreement, self._source.status)
+        checks = self._look(standing, self._pilot.state.noise_m, self._link.status, now, agreement, self._source.status)
         checks += self._company(standing, now, arming=arming)
         self.checks = tuple(checks)
         return checks

@@ -194,7 +194,7 @@ async def fly_here(
         # What false poses led to is no course any more: it may run away with them.
         nonlocal blind
         pilot = flight._pilot
-        blind = blind or (moves.struck and pilot.is_blind and not pilot.health.has_failed)
+        blind = blind or (moves.struck and pilot.state.is_blind and not pilot.state.health.has_failed)
         misled = fault.poses is not Poses.TRUE and bool(moves.answers)
         ended = moves.state in (State.DESCENT, State.ABORTED, State.DISARMING)
         truth.tick(event.tick, follows=not misled and not ended)

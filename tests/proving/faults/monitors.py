@@ -125,7 +125,7 @@ class DeckMonitors:
         assert health is not None, "the flight is made"
         if watch == UNGUARDED:
             health.switch_off()
-            pilot._gate = OpenGate()
+            pilot.state._gate = OpenGate()
             if self._guards is not None:
                 self._guards.is_off = True
         elif watch:

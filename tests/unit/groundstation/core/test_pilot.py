@@ -9,7 +9,7 @@ from groundstation.core.control import TRANSIT, Gains, push, sine_error
 from groundstation.core.geometry import IDENTITY, ZERO, Quat
 from groundstation.core.messages import Estimate, Pose, SwitchRecord
 from groundstation.core.pilot import Pilot
-from groundstation.core.pilot.pilot import _MeanDisturbance
+from groundstation.core.pilot.vehicle_state import MeanDisturbance
 from groundstation.core.trajectory import Hold
 from groundstation.core.vehicle import Motion, Vehicle
 
@@ -56,7 +56,7 @@ def blown(down: float, effectiveness: float = 1.0) -> Estimate:
 
 
 def test_the_mean_disturbance_is_that_since_the_beginning_and_later_that_of_late() -> None:
-    mean = _MeanDisturbance(G)
+    mean = MeanDisturbance(G)
     for n in range(300):  # 3 s: what the observer began with counts as any other
         mean.add(blown(-5.0 if n == 0 else 1.0), 0.01)
     assert mean.value is not None and mean.value[2] == pytest.approx(1.0 - 6.0 / 300, abs=1e-3)
@@ -67,7 +67,7 @@ def test_the_mean_disturbance_is_that_since_the_beginning_and_later_that_of_late
 
 
 def test_once_the_poses_have_answered_the_disturbance_since_they_were_asked_is_the_mean() -> None:
-    mean = _MeanDisturbance(G)
+    mean = MeanDisturbance(G)
     for n in range(400):
         mean.add(blown(0.2 if n < 300 else 3.0, 1.0), 0.01, is_suspect=n >= 310)
     assert mean.value is not None and mean.value[2] < 1.5
@@ -80,7 +80,7 @@ def test_once_the_poses_have_answered_the_disturbance_since_they_were_asked_is_t
 
 def test_the_mean_disturbance_goes_with_the_thrust_scale_of_now() -> None:
     """A scale that is learnt is no change of the wind."""
-    mean = _MeanDisturbance(G)
+    mean = MeanDisturbance(G)
     for n in range(100):
         mean.add(blown(0.55 if n < 99 else 0.55 - 0.035 * G, 1.035 if n < 99 else 1.0), 0.01)
     assert mean.value == pytest.approx((0.0, 0.0, 0.55 - 0.035 * G), abs=1e-6)
