@@ -52,8 +52,6 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     poses: int
     """That have passed the gate."""
-    recorded: bool = False
-    """Always false; kept for readers of the JSON."""
     rate_hz: float
     """Arrivals per second, over the window [1/s]."""
     source_rate_hz: float
