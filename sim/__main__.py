@@ -152,7 +152,7 @@ COMPARE: Arguments = {
     "--trials": {"type": count, "metavar": "N", "help": "with it: sets of gains each (default 24)"},
     **WORKERS,
     **_json("the table"),
-    "--plot": {"type": path, "metavar": "FILE.png", "help": "draw it too; needs matplotlib"},
+    "--plot": {"type": path, "metavar": "FILE.png", "help": "gone: groundstation.compare(…).plot() draws it"},
     **_write(),
 }  # fmt: skip
 CAMPAIGN: Arguments = {

@@ -35,7 +35,7 @@ from groundstation.lab.pose_stream import (
     MOVES,
     AxisCalibration,
     Carry,
-    CarryContradiction,
+    CarryFailure,
     PoseStreamMonitor,
     PoseStreamSummary,
     Sample,
@@ -355,14 +355,6 @@ class CarryRecord(NamedTuple):
     """Whether the autopilot has told its time."""
 
 
-class CarryRefused(Exception):
-    """The carry can't go on; the sentence says why, and what to do."""
-
-    def __init__(self, says: Sentence) -> None:
-        super().__init__(says.text)
-        self.says = says
-
-
 def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: bool, keep: bool) -> Exit:
     """Show the moves, and write what they tell into the file ``path`` unless ``keep``.
 
@@ -384,7 +376,7 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
     try:
         seen = asyncio.run(record_moves(config, say))
         found = solve_axes(seen.carry.rests, seen.carry.samples, seen.autopilot)
-    except (SourceError, LinkError, KeyboardInterrupt, CarryContradiction, CarryRefused) as error:
+    except (SourceError, LinkError, KeyboardInterrupt, CarryFailure) as error:
         why, code = _tell_not_found(error, say)
         if as_json:
             says = {"why": why.text, "why_id": why.id, "why_numbers": why.numbers}
@@ -405,7 +397,7 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
 
 def _tell_not_found(error: BaseException, say: Callable[[str], None]) -> tuple[Sentence, Exit]:
     """Tell the operator why nothing was found; returns that, and the exit code."""
-    if isinstance(error, CarryContradiction | CarryRefused):
+    if isinstance(error, CarryFailure):
         say(notice("carry.not_found", why=error.says).text)
         return error.says, Exit.FAILED
     if isinstance(error, KeyboardInterrupt):
@@ -423,9 +415,9 @@ def _ignore(_: Pose | Sentence) -> None:
 def _require_disarmed(connection: MavlinkConnection | None) -> None:
     """Refuse to go on with an autopilot that is armed, or not heard, or another's."""
     if connection is not None and connection.state != "connected":
-        raise CarryRefused(_state(connection))
+        raise CarryFailure("", _state(connection))
     if connection is not None and connection.conflict:
-        raise CarryRefused(notice("carry.not_recorded", why=connection.conflict))
+        raise CarryFailure("", notice("carry.not_recorded", why=connection.conflict))
 
 
 def _say_not_made(move: str, source: PoseSource, *, deaf: bool) -> Sentence:
@@ -441,7 +433,7 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
     """Have all the moves made; ``say`` tells the operator what to do.
 
     Raises:
-        Refused: the vehicle is armed, or a move was not made for two minutes.
+        CarryFailure: the vehicle is armed, or a move was not made for two minutes.
         SourceError: the source can't be started.
         LinkError: the autopilot does not answer.
     """
@@ -481,7 +473,7 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
                 await asyncio.sleep(LOOK_S)
                 _require_disarmed(connection)
                 if asyncio.get_running_loop().time() > give_up_s:
-                    raise CarryRefused(_say_not_made(move.name, ears.source, deaf=has_autopilot and not felt))
+                    raise CarryFailure("", _say_not_made(move.name, ears.source, deaf=has_autopilot and not felt))
         clock = connection.clock if connection is not None else None
     return CarryRecord(
         carry, [_on_our_clock(arrival_s, sample, clock) for arrival_s, sample in felt], clock is not None

@@ -352,8 +352,8 @@ SPEED_BASE_S = 0.08
 """Speeds of turning are measured over this time [s]."""
 
 
-class CarryContradiction(Exception):
-    """The moves do not fit together; the sentence says which one, and what to do."""
+class CarryFailure(Exception):
+    """The carry can't go on, or its moves do not fit together; the sentence says why, and what to do."""
 
     def __init__(self, move: str, says: Sentence) -> None:
         """``move`` by its name; empty where it is not a single one."""
@@ -387,7 +387,7 @@ def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Sample]) 
     on our clock [s].
 
     Raises:
-        Contradiction: they do not fit together.
+        CarryFailure: they do not fit together.
     """
     theirs = [_autopilot_at(rest, autopilot) for rest in rests] if autopilot else None
     body = _body(rests, theirs)
@@ -398,11 +398,11 @@ def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Sample]) 
     roll, pitch, yaw = lab_askew
     askew = max(abs(roll), abs(pitch))
     if askew > LEVEL_DEG:
-        raise CarryContradiction("still", notice("carry.lab_askew", angle_deg=askew))
+        raise CarryFailure("still", notice("carry.lab_askew", angle_deg=askew))
     if theirs is None:
         askew = max(map(abs, body_askew))
         if askew > 0.5 * WRONG_DEG:
-            raise CarryContradiction("", notice("carry.body_askew", angle_deg=askew))
+            raise CarryFailure("", notice("carry.body_askew", angle_deg=askew))
         body_askew = (0.0, 0.0, 0.0)
     late_s, match = _late(poses, autopilot)
     lab_yaw = yaw if abs(yaw) > NORTH_DEG else 0.0
@@ -423,7 +423,7 @@ def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Sample]) 
 def _autopilot_at(rest: Rest, autopilot: list[Sample]) -> Quat:
     held = [sample.attitude for sample in autopilot if rest.from_s <= sample.time_s <= rest.until_s]
     if not held:
-        raise CarryContradiction("", notice("carry.attitude_stopped"))
+        raise CarryFailure("", notice("carry.attitude_stopped"))
     return mean_attitude(held)
 
 
@@ -447,17 +447,17 @@ def _body(rests: list[Rest], theirs: list[Quat] | None) -> "NDArray[Any]":
     off = [_between_deg(body @ x, y) for x, y in zip(a, b, strict=True)]
     if max(off) > allowed:
         worst = names[off.index(max(off))]
-        raise CarryContradiction(worst, notice("carry.misfit", move=worst, angle_deg=max(off)))
+        raise CarryFailure(worst, notice("carry.misfit", move=worst, angle_deg=max(off)))
     return body
 
 
 def _check_turn(move: CarryMove, seen: Vec3, told: Vec3) -> None:
     """The autopilot must have felt the shown turn, and as much of it as the tracker has seen."""
     if _between_deg(told, move.axis) > WRONG_DEG:
-        raise CarryContradiction(move.name, notice("carry.turned_otherwise", move=move.name, way=_in_words(told)))
+        raise CarryFailure(move.name, notice("carry.turned_otherwise", move=move.name, way=_in_words(told)))
     far, felt = math.degrees(math.hypot(*seen)), math.degrees(math.hypot(*told))
     if abs(far - felt) > APART_DEG:
-        raise CarryContradiction(move.name, notice("carry.turned_apart", move=move.name, seen_deg=far, felt_deg=felt))
+        raise CarryFailure(move.name, notice("carry.turned_apart", move=move.name, seen_deg=far, felt_deg=felt))
 
 
 def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
@@ -470,10 +470,10 @@ def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
             off[move] = body @ _matrix(so3.conjugate(before.attitude)) @ way
     wrong = {move: way for move, way in off.items() if _between_deg(way, move.axis) > WRONG_DEG}
     if len(wrong) == len(off) and all(_between_deg(-way, move.axis) < WRONG_DEG for move, way in wrong.items()):
-        raise CarryContradiction("", notice("carry.left_handed"))
+        raise CarryFailure("", notice("carry.left_handed"))
     for move, way in wrong.items():
         way_words = _in_words(way, shift=True)
-        raise CarryContradiction(move.name, notice("carry.went_otherwise", move=move.name, way=way_words))
+        raise CarryFailure(move.name, notice("carry.went_otherwise", move=move.name, way=way_words))
 
 
 def _nearest_axes(matrix: "NDArray[Any]", names: tuple[str, ...]) -> tuple[Any, Vec3]:

@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from errno import EADDRINUSE
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from links.core import IN_TIME, Arrival, LinkError, LinkLost, LinkMisuse
 from links.io import (
@@ -56,19 +56,6 @@ from links.mavlink.protocol import (
 from links.text import Sentence, link_notice
 
 
-class TransportListener(Protocol):
-    """Callbacks of an open transport: data, returned datagrams, loss."""
-
-    def hear(self, data: bytes, source: Any) -> None:
-        """``data`` came from the address ``source``."""
-
-    def undeliverable(self) -> None:
-        """The network gave back a datagram of ours."""
-
-    def lose_transport(self, why: str) -> None:
-        """The medium has ended by itself; ``why`` completes "the link is lost: "."""
-
-
 def _describe(error: OSError) -> str:
     """Why, in the system's words: asyncio has its own for a connection that is refused."""
     return (
@@ -81,9 +68,9 @@ class UdpTransport(asyncio.DatagramProtocol):
 
     datagrams = True
 
-    def __init__(self, ear: TransportListener, *, speaks_first: bool) -> None:
+    def __init__(self, ear: "ReconnectingTransport", *, speaks_first: bool) -> None:
         self.speaks_first = speaks_first
-        self._ear: TransportListener | None = ear
+        self._ear: ReconnectingTransport | None = ear
         self._out: Datagrams
 
     def leave(self, frame: bytes, to: Any) -> str:
@@ -124,8 +111,8 @@ class StreamTransport(asyncio.Protocol):
     datagrams = False
     speaks_first = True
 
-    def __init__(self, ear: TransportListener) -> None:
-        self._ear: TransportListener | None = ear
+    def __init__(self, ear: "ReconnectingTransport") -> None:
+        self._ear: ReconnectingTransport | None = ear
         self._transport: Any = None
         """The connection, or the port."""
 
@@ -153,7 +140,7 @@ class StreamTransport(asyncio.Protocol):
 class TcpTransport(StreamTransport):
     """A connection; what does not leave soon enough is dropped, and the connection with it."""
 
-    def __init__(self, ear: TransportListener) -> None:
+    def __init__(self, ear: "ReconnectingTransport") -> None:
         super().__init__(ear)
         self._loop = asyncio.get_running_loop()
         self._sent = 0
@@ -218,7 +205,7 @@ SERIAL_QUEUE_S = 0.02
 class SerialTransport(StreamTransport):
     """Implements :class:`links.io.wires.PortProtocol`."""
 
-    def __init__(self, baud: int, ear: TransportListener) -> None:
+    def __init__(self, baud: int, ear: "ReconnectingTransport") -> None:
         super().__init__(ear)
         self._room = max(64.0, SERIAL_QUEUE_S * baud / 10.0)  # a byte takes 10 bits
         self._loop = asyncio.get_running_loop()
@@ -258,7 +245,7 @@ MavlinkTransport = UdpTransport | TcpTransport | SerialTransport
 ``leave(frame, to)`` says why the frame was dropped instead, or nothing; ``cut()`` ends all at once."""
 
 
-async def open_wire(config: MavlinkLinkConfig, ear: TransportListener) -> MavlinkTransport:
+async def open_wire(config: MavlinkLinkConfig, ear: "ReconnectingTransport") -> MavlinkTransport:
     """Open the medium of ``config``; raises OSError."""
     network = NETWORK.get()
     if config.serial is not None:
@@ -299,7 +286,7 @@ LONGEST_PAUSE_S = 8.0
 
 
 class ReconnectingTransport:
-    """The :class:`TransportListener` of one wire after the other. Opened and cut by whoever owns it."""
+    """One wire after the other: hears its data, returned datagrams and loss. Opened and cut by whoever owns it."""
 
     def __init__(
         self,

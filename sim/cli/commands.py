@@ -98,9 +98,7 @@ def compare(args: argparse.Namespace) -> Exit:
     """Fly controllers side by side."""
     from sim.studies import (
         CONTROLLERS,
-        check_plot,
         compare as fly_side_by_side,
-        plot as draw,
         text_table,
         write_between_markers,
     )
@@ -112,7 +110,7 @@ def compare(args: argparse.Namespace) -> Exit:
     if args.trials is not None:
         raise ConfigError("--trials", "is for --equal-margins")
     if args.plot is not None:
-        check_plot(args.plot)
+        raise ConfigError("--plot", notice("compare.plot"))
     with ProgressBar("flights", quiet=args.json) as bar:
         try:
             found = fly_side_by_side(
@@ -122,15 +120,13 @@ def compare(args: argparse.Namespace) -> Exit:
                 duration=args.duration,
                 overrides=args.overrides,
                 workers=args.workers or os.cpu_count() or 1,
-                traced=args.plot is not None,
+                traced=False,
                 on_done=bar.at,
             )
         except ConfigError as error:
             if error.key != "controller.kind" or args.controllers is None:
                 raise
             raise ConfigError("--controllers", error.problem) from None
-    if args.plot is not None:
-        draw(args.plot, found.rows, found.flights)
     if args.write is not None:
         write_between_markers(args.write, found.rows, typed_command())
     print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else text_table(found.rows))

@@ -444,36 +444,6 @@ SHOWN_S = (25.0, 45.0)
 """Part of the flight that the gust's panel shows [s]."""
 
 
-def check_plot(path: Path) -> None:
-    """That a picture can be drawn into ``path``: before minutes of flying, not after.
-
-    Raises:
-        ConfigError: matplotlib is not installed, the folder is not there, or it is no kind of picture.
-    """
-    require_package("matplotlib", "--plot", "plot")
-    from matplotlib.figure import Figure
-
-    if not path.absolute().parent.is_dir():
-        raise ConfigError("--plot", f"cannot write {path}: there is no such folder")
-    if path.is_dir():
-        raise ConfigError("--plot", f"cannot write {path}: it is a folder")
-    kinds = Figure().canvas.get_supported_filetypes()
-    if path.suffix and path.suffix[1:].lower() not in kinds:
-        raise ConfigError("--plot", f"cannot write {path}: expected a name that ends in one of {sorted(kinds)}")
-
-
-def plot(path: Path, rows: Sequence[ComparisonRow], flights: Sequence[ComparedFlight]) -> None:
-    """Draw ``rows``, and the traced ones of ``flights``, into ``path`` (.png, .svg or .pdf).
-
-    Raises:
-        ConfigError: the file can't be written.
-    """
-    try:
-        draw(rows, flights).savefig(path, dpi=150)
-    except (OSError, ValueError) as error:
-        raise ConfigError("--plot", f"cannot write {path}: {error}") from None
-
-
 def draw(rows: Sequence[ComparisonRow], flights: Sequence[ComparedFlight]) -> "Figure":
     """The picture of ``rows``, and of the traced ones of ``flights``."""
     traced = [one for one in flights if one.trace]

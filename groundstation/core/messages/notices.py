@@ -46,6 +46,11 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
+    NoticeTemplate(
+        "compare.plot",
+        "comparisons are drawn by Python alone",
+        "groundstation.compare(...).plot().savefig(FILE), as in examples/notebook.ipynb",
+    ),
     NoticeTemplate("export.poses", "poses have no format of their own any more", "take --channel /measured"),
     NoticeTemplate(
         "serve.gcs",
