@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from groundstation.config import ConfigError
 from groundstation.core.messages import notice
 from groundstation.core.mission import HoldToRun, InputLost
-from groundstation.runtime import describe_install
+from groundstation.runtime import require_package
 from groundstation.settings import OperatorConfig
 from links.core import CommandLink
 from links.mavlink import MavlinkConnection, MavlinkLink
@@ -65,12 +65,9 @@ def open_device(config: OperatorConfig) -> DeviceInput:
     """
     if sys.platform != "linux":
         raise ConfigError("operator.hold", "keys and axes are read by evdev, which only Linux has; or hold = 'rc:N'")
-    try:
-        from evdev import ecodes
-    except ImportError:
-        command = describe_install("operator")
-        missing = notice("package.missing", what="a held key", package="evdev", command=command)
-        raise ConfigError("operator.hold", missing) from None
+    require_package("evdev", "operator.hold", "operator")
+    from evdev import ecodes
+
     code = ecodes.ecodes.get(config.hold)
     if code is None:
         raise ConfigError("operator.hold", f"no key, button or axis has this name (see evtest), got {config.hold!r}")

@@ -135,10 +135,9 @@ def compare(args: argparse.Namespace) -> Exit:
 
 def _at_equal_margins(args: argparse.Namespace) -> Exit:
     """Tune every law under the same robustness floors, and fly the best gains of each once more."""
-    from sim.cli.tune import need_optuna
     from sim.studies import SEARCHED_LAWS, TRIALS, compare_at_equal_margins, describe_terms, equal_margins_table
 
-    need_optuna()
+    require_package("optuna", "tune", "tune")
     for option, values in (("--scenarios", args.scenarios), ("--set", args.overrides), ("--plot", args.plot)):
         if values:
             raise ConfigError(option, "is told by --equal-margins itself")

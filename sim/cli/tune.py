@@ -14,7 +14,7 @@ from groundstation.config import ConfigError, refuse_io
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
 from groundstation.machine import fill_markers, replace_between_markers, write_whole
-from groundstation.runtime import Exit, describe_install
+from groundstation.runtime import Exit, require_package
 from sim.cli.console import ProgressBar, typed_command
 from sim.runs import Flyers
 from sim.studies.tune import (
@@ -70,7 +70,7 @@ def search(args: argparse.Namespace) -> Exit:
     if any(stage.config.vehicle != stages[0].config.vehicle for stage in stages):
         names = ", ".join(stage.scenario for stage in stages)
         raise ConfigError("--scenarios", f"{names} have different vehicles; name the one to tune for with --config")
-    need_optuna()
+    require_package("optuna", "tune", "tune")
     wanted = Search(
         stages=stages,
         keys=space(stages[0].config.controller, args.keys or []),
@@ -89,7 +89,8 @@ def search(args: argparse.Namespace) -> Exit:
     written = None if evidence.complaints else args.out
     if written is not None:
         tuned = msgspec.structs.replace(base, controller=with_gains(base.controller, best.gains))
-        _write(written, toml(tuned, wanted, trials, evidence, typed_command()))
+        with refuse_io("--out", f"cannot write {written}"):
+            write_whole(written, toml(tuned, wanted, trials, evidence, typed_command()))
     if args.json:
         print(json.dumps(_facts(trials, best, evidence, written)))
     else:
@@ -117,18 +118,6 @@ def _run_trials(args: argparse.Namespace, wanted: Search, flyers: Flyers) -> lis
             )
             print(says, file=sys.stderr)
             raise
-
-
-def need_optuna() -> None:
-    """Before anything flies.
-
-    Raises:
-        ConfigError: it is not installed.
-    """
-    try:
-        import optuna as _  # noqa: F401  # only whether it is there
-    except ImportError:
-        raise ConfigError("tune", f"needs optuna, which is not installed: {describe_install('tune')}") from None
 
 
 def journal_of(out: Path | None) -> Path | None:
@@ -162,11 +151,6 @@ def _stages(args: argparse.Namespace, default: list[str]) -> list[Staged]:
 
 def _workers(args: argparse.Namespace) -> int:
     return int(args.workers or os.cpu_count() or 1)
-
-
-def _write(path: Path, content: str) -> None:
-    with refuse_io("--out", f"cannot write {path}"):
-        write_whole(path, content)
 
 
 def _nothing(args: argparse.Namespace, trials: list[TuningTrial]) -> Exit:

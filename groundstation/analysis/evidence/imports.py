@@ -52,7 +52,7 @@ from groundstation.core.geometry import FARTHEST_M, Body, Frames, Quat, World, a
 from groundstation.core.messages import Pose, notice
 from groundstation.machine import open_private
 from groundstation.recording import Vector3, add_channel, begin_mcap, channel_form, quaternion
-from groundstation.runtime import Exit, __version__, describe_install
+from groundstation.runtime import Exit, __version__, require_package
 
 Tables: TypeAlias = Mapping[str, Table]
 Three = tuple[str, str, str]
@@ -245,12 +245,10 @@ def _silence() -> Iterator[None]:
 
 
 def _ulog_tables(path: Path) -> Iterator[tuple[str, Table]]:
-    try:
-        from pyulog import ULog
-        from pyulog.exceptions import ULogException
-    except ImportError:
-        says = notice("package.missing", what="a ULog", package="pyulog", command=describe_install("ulog"))
-        raise ConfigError("FILE", says, str(path)) from None
+    require_package("pyulog", "FILE", "ulog")
+    from pyulog import ULog
+    from pyulog.exceptions import ULogException
+
     try:
         with path.open("rb") as file, _silence():  # it prints what it finds damaged
             if file.read(4) != b"ULog":

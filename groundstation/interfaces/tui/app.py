@@ -96,7 +96,7 @@ from groundstation.machine import (
     write_whole,
 )
 from groundstation.recording import Entry, Recording, refuse_recordings
-from groundstation.runtime import Exit, describe_install
+from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config, is_rehearsal
 from links.core import LinkStatus
 from links.io import make_child_command, start_child
@@ -923,12 +923,9 @@ def _in_browser(args: argparse.Namespace) -> Exit:
         args.log, port = port, PORT
     if args.screenshot is not None or not (isinstance(port, int) and 1 <= port <= 65535):
         raise ConfigError("--browser", f"expected a port from 1 to 65535, and no --screenshot, got {port}")
-    try:
-        from groundstation.interfaces.tui.browser import serve
-    except ImportError:
-        command = describe_install("browser")
-        says = notice("package.missing", what="the page", package="textual-serve", command=command)
-        raise ConfigError("--browser", says) from None
+    require_package("textual_serve", "--browser", "browser")
+    from groundstation.interfaces.tui.browser import serve
+
     if args.log is not None:
         with refuse_recordings():
             Tape(args.log)  # here it is told; in a page nobody would read it

@@ -28,7 +28,7 @@ from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import STEADY_S
 from groundstation.machine import write_whole
-from groundstation.runtime import describe_install
+from groundstation.runtime import require_package
 from groundstation.settings import Config
 from sim.batch import Flights, fly_batch, require_batchable
 from sim.runs import Flyers
@@ -389,13 +389,9 @@ class Cluster:
         Raises:
             ConfigError: dask.distributed is missing, nobody answers, no worker is there, or one runs another program.
         """
-        try:
-            from distributed import Client
-        except ImportError:
-            raise ConfigError(
-                "--cluster",
-                f"needs dask.distributed, which is not installed: {describe_install('cluster')}",
-            ) from None
+        require_package("distributed", "--cluster", "cluster")
+        from distributed import Client
+
         self._address = address
         for name in ("client", "core", "utils"):
             # What they tell in tracebacks is said here in a sentence.
