@@ -235,8 +235,6 @@ class FrameCounts(msgspec.Struct):
 class KeptPort:
     """A port that is opened again, at growing intervals, whenever it was lost."""
 
-    __slots__ = ("_reopen_s", "_wait_s", "fresh", "port", "why_closed")
-
     def __init__(self, port: Port, now_s: float) -> None:
         """Keep ``port``, which is not open yet."""
         self.port = port
@@ -272,8 +270,6 @@ class KeptPort:
 
 class Downlink:
     """Telemetry of the module, and the phase of the frames that it asks for."""
-
-    __slots__ = ("_early_s", "_newest", "_period_s", "decoder", "received")
 
     def __init__(self, config: RfLinkConfig) -> None:
         """Nothing has come."""

@@ -128,8 +128,6 @@ class DelayLine:
 class ActuationChain:
     """Way of commanded thrust and rates to those that act: gain, limits and dead times."""
 
-    __slots__ = ("_late_rates", "_late_thrust", "_limits", "_rates", "_thrust", "_world", "gain", "strength", "told")
-
     def __init__(self, world: World, thrust: float) -> None:
         """``thrust`` [N] acts until a command does, where commands act late."""
         self._world = world
@@ -189,8 +187,6 @@ class ActuationChain:
 class Rotors:
     """Four rotors, and the rate loop that drives them: ours, or another autopilot's."""
 
-    __slots__ = ("_frame", "_gains", "_gyro", "_gyro_noise", "_gyro_noise_rad_s", "actuators", "signals")
-
     def __init__(self, world: World, thrust: float, gyro: Iterator[tuple[float, ...]] | None) -> None:
         """Turn as for a total ``thrust`` [N]; ``gyro``: see :class:`Quadrotor`."""
         self._frame, self._gains = describe_rotors(lambda get: get(world), world.gravity)
@@ -227,8 +223,6 @@ class Rotors:
 
 class FloorContact:
     """Contact of one vehicle with its floor: what it meets it with, friction, and a floor that holds it."""
-
-    __slots__ = ("_held_s", "_highest_m", "_world", "felt", "hardest_m_s", "is_down", "touchdown_m_s")
 
     def __init__(self, world: World) -> None:
         """Begin without contact."""
@@ -303,11 +297,6 @@ class FloorContact:
 
 class Quadrotor:
     """One simulated vehicle. It is held at ``world.start_ned`` until released. Implements Airframe's physics."""
-
-    __slots__ = (  # with so many, a dictionary is slow
-        "_body", "_chain", "_cut", "_drag", "_on_step", "_physics", "_rotors", "_steps", "_time", "_tunnel", "_wind",
-        "_world", "floor", "lead", "partner", "pull", "released_s", "specific_force",
-    )  # fmt: skip
 
     def __init__(
         self,

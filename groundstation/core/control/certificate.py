@@ -247,8 +247,6 @@ NONE = "none"
 class Lasting:
     """A condition that is reported once when it has lasted, and again only ``REST_S`` after its end."""
 
-    __slots__ = ("_ended_s", "_is_reported", "_least_s", "for_s")
-
     def __init__(self, least_s: float = LASTING_S) -> None:
         self.for_s, self._least_s = 0.0, least_s
         self._is_reported = False

@@ -47,8 +47,6 @@ def _clamp(value: float, low: float, high: float) -> float:
 class Ops:
     """A set of elementary functions on one kind of number."""
 
-    __slots__ = ("asinh", "atan2", "clamp", "cos", "exp", "sin", "sqrt", "where")
-
     def __init__(
         self,
         *,

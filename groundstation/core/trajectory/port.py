@@ -102,8 +102,6 @@ class Paced:
         v = s˙ c'        a = s¨ c' + s˙² c''        j = s⃛ c' + 3 s˙ s¨ c'' + s˙³ c'''
     """
 
-    __slots__ = ("_curve", "_end", "_length", "_ramp", "_start", "duration_s", "period_s")
-
     duration_s: float | None
     """Time at which ``length_s`` of the curve are flown [s]; None where it has no end."""
     period_s: float
@@ -302,8 +300,6 @@ class Blend:
     c0 … c3 are the start's derivatives times Tᵏ/k!; c4 … c7 make up what is left to the end's.
     """
 
-    __slots__ = ("_end", "_parts", "_start", "_yaw", "duration_s")
-
     duration_s: float
 
     def __init__(self, start: Reference, end: Reference, duration_s: float) -> None:
@@ -356,8 +352,6 @@ class Blend:
 
 class Chain:
     """Ways one after the other. Time counts from the start of the last, so that it is below 0 on all before."""
-
-    __slots__ = ("_last", "_ways", "before_s")
 
     def __init__(self, ways: Sequence[Blend], last: Trajectory) -> None:
         """Fly ``ways``, each to its end, then ``last``."""
@@ -441,8 +435,6 @@ class HoldConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 class Hold:
     """One reference for all time. See the port for ``at`` and ``position_at``."""
 
-    __slots__ = ("_reference",)
-
     duration_s: float | None = None
     """None: a hold never ends."""
     joints_s = (0.0,)
@@ -499,8 +491,6 @@ class Transit:
     and body rates, which follow acceleration and jerk, start and stop without a step. With w = x (1 - x):
         f' = 140 w³        f'' = 420 w² (1 - 2x)        f''' = 840 w (1 - 5w)
     """
-
-    __slots__ = ("_duration_s", "_end", "_start", "_way", "_yaw")
 
     def __init__(
         self, start_ned: Vec3, end_ned: Vec3, *, max_speed_m_s: float, max_acceleration_m_s2: float, yaw_rad: float

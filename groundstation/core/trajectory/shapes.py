@@ -178,8 +178,6 @@ class OwnTrajectory:
 class Tilted:
     """``curve``, whose side towards one bearing is raised. See the port for ``at`` and ``position_at``."""
 
-    __slots__ = ("_curve", "_east", "_middle", "_north", "_rise", "_shrink")
-
     def __init__(self, curve: PeriodicTrajectory, middle_ned: Vec3, tilt_rad: float, uphill_rad: float) -> None:
         """Raise the side at bearing ``uphill_rad`` by ``tilt_rad``; the curve is level at the height of its middle."""
         self._curve = curve
@@ -314,8 +312,6 @@ class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, 
 class Circle:
     """pd = centre + r (cos θ, sin θ), θ = θ0 ± (V/r) t. See the port for ``at`` and ``position_at``."""
 
-    __slots__ = ("_down", "_east", "_north", "_radius", "_rate", "_start", "_yaw", "period_s")
-
     duration_s: float | None = None
     """None: a circle never ends."""
 
@@ -420,8 +416,6 @@ class Lemniscate:
         curvature     κ = -3 c / d,   dκ/du = 6 s / d²
         dT/du = κ N,  d²T/du² = κ' N - κ² T,                 N = T turned by +90° about down
     """
-
-    __slots__ = ("_cos", "_down", "_east", "_north", "_rate", "_scale", "_sin", "_speed", "_yaw", "period_s")
 
     duration_s: float | None = None
     """None: a lemniscate never ends."""
@@ -570,8 +564,6 @@ class Excitation:
     Schroeder's phases (IEEE Trans. Inf. Theory 16, 1970) keep their sum flat. The whole is scaled to the acceleration
     that is asked for. It begins and ends at rest.
     """
-
-    __slots__ = ("_axes", "_middle", "_yaw", "_yaw_sines", "period_s")
 
     duration_s: float | None = None
     """None: an excitation never ends."""

@@ -150,8 +150,6 @@ class Spline:
     Before its start and after its end it is at rest at its first and its last point.
     """
 
-    __slots__ = ("_end", "_spans", "_start", "duration_s", "joints_s")
-
     duration_s: float
     """When it ends [s]."""
     joints_s: list[float]
