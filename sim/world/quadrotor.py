@@ -279,8 +279,7 @@ class FloorContact:
         """``body`` is in the air."""
         self.is_down, self._held_s = False, None
         height = self._world.floor_z_m - body.position[2]
-        if height > self._highest_m:  # noqa: PLR1730  # at every step of the plant
-            self._highest_m = height
+        self._highest_m = max(self._highest_m, height)
 
     def feel(self, before: Body, body: Body, h: float) -> None:
         """Let the autopilot's own estimate go on by the ``h`` [s] from ``before`` to ``body``."""
