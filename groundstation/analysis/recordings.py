@@ -85,8 +85,9 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     ending = Path(f"x{SUFFIXES[form]}").suffix
     if form in ("mcap", "foxglove", "rrd") and target.suffix != ending:
         raise ConfigError("--out", f"expected a name that ends in {ending}, as viewers go by it, got {target.name!r}")
-    try:
+    with refuse_recordings():
         recording = Recording(path)
+    try:
         if to_screen:
             write_csv(recording, {wanted[0]: sys.stdout})
             if not recording.whole:

@@ -219,6 +219,11 @@ def test_an_export_says_that_it_could_not_write_and_where(form: str, tmp_path: P
         export_command(recorded()[0], form, [], tmp_path / "file" / f"a{SUFFIXES[form]}")
 
 
+def test_a_recording_that_is_not_there_is_what_export_names() -> None:
+    with pytest.raises(ConfigError, match=r"^LOG: cannot read nosuch\.mcap: No such file"):
+        export_command(Path("nosuch.mcap"), "csv", ["errors"], None)
+
+
 def test_a_file_that_is_no_recording_is_told_of(tmp_path: Path) -> None:
     other = tmp_path / "x.mcap"
     for content in (b"", b"\x89MCAP0\r\n", b"MCAP" * 100, b"\x89MCAP0\r\n" + b"\0" * 100):
