@@ -154,14 +154,9 @@ def _open_log(setup: RecorderSetup) -> FlightLog:
     # The event loop's clock is CLOCK_MONOTONIC, the same in every process of this machine.
     log = FlightLog(path, about, epoch_ns=time.time_ns() - time.monotonic_ns(), tell=_tell)
     _tell(notice("recording.begins", path=path))
-    if setup.view:
-        _open_viewer(path, setup.view)
+    if setup.view:  # in a process that stands back as far as this one does, and outlives it
+        start_child("groundstation", "view", str(path), "--in", setup.view, stdout=2)
     return log
-
-
-def _open_viewer(path: Path, viewer: str) -> None:
-    """Show the recording as it is written: by a process that stands back as far as this one does, and outlives it."""
-    start_child("groundstation", "view", str(path), "--in", viewer, stdout=2)
 
 
 def _tell(sentence: Sentence) -> None:

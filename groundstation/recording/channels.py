@@ -556,8 +556,8 @@ def address(peer: Peer) -> str:
 def read_pose(seen: MeasuredMessage) -> Pose:
     """The pose as the pilot got it."""
     velocity = None if seen.velocity_ned is msgspec.UNSET else _components(seen.velocity_ned)
-    at, attitude = _components(seen.position_ned), _quat(seen.attitude)
-    return Pose(seen.id, seen.time_s, seen.arrival_s, at, attitude, velocity, seen.reset_count)
+    at, q = _components(seen.position_ned), seen.attitude
+    return Pose(seen.id, seen.time_s, seen.arrival_s, at, (q.w, q.x, q.y, q.z), velocity, seen.reset_count)
 
 
 def read_reference(r: ReferenceMessage) -> Reference:
@@ -580,7 +580,3 @@ def read_command(c: CommandMessage | IdleMessage) -> Command:
 
 def _components(v: Vector3) -> Vec3:
     return (v.x, v.y, v.z)
-
-
-def _quat(q: Quaternion) -> Quat:
-    return (q.w, q.x, q.y, q.z)

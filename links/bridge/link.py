@@ -194,13 +194,11 @@ class RemotePacer(asyncio.DatagramProtocol):
             self._wire.send(self._request.hello.close(BridgeHello(self._request.nonce)), None)
         if self._beat is not None:
             self._beat.cancel()
-        self._beat = self._loop.call_later(AGAIN_S if self._is_pressing() else BEAT_S, self._turn)
+        is_pressing = self._session is None or self._urgent > self._session.heard
+        self._beat = self._loop.call_later(AGAIN_S if is_pressing else BEAT_S, self._turn)
 
     def _is_mute(self) -> bool:
         return self._session is None or self._session.heard_s < self._loop.time() - MUTE_S
-
-    def _is_pressing(self) -> bool:
-        return self._session is None or self._urgent > self._session.heard
 
     def _say(self, command: Command | None) -> None:
         if self._wire is None or self._session is None:

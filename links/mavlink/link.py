@@ -277,6 +277,7 @@ class MavlinkLink:
         """The link as it is now."""
         connection = self.connection
         clock, rival = connection.clock, connection.rival
+        conflict = link_notice("mavlink.rival", rival=rival).text if rival else ""
         return LinkStatus(
             state=connection.state,
             sent=self._sent,
@@ -298,7 +299,7 @@ class MavlinkLink:
             firmware=self._examined.firmware,
             warning=connection.second_path,
             other_addresses=connection.other_addresses,
-            conflict=connection.conflict or _tell_rival(rival),
+            conflict=connection.conflict or conflict,
         )
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
@@ -549,10 +550,6 @@ class MavlinkLink:
         self._armed.obeys_s = None
         self._busy = "on a link that is not connected"
         self.connection.close()
-
-
-def _tell_rival(rival: str) -> str:
-    return link_notice("mavlink.rival", rival=rival).text if rival else ""
 
 
 def _is_slow(config: MavlinkLinkConfig) -> bool:

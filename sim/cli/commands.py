@@ -393,9 +393,10 @@ def mission(args: argparse.Namespace) -> Exit:
 def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> Exit:
     """Fly several missions side by side."""
     flown = fly_fleet(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot)
-    asked = {"scenario": name, "seed": args.seed, "source": args.source}
+    asked = {"scenario": name, "seed": args.seed, "source": args.source, "landed": flown.landed}
+    asked["min_separation_m"] = None if flown.nearest is None else flown.nearest.distance_m
     title = f"{name}, {args.vehicles} vehicles, poses by {args.source}, seed {args.seed}"
-    print(json.dumps(fleet_facts(asked, flown)) if args.json else fleet_summary(title, flown))
+    print(json.dumps(asked | msgspec.to_builtins(flown)) if args.json else fleet_summary(title, flown))
     return Exit.DONE if flown.landed else Exit.FAILED
 
 
@@ -440,12 +441,6 @@ def fleet_summary(title: str, flown: FleetMission) -> str:
 
 def _format(value: float | None, unit: str) -> str:
     return "–" if value is None else f"{value:.2f} {unit}"
-
-
-def fleet_facts(asked: dict[str, Any], flown: FleetMission) -> dict[str, Any]:
-    """Make one JSON object of the missions: the options in ``asked``, and the results."""
-    apart_m = None if flown.nearest is None else flown.nearest.distance_m
-    return {**asked, "landed": flown.landed, "min_separation_m": apart_m, **msgspec.to_builtins(flown)}
 
 
 def serve(args: argparse.Namespace) -> Exit:

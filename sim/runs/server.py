@@ -133,16 +133,13 @@ def _describe_end(config: Config, autopilot: str, pty: PtyWire | None) -> str:
     """Describe the receiver of the commands, and its address."""
     link = config.link
     if isinstance(link, MavlinkLinkConfig):
-        return f"{autopilot} autopilot (MAVLink) to {_medium(link)} {link.endpoint}"
+        medium = {"tcp": "tcp", "serial": "the serial port"}.get(link.way, "udp")
+        return f"{autopilot} autopilot (MAVLink) to {medium} {link.endpoint}"
     if isinstance(link, BridgeLinkConfig):
         return f"bridge and receiver at udp {link.remote}"
     assert pty is not None, "every other link is a radio's"
     hint = "" if config.rehearsal is not None else ", for link.port beside link.simulated = true"
     return f"{link.kind} receiver on {pty.path}{hint}"
-
-
-def _medium(link: MavlinkLinkConfig) -> str:
-    return "tcp" if link.tcp is not None else "the serial port" if link.serial is not None else "udp"
 
 
 def _ours(path: Path) -> Path:

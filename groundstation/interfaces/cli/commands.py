@@ -219,16 +219,12 @@ def tui(args: argparse.Namespace) -> int:
         if args.log is None:
             raise ConfigError("--rehearse", "expected CONFIG.toml, to rehearse its flight")
         args.config, args.log, args.overrides, args.arm, args.tui, args.view = args.log, None, [], None, True, ""
-        if not asyncio.run(_is_flown(REHEARSAL)):
+        if not asyncio.run(is_served(socket_path(StatusConfig(), REHEARSAL))):
             return fly(args)
         args.vehicle = REHEARSAL
     if args.log is not None:
         args.log = _find_recording(args.log)
     return tui_command(args)
-
-
-async def _is_flown(vehicle: str) -> bool:
-    return await is_served(socket_path(StatusConfig(), vehicle))
 
 
 def request(args: argparse.Namespace) -> Exit:
