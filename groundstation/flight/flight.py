@@ -29,9 +29,9 @@ from groundstation.core.messages import (
     find_pose_drops,
     notice,
 )
-from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, ON_GROUND, Event, State
+from groundstation.core.mission import ALARMING, EVENT_OF, ON_GROUND, Event, State
 from groundstation.core.pilot import Pilot
-from groundstation.core.safety import Failure, LiveGains, Monitors, PoseLatency, Witness
+from groundstation.core.safety import Failure, LiveGains, Monitors
 from groundstation.flight.command_loop import CommandLoop, FrameLateness
 from groundstation.flight.controller import FlightController
 from groundstation.flight.hold_to_run import HoldWatch
@@ -43,42 +43,6 @@ from groundstation.pose.sources import describe_drop
 from groundstation.settings import Config
 from links.core import Attitude, CommandLink, LinkError
 from links.io import NETWORK, Network
-
-WAITING_POSES = 64
-"""Number of poses that wait for the vehicle's attitude, at most [-]."""
-
-
-class AttitudeComparison:
-    """Comparison of the poses with the attitude that the vehicle reports: do they agree, and how late are they?
-
-    Poses wait until the vehicle reports its attitude, or a result is needed.
-    """
-
-    def __init__(self) -> None:
-        self.witness, self.latency = Witness(), PoseLatency()
-        self._unseen: list[Pose] = []
-
-    def add(self, pose: Pose) -> None:
-        """Take one pose."""
-        self._unseen.append(pose)
-        if len(self._unseen) >= WAITING_POSES:
-            self.compare()
-
-    def compare(self) -> Witness:
-        """Compare all poses so far."""
-        unseen, self._unseen = self._unseen, []
-        for pose in unseen:
-            self.witness.add_pose(pose)
-            self.latency.add_pose(pose)
-        return self.witness
-
-    def attitude(self, attitude: Attitude) -> Witness:
-        """Compare all poses so far, then take the vehicle's own attitude."""
-        self.compare()
-        self.witness.add_attitude(attitude)
-        self.latency.add_attitude(attitude)
-        return self.witness
-
 
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING})
 """States in which releasing the operator's hold lands the vehicle; the others land already."""
@@ -139,7 +103,6 @@ class Flight:
             monitors.health,
         )  # fmt: skip
         self._suspicious = False
-        self._attitudes = AttitudeComparison()
         self._shutdown = Shutdown(link, source, self.say, forwards=config.forwards is not None)
         self._controller = FlightController(
             config,
@@ -162,7 +125,6 @@ class Flight:
             source,
             self._pilot,
             self._controller,
-            self.witness,
             confirm=confirm,
             others=others,
             say=self.say,
@@ -170,7 +132,6 @@ class Flight:
         )
         self._hold = hold
         self._crew: asyncio.Task[None] | None = None
-        self._dismissed = False
         self.believes_poses = True
         """Whether the newest pose is used; after the last command, whether that before it was."""
 
@@ -277,7 +238,7 @@ class Flight:
             NETWORK.set(self._network)
         watching = self._watch()
         self._crew = asyncio.ensure_future(self._fly())
-        if self._dismissed:
+        if self._controller.is_dismissed:
             self._crew.cancel()
         try:
             await self._crew
@@ -288,7 +249,7 @@ class Flight:
         except BaseException as error:
             why = notice("fault.stopped", name=type(error).__name__, text=error)
             controller.go(Event.ABORT, why, self._now())
-            if not (self._dismissed and isinstance(error, asyncio.CancelledError)):
+            if not (self._controller.is_dismissed and isinstance(error, asyncio.CancelledError)):
                 raise
         finally:
             try:
@@ -347,46 +308,18 @@ class Flight:
 
     def _on_pose(self, pose: Pose) -> None:
         if self._commands.pass_pose(pose):
-            self._attitudes.add(pose)
-            if not self._dismissed:  # later the model, which the gate uses, gets no commands
+            if not self._controller.is_dismissed:  # later the model, which the gate uses, gets no commands
                 self.believes_poses = self._pilot.state.newest_pose is pose
-                if news := self._pilot.state.response.describe_news(self._late_by_attitude):
-                    self.say(news.as_warning(), "latency")
             self._preflight.first_pose.set()
 
-    def witness(self) -> Witness:
-        """Return the comparison of all poses so far with the vehicle's own attitude."""
-        return self._attitudes.compare()
-
-    def _late_by_attitude(self) -> tuple[float, float] | None:
-        """Return the extra delay of poses by the vehicle's own attitude, and its 1σ [s]."""
-        self.witness()
-        return self._attitudes.latency.estimate
-
     def _on_attitude(self, attitude: Attitude) -> None:
-        """Take the vehicle's own attitude, and compare the poses with it."""
-        witness, now_s = self._attitudes.attitude(attitude), self._now()
-        if not self._dismissed:
-            self._report_disagreement()
-        if self.state in IN_AIR:
-            agreement = witness.verdict(now_s)
-            self._pilot.set_autopilot_agreement(None if agreement is None else agreement.agrees)
-        self._controller.on_attitude(attitude, witness.in_poses(attitude), now_s)
-
-    def _report_disagreement(self) -> None:
-        """Report poses that are later than configured, or, while they are used, disagree with the own attitude."""
-        if news := self._attitudes.latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
-            self.say(news.as_warning(), "latency")
-        state = self.state
-        if state in IN_AIR and state is not State.DESCENT and (news := self._attitudes.witness.describe_news()):
-            self.say(news.as_warning())
+        self._controller.on_attitude(attitude, self._now())
 
     def on_state(self, state: State, reason: Sentence) -> None:
         """Publish a new state; a final one ends the commands. See :class:`FlightListener`."""
         severity = Severity.WARNING if state in ALARMING else Severity.INFO
         self._publish(Notice.of(self._now(), state, reason, "state", severity))
-        if state in FINAL and state is not State.LANDED:  # no more commands: the link brings the vehicle down
-            self._dismissed = True
+        if self._controller.is_dismissed:  # no more commands: the link brings the vehicle down
             if not self.believes_poses:
                 self._shutdown.forwards = False
             if self._crew is not None:

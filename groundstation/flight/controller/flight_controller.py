@@ -9,9 +9,8 @@ wires.
 import math
 from typing import Protocol
 
-from groundstation.core.geometry import Quat
 from groundstation.core.messages import NoticeKind, Others, Pose, Sentence, Tick, Waypoint, notice
-from groundstation.core.mission import IN_AIR, TABLE, Event, Mission, State
+from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
     Escalation,
@@ -25,9 +24,11 @@ from groundstation.core.safety import (
     Spool,
     SpoolUp,
     StandingPoses,
+    Witness,
     limit_n,
 )
 from groundstation.core.trajectory import Reference
+from groundstation.flight.controller.attitudes import AttitudeComparison
 from groundstation.flight.controller.course import Course, Leg
 from groundstation.flight.controller.descent_means import DescentMeans, Means
 from groundstation.flight.controller.phases import (
@@ -110,6 +111,8 @@ class FlightController:
         """State, and its reason."""
         self.standing = StandingPoses()
         """Poses before take-off."""
+        self.attitudes = AttitudeComparison()
+        """Comparison of the poses with the autopilot's attitude."""
         self.tick: Tick | None = None
         """Newest command of the law that has left; none on the floor."""
         self._made: Tick | None = None
@@ -137,6 +140,11 @@ class FlightController:
     def state(self) -> State:
         """State of the flight."""
         return self.mission.state
+
+    @property
+    def is_dismissed(self) -> bool:
+        """Whether commands have ended other than by a landing."""
+        return self.state in FINAL and self.state is not State.LANDED
 
     @property
     def low(self) -> bool:
@@ -394,13 +402,31 @@ class FlightController:
             self.phase.add_pose(pose)
         elif self.tick is None:
             self.standing.add(pose)
+        self.attitudes.add_pose(pose)
+        if not self.is_dismissed and (news := self._pilot.state.response.describe_news(self.attitudes.find_latency)):
+            self._listener.say(news.as_warning(), "latency")
 
-    def on_attitude(self, attitude: Attitude, in_poses: Quat | None, now_s: float) -> None:
-        """Take the autopilot's attitude; ``in_poses`` is the same in the axes of the poses, if known."""
+    def on_attitude(self, attitude: Attitude, now_s: float) -> None:
+        """Take the autopilot's attitude, and compare the poses with it."""
+        witness = self.attitudes.add_attitude(attitude)
+        if not self.is_dismissed:
+            self._report_disagreement(witness)
+        if self.state in IN_AIR:
+            agreement = witness.verdict(now_s)
+            self._pilot.set_autopilot_agreement(None if agreement is None else agreement.agrees)
+        in_poses = witness.in_poses(attitude)
         if attitude.rates_rad_s is not None:  # by radio, a stall of the telemetry does not concern commands
             self._uplink.take_telemetry(now_s)
         if in_poses is not None:
             self._means.take_attitude(attitude, in_poses, now_s)
+
+    def _report_disagreement(self, witness: Witness) -> None:
+        """Report poses that are later than configured, or, while they are used, disagree with the own attitude."""
+        if news := self.attitudes.latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
+            self._listener.say(news.as_warning(), "latency")
+        state = self.state
+        if state in IN_AIR and state is not State.DESCENT and (news := witness.describe_news()):
+            self._listener.say(news.as_warning())
 
     def _spool_up(self, now_s: float) -> None:
         """The motors turn: raise the thrust until the vehicle leaves the floor."""

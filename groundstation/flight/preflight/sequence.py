@@ -15,9 +15,6 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import Event
 from groundstation.core.pilot import Pilot
-from groundstation.core.safety import (
-    Witness,
-)
 from groundstation.flight.controller import FlightController
 from groundstation.flight.preflight.checks import Checks, Company, describe_failures, explain_drops, report
 from groundstation.flight.preflight.proof import proof_path, read_proof
@@ -52,7 +49,6 @@ class ArmingSequence:
         source: PoseSource,
         pilot: Pilot,
         controller: FlightController,
-        witness: Callable[[], Witness],
         *,
         confirm: Callable[[], Awaitable[bool]],
         others: Others | None,
@@ -67,7 +63,6 @@ class ArmingSequence:
             source: pose source, to be started.
             pilot: gets the poses; its noise estimate is checked.
             controller: the flight's.
-            witness: returns the present comparison of attitudes.
             confirm: asks the operator before the vehicle is armed.
             others: vehicles to keep away from.
             say: takes sentences for the operator.
@@ -78,7 +73,6 @@ class ArmingSequence:
         self._source = source
         self._pilot = pilot
         self._controller = controller
-        self._witness = witness
         self._confirm = confirm
         self._others = others
         self._say = say
@@ -117,7 +111,7 @@ class ArmingSequence:
             self._ensure_passed("fault.not_armed")
         self.checks = ()
         self._company.leave()
-        self._witness().arm()
+        self._controller.attitudes.compare().arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
         """Connect and make the checks, without arming; a connection that fails is a failed check."""
@@ -139,7 +133,7 @@ class ArmingSequence:
         """Make all checks; ``arming``: the motors start next."""
         assert self._look is not None, "_stand comes first"
         now, standing = asyncio.get_running_loop().time(), self._controller.standing
-        agreement = self._witness().verdict(now)
+        agreement = self._controller.attitudes.compare().verdict(now)
         checks = self._look(standing, self._pilot.state.noise_m, self._link.status, now, agreement, self._source.status)
         checks += self._company(standing, now, arming=arming)
         self.checks = tuple(checks)
