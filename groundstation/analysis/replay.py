@@ -477,7 +477,7 @@ class _Replay:
             await self._link.connect()
 
     def _deliver(self, pose: Pose) -> None:
-        passed, _ = self._gate.take(pose)
+        passed, _ = self._gate.filter_pose(pose)
         if passed is not None:
             self._delivered.append(passed)
 

@@ -17,7 +17,7 @@ def test_no_pose_of_any_scenario_is_dropped_or_changed(scenario: str) -> None:
     assert fly(world, config, seed=1, duration_s=duration_s, on_pose=poses.append).completed
     gate = Gate(config.gate)
     assert len(poses) > 500
-    assert all(gate.take(pose) == (pose, None) for pose in poses)
+    assert all(gate.filter_pose(pose) == (pose, None) for pose in poses)
 
 
 def test_a_tracker_that_shows_a_hidden_body_where_it_was_last_is_found_out() -> None:

@@ -68,7 +68,7 @@ class GatedSource:
             if age_s > self._lost_s:
                 self._gate.drop("late", (1e3 * age_s, 1e3 * self._lost_s))
                 return
-            passed, news = self._gate.take(pose)
+            passed, news = self._gate.filter_pose(pose)
             if news is not None:
                 self._say(news)
             if passed is not None:

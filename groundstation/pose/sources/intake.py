@@ -709,7 +709,7 @@ class Gate:
             self._moved_s.popleft()
         return len(self._moved_s)
 
-    def take(self, pose: Pose) -> tuple[Pose | None, Sentence | None]:
+    def filter_pose(self, pose: Pose) -> tuple[Pose | None, Sentence | None]:
         """Return ``pose`` with a normalised attitude, or None if it is dropped; and a sentence for the operator."""
         checked = self._check_alone(pose)
         if checked is None:

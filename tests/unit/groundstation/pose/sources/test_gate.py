@@ -28,7 +28,7 @@ def pose(n: int, place: Vec3 | None = None, attitude: Quat = so3.IDENTITY, **mor
 def flown(gate: Gate, poses: Iterable[Pose]) -> tuple[list[Pose], list[Sentence]]:
     passed, events = [], []
     for one in poses:
-        through, event = gate.take(one)
+        through, event = gate.filter_pose(one)
         passed += [through] if through is not None else []
         events += [event] if event is not None else []
     return passed, events
@@ -89,10 +89,10 @@ def test_a_flight_passes_untouched() -> None:
 )
 def test_what_can_not_be_true_is_counted_and_the_next_good_pose_passes(wrong: Pose, reason: str) -> None:
     gate = gate_in_flight()
-    assert gate.take(wrong) == (None, None)
+    assert gate.filter_pose(wrong) == (None, None)
     assert gate.dropped == {reason: 1}
     good = pose(21)
-    assert gate.take(good) == (good, None)
+    assert gate.filter_pose(good) == (good, None)
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_a_drop_by_a_limit_is_told_with_its_number_and_the_limit(
     config: dict[str, Any], wrong: dict[str, Any], told: str
 ) -> None:
     gate = gate_in_flight(**config)
-    gate.take(msgspec.structs.replace(pose(20), **wrong))
+    gate.filter_pose(msgspec.structs.replace(pose(20), **wrong))
     ((reason, _),) = gate.dropped.items()
     assert re.match(told, describe_drop(reason, gate.excesses).text)
 
@@ -120,7 +120,7 @@ def test_a_body_that_creeps_away_too_fast_is_dropped_though_each_step_is_small()
     for n in range(20, 60):
         speed += 0.2
         place += speed * DT
-        gate.take(pose(n, (place, 0.0, -1.0)))
+        gate.filter_pose(pose(n, (place, 0.0, -1.0)))
     assert set(gate.dropped) == {"too_fast"}
 
 
@@ -129,24 +129,24 @@ def test_a_frozen_pose_passes_for_a_moment_and_then_no_more_until_it_moves() -> 
     passed, _ = flown(gate, (pose(n, (0.4, 0.0, -1.0)) for n in range(20, 40)))
     assert len(passed) == 5
     assert gate.dropped == {"frozen": 15}
-    assert gate.take(pose(40, (0.41, 0.0, -1.0)))[0] is not None
+    assert gate.filter_pose(pose(40, (0.41, 0.0, -1.0)))[0] is not None
 
 
 def test_a_gap_allows_for_what_the_vehicle_may_have_done_meanwhile_and_no_more() -> None:
     swerve = pose(30, (0.6 + 0.4, 0.0, -1.0))  # 0.2 s later and 0.4 m ahead of where it was heading
-    assert gate_in_flight(20).take(swerve)[0] is not None
-    assert gate_in_flight(30).take(swerve)[0] is None
+    assert gate_in_flight(20).filter_pose(swerve)[0] is not None
+    assert gate_in_flight(30).filter_pose(swerve)[0] is None
 
 
 def test_of_a_crowd_of_wild_poses_none_passes_because_it_happens_to_come_near() -> None:
     near = pose(24, (24 * DT + 0.15, 0.0, -1.0))
-    assert gate_in_flight(24).take(near)[0] is not None, "one such step by itself is borne"
+    assert gate_in_flight(24).filter_pose(near)[0] is not None, "one such step by itself is borne"
     gate = gate_in_flight(20)
     wild = [pose(n, (n * DT, 0.6 * (-1.0) ** n, -0.5)) for n in range(20, 24)]
     passed, _ = flown(gate, [*wild, near])
     assert not passed
     swerve = pose(25, (25 * DT, 0.5 * 5.0 * (6 * DT) ** 2, -1.0))  # what the vehicle may have done at 5 m/s²
-    assert gate.take(swerve)[0] is not None
+    assert gate.filter_pose(swerve)[0] is not None
 
 
 def test_poses_that_stay_elsewhere_are_believed_after_a_while_and_not_before() -> None:
@@ -174,10 +174,10 @@ def test_a_wrong_body_is_not_believed_as_time_passes_but_the_true_one_when_it_is
 def test_what_the_source_itself_has_moved_is_believed_at_once() -> None:
     gate = gate_in_flight()
     moved = pose(20, (5.0, 0.0, -1.0), reset_count=1)
-    passed, event = gate.take(moved)
+    passed, event = gate.filter_pose(moved)
     assert passed == moved
     assert event is not None and event.id == "pose.elsewhere"
-    assert gate.take(pose(21, (5.02, 0.0, -1.0), reset_count=1))[1] is None
+    assert gate.filter_pose(pose(21, (5.02, 0.0, -1.0), reset_count=1))[1] is None
     assert not gate.dropped
 
 
