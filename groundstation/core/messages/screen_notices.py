@@ -16,6 +16,7 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
         "screen.old",
         "what is shown is older than {limit_s:g} s: nothing is ordered by it",
     ),
+    NoticeTemplate("screen.key_held", "the key is held down, which is no second press", "press it twice to kill"),
     NoticeTemplate("screen.no_vehicle", "there is no vehicle to show"),
     NoticeTemplate("screen.take_first", "take control first", "key c"),
     NoticeTemplate("screen.arm", "The motors of {vehicle} will start. Type its name:"),

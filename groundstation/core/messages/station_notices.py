@@ -17,7 +17,7 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("service.renews", "nothing has flown for an hour: a new recording begins"),
     NoticeTemplate("key.step", "{key}: {does}; {then}"),
-    NoticeTemplate("key.bounce", "{key} within {once_s:g} s of the last counts once: {does}; {then}"),
+    NoticeTemplate("key.bounce", "{key} within {once_s:g} s, or held down, counts once: {does}; {then}"),
     NoticeTemplate("key.kill", "{key}: motors off, now"),
     NoticeTemplate("key.lands", "{key}: landing"),
     NoticeTemplate("key.no_pause", "Ctrl-Z is ignored: nobody would fly the vehicle. Ctrl-C lands"),

@@ -11,4 +11,4 @@ from groundstation.core.mission.mission import (
     Mission,
     State,
 )
-from groundstation.core.mission.operator import HoldToRun, InputLost, Interrupts
+from groundstation.core.mission.operator import REPEAT_S, HoldToRun, InputLost, Interrupts

@@ -1,11 +1,15 @@
 """Operator: requests by Ctrl-C, and a hold-to-run control (ISO 12100), which must be held to fly. Sans-IO."""
 
+import math
 from collections.abc import Callable
 
 from groundstation.core.messages import ROUNDING_S, Ask, Request, Sentence, notice, notice_fact
 
 ONCE_S = 1.0
 """Time within which presses count once [s]: a bouncing key, or a signal to a whole group, is no second press."""
+REPEAT_S = 0.1
+"""A press so soon after the one before is the repetition of a key that is held down [s]: keyboards repeat it 11 to 33
+times a second, and a finger taps 7 times a second at most."""
 STEPS = (
     (Ask.LAND, "landing", "once more: failsafe descent"),
     (Ask.DESCEND, "failsafe descent", "once more: motors off, AND IT FALLS"),
@@ -15,20 +19,21 @@ STEPS = (
 
 
 class Interrupts:
-    """Requests by repeated Ctrl-C: the first lands, the second descends, the third kills.
+    """Requests by repeated Ctrl-C: the first lands, the second descends, the third kills; one held down only lands.
 
     Times are on the event loop's clock [s].
     """
 
     def __init__(self) -> None:
         self._count = 0
-        self._last_s: float | None = None
+        self._counted_s = self._newest_s = -math.inf
 
     def press(self, name: str, now_s: float) -> tuple[Request | None, Sentence]:
-        """Return the request of a press, or None for a bounce, and the operator's text."""
-        again = self._last_s is not None and now_s - self._last_s < ONCE_S
+        """Return the request of a press, or None for a bounce or a repetition, and the operator's text."""
+        again = now_s - self._counted_s < ONCE_S or now_s - self._newest_s < REPEAT_S
+        self._newest_s = now_s
         if not again:
-            self._last_s = now_s
+            self._counted_s = now_s
             self._count = min(self._count + 1, len(STEPS))
         ask, does, then = STEPS[self._count - 1]
         if again:

@@ -50,7 +50,7 @@ from groundstation.core.messages import (
     SteadyError,
     notice,
 )
-from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, State
+from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, REPEAT_S, State
 from groundstation.core.safety import LIVE, PREFIX
 from groundstation.interfaces.api import Control, OrderAnswer, StationClient, attach, stop_all
 from groundstation.interfaces.tui.drawing import flight_time
@@ -481,12 +481,21 @@ class Ordering:
             self._only_looks()
         elif not order.always and now - self._picture.arrived_s > SILENCE_S:
             self._say(Reply.of(False, notice("screen.old", limit_s=SILENCE_S)))
-        elif order.ask is Ask.KILL and not self._twice.press(now):
+        elif order.ask is Ask.KILL:
+            if self._twice.press(now):
+                asyncio.get_running_loop().call_later(REPEAT_S, self._kill)
             self._draw()
         elif order.always or order.ask in (Ask.HOLD, Ask.RETURN):
             self._ask(order.ask)
         else:
             self._app.run_worker(self._confirm(order))
+
+    def _kill(self) -> None:
+        """Kill, unless the key was held down: it has repeated itself since."""
+        if self._twice.is_held:
+            self._say(Reply.of(False, notice("screen.key_held")))
+        else:
+            self._ask(Ask.KILL)
 
     async def _confirm(self, order: OperatorOrder) -> None:
         """Arm and fly, once the operator has confirmed."""

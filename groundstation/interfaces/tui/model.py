@@ -10,7 +10,7 @@ import msgspec
 from groundstation.config import parse_toml
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Ask, Notice, Reply, Sentence, Snapshot, notice
-from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, TABLE, State
+from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, REPEAT_S, TABLE, State
 from groundstation.core.safety import RAMP_S, STEP_FACTOR
 from groundstation.interfaces.api import new_events
 
@@ -224,15 +224,19 @@ def possible(order: OperatorOrder, state: str | None) -> bool:
 
 
 class Twice:
-    """Keys that must be pressed twice."""
+    """Keys that must be pressed twice; one that is held down repeats itself, which is no second press."""
 
     def __init__(self) -> None:
-        self._first_s = -math.inf
+        self._first_s = self._newest_s = -math.inf
+        self.is_held = False
+        """Whether the newest press was the repetition of a key that is held down."""
 
     def press(self, now_s: float) -> bool:
-        """One press; True where it is the second in time."""
+        """Take one press; return whether it is the second in time. It counts if no repetition follows it."""
         second = self.waits(now_s)
-        self._first_s = -math.inf if second else now_s
+        self.is_held = not second and now_s - self._newest_s < REPEAT_S
+        self._first_s = -math.inf if second or self.is_held else now_s
+        self._newest_s = now_s
         return second
 
     def waits(self, now_s: float) -> bool:

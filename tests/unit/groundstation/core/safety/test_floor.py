@@ -173,6 +173,15 @@ def test_three_presses_land_descend_and_kill_and_each_says_what_comes_next() -> 
     assert "motors off" in asked[1][1].text
 
 
+@pytest.mark.parametrize("apart_s", [0.03, 0.04, 0.091])
+def test_a_key_that_is_held_down_lands_and_nothing_more(apart_s: float) -> None:
+    interrupts = Interrupts()
+    interrupts.press("SIGINT", 10.0)
+    assert all(interrupts.press("SIGINT", 10.5 + apart_s * n)[0] is None for n in range(100))
+    request, _ = interrupts.press("SIGINT", 30.0)
+    assert request is not None and request.ask is Ask.DESCEND
+
+
 @given(st.lists(st.floats(0.0, 0.99), max_size=20))
 def test_presses_within_a_second_count_once(later: list[float]) -> None:
     interrupts = Interrupts()

@@ -108,8 +108,20 @@ def test_words_from_the_vehicle_cannot_steer_the_terminal() -> None:
 
 def test_a_kill_takes_two_presses_within_a_second() -> None:
     twice = Twice()
-    assert [twice.press(t) for t in (0.0, 1.5, 2.4, 2.5, 3.0)] == [False, False, True, False, True]
-    assert not twice.waits(3.1)
+    assert [twice.press(t) for t in (0.0, 1.5, 2.4, 2.6, 3.0)] == [False, False, True, False, True]
+    assert not twice.waits(3.1) and not twice.is_held
+    assert [twice.press(t) for t in (5.0, 5.001)] == [False, True] and not twice.is_held, "a script is fast"
+
+
+@pytest.mark.parametrize("delay_s", [0.25, 0.5, 0.66])
+@pytest.mark.parametrize("apart_s", [0.03, 0.04, 0.091])
+def test_a_kill_key_that_is_held_down_is_no_second_press(delay_s: float, apart_s: float) -> None:
+    twice = Twice()
+    assert not twice.press(10.0)
+    twice.press(10.0 + delay_s)  # the keyboard's own first repetition looks like a press
+    assert not any(twice.press(10.0 + delay_s + apart_s * n) for n in range(1, 40))
+    assert twice.is_held, "so the kill that waits for a repetition is not carried out"
+    assert not twice.press(20.0) and twice.press(20.4) and not twice.is_held, "let go, it counts again"
 
 
 TAKEN_BY = {
