@@ -203,7 +203,7 @@ class HoldWatch:
         loop, held = asyncio.get_running_loop(), None
         try:
             held = self._connect()
-            self.hold.name(held.what)
+            self.hold.rename(held.what)
             while True:
                 try:
                     self.hold.see(held.share(), loop.time())

@@ -550,9 +550,9 @@ class FramePacer:
 LOOK_S = 0.01
 """Time between a look that finds the sign of life too old and the next [s]."""
 LATE_S = 0.005
-"""A look that comes later than this after its instant says nothing: the watcher itself may have stood still [s]."""
+"""A look that is later than this is ignored [s]: the watcher itself may have been suspended."""
 OLD_S = 0.06
-"""A sign of life older than this is too old [s]; where frames are far apart, than one and a half periods."""
+"""A sign of life older than this, and than one and a half frame periods, is too old [s]."""
 
 
 class StandbyWatch:
@@ -561,7 +561,7 @@ class StandbyWatch:
     def __init__(self, period_s: float) -> None:
         """The sign comes every ``period_s`` [s]."""
         self._old_s = max(OLD_S, 1.5 * period_s)
-        self.wait_s = self._old_s + 0.5 * period_s
+        self.wait_s = (max(1, math.ceil(OLD_S / period_s - 0.5)) + 0.5) * period_s
         """Time between a sign of life and the look for the next [s]: half-way between two frames, which no look then
         delays."""
         self._suspects = False

@@ -1,8 +1,8 @@
 """Attitude control: from a wanted push to body rates, and to a decision within the vehicle's limits.
 
-For every controller that does not backstep through the attitude. The push F [m/s², NED] is what the rotors must take
-from the vehicle's acceleration: with the disturbance d, thrust T and attitude R, acceleration = g e3 + d - (T/m) R e3,
-so F = g e3 + d - a_wanted, T = m |F|, and R e3 along F. Floats only.
+It serves every controller that does not backstep through the attitude. The push F [m/s², NED] is the specific thrust,
+(T/m) R e3, along the body's z axis; the rotors accelerate the vehicle by -F. With the disturbance d, acceleration =
+g e3 + d - F, so F = g e3 + d - a_wanted, T = m |F|, and R e3 along F. Floats only.
 """
 
 import math
@@ -13,15 +13,17 @@ from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
-LEAST_PUSH = 1.0
-"""Least downward part of F [m/s²]: no controller here commands inverted flight."""
+LEAST_DOWN_M_S2 = 1.0
+"""Least downward part of F [m/s²]: the vehicle stays upright, and falls by g - 1 m/s² at most. Chosen."""
+LEAST_HALF_ANGLE = 1e-6
+"""Least 2 cos² of half the error angle that is divided by [-]: within 0.1 degrees of upside down. Rounding."""
 
 
 def push(wanted: Vec3, disturbance: Vec3, gravity: float, tilt_limit: float = math.radians(45.0)) -> tuple[Vec3, bool]:
-    """F for a wanted acceleration [m/s², NED], tilted by no more than ``tilt_limit`` [rad]; True where that cut it."""
+    """F for a wanted acceleration [m/s², NED], tilted by ``tilt_limit`` [rad] at most; True if it was limited."""
     x, y = disturbance[0] - wanted[0], disturbance[1] - wanted[1]
     z = gravity + disturbance[2] - wanted[2]
-    down = max(z, LEAST_PUSH)
+    down = max(z, LEAST_DOWN_M_S2)
     sideways, most = math.hypot(x, y), math.tan(tilt_limit) * down
     if sideways > most:
         x, y = x * most / sideways, y * most / sideways
@@ -43,7 +45,7 @@ def acceleration(motion: Motion, disturbance: Vec3, mass: float, gravity: float,
 def sine_error(attitude: Quat, along: Vec3) -> tuple[float, float]:
     """Turn about body x and y that brings the body's z axis to ``along``: sin of the angle, along the axis [-].
 
-    The attitude error of T. Lee, M. Leok, N. H. McClamroch, CDC 2010, without its heading: largest at 90°.
+    The attitude error of T. Lee, M. Leok, N. H. McClamroch, CDC 2010, without its heading: largest at 90°, 0 at 180°.
     """
     x, y, _ = to_body(attitude, along)
     n = 1.0 / length(along)
@@ -51,15 +53,21 @@ def sine_error(attitude: Quat, along: Vec3) -> tuple[float, float]:
 
 
 def half_angle_error(attitude: Quat, along: Vec3) -> tuple[float, float]:
-    """As :func:`sine_error`, but 2 sin of half the angle [-]: the shortest quaternion's, as in PX4; largest at 180°."""
+    """As :func:`sine_error`, but 2 sin of half the angle [-]: the shortest quaternion's, as in PX4.
+
+    It grows to 180°; upside down to within 0.1 degrees it has no direction, and falls to 0.
+    """
     x, y, z = to_body(attitude, along)
     n = 1.0 / length(along)
-    k = n * math.sqrt(2.0 / max(1.0 + z * n, 1e-6))
+    k = n * math.sqrt(2.0 / max(1.0 + z * n, LEAST_HALF_ANGLE))
     return (-y * k, x * k)
 
 
 def turning(attitude: Quat, along: Vec3, along_dot: Vec3) -> tuple[float, float]:
-    """Body rates about x and y [rad/s] at which the direction of ``along`` turns that changes by ``along_dot``."""
+    """Body rates about x and y [rad/s] at which ``along`` turns, that changes by ``along_dot``.
+
+    Exact where the body's z axis is along it, so for small attitude errors.
+    """
     x, y, _ = to_body(attitude, _direction_dot(along, along_dot))
     return (-y, x)
 
@@ -95,7 +103,7 @@ def make_decision(
         reference: the followed reference.
         thrust_n: wanted thrust [N].
         rates_rad_s: wanted body rates [rad/s, FRD].
-        wanted: the acceleration behind them [m/s², NED], for records.
+        wanted: acceleration that thrust and rates were computed for [m/s², NED], for records.
         disturbance: the disturbance the controller works with [m/s², NED]; without it, the observer's.
     """
     drive, saturated = clamp_command(vehicle, thrust_n, rates_rad_s)

@@ -42,7 +42,7 @@ class Interrupts:
 
 
 DEBOUNCE_S = 0.03
-"""Shortest opening of a contact that is a release [s]: it bounces, or is shaken."""
+"""A control that is open for less than this still counts as held [s]: contacts bounce."""
 HYSTERESIS = 0.1
 """Hysteresis of an axis between held and released, as a share of its travel [-]."""
 
@@ -57,22 +57,22 @@ class HoldToRun:
     It counts as held only after it was free: a control that is stuck, tied down or reversed does not enable a flight.
     """
 
-    def __init__(self, what: str, above: float) -> None:
-        """``what`` is its name for the operator; it is held from the share ``above`` of its travel [-]."""
+    def __init__(self, what: str, held_from: float) -> None:
+        """``what`` is its name for the operator; from the share ``held_from`` of its travel [-] on it is held."""
         self._what = what
-        self._above = above
+        self._held_from = held_from
         self._held = self._was_free = False
         self._open_s: float | None = None
         self._lost = notice("hold.unseen").text
 
-    def name(self, what: str) -> None:
+    def rename(self, what: str) -> None:
         """Call it ``what`` from now on."""
         self._what = what
 
     def see(self, share: float | None, now_s: float) -> None:
-        """Take the input's position, 0 (free) to 1 (held); None before its first value."""
+        """Take the input's position, 0 (free) to 1 (held); None, as before its first value, counts as lost."""
         self._lost = "" if share is not None else notice("hold.silent").text
-        if share is not None and share >= self._above - (HYSTERESIS if self._held else 0.0):
+        if share is not None and share >= self._held_from - (HYSTERESIS if self._held else 0.0):
             self._open_s = None
             self._held = self._was_free
             return

@@ -26,7 +26,8 @@ ARDUPILOT_MODES = {
 }  # fmt: skip
 """HEARTBEAT.custom_mode of Copter."""
 ESTIMATE = {PX4: "ESTIMATOR_STATUS", ARDUPILOT: "EKF_STATUS_REPORT"}
-"""The message that tells what its estimator knows; the flags of both mean the same but for the last."""
+"""Message with the status of the estimator. The flags of both mean the same but for bit 1024: a jump of the GPS in PX4,
+an estimator that has not begun in ArduPilot."""
 ESTIMATE_HZ = 2.0
 """Requested rate of the estimator's status [Hz]."""
 ESTIMATE_OLD_S = 2.5
@@ -43,13 +44,13 @@ _PREARM = 0x10000000
 
 
 class Vitals:
-    """The newest of each. Times are on the event loop's clock [s]."""
+    """Newest mode, battery, readiness and estimator status of an autopilot. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
         self.mode = ""
         """Its mode's name; empty before the first heartbeat, and where nobody knows its modes."""
         self.mode_s = -math.inf
-        """When it was told."""
+        """Time of the newest heartbeat [s]."""
         self.battery_v: float | None = None
         self.battery_share: float | None = None
         self.ready: bool | None = None
@@ -86,7 +87,7 @@ class Vitals:
         return passes if enabled & _PREARM else None
 
     def foreign(self, since_s: float) -> str:
-        """The mode that it is in since ``since_s``, where it follows no set-points there; else empty."""
+        """Mode of the newest heartbeat, if it came at ``since_s`` or later and follows no set-points; else empty."""
         return self.mode if self.mode_s >= since_s and self.mode not in (*FOLLOWING, "") else ""
 
 
@@ -103,7 +104,7 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
     if autopilot != PX4:
         return ""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    name = PX4_MODES.get(main, f"mode {main}" if main else "")  # one that tells no mode is believed to follow
+    name = PX4_MODES.get(main, f"mode {main}" if main else "")  # main mode 0 counts as following set-points
     return f"{name}.{PX4_AUTO.get(sub, sub)}" if name == "AUTO" else name
 
 
@@ -178,11 +179,12 @@ class Words:
     def complaints(self) -> str:
         """The last warnings and errors, newest last, each once; an empty string where there are none."""
         texts = [text.show() for text in self._texts if text.severity <= MavSeverity.WARNING]
-        return "; ".join(f"“{text}”" for text in list(dict.fromkeys(texts))[-QUOTED_TEXTS:])
+        newest = list(dict.fromkeys(reversed(texts)))[:QUOTED_TEXTS]
+        return "; ".join(f"“{text}”" for text in reversed(newest))
 
 
 STALE_NEWS_S = 0.5
-"""A HEARTBEAT may have left before the arming that it denies: it is not believed for this long after it [s]."""
+"""A disarmed HEARTBEAT within this time after arming is ignored [s]: it may have left before."""
 
 
 class HeartbeatMonitor:
@@ -191,13 +193,13 @@ class HeartbeatMonitor:
     def __init__(self, timeout_s: float) -> None:
         """Start without a heartbeat; ``timeout_s`` [s] without one is silence."""
         self.kind: int | None = None
-        """Its newest HEARTBEAT.autopilot, of when it was heard first or again; None before the first."""
+        """HEARTBEAT.autopilot of the first heartbeat after a silence; None before any."""
         self.vehicle = 0
-        """Its HEARTBEAT.type of then."""
+        """HEARTBEAT.type of that heartbeat."""
         self.address: Any = None
         """Where it sends from; None where that is not known, or goes without saying."""
         self._timeout = timeout_s
-        self._heard_s = 0.0
+        self._heard_s = -math.inf
         self._armed_s: float | None = None
 
     @property
@@ -210,7 +212,7 @@ class HeartbeatMonitor:
         self._armed_s = since_s
 
     def silence_s(self, now_s: float) -> float:
-        """Time since its newest heartbeat [s]; infinite where its wire was lost after it."""
+        """Time since its newest heartbeat [s]; infinite before the first, and after its wire was lost."""
         return now_s - self._heard_s
 
     def is_silent(self, now_s: float) -> bool:

@@ -224,6 +224,11 @@ def test_a_piece_that_was_lost_is_marked(parts: tuple[tuple[int, int, bytes], ..
     assert heard(*parts).newest == shown
 
 
+def test_the_newest_complaints_are_quoted_also_where_one_comes_again() -> None:
+    words = heard(*((0, 0, text) for text in (b"A", b"B", b"C", b"D", b"A")))
+    assert words.complaints() == "“C”; “D”; “A”"
+
+
 def test_pieces_are_joined_by_their_sender_and_number_also_with_others_between() -> None:
     words = heard((7, 0, FIRST))
     heard((7, 0, b"Camera: lens dirty"), component=100, words=words)
