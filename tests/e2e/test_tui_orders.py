@@ -48,6 +48,22 @@ def stage(tmp_path: Path) -> Stage:
     return stage
 
 
+@pytest.mark.parametrize("size", [(120, 36), (80, 24), (71, 20), (60, 15), (48, 12)])
+def test_what_brings_the_vehicle_down_shows_the_key_that_no_multiplexer_takes(size: tuple[int, int]) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        await pilot.pause(0.2)
+        knobs = [knob for knob in pilot.app.screen.query(Knob) if knob.order.always]
+        assert [str(knob.render()).rpartition("^")[2] for knob in knobs] == [
+            "D LAND",
+            "E LAND ALL",
+            "R ABORT",
+            "Y×2 KILL",
+        ]
+        assert all(knob.region.right <= size[0] for knob in pilot.app.screen.query(Knob))
+
+    play(scene, Fixed(flown(3.0)), size=size)
+
+
 @pytest.mark.usefixtures("patient")
 def test_what_brings_the_vehicle_down_leaves_at_once_from_every_page_and_dialog(stage: Stage) -> None:
     ways = [[], ["2"], ["3"], ["4"], ["5"], ["question_mark"], ["escape", "q"]]

@@ -143,13 +143,17 @@ class Knob(Widget):
         self._again = again
 
     def render(self) -> Content:
-        """Key and name; the name alone where there is no room for both."""
-        told = self._both if self.size.width >= len(self._both) else self.order.label
-        return Content("AGAIN!" if self._again else told)
+        """Keys and name; where there is no room, the key that no multiplexer takes and the name, or the name alone."""
+        fitting = (text for text in (self._both, self._brief) if len(text) <= self.size.width)
+        return Content("AGAIN!" if self._again else next(fitting, self.order.label))
 
     @property
     def _both(self) -> str:
         return f"{self.order.shown} {self.order.label}"
+
+    @property
+    def _brief(self) -> str:
+        return f"{self.order.shown.rpartition('/')[2]} {self.order.label}"
 
     async def on_click(self) -> None:
         """As if its key had been pressed."""
@@ -159,13 +163,14 @@ class Knob(Widget):
 class Knobs(Widget):
     """The orders in one row, or in two on a small screen. A dialog has those that act at once."""
 
+    SCOPED_CSS = False  # its look depends on a class of the screen
     DEFAULT_CSS = """
     Knobs { height: auto; layout: horizontal; }
     Knobs Horizontal { height: auto; width: 51fr; }
     Knobs #go { width: 28fr; }  /* as long as their words */
     Knobs Knob { margin: 0 0 0 1; }
     .-small Knobs { layout: vertical; }
-    .-small Knobs Horizontal { width: 1fr; }
+    .-small Knobs Horizontal, .-small Knobs #go { width: 1fr; }
     """
 
     def __init__(self, *, always_only: bool = False) -> None:
