@@ -19,8 +19,6 @@ from groundstation.runtime import (
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from groundstation import ErrorBudget
     from groundstation.analysis.report import FlightColumns
 
@@ -76,11 +74,6 @@ def _recording(
     name: str = "file", metavar: str = "LOG.mcap", words: str = RECORDING_HELP, nargs: str = "?"
 ) -> Arguments:
     return {name: {"type": path, "nargs": nargs, "metavar": metavar, "help": words}}
-
-
-def _port_or_log(text: str) -> "int | Path":
-    """Read the value of --browser: a port, or else the recording, if no port is named."""
-    return int(text) if text.removeprefix("-").isdecimal() else path(text)
 
 
 FLY: Arguments = {
@@ -152,10 +145,7 @@ TUI: Arguments = {
     **_vehicle("name of the vehicle in its config; without it, the one that runs"),
     **SOCKET,
     "--read-only": {"action": "store_true", "help": "nothing can be ordered from this screen"},
-    "--browser": {
-        "type": _port_or_log, "nargs": "?", "const": True, "metavar": "PORT",
-        "help": "serve it as a page that can only look, to browsers on this machine (default port 8000)",
-    },
+    "--browser": {"nargs": "?", "const": "", "metavar": "PORT", "help": "gone: `ssh -t HOST groundstation tui`"},
     "--screenshot": {"type": path, "metavar": "FILE.svg", "help": "draw LOG.mcap into this file, and end"},
     "--at": {"type": float, "metavar": "S", "help": "begin so many seconds after the recording's start"},
     "--size": {"default": "120x36", "metavar": "COLSxROWS", "help": "of the screenshot (default 120x36)"},

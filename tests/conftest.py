@@ -86,16 +86,12 @@ def short_path() -> Iterator[Path]:
 
 @pytest.fixture(scope="session")
 def needs_program() -> Callable[..., str]:
-    """``needs_program("tmux")`` is the program's full path; where it is missing, the test is left out, loudly.
+    """``needs_program("tmux")`` is the program's full path; where it is missing, the test is left out, loudly."""
 
-    Several names mean any one of them: ``needs_program("chromium", "google-chrome")``.
-    """
-
-    def find(*names: str) -> str:
-        for name in names:
-            if found := shutil.which(name, path=SEARCH_PATH):
-                return found
-        pytest.skip(NOT_RUN + names[0])
+    def find(name: str) -> str:
+        if found := shutil.which(name, path=SEARCH_PATH):
+            return found
+        pytest.skip(NOT_RUN + name)
 
     return find
 

@@ -81,7 +81,7 @@ from groundstation.interfaces.tui.pages import (
     Page,
     PageFrame,
 )
-from groundstation.interfaces.tui.terminal import driver_class, find_multiplexer
+from groundstation.interfaces.tui.terminal import TolerantDriver, find_multiplexer
 from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, Help, Knobs, Typed, require_terminal
 from groundstation.machine import (
     ApiError,
@@ -96,10 +96,10 @@ from groundstation.machine import (
     write_whole,
 )
 from groundstation.recording import Entry, Recording, refuse_recordings
-from groundstation.runtime import Exit, require_package
+from groundstation.runtime import Exit
 from groundstation.settings import Config, is_rehearsal
 from links.core import LinkStatus
-from links.io import make_child_command, start_child
+from links.io import start_child
 from links.text import printable
 
 RETRY_S = 0.5
@@ -636,7 +636,7 @@ class Dashboard(App[None]):
                 vehicle's name.
             notice: What is said to the operator at first.
         """
-        super().__init__(driver_class=driver_class())
+        super().__init__(driver_class=TolerantDriver)
         self.left = False
         """Whether the operator has left it; else it has failed, where it has ended."""
         self._notice = notice
@@ -845,8 +845,6 @@ NICE = 5
 """Nice value of the dashboard, below the flight: a key still gets through on a busy machine."""
 END_S = 20.0
 """Timeout for a ground station on the ground to end [s]."""
-PORT = 8000
-"""Where browsers find it, if nobody says."""
 AGAIN_S = 1.0
 """A dashboard that has failed begins anew no sooner [s]."""
 
@@ -854,7 +852,7 @@ AGAIN_S = 1.0
 def tui_command(args: argparse.Namespace) -> int:
     """Show a flight that is going on, or a recorded one; or make a picture of a recorded one."""
     if args.browser is not None:
-        return _in_browser(args)
+        raise ConfigError("--browser", notice("screen.no_browser"))
     if args.log is not None:
         if args.screenshot is None:
             require_terminal("--screenshot FILE.svg draws a picture of it")
@@ -923,27 +921,6 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     ended = f"{vehicle} {newest.state}: {newest.reason}\n{last}" if told and newest is not None else last
     print(notice("screen.station_ended", ended=ended, log=log))
     return core.returncode
-
-
-def _in_browser(args: argparse.Namespace) -> Exit:
-    """Serve the same screen, without its orders, to browsers; each begins one of its own."""
-    port = PORT if args.browser is True else args.browser
-    if isinstance(port, Path) and args.log is None:  # `--browser LOG.mcap`
-        args.log, port = port, PORT
-    if args.screenshot is not None or not (isinstance(port, int) and 1 <= port <= 65535):
-        raise ConfigError("--browser", f"expected a port from 1 to 65535, and no --screenshot, got {port}")
-    require_package("textual_serve", "--browser", "browser")
-    from groundstation.interfaces.tui.browser import serve
-
-    if args.log is not None:
-        with refuse_recordings():
-            Tape(args.log)  # here it is told; in a page nobody would read it
-        title, what = args.log.name, [str(args.log), *([] if args.at is None else ["--at", str(args.at)])]
-    else:
-        path = args.socket or served_socket(args.vehicle)
-        title, what = path.stem, ["--read-only", "--socket", str(path)]
-    serve(make_child_command("groundstation", "tui", *what, "--theme", args.theme), port, title)
-    return Exit.DONE
 
 
 def _title(vehicle: str) -> str:

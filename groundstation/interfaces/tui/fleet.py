@@ -27,7 +27,7 @@ from groundstation.interfaces.mqtt import (
     heed_cancellation,
 )
 from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText, headline
-from groundstation.interfaces.tui.terminal import driver_class
+from groundstation.interfaces.tui.terminal import TolerantDriver
 from groundstation.interfaces.tui.widgets import THEMES, Banner, require_terminal
 from links.text import printable
 
@@ -227,7 +227,7 @@ class FleetScreen(App[None]):
     ENABLE_COMMAND_PALETTE = False
 
     def __init__(self, broker: MqttBroker) -> None:
-        super().__init__(driver_class=driver_class())
+        super().__init__(driver_class=TolerantDriver)
         for theme in THEMES:
             self.register_theme(theme)
         self.theme = THEMES[0].name

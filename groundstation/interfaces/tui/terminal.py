@@ -9,9 +9,7 @@ import os
 import selectors
 from collections.abc import Iterator, Mapping
 
-from textual import constants
 from textual._xterm_parser import BRACKETED_PASTE_END, BRACKETED_PASTE_START, XTermParser
-from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.events import Key, Paste
 from textual.message import Message
@@ -172,8 +170,3 @@ def find_multiplexer(environment: Mapping[str, str]) -> str:
             return f"{name} (${variable})"
     term = environment.get("TERM", "")
     return f"a multiplexer (TERM={printable(term)})" if term.startswith(MULTIPLEXED_TERMS) else ""
-
-
-def driver_class() -> type[Driver] | None:
-    """Return the terminal driver; None where Textual has its own (as for a browser)."""
-    return None if constants.DRIVER else TolerantDriver

@@ -477,7 +477,7 @@ THEMES = tuple(
 
 
 def require_terminal(otherwise: str) -> None:
-    """Raise ConfigError without a terminal to draw on, or the browser's page in its place.
+    """Raise ConfigError without a terminal to draw on.
 
     The screen follows the terminal's own size: one that a shell exports stays as it was, and the orders, which stand at
     the bottom, would be drawn outside of a terminal that has become smaller.
@@ -485,5 +485,5 @@ def require_terminal(otherwise: str) -> None:
     for name in ("LINES", "COLUMNS"):
         os.environ.pop(name, None)
     drawn = (sys.stdin, sys.stdout, sys.stderr)  # Textual draws on the last
-    if "TEXTUAL_DRIVER" not in os.environ and not all(stream.isatty() for stream in drawn):
+    if not all(stream.isatty() for stream in drawn):
         raise ConfigError("tui", str(notice("screen.no_terminal", otherwise=otherwise)))
