@@ -157,6 +157,8 @@ async def listen(
 
     def look(ears: Ears) -> PoseStreamSummary:
         status = ears.source.status
+        if ears.connection is not None and (conflict := ears.connection.conflict):
+            status = msgspec.structs.replace(status, advice=conflict)
         fault = _find_stamp_fault(status, config.pose)
         return watcher.summarize(loop.time(), status, ears.names(), stamp_fault=fault)
 

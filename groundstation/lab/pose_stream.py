@@ -98,8 +98,8 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def ok(self) -> bool:
-        """Whether poses arrive now, and their stamps show their age."""
-        return not self.stamp_fault and self.age_s is not None and self.rate_hz > 0.0
+        """Whether poses arrive now, of one sender, and their stamps show their age."""
+        return not self.stamp_fault and not self.advice and self.age_s is not None and self.rate_hz > 0.0
 
 
 class PoseStreamMonitor:

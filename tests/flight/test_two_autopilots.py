@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 from groundstation.core.messages import Check, Verdict, tell_lines
 from groundstation.core.mission import State
 from groundstation.flight import FlightOutcome, make_flight
+from groundstation.lab.pose_monitor import listen
+from groundstation.lab.pose_stream import PoseStreamSummary
 from links.io import parse_address
 from links.mavlink.protocol import PX4, MavCommand, MavlinkCodec
 from sim.runs import Stage, confirm_at
@@ -74,3 +76,20 @@ def test_in_flight_it_is_told_once_and_the_flight_goes_on() -> None:
     assert len(told) == 1
     assert any("during the flight" in line and "another address" in line for line in said)
     assert MavCommand.ARM_DISARM not in second.commands
+
+
+def test_a_look_at_the_autopilot_s_own_poses_names_both() -> None:
+    world, config = prepare(SCENARIOS["paper"], [], source="odometry")
+    second = SecondVehicle()
+
+    async def main() -> PoseStreamSummary:
+        other = asyncio.create_task(second.run(parse_address(config.link.endpoint), 0.3))
+        async with running(Stage(world, config, 0)):
+            seen = await listen(config, 4.0)
+        other.cancel()
+        return seen
+
+    seen = in_virtual_time(main)()
+    assert seen.advice.startswith("two autopilots with MAVLink system id 1 are heard")
+    assert seen.poses > 100
+    assert not seen.ok
