@@ -445,6 +445,12 @@ def _format(value: float | None, unit: str) -> str:
 
 def serve(args: argparse.Namespace) -> Exit:
     """Run the simulated side in real time."""
+    one_vehicle = {"--param": args.parameters, "--carried": args.carried}
+    if args.fleet is not None:
+        _refuse_beside("--fleet", {"--config": args.config, **one_vehicle, **_told_by_file(args)})
+    elif args.config is not None:
+        fleet = "vehicles" in read_toml(args.config)
+        _refuse_beside("--config", {**_told_by_file(args), **(one_vehicle if fleet else {})})
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
@@ -468,6 +474,23 @@ def serve(args: argparse.Namespace) -> Exit:
     if args.floor:
         world, config = from_floor(world, config, None)
     return asyncio.run(serve_stage(scenario.name, world, config, **common))
+
+
+def _told_by_file(args: argparse.Namespace) -> dict[str, Any]:
+    """Options that a file of the vehicle, or of a fleet, has instead."""
+    source = args.source if args.source != "vicon" else None
+    return {"--floor": args.floor, "--link": args.link, "--source": source}
+
+
+def _refuse_beside(file: str, options: dict[str, Any]) -> None:
+    """Refuse ``options`` that would have no effect beside the option ``file``.
+
+    Raises:
+        ConfigError: one of them is given.
+    """
+    for option, value in options.items():
+        if value:
+            raise ConfigError(option, notice("serve.beside", file=file))
 
 
 def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> Exit:

@@ -127,6 +127,9 @@ def test_what_the_other_side_plays_is_what_the_station_looks_for(tmp_path: Path)
         (["--wrong", "latency=-500ms"], "got -500ms to it"),
         (["--wrong", "yaw=5,yaw=6"], "yaw: is told twice"),
         (["--gcs"], "a second ground station is no longer served"),
+        (["--floor"], "--floor: it has no effect beside --config"),
+        (["--source", "natnet"], "--source: it has no effect beside --config"),
+        (["--fleet", "fleet.toml"], "--config: it has no effect beside --fleet"),
     ],
 )
 def test_what_can_not_be_rehearsed_is_a_sentence(tmp_path: Path, words: list[str], says: str) -> None:

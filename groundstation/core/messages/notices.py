@@ -52,6 +52,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "groundstation.compare(...).plot().savefig(FILE), as in examples/notebook.ipynb",
     ),
     NoticeTemplate("export.poses", "poses have no format of their own any more", "take --channel /measured"),
+    NoticeTemplate("serve.beside", "it has no effect beside {file}, whose file has it", "leave one of both out"),
     NoticeTemplate(
         "serve.gcs",
         "a second ground station is no longer served",
