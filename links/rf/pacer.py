@@ -100,9 +100,9 @@ class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     frames: int
     """Frames that left."""
     lost: int
-    """Frames that did not leave at their instant or not at all, the port being there."""
+    """Frames that did not leave at their instant, or did not leave at all, while the port was open."""
     repeated: int
-    """Frames that said the same command once more, as no newer one had come in time."""
+    """Frames that repeated a command, as no newer one had come in time."""
     refused: int
     """Commands that came too late or out of order."""
     port: str
@@ -172,15 +172,15 @@ REOPEN_S = 0.1
 """First wait before the port is opened again [s]."""
 REOPEN_LIMIT_S = 1.6
 """Longest wait before the port is opened again [s]."""
-TELLS_S = 5.0
+TELEMETRY_MAX_AGE_S = 5.0
 """Age after which a module's telemetry is dropped [s]."""
-TOLD_LATE_S = 0.05
-"""An attitude is about so old when the module has told it [s]: it waits for a slot of the radio. Whoever holds it
-against poses looks 0.1 s either way (groundstation/core/safety/witness.py)."""
+ATTITUDE_LATENCY_S = 0.05
+"""Age of an attitude when the module reports it [s]: it waits for a slot of the radio. The comparison with poses tries
+0.1 s either way (groundstation/core/safety/witness.py)."""
 STEER = 0.02
 """A frame leaves earlier or later by at most this share of the period, where the module asks for it [-]."""
 READ_BYTES = 512
-"""Most that is read from the port between two frames; a module that says more says it for nothing."""
+"""Largest number of bytes that are read from the port between two frames [-]; more are discarded."""
 
 
 class Port(Protocol):
@@ -304,9 +304,9 @@ class Downlink:
 
     def collect(self, now_s: float) -> RfTelemetry:
         """Recent telemetry."""
-        told = {name: value for name, (at_s, value) in self._newest.items() if now_s - at_s < TELLS_S}
+        told = {name: value for name, (at_s, value) in self._newest.items() if now_s - at_s < TELEMETRY_MAX_AGE_S}
         if "attitude" in told:
-            told["attitude_s"] = self._newest["attitude"][0] - TOLD_LATE_S
+            told["attitude_s"] = self._newest["attitude"][0] - ATTITUDE_LATENCY_S
         return RfTelemetry(**told)
 
 
@@ -337,7 +337,7 @@ class FramePacer:
     # ---- what it is told
 
     def order(self, order: Order, now_s: float) -> None:
-        """Obey; what comes too late, or out of place, changes nothing and is counted."""
+        """Obey. A late command is counted as refused, an invalid one as bad; an order out of place changes nothing."""
         match order:
             case Give(arming, command):
                 try:

@@ -1,11 +1,11 @@
 """Vehicle: its configuration, its limits, and the model by which it is integrated forward in time.
 
 The configuration is the section ``[vehicle]``, or a file of its own. The limits (section ``[limits]``) restrict a
-flight further. The model is (1), (2) of the paper with first-order lags on thrust and body
-rates, which are the actuators; lags and their inverse are exact for a command that is held. A step has two parts.
-Commands alone decide actuators and attitude, and so what thrust gives (:func:`integrate_actuators`, one call for each
-command that acts). All else is added once, at the end (:func:`integrate_motion`): position and velocity are linear in
-thrust over mass, gravity and wind. Elementwise: floats, or arrays of shape (N,).
+flight further. The model is (1), (2) of the paper, p˙ = v, v˙ = g e3 + d - (T/m) R e3 - c v, with first-order lags on
+thrust and body rates, the actuators; lags and their inverse are exact for a command that is held. A step has two parts.
+Attitude and thrust depend on the commands only, and so do the integrals of the thrust (:func:`integrate_actuators`, one
+call for each command that acts). All else is added once, at the end (:func:`integrate_motion`): position and velocity
+are linear in thrust over mass, gravity and wind. Elementwise: floats, or arrays of shape (N,).
 """
 
 import math
@@ -40,25 +40,27 @@ from groundstation.core.geometry import (
 )
 
 Mass = Annotated[float, msgspec.Meta(ge=0.005, le=100.0)]
-"""A mass [kg]; heavier is one in grams, and lighter than 5 g flies no tracked vehicle."""
+"""A mass [kg]: a larger number is in grams, and no tracked vehicle is lighter than 5 g."""
 Thrust = Annotated[float, msgspec.Meta(gt=0.0, le=5000.0)]
 """A thrust [N], of at most five times the weight of the heaviest vehicle."""
 Lag = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
-"""A time constant of an actuator [s]; a longer one is in milliseconds, or of a rotor that no loop can fly."""
+"""A time constant of an actuator [s]: a larger number is in milliseconds, or of a rotor that no loop can fly."""
 Delay = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
-"""A dead time of an actuator [s]; a longer one is in milliseconds."""
+"""A dead time of an actuator [s]: a larger number is in milliseconds."""
 Drag = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
-"""Linear drag [1/s]: of 10, thrust of twice the weight makes no more than 2 m/s."""
+"""Linear drag [1/s]: at 10, a thrust of twice the weight reaches less than 2 m/s."""
 FramePeriod = Annotated[float, msgspec.Meta(ge=0.001, le=0.25)]
-"""A period of commands [s]; a longer one is in milliseconds, and no link carries more than 1000 a second."""
+"""A period of commands [s]: a larger number is in milliseconds, and no link carries more than 1000 a second."""
 Size = Annotated[float, msgspec.Meta(ge=0.03, le=10.0)]
-"""An extent [m]; more is in millimetres, and less is smaller than its own markers' triangle."""
+"""An extent [m]: a larger number is in millimetres, and no vehicle is smaller than the triangle of its markers."""
 RateLimit = Annotated[float, msgspec.Meta(ge=15.0, le=1e5)]
-"""A body rate [deg/s]; 100000 is no limit at all, and a limit of less than 15 is in radians per second."""
+"""A body rate [deg/s]: 100000 is no limit at all, and a smaller number than 15 is in radians per second."""
 WeightShare = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
 """A thrust as a share of the weight [-]."""
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+"""A share, 0 and 1 included [-]."""
 Inside = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
+"""A share between 0 and 1, without both [-]."""
 
 GRAVITY = 9.81
 """Default g [m/s²]: the paper's."""
@@ -165,8 +167,8 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         Share,
         msgspec.Meta(
             description="Share of the disturbance that full thrust can trim sideways, "
-            "√((T_max/m)² - g²) [-]: so far the controller adapts (`controller.b_bound`, where "
-            "that is left at its default), and to 5 m/s² at least."
+            "√((T_max/m)² - g²) [-]: the bound of the estimated disturbance, but at least 5 m/s² "
+            "(`controller.b_bound`, where that is left at its default)."
         ),
     ] = 1.0
     hover_n: Annotated[
@@ -302,7 +304,8 @@ def schedule(
 ) -> float:
     """Put ``drive``, which the actuators see at ``seen_s`` [s], into ``drives``: what acts from which instant on.
 
-    It replaces what was to act later. Returns from when on anything has changed [s].
+    It replaces what was to act later: thrust from thrust_delay_s on, rates from rate_delay_s on; between the two the
+    other keeps its older commands. Return the instant from which on anything has changed [s].
     """
     thrust_s, rates_s = seen_s + vehicle.thrust_delay_s, seen_s + vehicle.rate_delay_s
     if thrust_s == rates_s:
@@ -327,7 +330,7 @@ def schedule(
 
 
 class ActuatorResponse(NamedTuple):
-    """Result of commands on a motion since a roll began."""
+    """Response of thrust, rates and attitude to commands since an interval began, and the integrals of the thrust."""
 
     attitude: Quat
     """Unit quaternion w, x, y, z, body FRD to world NED."""
@@ -358,7 +361,7 @@ def integrate_actuators(
     rate_rise, half_rise = approach(ops, h, rate_lag), approach(ops, half, rate_lag)
     thrust_rise = approach(ops, h, thrust_lag)
     missing = subtract(drive.rates, before.rates)
-    # ∫ω = h ω_c - (lagged part), whose integral is τ (1 - e^(-h/τ)).
+    # ∫ω dt = h ω_c - τ (1 - e^(-h/τ)) (ω_c - ω_0), ω_c commanded, ω_0 at the begin.
     a, b, c = add_scaled(scale(half, drive.rates), -rate_lag * half_rise, missing)
     # R e3 at mid-step: e3 rotated by (a, b, c) to second order, in the world.
     down = to_world(attitude, (b + 0.5 * a * c, 0.5 * b * c - a, 1.0 - 0.5 * (a * a + b * b)))
@@ -385,13 +388,13 @@ def integrate_motion(
     """``motion`` after ``duration`` [s] in which commands did what ``after`` says.
 
     Args:
-        motion: where the roll began.
-        after: the end of the roll by commands.
-        duration: of the roll [s].
+        motion: motion at the begin of the interval.
+        after: response to the commands at its end.
+        duration: its length [s].
         mass: [kg].
         other: all other acceleration, gravity and wind, at the beginning [m/s², NED]; exact, whatever the duration.
-        other_rate: how it moves [m/s³, NED].
-        drag: linear drag c, -c v on top of it [1/s]; to third order in c ``duration``.
+        other_rate: its time derivative [m/s³, NED].
+        drag: linear drag c, -c v on top of it [1/s]; exact up to the third order of c ``duration``.
     """
     h, half, per_kg = duration, 0.5 * duration, -1.0 / mass
     pushed = add_scaled(motion.position, per_kg, after.reach)

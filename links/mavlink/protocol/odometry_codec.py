@@ -14,7 +14,7 @@ ORIGIN_M = 488.0
 """Its height above the sea [m]."""
 
 _UNKNOWN = (math.nan,) * 3
-"""Body rates that are not sent."""
+"""A velocity, or body rates, that are not known."""
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
 """Places of the variances in the upper triangle of a covariance of 6 by 6."""
 
@@ -25,7 +25,7 @@ class Odometry(NamedTuple):
     time_s: float
     """When it was true, on the clock that answers TIMESYNC [s]."""
     position: tuple[float, float, float]
-    """[m], world NED or a frame that is turned about down."""
+    """[m], world NED, or the same turned about its down axis."""
     attitude: tuple[float, float, float, float]
     """Unit quaternion w, x, y, z, body FRD to that frame."""
     velocity: tuple[float, float, float]

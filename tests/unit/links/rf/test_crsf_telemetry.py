@@ -12,7 +12,7 @@ from links.bridge.codec import StationEnd, Welcome
 from links.core import Command, Segment
 from links.rf import Arm, Channels, CrsfLinkConfig, FramePacer, Give, encode_attitude
 from links.rf.codec import RfTelemetry
-from links.rf.pacer import STEER, TELLS_S, TOLD_LATE_S
+from links.rf.pacer import ATTITUDE_LATENCY_S, STEER, TELEMETRY_MAX_AGE_S
 from tests.unit.links.rf.test_pacer import Bench, Notebook
 
 
@@ -87,7 +87,7 @@ def test_an_attitude_is_reported_at_once_and_with_about_when_it_was() -> None:
     bench.frame()
     assert bench.pacer.has_news(bench.now)
     told = bench.pacer.report(bench.now).telemetry
-    assert told.attitude_s == pytest.approx(bench.now - TOLD_LATE_S)
+    assert told.attitude_s == pytest.approx(bench.now - ATTITUDE_LATENCY_S)
     assert bench.pacer.report(bench.now + 0.1).telemetry.attitude_s == told.attitude_s
 
 
@@ -112,7 +112,7 @@ def test_what_is_told_is_reported_and_forgotten_after_a_while() -> None:
     told = bench.pacer.report(bench.now).telemetry
     assert told.battery_v == pytest.approx(16.8)
     assert told.uplink_share == pytest.approx(0.99)
-    assert bench.pacer.report(bench.now + TELLS_S).telemetry == RfTelemetry()
+    assert bench.pacer.report(bench.now + TELEMETRY_MAX_AGE_S).telemetry == RfTelemetry()
 
 
 @pytest.mark.parametrize("early_s", [0.0011, -0.0007])
