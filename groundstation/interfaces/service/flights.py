@@ -169,7 +169,8 @@ def is_journal(number: int) -> bool:
 def _log(told: Notice | Sentence, /) -> None:
     level = logging.WARNING if told.severity is Severity.WARNING else logging.INFO
     text = told.line if isinstance(told, Notice) else told.text
-    logging.getLogger("groundstation").log(level, "%s", text, extra={"event": told})
+    said = text.removeprefix("WARNING: ")  # the line of a log has its level before it
+    logging.getLogger("groundstation").log(level, "%s", said, extra={"event": told})
 
 
 STOPPING_S = 5.0
