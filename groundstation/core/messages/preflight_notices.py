@@ -27,6 +27,11 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         "noise of {noise_mm:.2f} mm on each axis, {noise_deg:.2f}° of roll and pitch",
         "calibrate the volume, and have more cameras see the body; with more of it flights end",
     ),
+    NoticeTemplate(
+        "check.far",
+        "the poses are {away_m:.0f} m from the tracker's origin, limit {limit_m:g} m",
+        "have the sender give positions in metres, and the volume its origin within the room",
+    ),
     NoticeTemplate("check.at_rest", "poses are within {spread_cm:.1f} cm", "the vehicle must be at rest"),
     NoticeTemplate(
         "check.tilt",

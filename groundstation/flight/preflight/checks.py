@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 
 from groundstation.core.control import Law, thrust_bound
-from groundstation.core.geometry import Vec3, angle_deg, third_column
+from groundstation.core.geometry import FARTHEST_M, Vec3, angle_deg, third_column
 from groundstation.core.messages import (
     USUAL_POSE_DROPS,
     Check,
@@ -242,6 +242,9 @@ class Checks:
             many = source.origin_moves > self._config.guards.pose_resets
             verdict = Verdict.FAIL if many else Verdict.WARN
             return Check.of("at rest", verdict, describe_origin_moves(source.origin_moves))
+        away = max(map(abs, poses[-1].position_ned))
+        if away > FARTHEST_M and not self._config.pose.by_autopilot:
+            return report("at rest", Verdict.FAIL, "check.far", away_m=away, limit_m=FARTHEST_M)
         far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
         limit = MOVED_M if poses[0].velocity_ned is None else WANDERED_M
         return report("at rest", find_verdict(far, limit, limit), "check.at_rest", spread_cm=to_cm(far))

@@ -89,6 +89,8 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("pose noise", {"stands": standing(noise_deg=0.35), "noise_m": 0.006}, Verdict.FAIL),
     ("at rest", {"stands": standing(drift_m=0.02)}, Verdict.PASS),
     ("at rest", {"stands": standing(drift_m=0.1)}, Verdict.FAIL),
+    ("at rest", {"stands": standing(down=-850.0)}, Verdict.FAIL),
+    ("at rest", {"stands": standing(down=-850.0), "config": {"pose": {"kind": "mavlink"}}}, Verdict.PASS),
     ("at rest", {"source": PoseStatus(accepted=50, dropped={}, origin_moves=1)}, Verdict.PASS),
     ("at rest", {"source": PoseStatus(accepted=50, dropped={}, origin_moves=2)}, Verdict.WARN),
     ("at rest", {"source": PoseStatus(accepted=50, dropped={}, origin_moves=5)}, Verdict.FAIL),
