@@ -154,7 +154,9 @@ def _find_head(
     if told is None and separator not in top:
         separator = " "
     names = _names(top, separator)
-    if not names or any(map(_is_number, names)) or len(set(names)) < len(names):
+    widths = Counter(len(row) for row in _split(lines[first + 1 :], separator))
+    is_table = not widths or widths.most_common(1)[0][0] == len(names)
+    if not is_table or not names or any(map(_is_number, names)) or len(set(names)) < len(names):
         wanted = ", ".join(times)
         problem = notice("import.no_head", rows=len(lines), names=wanted, hint=_hint(lines))
         raise ConfigError("FILE", problem, str(path))

@@ -218,6 +218,7 @@ def test_columns_by_number_and_lines_to_skip(tmp_path: Path) -> None:
     [
         ("0.0,1,2\n0.1,1,2\n", ""),
         ("0.0,0.0,map\n0.1,0.0,map\n", ""),
+        ("Exported by MyTracker 2\n\n0,0;1,5;2\n0,1;1,5;2\n", ""),
         (motive(), "--map motive"),
         (qtm(), "--map qtm"),
     ],
