@@ -262,7 +262,7 @@ class CommandLoop:
             controller.on_link_status(now)
         if status.state == "armed" or controller.state not in IN_AIR:
             return
-        on_floor = status.state == "connected" and status.hears_vehicle and controller.low
+        on_floor = status.state == "connected" and status.hears_vehicle and controller.is_low
         if on_floor and controller.mission.allows(Event.DISARMED):
             controller.go(Event.DISARMED, notice("mission.felt_floor"), now)
         elif status.state != "lost":
@@ -304,7 +304,7 @@ class CommandLoop:
             FlightEnded: it is not there, or that is refused, too.
         """
         why = FlightEnded(notice("fault.will_not_disarm", why=refusal))
-        if not self._controller.at_floor:
+        if not self._controller.is_at_floor:
             raise why from refusal
         try:
             await self._link.kill()

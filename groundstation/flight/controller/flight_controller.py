@@ -127,14 +127,16 @@ class FlightController:
         self._course = Course(config, others)
         self.phase: SpoolUp | Phase | DescentPhase | None = None
         """Phase that is flown, or was flown last; None before the flight."""
-        self._guards: Guards | None = None
-        if config.flight.start == "floor":  # a vehicle held in the air starts with an error, and nobody beneath it
-            clearance = self._course.clearance
-            self._guards = monitors.guards(
-                config.guards, clearance.fence, config.vehicle, lambda: link.period_s, clearance.separation,
-                config.flight.floor_z_m, config.controller.gravity, config.flight.coast_s,
-            )  # fmt: skip
+        # A vehicle that is held in the air starts with an error, and nobody is beneath it.
+        self._guards = self._make_guards(monitors) if config.flight.start == "floor" else None
         self._escalation = Escalation(config.guards.lasting_s)
+
+    def _make_guards(self, monitors: Monitors) -> Guards:
+        config, link, clearance = self._config, self._link, self._course.clearance
+        return monitors.guards(
+            config.guards, clearance.fence, config.vehicle, lambda: link.period_s, clearance.separation,
+            config.flight.floor_z_m, config.controller.gravity, config.flight.coast_s,
+        )  # fmt: skip
 
     @property
     def state(self) -> State:
@@ -147,16 +149,190 @@ class FlightController:
         return self.state in FINAL and self.state is not State.LANDED
 
     @property
-    def low(self) -> bool:
+    def is_low(self) -> bool:
         """Whether the autopilot may have detected a landing: by the last estimate, the vehicle is at the floor."""
         floor = self._config.flight.floor_z_m
         return self.tick is not None and floor - self.tick.estimate.motion.position[2] < DISARMED_HEIGHT_M
 
     @property
-    def at_floor(self) -> bool:
+    def is_at_floor(self) -> bool:
         """Whether the newest pose shows the vehicle on the floor, or nearly."""
         pose = self._pilot.state.newest_pose
         return pose is not None and self._config.flight.floor_z_m - pose.position_ned[2] < DISARMED_HEIGHT_M
+
+    def on_pose(self, pose: Pose) -> None:
+        """Take a pose: estimate the state, and the health of the poses."""
+        self._pilot.estimate_state(pose)
+        if isinstance(self.phase, SpoolUp):
+            self.phase.add_pose(pose)
+        elif self.tick is None:
+            self.standing.add(pose)
+        self.attitudes.add_pose(pose)
+        if not self.is_dismissed and (news := self._pilot.state.response.describe_news(self.attitudes.find_latency)):
+            self._listener.say(news.as_warning(), "latency")
+
+    def on_attitude(self, attitude: Attitude, now_s: float) -> None:
+        """Take the autopilot's attitude, and compare the poses with it."""
+        witness = self.attitudes.add_attitude(attitude)
+        if not self.is_dismissed:
+            self._report_disagreement(witness)
+        if self.state in IN_AIR:
+            agreement = witness.verdict(now_s)
+            self._pilot.set_autopilot_agreement(None if agreement is None else agreement.agrees)
+        in_poses = witness.in_poses(attitude)
+        if attitude.rates_rad_s is not None:  # by radio, a stall of the telemetry does not concern commands
+            self._uplink.take_telemetry(now_s)
+        if in_poses is not None:
+            self._means.take_attitude(attitude, in_poses, now_s)
+
+    def on_link_status(self, now_s: float) -> None:
+        """Examine the status of the link."""
+        status = self._link.status
+        if status.taken and self.mission.allows(Event.TAKEN_OVER):
+            self.go(Event.TAKEN_OVER, notice("fault.taken", mode=status.taken), now_s, fault=True)
+        elif self._guards is not None and self.state in IN_AIR:
+            self._take_step(self._guards.check_link(status, now_s), now_s)
+
+    def on_frame(self, now_s: float) -> Command:
+        """Return the command of this frame."""
+        phase, self._made = self.phase, None
+        if isinstance(phase, SpoolUp):
+            if phase.lift_off is None:
+                return self._pilot.idle(now_s, self._spool_thrust_n(phase, now_s))
+            self._climb_away(now_s)
+        if self._answer_uplink(now_s):
+            return self._pilot.last_command(now_s, LAST_PERIODS * self._link.period_s)
+        if self._answer_failed_poses(now_s):
+            if self._means.chosen is Means.FLOOR:
+                return self._pilot.idle(now_s, 0.0)
+            return self._pilot.surrender(now_s, LAST_PERIODS * self._link.period_s)
+        self._ensure_pose(now_s)
+        self._made = self._pilot.compute_command(now_s)
+        return self._made.command
+
+    def on_sent(self, now_s: float) -> None:
+        """Take that the command of the frame has left: judge it by the guards, and end its phase if it is over."""
+        if self._made is not None:
+            self._listener.on_tick(self._made)
+            self._judge(self._made)
+        if self._means.ends_commands and self.failure is not None:  # it was the last one
+            self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
+
+    def _spool_thrust_n(self, spool_up: SpoolUp, now_s: float) -> float:
+        """Thrust on the floor [N]; 0 where something is wrong, and the motors go off."""
+        pose = self._pilot.state.newest_pose
+        assert pose is not None, "poses showed it on the floor"
+        coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
+        why = self._uplink.check(now_s) or spool_up.fault(now_s, pose, coast_s, self._course.clearance.fence)
+        if why is None:
+            return spool_up.thrust_n(now_s)
+        self.go(Event.LAND, why, now_s, fault=True)
+        return 0.0
+
+    def _answer_uplink(self, now_s: float) -> bool:
+        """Answer commands that arrive late or not at all; return whether commands end."""
+        why = self._uplink.check(now_s)
+        self._pilot.set_uplink_lost(self._uplink.is_down)
+        if not self._uplink.is_down:
+            return False
+        if why and self._uplink.is_late:
+            self.failure = Failure("link.late", notice("fault.late_commands_end", why=why))
+            self._means.chosen = Means.NOTHING
+            return True
+        if why and self.state is not State.DESCENT:
+            self.go(Event.DESCEND, why, now_s, fault=True)
+        return False
+
+    def _answer_failed_poses(self, now_s: float) -> bool:
+        """After a failure of the poses, come down by what still responds; return whether commands end."""
+        health = self._pilot.state.health
+        if self._guards is None:
+            return False
+        self._pilot.pause_response(self._uplink.is_stalled(now_s))
+        self._report_health(health)
+        if not health.has_failed:
+            return False
+        if self.failure is None:
+            self.failure = Failure(health.reason_id, notice(health.reason_id))
+        reason, means = self.failure.reason, self._means.choose(now_s)
+        if means is not Means.POSITION:
+            self._listener.on_failure()
+        if self._means.ends_commands:
+            self.failure = self.failure._replace(reason=notice("fault.poses_model", reason=reason))
+        elif means is Means.POSITION:
+            if self.state not in (State.LANDING, State.DESCENT):
+                self.go(Event.LAND, notice("fault.poses_land", reason=reason), now_s, fault=True)
+        elif self.state is not State.DESCENT:
+            whose = "their attitude" if means is Means.ATTITUDE else "the autopilot's attitude"
+            why = notice("fault.poses_descend", reason=reason, whose=whose)
+            self.go(Event.DESCEND, why, now_s, fault=True, blind=True)
+        elif not self._pilot.state.is_blind:
+            self._descend(now_s, blind=True)
+        return self._means.ends_commands
+
+    def _report_health(self, health: PoseHealth) -> None:
+        """Report that the response of the poses is tested, and that it is normal again."""
+        before, self._health = self._health, health.state
+        if self._health is before or self._health is HealthState.FAILED:
+            return
+        suspect = self._health is HealthState.SUSPECT
+        self._listener.say(
+            notice(health.reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news"
+        )
+
+    def _report_disagreement(self, witness: Witness) -> None:
+        """Report poses that are later than configured, or, while they are used, disagree with the own attitude."""
+        if news := self.attitudes.latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
+            self._listener.say(news.as_warning(), "latency")
+        state = self.state
+        if state in IN_AIR and state is not State.DESCENT and (news := witness.describe_news()):
+            self._listener.say(news.as_warning())
+
+    def _ensure_pose(self, now_s: float) -> None:
+        """If no frame is left before the newest pose is too old for a command, descend on the model."""
+        pose, coast = self._pilot.state.newest_pose, self._config.flight.coast_s
+        guarded = self._guards is not None and self._config.guards.level_s > 0.0
+        if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
+            why = notice("fault.pose_gap", age_ms=to_ms(now_s - pose.time_s))
+            self._take_step(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
+
+    def _judge(self, tick: Tick) -> None:
+        """Apply the guards to a command of the controller, and end its phase if it is over."""
+        self.tick = tick
+        finding = None if self._guards is None else self._guards.check_command(tick, self.state)
+        if finding is None or finding.step is GuardAction.WARN:
+            warning = None if finding is None else finding.reason.as_warning()
+            if warning is not None and warning.text != self._warned:
+                self._listener.say(warning)
+            self._warned = "" if warning is None else warning.text
+        else:
+            self._take_step(finding, tick.time_s)
+        phase = self.phase if self.state in IN_AIR else None
+        assert not isinstance(phase, SpoolUp), "it has a tick"
+        move = None if phase is None else phase.find_end(tick, uplink_ok=not self._uplink.is_down)
+        self._pilot.set_ground_contact(isinstance(phase, LandPhase) and self._course.touchdown.may_have_contact)
+        if move is not None and isinstance(phase, GoToPhase):
+            self._go_on(phase, move, tick.time_s)
+        elif move is not None:
+            self.go(move.event, move.reason, tick.time_s, fault=move.fault)
+
+    def _take_step(self, finding: GuardFinding | None, now_s: float) -> None:
+        """Take the step that a guard requests, or the next possible one after it."""
+        answer = None if finding is None else self._escalation.escalate(finding, now_s)
+        if answer is None:
+            return
+        for step, event in (
+            (GuardAction.HOLD, Event.HOLD),
+            (GuardAction.LAND, Event.LAND),
+            (GuardAction.DESCEND, Event.DESCEND),
+        ):
+            if step >= answer.step and self.mission.allows(event):
+                if TABLE[self.state, event] is not self.state:
+                    self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
+                elif step is answer.step:
+                    self.go(event, answer.reason, now_s, fault=True)
+                    self._listener.say(answer.reason.as_warning())
+                return
 
     def go(
         self,
@@ -206,27 +382,6 @@ class FlightController:
                 self._escalation.reset()
             self._begin(phase or self._plan_phase(event, state, now_s))
 
-    def _plan_phase(self, event: Event, state: State, now_s: float) -> Phase:
-        """Plan the phase of ``state`` from the present motion."""
-        course, config = self._course, self._config
-        if state is State.TRACKING:
-            back = Event.LAND if course.home is None else Event.RETURN
-            leg = Leg(course.trajectory, now_s) if event is Event.AIRBORNE else course.track(*self._motion(now_s))
-            return TrackPhase(leg, config.flight.duration_s, back)
-        now, time_s = self._motion(now_s)
-        if state is State.LANDING:
-            return LandPhase(course, course.land(now, time_s), now_s + self._way_down_s())
-        if state is State.RETURNING:
-            return TransitPhase(course.go_home(now, time_s), MissionMove(Event.HOME, notice("mission.home")))
-        return HoldPhase(config, course, course.hold(now, time_s), waits=event in (Event.HOLD, Event.ARRIVED))
-
-    def _way_down_s(self) -> float:
-        """Return the longest plausible duration of the way down from here [s]."""
-        pose, flight = self._pilot.state.newest_pose, self._config.flight
-        height_m = 0.0 if pose is None else max(flight.floor_z_m - pose.position_ned[2], 0.0)
-        slowest_m_s = min(flight.descent_m_s, self._config.landing.touchdown_m_s)
-        return LANDING_MARGIN_S + LANDING_FACTOR * height_m / slowest_m_s
-
     def fly_to(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> Sentence | None:
         """Begin to fly to ``points``; return the obstacle, or None. Points are checked now, each leg before it."""
         for number, point in enumerate(points, 1):
@@ -250,183 +405,26 @@ class FlightController:
             self._listener.say(notice("mission.to_point", target=following.target), "course")
             self._begin(following)
 
-    def on_frame(self, now_s: float) -> Command:
-        """Return the command of this frame."""
-        phase, self._made = self.phase, None
-        if isinstance(phase, SpoolUp):
-            if phase.lift_off is None:
-                return self._pilot.idle(now_s, self._spool_thrust_n(phase, now_s))
-            self._climb_away(now_s)
-        if self._is_too_late(now_s):
-            return self._pilot.last_command(now_s, LAST_PERIODS * self._link.period_s)
-        if self._answer_failure(now_s):
-            if self._means.chosen is Means.FLOOR:
-                return self._pilot.idle(now_s, 0.0)
-            return self._pilot.surrender(now_s, LAST_PERIODS * self._link.period_s)
-        self._ensure_pose(now_s)
-        self._made = self._pilot.compute_command(now_s)
-        return self._made.command
+    def _plan_phase(self, event: Event, state: State, now_s: float) -> Phase:
+        """Plan the phase of ``state`` from the present motion."""
+        course, config = self._course, self._config
+        if state is State.TRACKING:
+            back = Event.LAND if course.home is None else Event.RETURN
+            leg = Leg(course.trajectory, now_s) if event is Event.AIRBORNE else course.track(*self._motion(now_s))
+            return TrackPhase(leg, config.flight.duration_s, back)
+        now, time_s = self._motion(now_s)
+        if state is State.LANDING:
+            return LandPhase(course, course.land(now, time_s), now_s + self._way_down_s())
+        if state is State.RETURNING:
+            return TransitPhase(course.go_home(now, time_s), MissionMove(Event.HOME, notice("mission.home")))
+        return HoldPhase(config, course, course.hold(now, time_s), waits=event in (Event.HOLD, Event.ARRIVED))
 
-    def _spool_thrust_n(self, spool_up: SpoolUp, now_s: float) -> float:
-        """Thrust on the floor [N]; 0 where something is wrong, and the motors go off."""
-        pose = self._pilot.state.newest_pose
-        assert pose is not None, "poses showed it on the floor"
-        coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
-        why = self._uplink.check(now_s) or spool_up.fault(now_s, pose, coast_s, self._course.clearance.fence)
-        if why is None:
-            return spool_up.thrust_n(now_s)
-        self.go(Event.LAND, why, now_s, fault=True)
-        return 0.0
-
-    def on_sent(self, now_s: float) -> None:
-        """Take that the command of the frame has left: judge it by the guards, and end its phase if it is over."""
-        if self._made is not None:
-            self._listener.on_tick(self._made)
-            self._judge(self._made)
-        if self._means.ends_commands and self.failure is not None:  # it was the last one
-            self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
-
-    def _is_too_late(self, now_s: float) -> bool:
-        """Whether commands end as they arrive too late; while none arrive, gains are calm and adaptation is frozen."""
-        why = self._uplink.check(now_s)
-        self._pilot.set_uplink_lost(self._uplink.is_down)
-        if not self._uplink.is_down:
-            return False
-        if why and self._uplink.is_late:
-            self.failure = Failure("link.late", notice("fault.late_commands_end", why=why))
-            self._means.chosen = Means.NOTHING
-            return True
-        if why and self.state is not State.DESCENT:
-            self.go(Event.DESCEND, why, now_s, fault=True)
-        return False
-
-    def _answer_failure(self, now_s: float) -> bool:
-        """After a failure of the poses, come down by what still responds; return whether commands end."""
-        health = self._pilot.state.health
-        if self._guards is None:
-            return False
-        self._pilot.pause_response(self._uplink.is_stalled(now_s))
-        self._report_health(health)
-        if not health.has_failed:
-            return False
-        if self.failure is None:
-            self.failure = Failure(health.reason_id, notice(health.reason_id))
-        reason, means = self.failure.reason, self._means.choose(now_s)
-        if means is not Means.POSITION:
-            self._listener.on_failure()
-        if self._means.ends_commands:
-            self.failure = self.failure._replace(reason=notice("fault.poses_model", reason=reason))
-        elif means is Means.POSITION:
-            if self.state not in (State.LANDING, State.DESCENT):
-                self.go(Event.LAND, notice("fault.poses_land", reason=reason), now_s, fault=True)
-        elif self.state is not State.DESCENT:
-            whose = "their attitude" if means is Means.ATTITUDE else "the autopilot's attitude"
-            why = notice("fault.poses_descend", reason=reason, whose=whose)
-            self.go(Event.DESCEND, why, now_s, fault=True, blind=True)
-        elif not self._pilot.state.is_blind:
-            self._descend(now_s, blind=True)
-        return self._means.ends_commands
-
-    def _report_health(self, health: PoseHealth) -> None:
-        """Report that the response of the poses is tested, and that it is normal again."""
-        before, self._health = self._health, health.state
-        if self._health is before or self._health is HealthState.FAILED:
-            return
-        suspect = self._health is HealthState.SUSPECT
-        self._listener.say(
-            notice(health.reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news"
-        )
-
-    def _descend(self, now_s: float, *, blind: bool, rest_s: float = 0.0) -> None:
-        height_m = self._pilot.descend(DESCENT_M_S, blind=blind, rest_s=rest_s)
-        self._means.limit_blind_descent(now_s, height_m)
-
-    def _judge(self, tick: Tick) -> None:
-        """Apply the guards to a command of the controller, and end its phase if it is over."""
-        self.tick = tick
-        finding = None if self._guards is None else self._guards.check_command(tick, self.state)
-        if finding is None or finding.step is GuardAction.WARN:
-            warning = None if finding is None else finding.reason.as_warning()
-            if warning is not None and warning.text != self._warned:
-                self._listener.say(warning)
-            self._warned = "" if warning is None else warning.text
-        else:
-            self._answer(finding, tick.time_s)
-        phase = self.phase if self.state in IN_AIR else None
-        assert not isinstance(phase, SpoolUp), "it has a tick"
-        move = None if phase is None else phase.find_end(tick, uplink_ok=not self._uplink.is_down)
-        self._pilot.set_ground_contact(isinstance(phase, LandPhase) and self._course.touchdown.may_have_contact)
-        if move is not None and isinstance(phase, GoToPhase):
-            self._go_on(phase, move, tick.time_s)
-        elif move is not None:
-            self.go(move.event, move.reason, tick.time_s, fault=move.fault)
-
-    def on_link_status(self, now_s: float) -> None:
-        """Examine the status of the link."""
-        status = self._link.status
-        if status.taken and self.mission.allows(Event.TAKEN_OVER):
-            self.go(Event.TAKEN_OVER, notice("fault.taken", mode=status.taken), now_s, fault=True)
-        elif self._guards is not None and self.state in IN_AIR:
-            self._answer(self._guards.check_link(status, now_s), now_s)
-
-    def _ensure_pose(self, now_s: float) -> None:
-        """If no frame is left before the newest pose is too old for a command, descend on the model."""
-        pose, coast = self._pilot.state.newest_pose, self._config.flight.coast_s
-        guarded = self._guards is not None and self._config.guards.level_s > 0.0
-        if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
-            why = notice("fault.pose_gap", age_ms=to_ms(now_s - pose.time_s))
-            self._answer(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
-
-    def _answer(self, finding: GuardFinding | None, now_s: float) -> None:
-        """Take the step that a guard requests, or the next possible one after it."""
-        answer = None if finding is None else self._escalation.escalate(finding, now_s)
-        if answer is None:
-            return
-        for step, event in (
-            (GuardAction.HOLD, Event.HOLD),
-            (GuardAction.LAND, Event.LAND),
-            (GuardAction.DESCEND, Event.DESCEND),
-        ):
-            if step >= answer.step and self.mission.allows(event):
-                if TABLE[self.state, event] is not self.state:
-                    self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
-                elif step is answer.step:
-                    self.go(event, answer.reason, now_s, fault=True)
-                    self._listener.say(answer.reason.as_warning())
-                return
-
-    def on_pose(self, pose: Pose) -> None:
-        """Take a pose: estimate the state, and the health of the poses."""
-        self._pilot.estimate_state(pose)
-        if isinstance(self.phase, SpoolUp):
-            self.phase.add_pose(pose)
-        elif self.tick is None:
-            self.standing.add(pose)
-        self.attitudes.add_pose(pose)
-        if not self.is_dismissed and (news := self._pilot.state.response.describe_news(self.attitudes.find_latency)):
-            self._listener.say(news.as_warning(), "latency")
-
-    def on_attitude(self, attitude: Attitude, now_s: float) -> None:
-        """Take the autopilot's attitude, and compare the poses with it."""
-        witness = self.attitudes.add_attitude(attitude)
-        if not self.is_dismissed:
-            self._report_disagreement(witness)
-        if self.state in IN_AIR:
-            agreement = witness.verdict(now_s)
-            self._pilot.set_autopilot_agreement(None if agreement is None else agreement.agrees)
-        in_poses = witness.in_poses(attitude)
-        if attitude.rates_rad_s is not None:  # by radio, a stall of the telemetry does not concern commands
-            self._uplink.take_telemetry(now_s)
-        if in_poses is not None:
-            self._means.take_attitude(attitude, in_poses, now_s)
-
-    def _report_disagreement(self, witness: Witness) -> None:
-        """Report poses that are later than configured, or, while they are used, disagree with the own attitude."""
-        if news := self.attitudes.latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
-            self._listener.say(news.as_warning(), "latency")
-        state = self.state
-        if state in IN_AIR and state is not State.DESCENT and (news := witness.describe_news()):
-            self._listener.say(news.as_warning())
+    def _way_down_s(self) -> float:
+        """Return the longest plausible duration of the way down from here [s]."""
+        pose, flight = self._pilot.state.newest_pose, self._config.flight
+        height_m = 0.0 if pose is None else max(flight.floor_z_m - pose.position_ned[2], 0.0)
+        slowest_m_s = min(flight.descent_m_s, self._config.landing.touchdown_m_s)
+        return LANDING_MARGIN_S + LANDING_FACTOR * height_m / slowest_m_s
 
     def _spool_up(self, now_s: float) -> None:
         """The motors turn: raise the thrust until the vehicle leaves the floor."""
@@ -463,3 +461,7 @@ class FlightController:
         self._pilot.follow(phase.leg.trajectory, phase.leg.start_s)
         if isinstance(phase, TrackPhase):
             self.started_s = phase.leg.start_s
+
+    def _descend(self, now_s: float, *, blind: bool, rest_s: float = 0.0) -> None:
+        height_m = self._pilot.descend(DESCENT_M_S, blind=blind, rest_s=rest_s)
+        self._means.limit_blind_descent(now_s, height_m)
