@@ -41,7 +41,7 @@ from groundstation.flight.statistics import FlightStatistics
 from groundstation.machine import IdleSlots, to_the_end
 from groundstation.pose.sources import describe_drop
 from groundstation.settings import Config
-from links.core import Attitude, CommandLink, LinkError
+from links.core import CommandLink, LinkError
 from links.io import NETWORK, Network
 
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING})
@@ -118,7 +118,7 @@ class Flight:
         self._live = LiveGains(config.controller)
         self._quiet = quiet
         if not config.pose.by_autopilot:  # else both are its own estimate
-            link.watch_attitude(self._on_attitude)
+            link.watch_attitude(lambda attitude: self._controller.on_attitude(attitude, self._now()))
         self._preflight = ArmingSequence(
             config,
             link,
@@ -311,9 +311,6 @@ class Flight:
             if not self._controller.is_dismissed:  # later the model, which the gate uses, gets no commands
                 self.believes_poses = self._pilot.state.newest_pose is pose
             self._preflight.first_pose.set()
-
-    def _on_attitude(self, attitude: Attitude) -> None:
-        self._controller.on_attitude(attitude, self._now())
 
     def on_state(self, state: State, reason: Sentence) -> None:
         """Publish a new state; a final one ends the commands. See :class:`FlightListener`."""

@@ -6,7 +6,7 @@ the limits of its phases, in their order (:mod:`groundstation.core.control.profi
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from groundstation.core.control.adaptive import Gains
 from groundstation.core.control.attitude import clamp_command
@@ -68,18 +68,22 @@ class LimitInput(NamedTuple):
         return FIRST_CLIMB_COSINE if self.time_s - self.lifted_s < FIRST_CLIMB_S else TRANSIT_COSINE
 
 
-class Limit(Protocol):
+class Limit:
     """One limit of a flight."""
+
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
+        self._vehicle, self._gravity = vehicle, config.gravity
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
         """Return ``drive`` within the limit."""
-        ...
+        raise NotImplementedError
 
 
-class FirstClimbLimit:
+class FirstClimbLimit(Limit):
     """Thrust in the first climb: little above hover until the height has responded. A wrong body would shoot up."""
 
-    def __init__(self) -> None:
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
+        super().__init__(vehicle, config)
         self.lifted_s = -math.inf
         """Instant of the lift-off [s]; -inf for a flight that begins in the air."""
         self._climbed_s = -math.inf
@@ -105,10 +109,11 @@ class FirstClimbLimit:
         return drive._replace(thrust=min(drive.thrust, self._hover_n * (FIRST_CLIMB_SHARE + grows)))
 
 
-class TiltLimit:
+class TiltLimit(Limit):
     """Tilt in transit: false poses accelerate the vehicle sideways no harder than wind needs."""
 
     def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
+        super().__init__(vehicle, config)
         self._limits = DemandLimits(FLOATS, vehicle)
         self._rate_gain = config.k_omega if isinstance(config, Gains) else RATE_GAIN_PER_S
 
@@ -121,11 +126,8 @@ class TiltLimit:
         return self._limits.clamp(thrust, (roll, pitch, yaw))[0]
 
 
-class ThrustLimit:
+class ThrustLimit(Limit):
     """Thrust in transit: the vehicle neither falls, nor accelerates sideways by more than at the tilt limit."""
-
-    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
-        self._vehicle, self._gravity = vehicle, config.gravity
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
         """Return ``drive`` with thrust between both bounds; see :class:`Limit`."""
@@ -140,13 +142,11 @@ class ThrustLimit:
         return drive._replace(thrust=max(min(drive.thrust, most), least))
 
 
-class LevelNearGround:
+class LevelNearGround(Limit):
     """Rates that only level while ground contact is possible: lateral control would tip a vehicle on the floor."""
 
-    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
-        self._vehicle, self._gravity = vehicle, config.gravity
-        self.may_have_contact = False
-        """Whether ground contact is possible."""
+    may_have_contact = False
+    """Whether ground contact is possible."""
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
         """Return ``drive`` with rates towards level; see :class:`Limit`."""
@@ -156,13 +156,11 @@ class LevelNearGround:
         return clamp_command(self._vehicle, drive.thrust, rates)[0]
 
 
-class UplinkLostLimit:
+class UplinkLostLimit(Limit):
     """Gentle commands while the uplink is lost: each may arrive late, and those before may not have arrived."""
 
-    def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
-        self._vehicle, self._gravity = vehicle, config.gravity
-        self.is_lost = False
-        """Whether the uplink is lost."""
+    is_lost = False
+    """Whether the uplink is lost."""
 
     def find_hover_n(self, estimate: Estimate) -> float:
         """Return the hover thrust, with a limited disturbance [N]."""
@@ -183,11 +181,11 @@ class FlightLimits:
     """The limits of one flight, an object of each kind."""
 
     def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
-        self.first_climb = FirstClimbLimit()
+        self.first_climb = FirstClimbLimit(vehicle, config)
         self.level = LevelNearGround(vehicle, config)
         self.uplink = UplinkLostLimit(vehicle, config)
-        limits: list[Limit] = [self.first_climb, self.level, self.uplink]
-        limits += [TiltLimit(vehicle, config), ThrustLimit(vehicle, config)]
+        transit = TiltLimit(vehicle, config), ThrustLimit(vehicle, config)
+        limits: tuple[Limit, ...] = (self.first_climb, *transit, self.level, self.uplink)
         self._limits = {type(limit): limit for limit in limits}
 
     def apply(self, kinds: Sequence[type[Limit]], drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
