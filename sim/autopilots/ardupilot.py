@@ -36,9 +36,9 @@ from sim.world import FourRotors, TrueState
 PROGRAM = "build/sitl/bin/arducopter"
 """Program below the folder in which it was built."""
 SERVO_PORT = 9102
-"""Servo outputs of the ArduCopter number n go to this port + n."""
+"""First UDP port of servo outputs; instance n sends to this + n."""
 STEP_S = 0.001
-"""Period of the states [s]: its gyro must come 1.8 times for each turn of its loop, which is 400 a second."""
+"""Period of the states [s]: ArduCopter needs gyro samples at 1.8 times its loop rate of 400 Hz, so at 720 Hz."""
 BOOT_S = 12.0
 """Time from the first state to calibrated gyros and an aligned attitude [s]."""
 FEW = 18458
@@ -50,7 +50,7 @@ LOW_US = 1000.0
 HIGH_US = 2000.0
 """Output of a rotor at its fullest (MOT_PWM_MAX) [µs]."""
 HOME = "47.397742,8.545594,488,0"
-"""Where its simulated sensors of the earth's field take it to be: latitude, longitude, height, heading."""
+"""Home: latitude, longitude [deg], height [m], heading [deg]; the simulated compass takes its field from there."""
 
 _HEAD = struct.Struct("<HHI")
 _COUNTS = {FEW: 16, MANY: 32}
@@ -82,7 +82,9 @@ def read_servos(packet: bytes) -> Servos | None:
 
 
 def write_state(time_s: float, truth: TrueState, specific_force: Vec3) -> bytes:
-    """The answer.
+    """Encode one state: position and velocity [NED], attitude w, x, y, z (FRD to NED), rates and specific force [FRD].
+
+    With "no_time_sync" the autopilot does not wait for real time.
 
     Raises:
         ValueError: a number is infinite, or none.
@@ -137,7 +139,7 @@ class ArduCopter(Firmware):
             self.step(truth, specific_force)
 
     def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
-        """One state, and the outputs that come of it."""
+        """Send one state, and return the outputs that it answers with."""
         self._count += 1
         self._wire.sendto(write_state(STEP_S * self._count, truth, specific_force), self._simulator)
         return self._await_servos().motors

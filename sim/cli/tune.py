@@ -1,4 +1,4 @@
-"""``groundstation-sim tune``: what the command does with its words, its files and its answer."""
+"""``groundstation-sim tune``: its arguments, files and output."""
 
 import argparse
 import json
@@ -44,7 +44,7 @@ SCENARIOS = ["paper", "adverse"]
 
 
 def report(args: argparse.Namespace) -> Exit:
-    """Print the margins of a configuration; 1 where it fails with nothing wrong."""
+    """Print the margins of a configuration; exit code 1 if its flights fail even without any model error."""
     stages = _stages(args, SCENARIOS[:1])
     if args.out is not None:
         raise ConfigError("--out", "a report writes no configuration; --write puts it into a document")
@@ -58,7 +58,7 @@ def report(args: argparse.Namespace) -> Exit:
         ]
     made = f"{markdown_table(reports)}\n\n{textwrap.fill(criterion(reports[0]), 118)}"
     if args.write is not None:
-        replace_between_markers(args.write, f"{made}\nMade by `{typed_command()}`.")
+        replace_between_markers(args.write, f"{made}\n\nMade by `{typed_command()}`.")
     print(json.dumps({"margins": msgspec.to_builtins(reports)}) if args.json else made)
     return Exit.DONE if all(one.limit_cm is not None for one in reports) else Exit.FAILED
 
