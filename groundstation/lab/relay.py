@@ -5,9 +5,14 @@ import os
 import signal
 from collections import Counter
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from groundstation.pose.sources import cannot_listen, join
-from links.io import Datagrams, parse_address
+from links.io import Datagrams, format_address, parse_address
+
+SENDERS = 4
+"""Number of senders that are told apart: each has a port of its own on the way out, so that a core sees where two send
+poses of one body; further ones share the first port."""
 
 
 class Relay(asyncio.DatagramProtocol):
@@ -30,7 +35,9 @@ class Relay(asyncio.DatagramProtocol):
         self._local = parse_address(listen)
         self._targets = [parse_address(target) for target in targets]
         self._in: asyncio.DatagramTransport | None = None
-        self._out: Datagrams | None = None
+        self._outs: list[Datagrams] = []
+        self._ports: dict[tuple[Any, ...], int] = {}
+        """Index of the port on the way out, by address of the sender."""
         self.received = 0
         """Datagrams that came in."""
         self.dropped: Counter[str] = Counter()
@@ -46,8 +53,9 @@ class Relay(asyncio.DatagramProtocol):
         host, port = self._local
         local = (self._group, port) if self._group else (host, port)
         try:
-            out, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0))
-            self._out = Datagrams(out)
+            for _ in range(SENDERS):
+                out, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0))
+                self._outs.append(Datagrams(out))
             self._in, _ = await loop.create_datagram_endpoint(
                 lambda: self, local_addr=local, reuse_port=True if self._group else None
             )
@@ -61,18 +69,20 @@ class Relay(asyncio.DatagramProtocol):
         """End."""
         if self._in is not None:
             self._in.close()
-        if self._out is not None:
-            self._out.abort()
-        self._in = self._out = None
+        for out in self._outs:
+            out.abort()
+        self._in, self._outs = None, []
 
-    def datagram_received(self, data: bytes, addr: object) -> None:
+    def datagram_received(self, data: bytes, addr: tuple[Any, ...]) -> None:
         """Hand one datagram on (called by the event loop)."""
-        del addr
-        if self._out is None:
+        if not self._outs:
             return
         self.received += 1
+        if addr not in self._ports and len(self._ports) < SENDERS:
+            self._ports[addr] = len(self._ports)
+        out = self._outs[self._ports.get(addr, 0)]
         for target in self._targets:
-            if reason := self._out.send(data, target):
+            if reason := out.send(data, target):
                 self.dropped[reason] += 1
 
     def title(self) -> str:
@@ -83,7 +93,11 @@ class Relay(asyncio.DatagramProtocol):
     def summary(self) -> str:
         """Return the summary for the operator."""
         drops = ", ".join(f"{count} {reason}" for reason, count in sorted(self.dropped.items()))
-        return f"relay: {self.received} datagrams handed on to {len(self._targets)} cores; dropped: {drops or 'none'}"
+        senders = ", ".join(format_address(sender) for sender in self._ports) or "nobody"
+        return (
+            f"relay: {self.received} datagrams handed on to {len(self._targets)} cores, from {senders}; "
+            f"dropped: {drops or 'none'}"
+        )
 
 
 async def run_relay(relay: Relay, say: Callable[[str], None], *, until_eof: bool) -> None:

@@ -404,12 +404,14 @@ class PoseSenders:
 
     def is_second(self, sender: Any, arrival_s: float) -> bool:
         """Whether the pose that came from ``sender`` at ``arrival_s`` [s] is of a second one, and must not be used."""
-        if sender != self._known and self._count > FEW_POSES and arrival_s - self._known_s <= ALONE_S:
+        if sender == self._known or arrival_s - self._known_s > ALONE_S:
+            self._count = self._count + 1 if sender == self._known else 1
+            self._known, self._known_s = sender, arrival_s
+            return False
+        is_second = self._count > FEW_POSES
+        if is_second:
             self._second, self._second_s = sender, arrival_s
-            return True
-        self._count = self._count + 1 if sender == self._known else 1
-        self._known, self._known_s = sender, arrival_s
-        return False
+        return is_second
 
     @property
     def conflict(self) -> str:

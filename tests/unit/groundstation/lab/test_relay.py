@@ -6,9 +6,11 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from groundstation.core.messages import SourceError
+from groundstation.core.messages import PoseStatus, SourceError
 from groundstation.lab import Relay
-from groundstation.pose.sources import send_by
+from groundstation.lab.relay import SENDERS
+from groundstation.pose.sources import JsonConfig, send_by
+from groundstation.pose.sources.json_codec import encode, json_pose
 from tests.loops import BOTH_LOOPS, Run, free_address, in_real_time, in_virtual_time
 
 
@@ -72,6 +74,43 @@ def test_a_core_that_is_gone_takes_nothing_from_the_others(run: Run) -> None:
     listening, relay = run(handed_on)(sent, gone=True)
     assert [ear.heard for ear in listening] == [sent] * 2
     assert f"relay: {len(sent)} datagrams handed on to 3 cores" in relay.summary()
+
+
+@pytest.mark.parametrize("run", BOTH_LOOPS)
+def test_a_core_sees_by_the_relay_s_ports_that_two_trackers_send_its_body(run: Run) -> None:
+    async def work() -> tuple[PoseStatus, str]:
+        target, listen = await free_address(), await free_address()
+        relay = Relay(listen, [target])
+        await relay.open()
+        core = JsonConfig(listen=target).build()
+        await core.start(lambda pose: None)
+        host, port = listen.split(":")
+        open_port = asyncio.get_running_loop().create_datagram_endpoint
+        senders = [
+            (await open_port(asyncio.DatagramProtocol, remote_addr=(host, int(port))))[0] for _ in range(SENDERS + 2)
+        ]
+        for n in range(20):
+            for k, sender in enumerate(senders[:2]):
+                place = (0.001 * n + k, 0.0, 1.0)
+                sender.sendto(encode([json_pose("quad", place, (1.0, 0.0, 0.0, 0.0), t=0.01 * n + 0.001)]))
+            await asyncio.sleep(0.01)
+        for sender in senders:  # more senders than ports
+            sender.sendto(b"{}")
+        await asyncio.sleep(0.05)
+        status = core.status
+        await core.close()
+        relay.close()
+        for sender in senders:
+            sender.close()
+        await asyncio.sleep(0)
+        return status, relay.summary()
+
+    status, summary = run(work)()
+    assert "poses of the vehicle come from two addresses" in status.advice
+    assert status.dropped["second_sender"] >= 15
+    assert status.accepted >= 18
+    assert summary.startswith(f"relay: {40 + SENDERS + 2} datagrams handed on to 1 cores, from 127.0.0.1:")
+    assert summary.count("127.0.0.1:") == SENDERS
 
 
 @pytest.mark.parametrize("run", BOTH_LOOPS)

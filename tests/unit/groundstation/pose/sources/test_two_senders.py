@@ -6,7 +6,7 @@ import pytest
 
 from groundstation.core.messages import PoseStatus
 from groundstation.pose.sources import Intake, JsonReader, ViconReader
-from groundstation.pose.sources.intake import ALONE_S, BOTH_S, PoseReader
+from groundstation.pose.sources.intake import ALONE_S, BOTH_S, FEW_POSES, PoseReader
 from groundstation.pose.sources.json_codec import encode as encode_json, json_pose
 from groundstation.pose.sources.mavlink_codec import VisionEstimate, VisionReader, encode_vision
 from groundstation.pose.sources.vicon_codec import ViconObject, encode
@@ -74,6 +74,16 @@ def test_the_first_of_two_senders_is_used_and_both_are_named(
     assert "come from two addresses, 10.0.0.5:51001 and 10.0.0.7:40123" in status.advice
     listen(reader, range(150, 151 + round(BOTH_S / FRAME_S)), line, FIRST)
     assert reader.status.advice == ""
+
+
+@pytest.mark.parametrize(("make", "line"), SOURCES, ids=["vicon", "json", "vision"])
+def test_two_senders_that_begin_at_once_are_told_within_a_few_poses(
+    make: Callable[[], PoseReader], line: Callable[[int, float], bytes]
+) -> None:
+    reader = make()
+    listen(reader, range(50), line, FIRST, SECOND)
+    assert reader.status.dropped["second_sender"] == 50 - FEW_POSES
+    assert "come from two addresses, 10.0.0.5:51001 and 10.0.0.7:40123" in reader.status.advice
 
 
 def test_a_tracker_that_takes_over_from_one_that_fell_silent_is_no_second_one() -> None:
