@@ -227,6 +227,10 @@ class SourceClock:
         self._restart(arrival_s)
         return ""
 
+    def forget(self) -> None:
+        """Measure anew from the next message on: those so far were of more than one clock."""
+        self._is_anew, self._stamp, self._old_since_s = True, None, None
+
     def time_s(self, stamp: float, arrival_s: float) -> float:
         """Return when a message that is not stale left its source [s, our clock]: ``arrival_s`` or earlier."""
         if self._is_anew or self._stamp is None or not self._goes_on(stamp - self._stamp, arrival_s):
@@ -401,6 +405,8 @@ class PoseSenders:
         """Number of poses of the known sender."""
         self._second: Any = None
         self._second_s = -math.inf
+        self._is_mixed = False
+        """Whether poses of another address were used while the known sender was new."""
 
     def is_second(self, sender: Any, arrival_s: float) -> bool:
         """Whether the pose that came from ``sender`` at ``arrival_s`` [s] is of a second one, and must not be used."""
@@ -408,10 +414,18 @@ class PoseSenders:
             self._count = self._count + 1 if sender == self._known else 1
             self._known, self._known_s = sender, arrival_s
             return False
-        is_second = self._count > FEW_POSES
-        if is_second:
+        if self._count > FEW_POSES:
             self._second, self._second_s = sender, arrival_s
-        return is_second
+            return True
+        self._is_mixed = True
+        return False
+
+    def take_mixed(self) -> bool:
+        """Return once whether poses of another address were used before the known sender was told from it."""
+        was_mixed = self._is_mixed and self._count > FEW_POSES
+        if was_mixed:
+            self._is_mixed = False
+        return was_mixed
 
     @property
     def conflict(self) -> str:
@@ -516,6 +530,8 @@ class Intake:
         if abs(stamp) > LATEST:
             return self.drop("absurd_stamp")
         clock = self.clock
+        if self.senders.take_mixed() and self.accepted <= 2 * (FEW_POSES + 1):
+            clock.forget()  # before any flight: lateness is measured from now on
         if reason := clock.stale(stamp, arrival_s):
             is_other = reason == "duplicate" and self._last != (position, attitude)
             return self.drop("same_stamp" if is_other else reason)
