@@ -128,6 +128,8 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         NoticeTemplate("fault.poses_land", "{reason}: landing, as they still respond"),
         NoticeTemplate("fault.poses_descend", "{reason}: down by {whose}"),
         NoticeTemplate("fault.poses_model", "{reason}: down on the model"),
+        NoticeTemplate("fault.poses_autopilot", "{reason}: the autopilot lands by its own position"),
+        NoticeTemplate("fault.poses_floor", "{reason}: motors off, as the way down cannot take longer"),
         NoticeTemplate(
             "fault.no_floor", "the descent takes too long, and no touchdown was detected (check flight.floor_z_m)"
         ),

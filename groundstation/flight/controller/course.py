@@ -1,4 +1,4 @@
-"""Course: ways from the present motion to rest, to places and down, and the obstacles on them. Sans-IO."""
+"""Course: legs from the reference of now to rest, to places and down, and the obstacles on them. Sans-IO."""
 
 import math
 from typing import NamedTuple
@@ -14,21 +14,20 @@ from groundstation.settings import Config
 AT_REST_M_S = 0.02
 """A reference slower than this is not braked before the next leg [m/s]."""
 CLIMB_M_S2 = 2.0
-"""Deceleration after a lift-off faster than the climb speed, and largest acceleration of a climb
+"""Deceleration after a lift-off faster than the climb speed, drift included, and largest acceleration of a climb
 [m/s²]: just off the floor thrust allows no more."""
 DRIFT_M_S = 0.1
 """Above this horizontal speed at lift-off, wind has moved the vehicle and it is braked [m/s]."""
 DRIFT_BRAKING_M_S2 = 3.0
 """Deceleration of that braking [m/s²]."""
 DRIFT_BRAKING_PER_S = 3.5
-"""Deceleration per m/s of an autopilot's own speed estimate, at most [1/s]: 0.3 m/s may be its
-wander."""
+"""Largest deceleration by an autopilot's own estimate, per m/s of its speed [1/s]: 0.3 m/s may be an error of it."""
 LEAST_HEIGHT_M = 0.3
 """Lowest height that goto accepts [m]."""
 ON_FENCE_M = 0.005
-"""A point this close to the fence is reported as on it [m]."""
+"""A point less than this outside the fence is reported as on it, not outside [m]."""
 CHECKED_POINTS = 40
-"""Number of points at which a leg is checked before it is flown [-]: less than a millisecond."""
+"""Number of intervals between the points at which a leg is checked before it is flown [-]: it takes less than 1 ms."""
 
 
 class Leg(NamedTuple):
@@ -40,13 +39,13 @@ class Leg(NamedTuple):
 
 
 class Clearance:
-    """Obstacles to a point and to the way there: floor, fence, other vehicles, speed limit."""
+    """Obstacles: to a point, floor and fence; to a leg, fence, speed limit, and where the other vehicles are now."""
 
     def __init__(self, config: Config, others: Others | None) -> None:
         """``others`` are vehicles to keep away from."""
         self._floor_z_m, self._max_speed_m_s = config.flight.floor_z_m, config.limits.max_speed_m_s
         self.fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
-        """Space that is left only to be braked in; None for all of it."""
+        """Geofence; None without one."""
         self.separation = None if others is None else Separation(config.separation, others)
         """Distances to the other vehicles; None where there are none."""
 
@@ -61,8 +60,8 @@ class Clearance:
             return None
         return notice("goto.on_fence") if room > -ON_FENCE_M else notice("goto.outside", outside_m=-room)
 
-    def find_way_out(self, leg: Leg, now_s: float) -> Sentence | None:
-        """Describe the obstacle on the way of ``leg``, braking included; None without one."""
+    def find_leg_obstacle(self, leg: Leg, now_s: float) -> Sentence | None:
+        """Describe why ``leg`` must not be flown, braking included; None if it is free."""
         separation, max_speed_m_s = self.separation, self._max_speed_m_s
         if separation is not None and separation.config.unknown != "warn" and (lost := separation.unknown(now_s)):
             return notice("goto.unseen", names=", ".join(lost))
@@ -81,7 +80,7 @@ class Clearance:
 
 
 class Course:
-    """Ways of one flight, each from the motion of now. Times are on the event loop's clock [s]."""
+    """Legs of one flight, each from the reference of now. Times are on the event loop's clock [s]."""
 
     def __init__(self, config: Config, others: Others | None = None) -> None:
         """``others`` are vehicles to keep away from."""
@@ -134,7 +133,10 @@ class Course:
         return self._rise(self.home, self._halt(now), now, self._transit, time_s)
 
     def land(self, now: Reference, time_s: float) -> Leg:
-        """Brake, then sink without a step of the speed; slowly from the approach height on, and through the floor."""
+        """Brake, then sink without a step of the speed, through the floor.
+
+        From twice the approach height on it slows down, and is slow from the approach height on.
+        """
         landing, flight = self._config.landing, self._config.flight
         ways = self._halt(now)
         now = _find_end(ways, now)
@@ -156,13 +158,13 @@ class Course:
         A vehicle without uplink may fly on while a landing commands its thrust: only poses at rest show that it has
         landed.
         """
-        motion, sinks_m_s = tick.estimate.motion, tick.reference.velocity_ned[2]
+        motion, commanded_m_s = tick.estimate.motion, tick.reference.velocity_ned[2]
         floor_z_m = self._config.flight.floor_z_m
-        height_m, pose_m = floor_z_m - motion.position[2], floor_z_m - tick.pose.position_ned[2]
-        at_rest = self.touchdown.is_at_rest_by_poses(tick.pose, pose_m, sinks_m_s)
-        thrust_n, sinking_m_s = tick.command.thrust_n, motion.velocity[2]
+        height_m, pose_height_m = floor_z_m - motion.position[2], floor_z_m - tick.pose.position_ned[2]
+        at_rest = self.touchdown.is_at_rest_by_poses(tick.pose, pose_height_m, commanded_m_s)
+        thrust_n, sink_m_s = tick.command.thrust_n, motion.velocity[2]
         lift_n = motion.thrust * third_column(motion.attitude)[2]
-        landed = self.touchdown.update(tick.time_s, thrust_n, lift_n, sinking_m_s, height_m, behind_m, sinks_m_s)
+        landed = self.touchdown.update(tick.time_s, thrust_n, lift_n, sink_m_s, height_m, behind_m, commanded_m_s)
         return at_rest or (landed and uplink_ok)
 
     def _halt(self, now: Reference) -> list[Blend]:
@@ -171,7 +173,7 @@ class Course:
 
     def _halt_aside(self, now: Reference) -> list[Blend]:
         """Brake the horizontal motion of a climb that wind has moved; nothing opposed the wind on the floor."""
-        north, east, climb = now.velocity_ned
+        north, east, down_m_s = now.velocity_ned
         speed = math.hypot(north, east)
         if speed <= DRIFT_M_S:
             return []
@@ -180,8 +182,8 @@ class Course:
             hardest = min(hardest, DRIFT_BRAKING_PER_S * speed)
         halt = stop(msgspec.structs.replace(now, velocity_ned=(north, east, 0.0)), Limits(1.0, hardest))
         north, east, down = halt.at(halt.duration_s).position_ned
-        place = (north, east, down + climb * halt.duration_s)
-        return [Blend(now, Reference(place, (0.0, 0.0, climb), yaw_rad=now.yaw_rad), halt.duration_s)]
+        place = (north, east, down + down_m_s * halt.duration_s)
+        return [Blend(now, Reference(place, (0.0, 0.0, down_m_s), yaw_rad=now.yaw_rad), halt.duration_s)]
 
     def _rise(self, place: Vec3 | None, ways: list[Blend], now: Reference, limits: Limits, time_s: float) -> Leg:
         """After ``ways`` from ``now``, go to rest at the take-off height above ``place`` (None: above their end)."""

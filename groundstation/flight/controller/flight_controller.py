@@ -47,7 +47,10 @@ from links.core import Attitude, Command, CommandLink
 from links.text import to_ms
 
 LAST_CHANCE_S = 0.004
-"""The next command leaves this long before the deadline of the one before [s]."""
+"""If no frame comes earlier, one more command leaves this long before the deadline of the last one [s], so that the
+descent on the model begins in time."""
+LAST_CHANCE_ROUNDING_S = 1e-3
+"""A frame so much earlier counts as that last one [s]: timers are late by this much at most. Chosen."""
 OFF_REFERENCE_M = 0.3
 """Deviation from the reference above which a landing begins at the vehicle's own position [m]: a vehicle that
 is held below its reference would shoot up when released."""
@@ -56,7 +59,7 @@ LAST_PERIODS = 2.5
 LANDING_MARGIN_S = 10.0
 """Time allowed for a landing in addition to the way down [s]."""
 LANDING_FACTOR = 2.0
-"""Factor on the time of that way at its slowest speed [-]."""
+"""Factor on the time of that way at the slowest speed of a landing [-]."""
 DESCENT_M_S = 0.5
 """Sink rate of the failsafe descent [m/s]: ArduPilot's own landing (LAND_SPEED); 4 s from a height of 2 m."""
 DISARMED_HEIGHT_M = 0.2
@@ -64,7 +67,7 @@ DISARMED_HEIGHT_M = 0.2
 
 
 class FlightListener(Protocol):
-    """Port of who hears of a flight, and ends what the flight no longer needs."""
+    """Callbacks of a flight controller."""
 
     def say(self, sentence: Sentence, kind: NoticeKind = "news") -> None:
         """Report ``sentence`` to the operator."""
@@ -76,7 +79,7 @@ class FlightListener(Protocol):
         """Take the state that begins, and its reason."""
 
     def on_failure(self) -> None:
-        """End all use of the poses: they are wrong, and the last command has not left yet."""
+        """End all other use of the poses, as they are wrong; called at each frame from then on."""
 
 
 class FlightController:
@@ -127,7 +130,7 @@ class FlightController:
         self._course = Course(config, others)
         self.phase: SpoolUp | Phase | DescentPhase | None = None
         """Phase that is flown, or was flown last; None before the flight."""
-        # A vehicle that is held in the air starts with an error, and nobody is beneath it.
+        # Only simulations start in the air; guards and health would end them for the error that they start with.
         self._guards = self._make_guards(monitors) if config.flight.start == "floor" else None
         self._escalation = Escalation(config.guards.lasting_s)
 
@@ -221,8 +224,8 @@ class FlightController:
     def _spool_thrust_n(self, spool_up: SpoolUp, now_s: float) -> float:
         """Thrust on the floor [N]; 0 where something is wrong, and the motors go off."""
         pose = self._pilot.state.newest_pose
-        assert pose is not None, "poses showed it on the floor"
-        coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
+        assert pose is not None, "a spool-up starts after a pose"
+        coast_s = self._config.flight.coast_s - LAST_CHANCE_S - LAST_CHANCE_ROUNDING_S
         why = self._uplink.check(now_s) or spool_up.fault(now_s, pose, coast_s, self._course.clearance.fence)
         if why is None:
             return spool_up.thrust_n(now_s)
@@ -258,7 +261,7 @@ class FlightController:
         if means is not Means.POSITION:
             self._listener.on_failure()
         if self._means.ends_commands:
-            self.failure = self.failure._replace(reason=notice("fault.poses_model", reason=reason))
+            self.failure = self.failure._replace(reason=self._describe_end(reason, now_s))
         elif means is Means.POSITION:
             if self.state not in (State.LANDING, State.DESCENT):
                 self.go(Event.LAND, notice("fault.poses_land", reason=reason), now_s, fault=True)
@@ -270,8 +273,17 @@ class FlightController:
             self._descend(now_s, blind=True)
         return self._means.ends_commands
 
+    def _describe_end(self, reason: Sentence, now_s: float) -> Sentence:
+        """Describe how the vehicle comes down without commands, after the failure ``reason``."""
+        autopilot = self._link.autopilot
+        if self._means.chosen is Means.FLOOR:
+            return notice("fault.poses_floor", reason=reason)
+        if autopilot is not None and autopilot.could_land_by_itself(now_s):
+            return notice("fault.poses_autopilot", reason=reason)
+        return notice("fault.poses_model", reason=reason)
+
     def _report_health(self, health: PoseHealth) -> None:
-        """Report that the response of the poses is tested, and that it is normal again."""
+        """Report that the poses are suspect, and that they respond again."""
         before, self._health = self._health, health.state
         if self._health is before or self._health is HealthState.FAILED:
             return
@@ -292,7 +304,7 @@ class FlightController:
         """If no frame is left before the newest pose is too old for a command, descend on the model."""
         pose, coast = self._pilot.state.newest_pose, self._config.flight.coast_s
         guarded = self._guards is not None and self._config.guards.level_s > 0.0
-        if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
+        if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - LAST_CHANCE_ROUNDING_S:
             why = notice("fault.pose_gap", age_ms=to_ms(now_s - pose.time_s))
             self._take_step(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
 
@@ -308,7 +320,7 @@ class FlightController:
         else:
             self._take_step(finding, tick.time_s)
         phase = self.phase if self.state in IN_AIR else None
-        assert not isinstance(phase, SpoolUp), "it has a tick"
+        assert not isinstance(phase, SpoolUp), "a spool-up has no tick"
         move = None if phase is None else phase.find_end(tick, uplink_ok=not self._uplink.is_down)
         self._pilot.set_ground_contact(isinstance(phase, LandPhase) and self._course.touchdown.may_have_contact)
         if move is not None and isinstance(phase, GoToPhase):
@@ -317,7 +329,10 @@ class FlightController:
             self.go(move.event, move.reason, tick.time_s, fault=move.fault)
 
     def _take_step(self, finding: GuardFinding | None, now_s: float) -> None:
-        """Take the step that a guard requests, or the next possible one after it."""
+        """Take the step that a guard requests, or the next possible one after it.
+
+        A step that leaves the state as it is changes nothing: a hold while landing, a descent while descending.
+        """
         answer = None if finding is None else self._escalation.escalate(finding, now_s)
         if answer is None:
             return
@@ -371,7 +386,7 @@ class FlightController:
         if isinstance(self.phase, SpoolUp) and self.phase.lift_off is None:  # still on the floor: nothing to fly
             self.go(Event.TOUCHDOWN, notice("mission.still_on_floor"), now_s)
         elif state is State.DESCENT:
-            if isinstance(self.phase, SpoolUp):  # it has left the floor since the newest pose
+            if isinstance(self.phase, SpoolUp):  # a pose has shown the lift-off, and no frame has come since
                 self._climb_away(now_s)
             self.phase = DescentPhase(self._course, now_s + self._way_down_s())
             self._descend(now_s, blind=blind, rest_s=0.0 if self._guards is None else self._config.guards.level_s)
@@ -389,7 +404,7 @@ class FlightController:
                 place = list(point.place_ned)
                 return notice("goto.point", number=number, count=len(points), place=place, why=refusal)
         phase = GoToPhase(self._course, *self._motion(now_s), points)
-        if refusal := self._course.clearance.find_way_out(phase.leg, now_s):
+        if refusal := self._course.clearance.find_leg_obstacle(phase.leg, now_s):
             return notice("goto.way", target=phase.target, why=refusal)
         self.go(Event.GOTO, notice("mission.goto", target=phase.target, why=why), now_s, phase=phase)
         return None
@@ -399,7 +414,7 @@ class FlightController:
         following = reached.begin_next(*self._motion(now_s))
         if following is None:
             self.go(arrived.event, arrived.reason, now_s)
-        elif refusal := self._course.clearance.find_way_out(following.leg, now_s):
+        elif refusal := self._course.clearance.find_leg_obstacle(following.leg, now_s):
             self.go(Event.HOLD, notice("mission.not_to_point", target=following.target, why=refusal), now_s)
         else:
             self._listener.say(notice("mission.to_point", target=following.target), "course")
@@ -443,12 +458,15 @@ class FlightController:
         self._begin(TransitPhase(self._course.climb(*self._motion(now_s)), arrival))
 
     def _motion(self, now_s: float) -> tuple[Reference, float]:
-        """Return the motion that the next leg begins with, and its time [s]."""
+        """Return the motion that the next leg begins with, and its time [s].
+
+        It is the reference of now, and not the vehicle's own motion, but for a landing far off its reference.
+        """
         climb = self.phase.lift_off if isinstance(self.phase, SpoolUp) else None
         if climb is not None:  # it has just left the floor
             motion = self._pilot.lift_off(now_s, climb.hover_share, climb.climb_m_s)
             return motion, now_s + self._config.vehicle.acting_delay_s
-        assert self.tick is not None, "it flies"
+        assert self.tick is not None, "a flying vehicle has a tick"
         reference, here = self.tick.reference, self.tick.estimate.motion
         if self.state is State.LANDING and math.dist(reference.position_ned, here.position) > OFF_REFERENCE_M:
             reference = Reference(here.position, here.velocity, yaw_rad=reference.yaw_rad)
