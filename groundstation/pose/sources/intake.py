@@ -392,7 +392,8 @@ pose, so that no flight goes over to it."""
 BOTH_S = 3.0
 """Two senders count while both sent poses within this time [s], as with two autopilots."""
 FEW_POSES = 2
-"""So few poses may come from one of the many ports of a program that sends each datagram from a new one [-]."""
+"""Largest number of poses of an address that may be one of many ports of one program [-]: some send each datagram from
+a new port."""
 
 
 class PoseSenders:
