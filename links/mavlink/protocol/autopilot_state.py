@@ -110,7 +110,7 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
 
 GAP = "[…]"
 """Mark in a text of the autopilot where a part of it was lost."""
-PART_LETTERS = 50
+PART_BYTES = 50
 """Length of every part of a long text but its last (common.xml, 253 STATUSTEXT)."""
 REMEMBERED_TEXTS = 20
 """Texts of the autopilot that are kept, and that parts may still come to."""
@@ -124,11 +124,11 @@ class StatusText:
     def __init__(self, sender: tuple[int, int], number: int, severity: int) -> None:
         """``sender`` is its system and component; ``number`` is STATUSTEXT.id, 0 of a text of one part."""
         self._whose = sender, number, severity
-        self._parts: dict[int, str] = {}
-        self._newest = (-1, "")
+        self._parts: dict[int, bytes] = {}
+        self._newest = (-1, b"")
         self.severity = severity
 
-    def takes(self, sender: tuple[int, int], number: int, severity: int, part: int, text: str) -> bool:
+    def takes(self, sender: tuple[int, int], number: int, severity: int, part: int, text: bytes) -> bool:
         """Whether ``part`` (STATUSTEXT.chunk_seq), which reads ``text``, belongs to this text.
 
         A network may deliver a datagram twice.
@@ -137,20 +137,20 @@ class StatusText:
             return False
         return part not in self._parts or self._newest == (part, text)
 
-    def add(self, part: int, text: str) -> None:
+    def add(self, part: int, text: bytes) -> None:
         """Take one part."""
         self._parts[part] = text
         self._newest = part, text
 
     def show(self) -> str:
         """The text, fit to be shown; what has not come is marked."""
-        shown, before = "", -1
+        shown, before = b"", -1
         for part, text in sorted(self._parts.items()):
-            shown += text if part == before + 1 else GAP + text
+            shown += text if part == before + 1 else GAP.encode() + text
             before = part
-        if self._whose[1] and len(self._parts[before]) >= PART_LETTERS:  # it would end with a shorter part
-            shown += GAP
-        return printable(shown.strip())
+        if self._whose[1] and len(self._parts[before]) >= PART_BYTES:  # it would end with a shorter part
+            shown += GAP.encode()
+        return printable(shown.decode(errors="replace").strip())  # a letter may stand in two parts
 
 
 class Words:
@@ -163,12 +163,14 @@ class Words:
         """Take one STATUSTEXT."""
         sender = message.get_srcSystem(), message.get_srcComponent()
         number, severity, part = message.id, message.severity, message.chunk_seq
+        words = bytes(getattr(message, "_text_raw", b"")) or message.text.encode()  # pymavlink decodes ASCII alone
+        words = words.partition(b"\0")[0]
         for text in reversed(self._texts):  # a restarted autopilot counts its texts anew
-            if text.takes(sender, number, severity, part, message.text):
-                text.add(part, message.text)
+            if text.takes(sender, number, severity, part, words):
+                text.add(part, words)
                 return
         begun = StatusText(sender, number, severity)
-        begun.add(part if number else 0, message.text)
+        begun.add(part if number else 0, words)
         self._texts.append(begun)
 
     @property

@@ -224,6 +224,14 @@ def test_a_piece_that_was_lost_is_marked(parts: tuple[tuple[int, int, bytes], ..
     assert heard(*parts).newest == shown
 
 
+def test_a_text_in_utf_8_is_shown_as_it_is_also_where_a_letter_stands_in_two_pieces() -> None:
+    text = "Akku schwach: bitte sofort landen, der Rückflug dauert für die Restkapazität zu lange"
+    whole = text.encode()
+    ends = next(n for n in range(50, 0, -1) if whole[n : n + 1] and whole[n] & 0xC0 == 0x80)  # within a letter
+    padded = b" " * (50 - ends) + whole
+    assert heard((7, 0, padded[:50]), (7, 1, padded[50:])).newest == text
+
+
 def test_the_newest_complaints_are_quoted_also_where_one_comes_again() -> None:
     words = heard(*((0, 0, text) for text in (b"A", b"B", b"C", b"D", b"A")))
     assert words.complaints() == "“C”; “D”; “A”"
