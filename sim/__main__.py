@@ -79,7 +79,6 @@ AUTOPILOT: Arguments = {
 WORKERS: Arguments = {
     "--workers": {"type": count, "metavar": "N", "help": "processes at once (default: one a core)"},
 }
-CSV: Arguments = {"--csv": {"type": path, "metavar": "FILE.csv", "help": "write every flight, a line each"}}
 
 FLY: Arguments = {
     **SCENARIO,
@@ -226,31 +225,11 @@ FAULTS: Arguments = {
     **SEED,
     **_overrides(),
     **WORKERS,
-    **CSV,
     **_json("the table"),
     "--write": {
         "type": path, "nargs": "?", "const": path("docs/reference/fault-table.md"), "metavar": "FILE.md",
         "help": "write a summary as a page (default docs/reference/fault-table.md)",
     },
-}  # fmt: skip
-HONEST: Arguments = {
-    **_scenarios("default paper,quad1kg,rotors_mqx", ["paper", "quad1kg", "rotors_mqx"]),
-    "--links": {"type": names, "default": ["mavlink", "dsm"], "metavar": "A,B", "help": "default mavlink,dsm"},
-    "--states": {
-        "type": names, "default": ["take-off", "hold", "tracking", "landing"], "metavar": "A,B",
-        "help": "default take-off,hold,tracking,landing",
-    },
-    **_seeds("how many (default 3)"),
-    **FIRST_SEED,
-    "--only": {"type": names, "default": [], "metavar": "A,B", "help": 'these disturbances: push, "wind step: 5"'},
-    "--forced": {
-        "default": "", "metavar": "DOUBT",
-        "help": "force a doubt at a drawn moment: suspect, or failed:REASON (failed:pose.position_no_answer)",
-    },
-    **_overrides(),
-    **WORKERS,
-    **CSV,
-    **_json("the table"),
 }  # fmt: skip
 ALARMS: Arguments = {
     **_scenario(None, "what is flown (default adverse)"),
@@ -314,7 +293,6 @@ COMMANDS: Groups = {
         "completion": ("print the script by which a shell completes command lines", COMPLETION),
         "dev": ("commands that prove the project itself", None),
         "dev faults": ("break one thing in every state of a mission, and judge the outcome", FAULTS),
-        "dev honest": ("disturb flights whose poses are true, and judge monitor and guards", HONEST),
         "dev alarms": ("measure the monitor's margins to a false alarm, in flights without faults", ALARMS),
         "dev bring-down": ("cut flights short in the air, and measure how they come down", BRING_DOWN),
         "dev intervals": ("count how often the truth lies within the intervals of identify", INTERVALS),
@@ -331,7 +309,7 @@ NEW = ("dev states", "dev upsets")
 """Commands that never had another spelling."""
 MOVED = {
     name.removeprefix("dev "): name for name in COMMANDS["commands"] if name.startswith("dev ") and name not in NEW
-}
+} | {"honest": "dev faults --kind honest"}
 """Old spelling of a command → its name today."""
 
 

@@ -88,7 +88,6 @@ def _prove(command: str, module: str, args: argparse.Namespace) -> int:
 
 bench = partial(_prove, "bench", "bench.bench")
 dev_faults = partial(_prove, "faults", "commands")
-dev_honest = partial(_prove, "honest", "commands")
 dev_alarms = partial(_prove, "alarms", "alarms")
 dev_firmware = partial(_prove, "firmware", "firmware")
 dev_autopilots = partial(_prove, "autopilots", "onboard")

@@ -1,6 +1,6 @@
 """A few cells of the fault deck, lies and honest disturbances; that its judge can find fault.
 
-The whole of it is `groundstation-sim dev faults`, and `groundstation-sim dev honest` for more vehicles.
+The whole of it is `groundstation-sim dev faults`.
 """
 
 import asyncio

@@ -15,8 +15,6 @@ from tests.proving.faults.fault import (
     stand_between,
 )
 from tests.proving.faults.faults import BROKEN, CASES, FAULTS, STATES
-from tests.proving.faults.honest import plan_honest, tell_honest, write_csv
 from tests.proving.faults.judge import STRICT, TOUCHDOWN_M_S, Row
-from tests.proving.faults.monitors import check_forced
 from tests.proving.faults.pictures import Struck, late, still
 from tests.proving.faults.table import is_within, text, write

@@ -101,12 +101,11 @@ def is_within(rows: Sequence[Row]) -> bool:
     return True
 
 
-def name_cell(row: Row, *, seed: bool = False) -> str:
+def name_cell(row: Row) -> str:
     """Return the cell of ``row`` in words."""
     what = ": ".join(filter(None, (row.fault, row.variant)))
     where = "" if row.link == "mavlink" else f", {row.link}"
-    more = f", {row.scenario}, seed {row.seed}" if seed else ""
-    return f"{what}, {row.state}{where}{more}"
+    return f"{what}, {row.state}{where}"
 
 
 def text(rows: Sequence[Row]) -> str:

@@ -41,7 +41,7 @@ def test_an_old_spelling_is_the_command_of_today_with_a_line_of_advice(
         with pytest.raises(SystemExit):
             main()
         shown = capsys.readouterr()
-        assert shown.out.startswith(f"usage: {program} {today} ")
+        assert shown.out.startswith(f"usage: {program} {today.partition(' --')[0]} ")
         assert shown.err.startswith(f"{program}: `{program} {old}` is now `{program} {today}`")
 
 
