@@ -33,11 +33,11 @@ from groundstation.flight.controller.course import Course, Leg
 from groundstation.flight.controller.descent_means import DescentMeans, Means
 from groundstation.flight.controller.phases import (
     DescentPhase,
+    FlightPhase,
     GoToPhase,
     HoldPhase,
     LandPhase,
     MissionMove,
-    Phase,
     TrackPhase,
     TransitPhase,
 )
@@ -128,7 +128,7 @@ class FlightController:
         self._warned = ""
         self._health = HealthState.OK
         self._course = Course(config, others)
-        self.phase: SpoolUp | Phase | DescentPhase | None = None
+        self.phase: SpoolUp | FlightPhase | DescentPhase | None = None
         """Phase that is flown, or was flown last; None before the flight."""
         # Only simulations start in the air; guards and health would end them for the error that they start with.
         self._guards = self._make_guards(monitors) if config.flight.start == "floor" else None
@@ -357,7 +357,7 @@ class FlightController:
         *,
         fault: bool = False,
         blind: bool = False,
-        phase: Phase | None = None,
+        phase: FlightPhase | None = None,
     ) -> None:
         """Move by ``event``, and begin the phase of the new state.
 
@@ -420,7 +420,7 @@ class FlightController:
             self._listener.say(notice("mission.to_point", target=following.target), "course")
             self._begin(following)
 
-    def _plan_phase(self, event: Event, state: State, now_s: float) -> Phase:
+    def _plan_phase(self, event: Event, state: State, now_s: float) -> FlightPhase:
         """Plan the phase of ``state`` from the present motion."""
         course, config = self._course, self._config
         if state is State.TRACKING:
@@ -472,7 +472,7 @@ class FlightController:
             reference = Reference(here.position, here.velocity, yaw_rad=reference.yaw_rad)
         return reference, self.tick.estimate.time_s
 
-    def _begin(self, phase: Phase) -> None:
+    def _begin(self, phase: FlightPhase) -> None:
         """Fly ``phase`` from now on."""
         self.phase = phase
         self._pilot.use_profile(phase.profile)

@@ -26,7 +26,7 @@ class MissionMove(NamedTuple):
     """Whether it ends the flight early."""
 
 
-class Phase:
+class FlightPhase:
     """One phase with a reference. Times are on the event loop's clock [s]."""
 
     profile: FlightProfile = TRANSIT
@@ -44,7 +44,7 @@ class Phase:
         raise NotImplementedError
 
 
-class TransitPhase(Phase):
+class TransitPhase(FlightPhase):
     """A way to rest at its end: the climb to the take-off height, the way back over the place of take-off."""
 
     def __init__(self, leg: Leg, arrival: MissionMove) -> None:
@@ -53,7 +53,7 @@ class TransitPhase(Phase):
         self._arrival = arrival
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Arrive; see :class:`Phase`."""
+        """Arrive; see :class:`FlightPhase`."""
         return self._arrival if uplink_ok and tick.flight_time_s >= 0.0 else None
 
 
@@ -77,7 +77,7 @@ class GoToPhase(TransitPhase):
         return GoToPhase(self._course, now, time_s, self._points, index) if index < len(self._points) else None
 
 
-class HoldPhase(Phase):
+class HoldPhase(FlightPhase):
     """Stay at one place; after the climb until the hover thrust is known, else until a request ends it."""
 
     profile = HOLDING
@@ -92,7 +92,7 @@ class HoldPhase(Phase):
         """Measurement of the hover thrust; None without one, or once it is done."""
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Go on to the trajectory, or land if the hover thrust does not fit the vehicle; see :class:`Phase`."""
+        """Go on to the trajectory, or land if the hover thrust does not fit the vehicle; see :class:`FlightPhase`."""
         hold_s, weight = self._config.takeoff.hold_s, self._config.weight_n
         if not uplink_ok or self._hover is None:
             return None
@@ -111,7 +111,7 @@ class HoldPhase(Phase):
         return MissionMove(Event.LAND, why, fault=True)
 
 
-class TrackPhase(Phase):
+class TrackPhase(FlightPhase):
     """Fly along the trajectory, for the configured time."""
 
     profile = TRACKING
@@ -122,14 +122,14 @@ class TrackPhase(Phase):
         self._duration_s, self._back = duration_s, back
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Return, or land; see :class:`Phase`."""
+        """Return, or land; see :class:`FlightPhase`."""
         duration = self._duration_s
         if not uplink_ok or duration is None or tick.flight_time_s < duration:
             return None
         return MissionMove(self._back, notice("mission.flown", duration_s=duration))
 
 
-class LandPhase(Phase):
+class LandPhase(FlightPhase):
     """Sink under full control until the vehicle is on the floor."""
 
     def __init__(self, course: Course, leg: Leg, over_by_s: float) -> None:
@@ -138,7 +138,7 @@ class LandPhase(Phase):
         self._course, self._over_by_s = course, over_by_s
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Stop the motors on the floor, or descend where there is none; see :class:`Phase`."""
+        """Stop the motors on the floor, or descend where there is none; see :class:`FlightPhase`."""
         behind_m = tick.reference.position_ned[2] - tick.estimate.motion.position[2]
         if self._course.has_touched_down(tick, behind_m, uplink_ok=uplink_ok):
             return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down"))
@@ -155,7 +155,7 @@ class DescentPhase:
         self._course, self._over_by_s = course, over_by_s
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Stop the motors on the floor, or end the commands where there is none; see :class:`Phase`."""
+        """Stop the motors on the floor, or end the commands where there is none; see :class:`FlightPhase`."""
         if self._course.has_touched_down(tick, math.inf, uplink_ok=uplink_ok):
             return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down"))
         if not tick.time_s > self._over_by_s:
