@@ -19,6 +19,6 @@ from groundstation.flight.preflight.configuration import (
     is_simulated,
     load_link_key,
 )
-from groundstation.flight.preflight.prompts import confirm_arming, ensure_named, line_from_terminal
+from groundstation.flight.preflight.prompts import LISTEN_S, confirm_arming, ensure_named, line_from_terminal
 from groundstation.flight.preflight.proof import Proof, hash_sections, proof_path, read_proof, save_proof
 from groundstation.flight.preflight.sequence import ArmingSequence, FlightEnded

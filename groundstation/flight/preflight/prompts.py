@@ -9,6 +9,10 @@ from groundstation.core.messages import (
 )
 from groundstation.settings import Config
 
+LISTEN_S = 1.2
+"""Time before an arming that nobody types [s]: autopilots send one heartbeat a second, and another one with the same id
+must be heard before."""
+
 
 def ensure_named(arm: str | None, config: Config) -> None:
     """Require that ``--arm`` names the vehicle of the configuration: the operator must know which one will move.
@@ -21,8 +25,10 @@ def ensure_named(arm: str | None, config: Config) -> None:
 
 
 async def confirm_arming(config: Config, arm: str | None) -> bool:
-    """Return whether arming is confirmed: at once with ``--arm``, else by asking the operator at the terminal."""
+    """Return whether arming is confirmed: soon with ``--arm``, else by asking the operator at the terminal."""
     if arm is not None:
+        if config.flight.start == "air":  # from the floor, the checks have listened
+            await asyncio.sleep(LISTEN_S)
         return True
     name, rehearsal = config.vehicle.name, config.rehearsal
     prompt = notice("arm.prompt", vehicle=name)

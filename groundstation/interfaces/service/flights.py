@@ -43,7 +43,7 @@ from groundstation.core.messages import (
 from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, State
 from groundstation.core.safety import CERTAIN_S
 from groundstation.flight import DISARM_WAIT_S, Flight, FlightOutcome, StepTimer, make_ends, make_flight, recorder
-from groundstation.flight.preflight import entry_of, examine_trajectory
+from groundstation.flight.preflight import confirm_arming, entry_of, examine_trajectory
 from groundstation.interfaces.api import Core, Server, open_client
 from groundstation.machine import (
     ApiError,
@@ -455,11 +455,11 @@ class Daemon:
 
     async def _confirm(self) -> bool:
         """Arm by itself only where the operator has said so on the command line, and only once."""
+        name = self._config.vehicle.name
         if not self._arm:
-            name = self._config.vehicle.name
             _log(notice("service.waits", vehicle=name))
             await asyncio.Event().wait()
-        return True
+        return await confirm_arming(self._config, name)
 
     def _hear(self, event: FlightEvent) -> None:
         if not isinstance(event, Notice):
