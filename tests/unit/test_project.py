@@ -1,7 +1,5 @@
 """What must hold of the project as a whole, whoever clones it and wherever."""
 
-import math
-import os
 import re
 import subprocess
 import sys
@@ -72,39 +70,6 @@ def test_every_codec_is_under_the_purity_contract() -> None:
     codecs = {".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files}
     assert codecs != set()
     assert {codec for codec in codecs if not any(f"{codec}.".startswith(f"{name}.") for name in pure)} == set()
-
-
-# Whoever has installed a program has it compiled.
-COMPILED = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-
-
-def cpu_s(command: list[str | Path]) -> float:
-    """Processor time of one run of a command, its children included [s]."""
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=COMPILED)
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    assert process.returncode == 0
-    return usage.ru_utime + usage.ru_stime
-
-
-def bare_pythons(command: list[str | Path], most: float) -> float:
-    """How many times the processor time of ``python -c pass`` a command takes: a longer look where more than ``most``.
-
-    Taken in turns, and the best of several: whatever else the machine does slows both, and slows no minimum for long.
-    """
-    bare = took = math.inf
-    for run in range(60):
-        bare = min(bare, cpu_s([sys.executable, "-c", "pass"]))
-        took = min(took, cpu_s(command))
-        if run >= 8 and took <= most * bare:
-            break
-    return took / bare
-
-
-@pytest.mark.parametrize("asked", ["--help", "--version"])
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_and_version_cost_at_most_five_times_a_bare_python(command: str, asked: str) -> None:
-    assert bare_pythons([Path(sys.executable).with_name(command), asked], 5.0) <= 5.0
 
 
 @pytest.mark.parametrize("command", COMMANDS)

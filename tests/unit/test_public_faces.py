@@ -8,7 +8,6 @@ import pytest
 import groundstation
 import links
 import sim
-from tests.unit.test_project import bare_pythons
 
 
 def test_a_name_that_is_not_handed_on_is_named() -> None:
@@ -23,14 +22,24 @@ def test_without_the_simulator_what_flies_in_it_says_so_in_a_sentence() -> None:
     assert said.stderr.strip().splitlines()[-1].startswith("ImportError: groundstation.simulate flies in the simulator")
 
 
-def test_to_import_groundstation_costs_at_most_two_and_a_half_bare_pythons() -> None:
-    assert bare_pythons([sys.executable, "-c", "import groundstation"], 2.5) <= 2.5
+HEAVY = {"asyncio", "matplotlib", "msgspec", "numpy", "pandas", "pymavlink", "scipy", "textual"}
+"""Modules that take longer to load than all else of a start."""
 
 
-def test_a_simulated_flight_loads_no_tables_and_no_pictures() -> None:
-    code = (
-        "import sys; from groundstation import simulate; simulate(duration=0.1, record=False)\n"
-        "print({'pandas', 'matplotlib', 'scipy'} & set(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
+@pytest.mark.parametrize(
+    ("code", "without"),
+    [
+        ("import groundstation", HEAVY),
+        ("from groundstation.__main__ import parser; parser().format_help()", HEAVY),
+        ("from sim.__main__ import parser; parser().format_help()", HEAVY),
+        (
+            "from groundstation import simulate; simulate(duration=0.1, record=False)",
+            {"matplotlib", "pandas", "scipy", "textual"},
+        ),
+    ],
+    ids=["import", "help", "help of the simulator", "a simulated flight"],
+)
+def test_nothing_heavy_is_loaded_where_nothing_needs_it(code: str, without: set[str]) -> None:
+    told = f"import sys\n{code}\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert without & set(done.stdout.split()) == set()
