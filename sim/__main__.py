@@ -202,8 +202,7 @@ TUNE: Arguments = {
 }  # fmt: skip
 BENCH: Arguments = {
     "what": {
-        "nargs": "*", "choices": ("tick", "links"), "metavar": "WHAT",
-        "help": "tick: law, observer and predictor a command; links: how commands keep time; or both (default)",
+        "nargs": "*", "choices": ("links",), "metavar": "WHAT", "help": "links: how commands keep time (default)",
     },
     "--seconds": {"type": seconds, "default": 30.0, "metavar": "S", "help": "links: length (default 30)"},
     **_json("the table"),
@@ -243,7 +242,6 @@ ALARMS: Arguments = {
     "--floors": {
         "action": "store_true", "help": "paper and adverse with delay, thrust, lag or noise that is told wrong",
     },
-    "--capture": {"type": path, "metavar": "FILE.tlog", "help": "of a recorded flight on rates and thrust"},
     **_json("text"),
 }  # fmt: skip
 BRING_DOWN: Arguments = {

@@ -1,8 +1,7 @@
 """False alarms, ``groundstation-sim dev alarms``: true flights from the floor with the monitor of the poses.
 
 How many its poses end, how many are suspected, and how near the monitor came to failing them: in bad air,
-at the floors where vehicle or delay is configured wrong, and with noise. Or the monitor over a recorded
-flight, whose poses are the autopilot's own, so that there is no second witness.
+at the floors where vehicle or delay is configured wrong, and with noise.
 """
 
 import argparse
@@ -10,18 +9,13 @@ import json
 import math
 import os
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from statistics import mean
 from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.analysis.evidence import DrivenFlight, drive_flight, load_flight
 from groundstation.config import ConfigError
 from groundstation.core.messages import Pose
-from groundstation.core.pilot import Pilot
-from groundstation.core.safety import WANDERING_M, HealthState, Monitors, PoseHealth
-from groundstation.core.vehicle import ActuatorCommand
+from groundstation.core.safety import HealthState, Monitors, PoseHealth
 from groundstation.flight import Flight
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.runtime import Exit
@@ -209,9 +203,7 @@ def plan_floors(watch: Watch) -> list[Watch]:
 
 
 def alarms(args: argparse.Namespace) -> Exit:
-    """Fly true flights from the floor, or take recorded ones, and see whether the poses fail."""
-    if args.capture is not None:
-        return _judge_capture(args)
+    """Fly true flights from the floor, and see whether their poses fail."""
     if args.floors and args.scenario is not None:
         raise ConfigError("SCENARIO", f"--floors flies {', '.join(FLOORED)}")
     watch = Watch(
@@ -232,15 +224,6 @@ def alarms(args: argparse.Namespace) -> Exit:
     print(json.dumps([facts(one) for one in found]) if args.json else "\n".join(map(text, found)))
     bad = any(one.ended or one.grounded for one in found)
     return Exit.FAILED if bad else Exit.DONE
-
-
-def _judge_capture(args: argparse.Namespace) -> Exit:
-    for option, given in (("SCENARIO", args.scenario), ("--floors", args.floors or None)):
-        if given is not None:
-            raise ConfigError(option, "--capture looks at one recording, and flies nothing")
-    found = watch_capture(args.capture, args.overrides)
-    print(json.dumps([facts(found)]) if args.json else text(found))
-    return Exit.FAILED if found.ended else Exit.DONE
 
 
 def facts(found: Alarms) -> dict[str, object]:
@@ -271,70 +254,3 @@ def text(found: Alarms) -> str:
         elif not one.landed:
             lines.append(f"  seed {one.seed}: did not land as planned: {one.why}")
     return "\n".join(lines)
-
-
-BEFORE_S = 10.0
-"""Poses and setpoints of a recorded flight are taken from so long before it on [s]."""
-STOOD_S = 1.0
-"""Time before a recorded flight in which it stands where its floor is [s]."""
-
-
-class RecordedPilot(Pilot):
-    """A pilot whose commands have been chosen already."""
-
-    def take_command(self, time_s: float, drive: ActuatorCommand, interval_s: float) -> None:
-        """Take a command that left at ``time_s`` [s], so long after the one before."""
-        self.state.add_command(time_s, drive)
-        self.state.wind.add(self.state.estimator.predict(time_s), interval_s)
-
-
-def watch_capture(file: Path, overrides: Sequence[str]) -> Alarms:
-    """Return the flight in ``file`` (a .tlog).
-
-    Raises:
-        ConfigError: the file can't be read, or holds no flight on setpoints of rates and thrust.
-    """
-    driven = drive_flight(load_flight(file), overrides)
-    if not (driven.flight.sent and any(driven.flight.may_fly)):
-        missing = "nothing in it flies on SET_ATTITUDE_TARGET with rates and thrust (type_mask 128)"
-        raise ConfigError("", f"{missing}: the monitor has no commands for its poses", str(file))
-    return Alarms(name=str(file), flights=(_fly_capture(driven),))
-
-
-def _fly_capture(driven: DrivenFlight) -> WatchedFlight:
-    """Return the part of the recording that flies."""
-    config, poses, begin, end = driven.config, driven.flight.poses, driven.air.start, driven.air.stop
-    lifts_s, ends_s = poses[begin].arrival_s, poses[end - 1].arrival_s
-    from_s = lifts_s - BEFORE_S
-    stood = [pose.position_ned[2] for pose in poses[:begin] if pose.arrival_s >= lifts_s - STOOD_S]
-    floor_z_m = mean(stood) if stood else math.inf  # a recording may begin in the air
-    pilot = RecordedPilot(config.vehicle, config.controller, config.flight.coast_s, floor_z_m, health=WatchedHealth)
-    health = pilot.state.health
-    assert isinstance(health, WatchedHealth), "made by this"
-    ended, lifted, last_s = "", False, from_s
-    pilot.set_on_floor()
-    events = [(pose.arrival_s, 0, i) for i, pose in enumerate(poses)]
-    events += [(time_s, 1, i) for i, (time_s, _) in enumerate(driven.commands)]
-    for time_s, is_sent, index in sorted(e for e in events if from_s <= e[0] <= ends_s):
-        if is_sent and pilot.state.newest_pose is not None:
-            pilot.take_command(time_s, driven.commands[index][1], time_s - last_s)
-            last_s = time_s
-        if is_sent:
-            continue
-        pose = poses[index]
-        pilot.estimate_state(pose)
-        if not lifted and index >= begin and floor_z_m - pose.position_ned[2] > WANDERING_M:
-            lifted = True
-            pilot.lift_off(time_s, 1.0, -(pose.velocity_ned or (0.0, 0.0, 0.0))[2])
-        if health.has_failed:
-            ended = health.reason_id
-            break
-    return WatchedFlight(
-        seed=0,
-        windows=health.windows,
-        alarm=health.largest,
-        suspected=health.doubts,
-        failed=ended,
-        landed=not ended,
-        why=ended or f"recorded from {lifts_s:.1f} to {ends_s:.1f} s",
-    )

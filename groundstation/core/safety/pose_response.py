@@ -53,7 +53,7 @@ LEAST_OWN_M = 0.003
 response by chance (`alarms storm`)."""
 CANCELLED_RAD = 0.0125
 """Turn that rotors and gusts would have made, high-passed, had the law not cancelled it [rad]: twice that
-of ArduCopter's and PX4's own flights (`alarms --capture`)."""
+of ArduCopter's and PX4's own flights (those of tests/golden)."""
 LEAST_OWN_RAD = 0.03
 """Least RMS of the law's own turning that is evaluated [rad]."""
 MOST_OWN_ERROR = 0.2

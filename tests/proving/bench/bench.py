@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from groundstation.runtime import Exit
-from tests.proving.bench import links, tick
+from tests.proving.bench import links
 
-WHAT = {"tick": tick, "links": links}
+WHAT = {"links": links}
 """Name -> module, in the order in which they run."""
 
 
