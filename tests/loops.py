@@ -9,7 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import pytest
 
-from sim.time import in_virtual_time
+from sim.time import VirtualTimeLoop, in_virtual_time
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -60,6 +60,25 @@ BOTH_LOOPS = [
     pytest.param(in_real_time, id="real", marks=pytest.mark.real_time),
 ]
 """Parameters of a test or a fixture, for what must work on either loop."""
+
+
+def on_either_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Make two tests of a coroutine function: one in virtual time, one in real time."""
+
+    @wraps(test)
+    def run(loop: Run, **others: Any) -> None:
+        loop(test)(**others)
+
+    signature = inspect.signature(test)
+    loop = inspect.Parameter("loop", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    run.__signature__ = signature.replace(parameters=[loop, *signature.parameters.values()])  # type: ignore[attr-defined]  # pytest reads it
+    decorated: Callable[..., None] = pytest.mark.parametrize("loop", BOTH_LOOPS)(run)
+    return decorated
+
+
+def is_virtual() -> bool:
+    """Whether the running loop is one of virtual time."""
+    return isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
 
 
 async def until(true: Callable[[], Any], within_s: float = 60.0) -> None:

@@ -22,9 +22,8 @@ from links.rf.channel_map import ArmSwitch
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.radio import PtyWire, RfPeer, RfReceiver, WirePort
 from sim.radio.radio import opened_on
-from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
-from tests.loops import BOTH_LOOPS, Run, free_address, in_virtual_time, until
+from tests.loops import free_address, in_virtual_time, is_virtual, on_either_loop, until
 
 THRUST_MAX_N = 2.0
 BRING_DOWN = (
@@ -101,7 +100,7 @@ class RfBench:
 
     async def prepare(self) -> None:
         changes: dict[str, Any] = {"period_s": 0.01, "arm_low_s": 0.3, "arm_high_s": 0.5, "disarm_s": self.farewell_s}
-        if isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+        if is_virtual():
             self.wires["open_pacer"] = opened_on(WirePort())
         else:
             self.pty = PtyWire()
@@ -112,7 +111,7 @@ class RfBench:
 
     async def prepare_nobody(self) -> str:
         self.config = RF_CODECS[self.kind](port="/dev/no-such-port")
-        if isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+        if is_virtual():
             wire = WirePort()
             wire.cut = True
             self.wires["open_pacer"] = opened_on(wire)
@@ -197,11 +196,6 @@ def bench(request: pytest.FixtureRequest) -> Bench:
     return BENCHES[request.param]()
 
 
-@pytest.fixture(params=BOTH_LOOPS)
-def run(request: pytest.FixtureRequest) -> Run:
-    return request.param  # type: ignore[no-any-return]  # one of the two above
-
-
 def command(thrust_n: float = 1.0, rates: tuple[float, float, float] = (0.1, -0.2, 0.3), **changes: float) -> Command:
     now = asyncio.get_running_loop().time()
     return Command(thrust_n, rates, 7, now, changes.get("deadline_s", now + 0.25), BRING_DOWN)
@@ -226,29 +220,27 @@ def lifting(bench: Bench) -> list[tuple[float, float, Any]]:
     return [act for act in bench.vehicle.acts if act[1] > 0.0]
 
 
-def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            assert link.status.state == "connected"
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            assert link.status.state == "armed"
-            assert bench.vehicle.powered[-1][1] is True
-            bench.vehicle.acts.clear()
-            before = link.status.sent
-            assert link.send(command())
-            await until(lambda: bool(lifting(bench)))
-            _, thrust, rates = bench.vehicle.acts[-1]
-            assert thrust == pytest.approx(0.5, abs=bench.steps[0])
-            assert rates == pytest.approx((0.1, -0.2, 0.3), abs=bench.steps[1])
-            assert link.status.sent == before + 1 or run is not in_virtual_time  # a late machine's link repeats it
-            assert link.status.sent > before
-            zeros = asyncio.create_task(stream(link))
-            await link.disarm()
-            zeros.cancel()
-            assert bench.vehicle.powered[-1][1] is False
-            assert link.status.state == "connected"
-
-    run(main)()
+@on_either_loop
+async def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench) -> None:
+    async with connected(bench) as link:
+        assert link.status.state == "connected"
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        assert link.status.state == "armed"
+        assert bench.vehicle.powered[-1][1] is True
+        bench.vehicle.acts.clear()
+        before = link.status.sent
+        assert link.send(command())
+        await until(lambda: bool(lifting(bench)))
+        _, thrust, rates = bench.vehicle.acts[-1]
+        assert thrust == pytest.approx(0.5, abs=bench.steps[0])
+        assert rates == pytest.approx((0.1, -0.2, 0.3), abs=bench.steps[1])
+        assert link.status.sent == before + 1 or not is_virtual()  # a late machine's link repeats it
+        assert link.status.sent > before
+        zeros = asyncio.create_task(stream(link))
+        await link.disarm()
+        zeros.cancel()
+        assert bench.vehicle.powered[-1][1] is False
+        assert link.status.state == "connected"
 
 
 async def stream(link: CommandLink) -> None:
@@ -257,46 +249,42 @@ async def stream(link: CommandLink) -> None:
         await asyncio.sleep(link.period_s)
 
 
-def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        asked: list[float] = []
+@on_either_loop
+async def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench) -> None:
+    loop = asyncio.get_running_loop()
+    asked: list[float] = []
 
-        def idle() -> Command:
-            asked.append(loop.time())
-            return command(0.0, (0.0, 0.0, 0.0))
+    def idle() -> Command:
+        asked.append(loop.time())
+        return command(0.0, (0.0, 0.0, 0.0))
 
-        async with connected(bench) as link:
-            begun = loop.time()
-            await link.arm(idle)
-            took = loop.time() - begun
-            # In real time a busy machine may make frames late, so that the last one is repeated, or leave them out.
-            assert link.status.sent >= len(asked)
-            least = 0.5 if run is in_virtual_time else 0.1
-            assert least * took / link.period_s < len(asked) <= took / link.period_s + 2
-            if run is in_virtual_time:
-                assert link.status.sent == len(asked)
-                assert [b - a for a, b in zip(asked, asked[1:], strict=False)] == pytest.approx(
-                    [link.period_s] * (len(asked) - 1)
-                )
-
-    run(main)()
+    async with connected(bench) as link:
+        begun = loop.time()
+        await link.arm(idle)
+        took = loop.time() - begun
+        # In real time a busy machine may make frames late, so that the last one is repeated, or leave them out.
+        assert link.status.sent >= len(asked)
+        least = 0.5 if is_virtual() else 0.1
+        assert least * took / link.period_s < len(asked) <= took / link.period_s + 2
+        if is_virtual():
+            assert link.status.sent == len(asked)
+            assert [b - a for a, b in zip(asked, asked[1:], strict=False)] == pytest.approx(
+                [link.period_s] * (len(asked) - 1)
+            )
 
 
-def test_a_command_past_its_deadline_never_leaves(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            now = asyncio.get_running_loop().time()
-            assert not link.send(command(1.5, deadline_s=now - 0.001))
-            for deadline_s in (math.nan, math.inf, now + 1.2):
-                with pytest.raises(LinkMisuse):
-                    link.send(command(1.5, deadline_s=deadline_s))
-            await asyncio.sleep(0.05)
-            assert lifting(bench) == []
-            assert link.status.expired == 1
-
-    run(main)()
+@on_either_loop
+async def test_a_command_past_its_deadline_never_leaves(bench: Bench) -> None:
+    async with connected(bench) as link:
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        now = asyncio.get_running_loop().time()
+        assert not link.send(command(1.5, deadline_s=now - 0.001))
+        for deadline_s in (math.nan, math.inf, now + 1.2):
+            with pytest.raises(LinkMisuse):
+                link.send(command(1.5, deadline_s=deadline_s))
+        await asyncio.sleep(0.05)
+        assert lifting(bench) == []
+        assert link.status.expired == 1
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -418,47 +406,43 @@ async def test_commands_leave_in_the_order_of_their_poses(bench: Bench) -> None:
         assert link.status.expired == 1
 
 
-def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            loop, newest = asyncio.get_running_loop(), command()
-            assert link.send(newest)
-            await asyncio.sleep(0.055)
-            begun_s = loop.time()
-            await link.kill()
-            off_s, on = bench.vehicle.powered[-1]
-            assert not on
-            # In real time machine and wire take theirs; the dead man's switch takes a deadline and a bring-down.
-            assert off_s <= (newest.deadline_s if run is not in_virtual_time else begun_s + 0.002 + bench.grain_s)
-            assert not link.send(command())
-            await asyncio.sleep(0.5)
-            assert bench.vehicle.powered[-1] == (off_s, False)
-            assert [act for act in lifting(bench) if act[0] > off_s] == []
-            await link.close()
-
-    run(main)()
+@on_either_loop
+async def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench: Bench) -> None:
+    async with connected(bench) as link:
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        loop, newest = asyncio.get_running_loop(), command()
+        assert link.send(newest)
+        await asyncio.sleep(0.055)
+        begun_s = loop.time()
+        await link.kill()
+        off_s, on = bench.vehicle.powered[-1]
+        assert not on
+        # In real time machine and wire take theirs; the dead man's switch takes a deadline and a bring-down.
+        assert off_s <= (newest.deadline_s if not is_virtual() else begun_s + 0.002 + bench.grain_s)
+        assert not link.send(command())
+        await asyncio.sleep(0.5)
+        assert bench.vehicle.powered[-1] == (off_s, False)
+        assert [act for act in lifting(bench) if act[0] > off_s] == []
+        await link.close()
 
 
-def test_nothing_leaves_after_close(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            link.send(command())
-            await asyncio.sleep(0.05)
-            await link.close()
-            assert link.status.state == "closed"
-            await asyncio.sleep(0.02)  # what left before is on its way
-            before = bench.arrived()
-            for attempt in (lambda: link.send(command()), link.disarm, lambda: link.arm(command)):
-                with pytest.raises(LinkMisuse):
-                    result = attempt()
-                    if asyncio.iscoroutine(result):
-                        await result
-            await asyncio.sleep(1.2)  # longer than anything that repeats
-            assert bench.arrived() == before
-
-    run(main)()
+@on_either_loop
+async def test_nothing_leaves_after_close(bench: Bench) -> None:
+    async with connected(bench) as link:
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        link.send(command())
+        await asyncio.sleep(0.05)
+        await link.close()
+        assert link.status.state == "closed"
+        await asyncio.sleep(0.02)  # what left before is on its way
+        before = bench.arrived()
+        for attempt in (lambda: link.send(command()), link.disarm, lambda: link.arm(command)):
+            with pytest.raises(LinkMisuse):
+                result = attempt()
+                if asyncio.iscoroutine(result):
+                    await result
+        await asyncio.sleep(1.2)  # longer than anything that repeats
+        assert bench.arrived() == before
 
 
 @in_virtual_time
@@ -492,15 +476,13 @@ async def test_sending_before_connecting_or_during_arming_is_misuse(bench: Bench
         assert link.send(command())
 
 
-def test_nobody_at_the_other_end_is_a_lost_link(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        words = await bench.prepare_nobody()
-        link = make_link(bench.config, thrust_max_n=THRUST_MAX_N, **bench.wires)
-        with pytest.raises(LinkLost, match=words):
-            await link.connect()
-        assert link.status.state == "closed"
-
-    run(main)()
+@on_either_loop
+async def test_nobody_at_the_other_end_is_a_lost_link(bench: Bench) -> None:
+    words = await bench.prepare_nobody()
+    link = make_link(bench.config, thrust_max_n=THRUST_MAX_N, **bench.wires)
+    with pytest.raises(LinkLost, match=words):
+        await link.connect()
+    assert link.status.state == "closed"
 
 
 @in_virtual_time

@@ -30,11 +30,10 @@ from groundstation.pose.sources.natnet_codec import Version
 from links.io import parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from sim.autopilots import AutopilotPeer, Px4Autopilot
-from sim.time import VirtualTimeLoop
 from sim.trackers import NatNetServer, TrackedBody, Tracker, make_tracker
 from sim.world import TrueState
 from tests.airframe_double import Brick
-from tests.loops import BOTH_LOOPS, Run, free_address, in_virtual_time
+from tests.loops import free_address, in_virtual_time, is_virtual, on_either_loop
 
 RATE_HZ = 100.0
 LATENCY_S = 0.02
@@ -45,8 +44,6 @@ class Bench:
     """The other end of one kind of source."""
 
     config: PoseConfig
-    live = True
-    """False for recordings: they say nothing of now."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -201,11 +198,6 @@ def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Bench:
     return BENCHES[request.param](tmp_path)
 
 
-@pytest.fixture(params=BOTH_LOOPS)
-def run(request: pytest.FixtureRequest) -> Run:
-    return request.param  # type: ignore[no-any-return]  # one of the two above
-
-
 @contextlib.asynccontextmanager
 async def listening(bench: Bench) -> AsyncIterator[tuple[PoseSource, list[Pose]]]:
     await bench.prepare()
@@ -237,40 +229,32 @@ async def grown(poses: list[Pose], count: int) -> None:
             await asyncio.sleep(0.01)
 
 
-def exactly() -> bool:
-    return isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
-
-
-def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        async with listening(bench) as (source, poses):
-            await grown(poses, 40)
-            assert [pose.id for pose in poses] == list(range(len(poses)))
-            assert source.status.accepted == len(poses)
-            late = poses[10:]
-            apart = [pose.position_ned[0] - pose.time_s for pose in late]
-            # A recording's clock has its zero elsewhere; and a busy machine may delay what is real.
-            zero = -bench.begun_s if bench.live else apart[0]
-            tolerance = 2e-3 if exactly() else 0.05
-            assert apart == pytest.approx([zero] * len(late), abs=tolerance)
-            for pose in late:
-                assert pose.position_ned[1:] == pytest.approx((2.0, -1.0), abs=1e-6)
-                assert abs(sum(a * b for a, b in zip(pose.attitude, EAST, strict=True))) == pytest.approx(1.0, abs=1e-6)
-                assert pose.time_s <= pose.arrival_s
-            assert all(a.time_s < b.time_s and a.arrival_s <= b.arrival_s for a, b in zip(poses, late, strict=False))
-            status = source.status
-            if exactly():
-                # PX4 begins with 30 Hz, until it has heard what is wanted.
-                least = 25.0 if isinstance(bench, OdometryBench) else 90.0
-                assert least < status.rate_hz < 110.0
-                assert status.latency_s == pytest.approx(LATENCY_S, abs=2e-3)
-            else:  # a busy machine reads late, and then many at once
-                assert 5.0 < status.rate_hz < 1000.0
-                assert LATENCY_S - 0.04 < status.latency_s < LATENCY_S + 0.4
-            assert status.latency_max_s >= status.latency_s - 1e-9
-            assert (status.clock_steps, status.clock_restarts) == (0, 0)
-
-    run(main)()
+@on_either_loop
+async def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench) -> None:
+    async with listening(bench) as (source, poses):
+        await grown(poses, 40)
+        assert [pose.id for pose in poses] == list(range(len(poses)))
+        assert source.status.accepted == len(poses)
+        late = poses[10:]
+        apart = [pose.position_ned[0] - pose.time_s for pose in late]
+        tolerance = 2e-3 if is_virtual() else 0.05  # a busy machine may delay what is real
+        assert apart == pytest.approx([-bench.begun_s] * len(late), abs=tolerance)
+        for pose in late:
+            assert pose.position_ned[1:] == pytest.approx((2.0, -1.0), abs=1e-6)
+            assert abs(sum(a * b for a, b in zip(pose.attitude, EAST, strict=True))) == pytest.approx(1.0, abs=1e-6)
+            assert pose.time_s <= pose.arrival_s
+        assert all(a.time_s < b.time_s and a.arrival_s <= b.arrival_s for a, b in zip(poses, late, strict=False))
+        status = source.status
+        if is_virtual():
+            # PX4 begins with 30 Hz, until it has heard what is wanted.
+            least = 25.0 if isinstance(bench, OdometryBench) else 90.0
+            assert least < status.rate_hz < 110.0
+            assert status.latency_s == pytest.approx(LATENCY_S, abs=2e-3)
+        else:  # a busy machine reads late, and then many at once
+            assert 5.0 < status.rate_hz < 1000.0
+            assert LATENCY_S - 0.04 < status.latency_s < LATENCY_S + 0.4
+        assert status.latency_max_s >= status.latency_s - 1e-9
+        assert (status.clock_steps, status.clock_restarts) == (0, 0)
 
 
 @in_virtual_time
@@ -286,63 +270,54 @@ async def test_the_configs_alignment_moves_every_pose(bench: Bench) -> None:
             assert nose == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)
 
 
-def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        async with listening(bench) as (source, poses):
+@on_either_loop
+async def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm(bench: Bench) -> None:
+    async with listening(bench) as (source, poses):
+        await grown(poses, 3)
+        await source.close()
+        count = len(poses)
+        await asyncio.sleep(0.1)
+        await source.close()
+        assert len(poses) == count
+
+
+@on_either_loop
+async def test_a_source_that_was_closed_can_be_started_again(bench: Bench) -> None:
+    async with listening(bench) as (source, poses):
+        await grown(poses, 3)
+        if isinstance(bench.config, MavlinkPoseConfig):
+            return  # its link must be connected again: see the link's own tests
+        await source.close()
+        await asyncio.sleep(0.02)
+        await source.start(poses.append)
+        await grown(poses, 3)
+
+
+@on_either_loop
+async def test_garbage_is_counted_and_the_next_pose_delivered(bench: Bench) -> None:
+    async with listening(bench) as (source, poses):
+        await grown(poses, 3)
+        if await bench.garbage(b"\xfd\x00garbage"):
             await grown(poses, 3)
-            await source.close()
-            count = len(poses)
-            await asyncio.sleep(0.1)
-            await source.close()
-            assert len(poses) == count
-
-    run(main)()
+            assert sum(source.status.dropped.values()) > 0
 
 
-def test_a_source_that_was_closed_can_be_started_again(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        async with listening(bench) as (source, poses):
-            await grown(poses, 3)
-            if isinstance(bench.config, MavlinkPoseConfig):
-                return  # its link must be connected again: see the link's own tests
-            await source.close()
-            await asyncio.sleep(0.02)
-            await source.start(poses.append)
-            if bench.live:
-                await grown(poses, 3)
-
-    run(main)()
-
-
-def test_garbage_is_counted_and_the_next_pose_delivered(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        async with listening(bench) as (source, poses):
-            await grown(poses, 3)
-            if await bench.garbage(b"\xfd\x00garbage"):
-                await grown(poses, 3)
-                assert sum(source.status.dropped.values()) > 0
-
-    run(main)()
-
-
-def test_a_hidden_vehicle_gives_no_poses_and_a_reason(bench: Bench, run: Run) -> None:
-    async def main() -> None:
-        if not isinstance(bench, TrackerBench):
-            return
-        async with listening(bench) as (source, poses):
-            await grown(poses, 3)
-            where = poses[-1].position_ned
-            bench.hidden = True
-            await asyncio.sleep(0.1)
-            count = len(poses)
-            await asyncio.sleep(0.2)
-            if isinstance(bench, ViconBench):
-                return  # tells by standing still: see its own tests
-            assert len(poses) == count
-            if not isinstance(bench, VisionBench):
-                assert source.status.dropped["not_tracked"] >= 10
-            bench.hidden = False
-            await grown(poses, 3)
-            assert poses[-1].position_ned[0] > where[0]
-
-    run(main)()
+@on_either_loop
+async def test_a_hidden_vehicle_gives_no_poses_and_a_reason(bench: Bench) -> None:
+    if not isinstance(bench, TrackerBench):
+        return
+    async with listening(bench) as (source, poses):
+        await grown(poses, 3)
+        where = poses[-1].position_ned
+        bench.hidden = True
+        await asyncio.sleep(0.1)
+        count = len(poses)
+        await asyncio.sleep(0.2)
+        if isinstance(bench, ViconBench):
+            return  # tells by standing still: see its own tests
+        assert len(poses) == count
+        if not isinstance(bench, VisionBench):
+            assert source.status.dropped["not_tracked"] >= 10
+        bench.hidden = False
+        await grown(poses, 3)
+        assert poses[-1].position_ned[0] > where[0]

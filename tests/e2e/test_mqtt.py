@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 from collections import defaultdict
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from groundstation.interfaces.mqtt import publish_forever
 from groundstation.interfaces.mqtt.messages import EventMessage
 from groundstation.machine import Latest
 from groundstation.settings import MqttConfig
+from tests.loops import in_real_time
 from tests.sample_flight import sample
 
 
@@ -156,14 +157,6 @@ STATE, SNAPSHOT, EVENT, HEALTH = (f"lab/mqx/{name}" for name in ("state", "snaps
 SESSION = "lab/mqx/request/session"
 
 
-def play(scene: Awaitable[None]) -> None:
-    async def timed() -> None:
-        async with asyncio.timeout(60.0):
-            await scene
-
-    asyncio.run(timed())
-
-
 @contextlib.asynccontextmanager
 async def publishing(config: MqttConfig, latest: Latest[Snapshot]) -> AsyncIterator[asyncio.Task[None]]:
     task = asyncio.create_task(publish_forever(config, latest))
@@ -178,53 +171,49 @@ def config_for(broker: Broker, **more: Any) -> MqttConfig:
     return MqttConfig(enabled=True, port=broker.port, prefix="lab", rate_hz=50.0, **more)
 
 
-def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(broker: Broker) -> None:
-    async def scene() -> None:
-        await broker.start()
-        latest: Latest[Snapshot] = Latest()
-        async with Listener(broker.port) as listener:
-            async with publishing(config_for(broker), latest):
-                latest.put(sample(1.0, state="ready"))
-                await listener.until(lambda to: bool(to.got[SNAPSHOT]))
-                flying = sample(2.0)
-                latest.put(msgspec.structs.replace(flying, events=(*flying.events, Notice(102.0, "tracking", "wind"))))
-                await listener.until(lambda to: len(to.got[SNAPSHOT]) == 2)
-            await listener.until(lambda to: to.got[STATE][-1:] == ["offline"])
-        assert listener.got[STATE] == ["ready", "tracking", "offline"]
-        events = [msgspec.json.decode(text, type=EventMessage) for text in listener.got[EVENT]]
-        told = [f"{one.time_s:.3f} {one.text}" for one in events]
-        assert told == [*(notice.line for notice in sample(1.0).events), "102.000 wind"]
-        assert [one.number for one in events] == [1, 2, 3]
-        assert SESSION not in listener.got  # an empty one: whoever retained it has withdrawn it
-        first = msgspec.json.decode(listener.got[SNAPSHOT][0], type=Snapshot)
-        assert first == sample(1.0, state="ready")
-        async with Listener(broker.port) as late:
-            await late.until(lambda to: STATE in to.retained)
-            assert set(late.retained) <= {STATE, HEALTH}
-            assert late.retained[STATE] == "offline"
-
-    play(scene())
-
-
-def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Broker) -> None:
-    async def scene() -> None:
-        await broker.start()
-        code = (
-            "import asyncio\nfrom groundstation.machine.outlets import Latest\n"
-            "from groundstation.interfaces.mqtt.publisher import publish_forever\n"
-            "from groundstation.settings.settings import MqttConfig\n"
-            "from tests.sample_flight import sample\n"
-            f"latest = Latest(); latest.put(sample(1.0))\n"
-            f"asyncio.run(publish_forever(MqttConfig(port={broker.port}, prefix='lab'), latest))\n"
-        )
-        async with Listener(broker.port) as listener:
-            process = await asyncio.create_subprocess_exec(sys.executable, "-c", code)
+@in_real_time
+async def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(broker: Broker) -> None:
+    await broker.start()
+    latest: Latest[Snapshot] = Latest()
+    async with Listener(broker.port) as listener:
+        async with publishing(config_for(broker), latest):
+            latest.put(sample(1.0, state="ready"))
             await listener.until(lambda to: bool(to.got[SNAPSHOT]))
-            process.kill()
-            await process.wait()
-            await listener.until(lambda to: to.got[STATE] == ["tracking", "offline"])
+            flying = sample(2.0)
+            latest.put(msgspec.structs.replace(flying, events=(*flying.events, Notice(102.0, "tracking", "wind"))))
+            await listener.until(lambda to: len(to.got[SNAPSHOT]) == 2)
+        await listener.until(lambda to: to.got[STATE][-1:] == ["offline"])
+    assert listener.got[STATE] == ["ready", "tracking", "offline"]
+    events = [msgspec.json.decode(text, type=EventMessage) for text in listener.got[EVENT]]
+    told = [f"{one.time_s:.3f} {one.text}" for one in events]
+    assert told == [*(notice.line for notice in sample(1.0).events), "102.000 wind"]
+    assert [one.number for one in events] == [1, 2, 3]
+    assert SESSION not in listener.got  # an empty one: whoever retained it has withdrawn it
+    first = msgspec.json.decode(listener.got[SNAPSHOT][0], type=Snapshot)
+    assert first == sample(1.0, state="ready")
+    async with Listener(broker.port) as late:
+        await late.until(lambda to: STATE in to.retained)
+        assert set(late.retained) <= {STATE, HEALTH}
+        assert late.retained[STATE] == "offline"
 
-    play(scene())
+
+@in_real_time
+async def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Broker) -> None:
+    await broker.start()
+    code = (
+        "import asyncio\nfrom groundstation.machine.outlets import Latest\n"
+        "from groundstation.interfaces.mqtt.publisher import publish_forever\n"
+        "from groundstation.settings.settings import MqttConfig\n"
+        "from tests.sample_flight import sample\n"
+        f"latest = Latest(); latest.put(sample(1.0))\n"
+        f"asyncio.run(publish_forever(MqttConfig(port={broker.port}, prefix='lab'), latest))\n"
+    )
+    async with Listener(broker.port) as listener:
+        process = await asyncio.create_subprocess_exec(sys.executable, "-c", code)
+        await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+        process.kill()
+        await process.wait()
+        await listener.until(lambda to: to.got[STATE] == ["tracking", "offline"])
 
 
 def told(listener: Listener) -> list[str]:
@@ -232,124 +221,116 @@ def told(listener: Listener) -> list[str]:
     return [msgspec.json.decode(text, type=EventMessage).text for text in listener.got[EVENT]]
 
 
-def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_event(
+@in_real_time
+async def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_event(
     broker: Broker, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def scene() -> None:
-        latest: Latest[Snapshot] = Latest()
-        flying = sample(2.0)
-        latest.put(flying)
-        wire, port = Wire(broker.port), await free_tcp_port()
+    latest: Latest[Snapshot] = Latest()
+    flying = sample(2.0)
+    latest.put(flying)
+    wire, port = Wire(broker.port), await free_tcp_port()
 
-        @contextlib.asynccontextmanager
-        async def there() -> AsyncIterator[Listener]:
-            """For a while the broker is; the station finds it only once somebody listens."""
-            await broker.start()
-            async with Listener(broker.port) as listener:
-                way = await asyncio.start_server(wire.carry, "127.0.0.1", port)
-                yield listener
-                way.close()
-            broker.kill()
+    @contextlib.asynccontextmanager
+    async def there() -> AsyncIterator[Listener]:
+        """For a while the broker is; the station finds it only once somebody listens."""
+        await broker.start()
+        async with Listener(broker.port) as listener:
+            way = await asyncio.start_server(wire.carry, "127.0.0.1", port)
+            yield listener
+            way.close()
+        broker.kill()
 
-        async with publishing(msgspec.structs.replace(config_for(broker), port=port), latest) as task:
-            await asyncio.sleep(0.2)  # nobody is there yet
-            async with there() as listener:
-                await listener.until(lambda to: bool(to.got[SNAPSHOT]))
-                await listener.until(lambda to: len(to.got[EVENT]) == len(flying.events))
-            lost = msgspec.structs.replace(
-                flying, events=(*flying.events, Notice(103.0, "tracking", "while the broker was away"))
-            )
-            for _ in range(50):
-                latest.put(lost)
-                await asyncio.sleep(0.005)
-            assert not task.done()
-            async with there() as listener:
-                await listener.until(lambda to: bool(to.got[SNAPSHOT]))
-                await listener.until(lambda to: told(to)[-1:] == ["while the broker was away"])
-                # What the broker had passed on, but not acknowledged, as it was killed comes again.
-                assert told(listener)[:-1] in ([], [flying.events[-1].says])
-                assert listener.got[STATE] == ["tracking"]
-            assert not task.done()
-
-    play(scene())
+    async with publishing(msgspec.structs.replace(config_for(broker), port=port), latest) as task:
+        await asyncio.sleep(0.2)  # nobody is there yet
+        async with there() as listener:
+            await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+            await listener.until(lambda to: len(to.got[EVENT]) == len(flying.events))
+        lost = msgspec.structs.replace(
+            flying, events=(*flying.events, Notice(103.0, "tracking", "while the broker was away"))
+        )
+        for _ in range(50):
+            latest.put(lost)
+            await asyncio.sleep(0.005)
+        assert not task.done()
+        async with there() as listener:
+            await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+            await listener.until(lambda to: told(to)[-1:] == ["while the broker was away"])
+            # What the broker had passed on, but not acknowledged, as it was killed comes again.
+            assert told(listener)[:-1] in ([], [flying.events[-1].says])
+            assert listener.got[STATE] == ["tracking"]
+        assert not task.done()
     said = [record.message for record in caplog.records if record.name == "groundstation.mqtt"]
     assert [line.partition(" ")[0] for line in said] == ["no", "publishing", "no", "publishing"]
 
 
-def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_after(broker: Broker) -> None:
-    async def scene() -> None:
-        await broker.start()
-        loop = asyncio.get_running_loop()
-        latest: Latest[Snapshot] = Latest()
-        latest.put(sample(0.0))
-        async with Listener(broker.port) as listener, publishing(config_for(broker), latest) as task:
-            await listener.until(lambda to: bool(to.got[SNAPSHOT]))
-            broker.stand_still()
-            slowest = 0.0
-            for number in range(300):
-                before = loop.time()
-                latest.put(sample(1.0 + number))
-                await asyncio.sleep(0.005)
-                slowest = max(slowest, loop.time() - before)
-            assert not task.done()
-            broker.go_on()
-            await listener.until(lambda to: msgspec.json.decode(to.got[SNAPSHOT][-1], type=Snapshot) == sample(300.0))
-            assert len(listener.got[SNAPSHOT]) < 150
-        assert slowest < 0.5
-
-    play(scene())
+@in_real_time
+async def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_after(broker: Broker) -> None:
+    await broker.start()
+    loop = asyncio.get_running_loop()
+    latest: Latest[Snapshot] = Latest()
+    latest.put(sample(0.0))
+    async with Listener(broker.port) as listener, publishing(config_for(broker), latest) as task:
+        await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+        broker.stand_still()
+        slowest = 0.0
+        for number in range(300):
+            before = loop.time()
+            latest.put(sample(1.0 + number))
+            await asyncio.sleep(0.005)
+            slowest = max(slowest, loop.time() - before)
+        assert not task.done()
+        broker.go_on()
+        await listener.until(lambda to: msgspec.json.decode(to.got[SNAPSHOT][-1], type=Snapshot) == sample(300.0))
+        assert len(listener.got[SNAPSHOT]) < 150
+    assert slowest < 0.5
 
 
-def test_a_station_that_was_started_anew_takes_back_the_last_will_of_its_old_connection(
+@in_real_time
+async def test_a_station_that_was_started_anew_takes_back_the_last_will_of_its_old_connection(
     broker: Broker,
 ) -> None:
     """The will comes after the restart; until then nothing else changes the state for hours, perhaps."""
 
-    async def scene() -> None:
-        await broker.start()
-        wire = Wire(broker.port)
-        carrier = await asyncio.start_server(wire.carry, "127.0.0.1", 0)
-        latest: Latest[Snapshot] = Latest()
-        latest.put(sample(1.0))
-        config = config_for(broker, health_period_s=0.1)
-        old = msgspec.structs.replace(config, port=carrier.sockets[0].getsockname()[1])
-        async with Listener(broker.port) as listener, publishing(old, latest):
-            await listener.until(lambda to: bool(to.got[HEALTH]))
-            wire.fall_silent()
-            carrier.close()
-            async with publishing(config, latest):
-                await listener.until(lambda to: len(to.got[SNAPSHOT]) > 1)
-                wire.cut()
-                await listener.until(lambda to: "offline" in to.got[STATE])
-                await listener.until(lambda to: to.got[STATE][-1] == "tracking")
-                async with Listener(broker.port) as late:
-                    await late.until(lambda to: STATE in to.retained)
-                    assert late.retained[STATE] == "tracking"
-
-    play(scene())
+    await broker.start()
+    wire = Wire(broker.port)
+    carrier = await asyncio.start_server(wire.carry, "127.0.0.1", 0)
+    latest: Latest[Snapshot] = Latest()
+    latest.put(sample(1.0))
+    config = config_for(broker, health_period_s=0.1)
+    old = msgspec.structs.replace(config, port=carrier.sockets[0].getsockname()[1])
+    async with Listener(broker.port) as listener, publishing(old, latest):
+        await listener.until(lambda to: bool(to.got[HEALTH]))
+        wire.fall_silent()
+        carrier.close()
+        async with publishing(config, latest):
+            await listener.until(lambda to: len(to.got[SNAPSHOT]) > 1)
+            wire.cut()
+            await listener.until(lambda to: "offline" in to.got[STATE])
+            await listener.until(lambda to: to.got[STATE][-1] == "tracking")
+            async with Listener(broker.port) as late:
+                await late.until(lambda to: STATE in to.retained)
+                assert late.retained[STATE] == "tracking"
 
 
 @pytest.mark.parametrize("topic", [STATE, SESSION])
-def test_whatever_is_retained_is_published_again_with_the_health(broker: Broker, topic: str) -> None:
+@in_real_time
+async def test_whatever_is_retained_is_published_again_with_the_health(broker: Broker, topic: str) -> None:
     """An older connection may overwrite it: what it has sent can be on its way for a long time."""
 
-    async def scene() -> None:
-        await broker.start()
-        latest: Latest[Snapshot] = Latest()
-        latest.put(sample(1.0))
-        wanted = {STATE: "tracking", SESSION: ""}  # it takes no requests: no session
-        async with (
-            publishing(config_for(broker, health_period_s=0.1), latest),
-            aiomqtt.Client("127.0.0.1", broker.port) as client,
-            Listener(broker.port) as listener,
-        ):
-            await listener.until(lambda to: bool(to.got[HEALTH]))
-            await client.publish(topic, "late", qos=1, retain=True)
-            await listener.until(lambda to: "late" in to.got[topic])
-            rounds = len(listener.got[HEALTH])
-            await listener.until(lambda to: len(to.got[HEALTH]) > rounds + 2)
-            async with Listener(broker.port) as late:
-                await late.until(lambda to: HEALTH in to.retained)
-                assert late.retained.get(topic, "") == wanted[topic]
-
-    play(scene())
+    await broker.start()
+    latest: Latest[Snapshot] = Latest()
+    latest.put(sample(1.0))
+    wanted = {STATE: "tracking", SESSION: ""}  # it takes no requests: no session
+    async with (
+        publishing(config_for(broker, health_period_s=0.1), latest),
+        aiomqtt.Client("127.0.0.1", broker.port) as client,
+        Listener(broker.port) as listener,
+    ):
+        await listener.until(lambda to: bool(to.got[HEALTH]))
+        await client.publish(topic, "late", qos=1, retain=True)
+        await listener.until(lambda to: "late" in to.got[topic])
+        rounds = len(listener.got[HEALTH])
+        await listener.until(lambda to: len(to.got[HEALTH]) > rounds + 2)
+        async with Listener(broker.port) as late:
+            await late.until(lambda to: HEALTH in to.retained)
+            assert late.retained.get(topic, "") == wanted[topic]

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import gc
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
 import aiomqtt
@@ -13,7 +13,7 @@ import pytest
 from groundstation.config import from_dict
 from groundstation.core.messages import Ask, Snapshot
 from groundstation.interfaces.api.messages import ClientOrder, Desk, Party
-from groundstation.interfaces.mqtt import publish_forever
+from groundstation.interfaces.mqtt import command as mqtt_command, publish_forever
 from groundstation.interfaces.mqtt.command import Unanswered, request_by_mqtt
 from groundstation.interfaces.mqtt.messages import HealthMessage, SessionMessage
 from groundstation.interfaces.mqtt.requests import Place, seal_request
@@ -21,19 +21,12 @@ from groundstation.machine import Latest, wall_ms
 from groundstation.settings import Config, MqttConfig
 from links.io import make_key, read_key
 from tests.e2e.lab_broker import LabBroker, lab
+from tests.loops import in_real_time
 from tests.sample_flight import Sampled, sample
 
 __all__ = ["lab"]
 
 MAY = '["hold", "return", "track", "land", "abort", "kill"]'
-
-
-def play(scene: Awaitable[None]) -> None:
-    async def timed() -> None:
-        async with asyncio.timeout(60.0):
-            await scene
-
-    asyncio.run(timed())
 
 
 @pytest.fixture
@@ -94,39 +87,37 @@ async def counted(client: aiomqtt.Client, least: int) -> dict[str, int]:
     raise AssertionError("unreachable")
 
 
-def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_all_can_see(lab: LabBroker, key: Path) -> None:
+@in_real_time
+async def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_all_can_see(
+    lab: LabBroker, key: Path
+) -> None:
     station = Station()
 
-    async def scene() -> None:
-        secret = read_key(key)
-        operator = lab.address("operator")
-        async with station.serving(config_of(lab, key)), operator.client() as client:
-            answer = await request_by_mqtt(operator, "mqx", "tablet", secret, "land", "too windy")
-            assert (answer.done, answer.says) == (True, "land: too windy (tablet by MQTT)")
-            assert [request.ask for request in station.core.asked] == [Ask.LAND]
+    secret = read_key(key)
+    operator = lab.address("operator")
+    async with station.serving(config_of(lab, key)), operator.client() as client:
+        answer = await request_by_mqtt(operator, "mqx", "tablet", secret, "land", "too windy")
+        assert (answer.done, answer.says) == (True, "land: too windy (tablet by MQTT)")
+        assert [request.ask for request in station.core.asked] == [Ask.LAND]
 
-            session = msgspec.json.decode(
-                await retained(client, "groundstation/mqx/request/session"), type=SessionMessage
-            )
-            topic, place = "groundstation/mqx/request", Place("groundstation", "mqx")
-            now = wall_ms()
-            good = seal_request(secret, place, session.session, "tablet", now, "kill", now + 3000)
-            for data in (b"{}", good[:-5], good.replace(b'"kill"', b'"hold"'), b" " * 4000, b" " * 60000):
-                await client.publish(topic, data, qos=1)
-            await client.publish(topic, seal_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1)
-            await client.publish(topic, good, qos=1, retain=True)  # a station that comes later must not hear it
-            await client.publish(topic, good, qos=1)
-            await client.publish(topic, good, qos=1)
-            counts = await counted(client, 9)
-            # Of 60 kB the broker has told nobody: a station says that it takes no such packet.
-            assert counts == {"done": 2, "malformed": 2, "oversized": 1, "replayed": 3, "unauthenticated": 1}
-            assert [request.ask for request in station.core.asked] == [Ask.LAND, Ask.KILL]
-        async with station.serving(config_of(lab, key)):  # another session, in which nothing old counts
-            await client_published(lab, topic, good)
-            await asyncio.sleep(0.3)
-        assert len(station.core.asked) == 2
-
-    play(scene())
+        session = msgspec.json.decode(await retained(client, "groundstation/mqx/request/session"), type=SessionMessage)
+        topic, place = "groundstation/mqx/request", Place("groundstation", "mqx")
+        now = wall_ms()
+        good = seal_request(secret, place, session.session, "tablet", now, "kill", now + 3000)
+        for data in (b"{}", good[:-5], good.replace(b'"kill"', b'"hold"'), b" " * 4000, b" " * 60000):
+            await client.publish(topic, data, qos=1)
+        await client.publish(topic, seal_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1)
+        await client.publish(topic, good, qos=1, retain=True)  # a station that comes later must not hear it
+        await client.publish(topic, good, qos=1)
+        await client.publish(topic, good, qos=1)
+        counts = await counted(client, 9)
+        # Of 60 kB the broker has told nobody: a station says that it takes no such packet.
+        assert counts == {"done": 2, "malformed": 2, "oversized": 1, "replayed": 3, "unauthenticated": 1}
+        assert [request.ask for request in station.core.asked] == [Ask.LAND, Ask.KILL]
+    async with station.serving(config_of(lab, key)):  # another session, in which nothing old counts
+        await client_published(lab, topic, good)
+        await asyncio.sleep(0.3)
+    assert len(station.core.asked) == 2
 
 
 async def client_published(lab: LabBroker, topic: str, data: bytes) -> None:
@@ -134,59 +125,53 @@ async def client_published(lab: LabBroker, topic: str, data: bytes) -> None:
         await client.publish(topic, data, qos=1)
 
 
-def test_who_holds_control_at_the_station_is_not_overruled_but_for_bringing_down(lab: LabBroker, key: Path) -> None:
+@in_real_time
+async def test_who_holds_control_at_the_station_is_not_overruled_but_for_bringing_down(
+    lab: LabBroker, key: Path
+) -> None:
     station = Station()
     party = Party(4321)
 
-    async def scene() -> None:
-        secret, operator = read_key(key), lab.address("operator")
-        async with station.serving(config_of(lab, key)):
-            station.desk.take(ClientOrder(id=1, control="take", name="tui"), party, 0.0)
-            answers = [await request_by_mqtt(operator, "mqx", "tablet", secret, ask) for ask in ("track", "return")]
-            assert [answer.done for answer in answers] == [False, False]
-            assert "tui 4321 holds control" in answers[0].says
-            assert station.core.asked == []
-            assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "abort")).done
-            station.desk.leave(party)
-            assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "track")).done
-        assert [request.ask for request in station.core.asked] == [Ask.ABORT, Ask.TRACK]
-
-    play(scene())
-
-
-def test_who_asks_reads_why_nothing_came_of_it(lab: LabBroker, key: Path, tmp_path: Path) -> None:
-    make_key(tmp_path / "other.key")
-
-    async def scene() -> None:
-        operator, secret = lab.address("operator"), read_key(key)
-        station = Station()
-        with pytest.raises(Unanswered, match="'mqx' is not known to this broker"):
-            await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
-        async with station.serving(config_of(lab, None)):
-            with pytest.raises(Unanswered, match="takes no requests by MQTT"):
-                await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
-        with pytest.raises(Unanswered, match="no station flies 'mqx' now"):
-            await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
-        async with station.serving(config_of(lab, key)):
-            with pytest.raises(Unanswered, match="it may not know 'tablet' by this key"):
-                await request_by_mqtt(operator, "mqx", "tablet", read_key(tmp_path / "other.key"), "land")
-            async with operator.client() as client:  # the session came again and again, and was asked of once
-                assert await counted(client, 1) == {"unauthenticated": 1}
-            with pytest.raises(Unanswered, match="has not answered"):  # the access rules do not let a viewer publish
-                await request_by_mqtt(lab.address("viewer"), "mqx", "tablet", secret, "land")
+    secret, operator = read_key(key), lab.address("operator")
+    async with station.serving(config_of(lab, key)):
+        station.desk.take(ClientOrder(id=1, control="take", name="tui"), party, 0.0)
+        answers = [await request_by_mqtt(operator, "mqx", "tablet", secret, ask) for ask in ("track", "return")]
+        assert [answer.done for answer in answers] == [False, False]
+        assert "tui 4321 holds control" in answers[0].says
         assert station.core.asked == []
-
-    # Four of them wait for as long as an operator would.
-    import groundstation.interfaces.mqtt.command as module
-
-    patience, module.PATIENCE_S = module.PATIENCE_S, 0.5
-    try:
-        play(scene())
-    finally:
-        module.PATIENCE_S = patience
+        assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "abort")).done
+        station.desk.leave(party)
+        assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "track")).done
+    assert [request.ask for request in station.core.asked] == [Ask.ABORT, Ask.TRACK]
 
 
-def test_a_kill_is_heard_in_a_flood_and_all_else_once_it_is_over(lab: LabBroker, key: Path) -> None:
+@in_real_time
+async def test_who_asks_reads_why_nothing_came_of_it(
+    lab: LabBroker, key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mqtt_command, "PATIENCE_S", 0.5)  # four of them wait for as long as an operator would
+    make_key(tmp_path / "other.key")
+    operator, secret = lab.address("operator"), read_key(key)
+    station = Station()
+    with pytest.raises(Unanswered, match="'mqx' is not known to this broker"):
+        await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
+    async with station.serving(config_of(lab, None)):
+        with pytest.raises(Unanswered, match="takes no requests by MQTT"):
+            await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
+    with pytest.raises(Unanswered, match="no station flies 'mqx' now"):
+        await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
+    async with station.serving(config_of(lab, key)):
+        with pytest.raises(Unanswered, match="it may not know 'tablet' by this key"):
+            await request_by_mqtt(operator, "mqx", "tablet", read_key(tmp_path / "other.key"), "land")
+        async with operator.client() as client:  # the session came again and again, and was asked of once
+            assert await counted(client, 1) == {"unauthenticated": 1}
+        with pytest.raises(Unanswered, match="has not answered"):  # the access rules do not let a viewer publish
+            await request_by_mqtt(lab.address("viewer"), "mqx", "tablet", secret, "land")
+    assert station.core.asked == []
+
+
+@in_real_time
+async def test_a_kill_is_heard_in_a_flood_and_all_else_once_it_is_over(lab: LabBroker, key: Path) -> None:
     station = Station()
 
     async def flood(client: aiomqtt.Client) -> None:
@@ -194,23 +179,20 @@ def test_a_kill_is_heard_in_a_flood_and_all_else_once_it_is_over(lab: LabBroker,
             await client.publish("groundstation/mqx/request", b"{}")
             await asyncio.sleep(0.006)
 
-    async def scene() -> None:
-        operator, secret = lab.address("operator"), read_key(key)
-        async with station.serving(config_of(lab, key)), operator.client() as client:
-            await retained(client, "groundstation/mqx/request/session")
-            for _ in range(200):
-                await client.publish("groundstation/mqx/request", b"{}")
-            flooding = asyncio.create_task(flood(client))
-            for _ in range(3):
-                assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "kill")).done
-            flooding.cancel()
-            await asyncio.gather(flooding, return_exceptions=True)
-            await asyncio.sleep(1.0)
-            assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "land")).done
-            assert (await counted(client, 1))["flooded"] >= 1
-        assert [request.ask for request in station.core.asked] == [Ask.KILL, Ask.KILL, Ask.KILL, Ask.LAND]
-
-    play(scene())
+    operator, secret = lab.address("operator"), read_key(key)
+    async with station.serving(config_of(lab, key)), operator.client() as client:
+        await retained(client, "groundstation/mqx/request/session")
+        for _ in range(200):
+            await client.publish("groundstation/mqx/request", b"{}")
+        flooding = asyncio.create_task(flood(client))
+        for _ in range(3):
+            assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "kill")).done
+        flooding.cancel()
+        await asyncio.gather(flooding, return_exceptions=True)
+        await asyncio.sleep(1.0)
+        assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "land")).done
+        assert (await counted(client, 1))["flooded"] >= 1
+    assert [request.ask for request in station.core.asked] == [Ask.KILL, Ask.KILL, Ask.KILL, Ask.LAND]
 
 
 @pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")  # paho leaves a failed handshake's socket to Python
@@ -236,20 +218,18 @@ def test_a_broker_of_another_authority_is_not_spoken_to(
     gc.collect()
 
 
-def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_password(lab: LabBroker) -> None:
-    async def scene() -> None:
-        anonymous = lab.address("mqx")
-        nobody = msgspec.structs.replace(
-            anonymous, password=None, config=msgspec.structs.replace(anonymous.config, username="", password_file="")
-        )
-        with pytest.raises(aiomqtt.MqttError, match=r"[Nn]ot authori[sz]ed"):
-            await nobody.client().__aenter__()
-        async with lab.address("viewer").client() as viewer, lab.address("mqx").client() as mqx:
-            await viewer.subscribe("groundstation/#")
-            await mqx.publish("groundstation/quad2/state", b"landed", qos=1)
-            await viewer.publish("groundstation/quad2/request", b"kill", qos=1)
-            await mqx.publish("groundstation/mqx/state", b"ready", qos=1)
-            message = await anext(aiter(viewer.messages))
-            assert str(message.topic) == "groundstation/mqx/state"
-
-    play(scene())
+@in_real_time
+async def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_password(lab: LabBroker) -> None:
+    anonymous = lab.address("mqx")
+    nobody = msgspec.structs.replace(
+        anonymous, password=None, config=msgspec.structs.replace(anonymous.config, username="", password_file="")
+    )
+    with pytest.raises(aiomqtt.MqttError, match=r"[Nn]ot authori[sz]ed"):
+        await nobody.client().__aenter__()
+    async with lab.address("viewer").client() as viewer, lab.address("mqx").client() as mqx:
+        await viewer.subscribe("groundstation/#")
+        await mqx.publish("groundstation/quad2/state", b"landed", qos=1)
+        await viewer.publish("groundstation/quad2/request", b"kill", qos=1)
+        await mqx.publish("groundstation/mqx/state", b"ready", qos=1)
+        message = await anext(aiter(viewer.messages))
+        assert str(message.topic) == "groundstation/mqx/state"
