@@ -222,6 +222,11 @@ FAULTS: Arguments = {
     },
     **_scenario("paper", "what is flown (default paper)"),
     **SEED,
+    "--forced": {
+        "default": "", "metavar": "DOUBT",
+        "help": "with --kind honest, force a doubt at a drawn moment: suspect, or failed:REASON "
+        "(failed:pose.position_no_answer)",
+    },
     **_overrides(),
     **WORKERS,
     **_json("the table"),

@@ -19,6 +19,7 @@ from tests.proving.faults import (
     MOMENTS,
     Kind,
     Planned,
+    check_forced,
     deal_cells,
     fly_all,
     is_within,
@@ -35,11 +36,14 @@ def faults(args: argparse.Namespace) -> Exit:
     _check_choice("--fault", args.fault, known)
     _check_choice("--state", args.state, MOMENTS)
     kinds = _read_kinds(args.kind)
+    check_forced(args.forced)
+    if args.forced and kinds != {Kind.HONEST}:
+        raise ConfigError("--forced", "needs --kind honest: a doubt is forced upon flights whose poses are true")
     work = [cell for cell in deal_cells(args.fault, args.state, args.link) if not kinds or cell.fault.kind in kinds]
     if not work:
         raise ConfigError("--state", f"{args.fault or 'nothing'} is not flown there")
     seeds = range(args.seed, args.seed + args.seeds)
-    plan = [Planned(cell, args.scenario, seed) for seed in seeds for cell in work]
+    plan = [Planned(cell, args.scenario, seed, args.forced) for seed in seeds for cell in work]
     with ProgressBar("flights", len(plan), quiet=args.json) as counter:
         workers = args.workers or os.cpu_count() or 1
         flown = fly_all(plan, overrides=args.overrides, workers=workers, on_done=counter.at)

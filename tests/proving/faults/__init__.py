@@ -16,5 +16,6 @@ from tests.proving.faults.fault import (
 )
 from tests.proving.faults.faults import BROKEN, CASES, FAULTS, STATES
 from tests.proving.faults.judge import STRICT, TOUCHDOWN_M_S, Row
+from tests.proving.faults.monitors import check_forced
 from tests.proving.faults.pictures import Struck, late, still
 from tests.proving.faults.table import is_within, text, write

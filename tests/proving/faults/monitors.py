@@ -6,7 +6,8 @@ A flight comes to its strike with the real monitor and guards; its copies differ
 import math
 from typing import Any
 
-from groundstation.core.messages import Pose
+from groundstation.config import ConfigError
+from groundstation.core.messages import NOTICES, Pose
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
     GuardFinding,
@@ -28,6 +29,18 @@ FAILED = "failed:"
 
 NOT_BY_ATTITUDE = ("pose.attitude_no_answer", "pose.autopilot_disagrees", "pose.late")
 """Reasons after which the attitude of the poses is not flown by, either."""
+
+
+def check_forced(doubt: str) -> None:
+    """Check that ``doubt`` can be forced upon a flight.
+
+    Raises:
+        ConfigError: it can't.
+    """
+    reasons = [reason for reason in NOTICES if reason.startswith("pose.")]
+    known = ["", SUSPECT, *(f"{FAILED}{reason}" for reason in reasons)]
+    if doubt not in known:
+        raise ConfigError("--forced", f"expected one of {known[1:]}, got {doubt!r}")
 
 
 class DeckHealth(PoseHealth):
