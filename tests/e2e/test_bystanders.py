@@ -28,7 +28,7 @@ from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.test_mqtt import SNAPSHOT, STATE, Broker, Listener, broker, config_for
 from tests.e2e.test_tui import Terminal, terminal
 from tests.e2e.test_tui_flight import processes
-from tests.flight.test_missions import SHORT
+from tests.flight.flights import SHORT
 from tests.open_loop import OpenLoop
 
 __all__ = ["broker", "terminal"]

@@ -14,7 +14,8 @@ from sim.radio import FAILSAFE_S
 from sim.runs import RECORDING, Stage, fly, from_floor, simulate
 from sim.runs.flight import Result
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
-from tests.flight.test_missions import SHORT, WAY
+from tests.flight.flights import SHORT
+from tests.flight.test_missions import WAY
 from tests.proving.firmware import (
     STRIKES,
     WATCHED_S,

@@ -15,7 +15,7 @@ from groundstation.core.control import Law
 from groundstation.core.messages import Tick
 from groundstation.flight import Flight
 from groundstation.machine import sleep_until
-from sim.runs import Flyers, Stage, fly
+from sim.runs import Flyers, MissionResult, Stage, fly, fly_mission, from_floor
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import Campaign, Local, report, run
@@ -40,6 +40,22 @@ async def running(stage: Stage) -> AsyncIterator[Stage]:
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+
+
+SHORT = (
+    *("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0", "trajectory.altitude_m=-0.5"),
+    "sim.start_ned=[0.7, 0.3, 0.0]",  # near where the figure begins
+)
+"""``--set`` of a mission that takes little time."""
+
+
+def mission(
+    scenario: str, *overrides: str, figure_s: float = 2.0, seed: int = 0, source: str = "vicon", link: str = "mavlink",
+    **options: Any,
+) -> MissionResult:  # fmt: skip
+    """A mission from the floor and back; ``options`` are those of ``fly_mission``."""
+    world, config = prepare(SCENARIOS[scenario], list(overrides), source=source, link=link)
+    return fly_mission(*from_floor(world, config, figure_s), seed=seed, **options)
 
 
 async def flying(flight: Flight, seconds: float) -> None:

@@ -17,7 +17,6 @@ from groundstation.pose.forward import Forward
 from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, Odometry, odometry
 from sim.autopilots import Px4Autopilot
 from sim.autopilots.autopilot import ExternalPoses, Fused
-from sim.autopilots.dialects import PX4_LAND as LAND
 from sim.runs import Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import running
@@ -114,37 +113,6 @@ def test_poses_after_a_flight_end_when_asked_twice_and_not_by_a_request_to_land(
     end_s = next(time_s for time_s, line in lines if line.startswith("nothing is sent to the vehicle any more, as"))
     assert end_s == pytest.approx(taken_s + 1.0, abs=0.2)
     assert external.fused[-1].arrival_s == pytest.approx(end_s, abs=0.15)
-
-
-@pytest.mark.parametrize("forwards", [True, False])
-def test_poses_that_were_found_to_be_wrong_leave_no_more_and_no_land_rests_on_them(forwards: bool) -> None:
-    overrides = ["sim.own_estimate=true", *([ON] if forwards else [])]
-    world, config = from_floor(*prepare(SCENARIOS["paper"], overrides), 30.0)
-    lines: list[str] = []
-    stages: list[Stage] = []
-    convicted_s: list[float] = []
-    lands: list[bool] = []
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        stages.append(stage)
-        await until(lambda: flight.state is State.HOLD)
-        await asyncio.sleep(0.5)
-        fused = stage.autopilot.external.fused
-        while forwards and fused[-1].arrival_s < asyncio.get_running_loop().time() - 0.001:
-            await asyncio.sleep(0.0005)
-        convicted_s.append(asyncio.get_running_loop().time())
-        flight._shutdown.distrust()
-        flight.stop("convicted")
-        await asyncio.sleep(0.8)
-        assert isinstance(stage.autopilot, Px4Autopilot)
-        lands.append(stage.autopilot.mode == LAND and not stage.autopilot.failsafe)
-
-    fly_mission(world, config, seed=1, on_event=lambda event: lines.append(event.line), script=script)
-    external, told = stages[0].autopilot.external, "\n".join(lines)
-    assert bool(external.fused) == forwards
-    assert all(fused.arrival_s <= convicted_s[0] + 0.001 for fused in external.fused), "nothing that left afterwards"
-    assert "poses go on" not in told
-    assert lands == [not forwards]
 
 
 def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(monkeypatch: pytest.MonkeyPatch) -> None:

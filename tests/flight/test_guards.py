@@ -10,19 +10,16 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.autopilots import Px4Autopilot
 from sim.autopilots.dialects import POSCTL
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage
 from sim.runs.flight import Script
-from sim.scenarios import SCENARIOS, prepare
-from tests.flight.test_missions import SHORT
+from tests.flight.flights import SHORT, mission as fly
 from tests.loops import until
 
 Wrong = Callable[[Vec3, Quat], tuple[Vec3, Quat]]
 
 
-def mission(script: Script, *overrides: str, scenario: str = "paper", figure_s: float = 6.0) -> MissionResult:
-    world, config = prepare(SCENARIOS[scenario], [*SHORT, *overrides])
-    world, config = from_floor(world, config, figure_s)
-    return fly_mission(world, config, seed=0, script=script)
+def mission(script: Script, *overrides: str, figure_s: float = 6.0) -> MissionResult:
+    return fly("paper", *SHORT, *overrides, figure_s=figure_s, script=script)
 
 
 async def tracking(flight: Flight, seconds: float = 1.0) -> None:
@@ -190,9 +187,7 @@ def test_a_bridge_s_own_period_is_what_its_frames_are_late_by() -> None:
         await tracking(flight)
         told.append(guards._view.period_s())
 
-    world, config = prepare(SCENARIOS["paper"], [*SHORT, "sim.frame_period_s=0.011"], link="rf_bridge")
-    world, config = from_floor(world, config, 2.0)
-    assert fly_mission(world, config, seed=0, script=script).landed
+    assert fly("paper", *SHORT, "sim.frame_period_s=0.011", link="rf_bridge", script=script).landed
     assert told == [0.0225, 0.011], "what is assumed until it is connected, and what the bridge then tells"
 
 

@@ -14,7 +14,7 @@ from groundstation.flight.hold_to_run import LOOK_S
 from sim.autopilots import SimulatedAutopilot
 from sim.runs import MissionResult, Stage, fly_mission as fly, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.test_missions import SHORT
+from tests.flight.flights import SHORT
 from tests.hold_double import Hand
 from tests.loops import until
 

@@ -10,7 +10,7 @@ from groundstation.flight import Flight
 from groundstation.recording import Recording
 from sim.runs import MissionResult, Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.test_missions import SHORT
+from tests.flight.flights import SHORT
 from tests.loops import until
 from tests.recordings import record_mission
 

@@ -13,26 +13,14 @@ from groundstation.core.safety import SpoolUp
 from groundstation.flight import Flight
 from links.mavlink.protocol import MavResult
 from sim.autopilots import Px4Autopilot
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
+from sim.runs import Stage, from_floor
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight.flights import SHORT, mission
 from tests.loops import until
 from tests.recordings import record_mission
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
-SHORT = (
-    *("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0", "trajectory.altitude_m=-0.5"),
-    "sim.start_ned=[0.7, 0.3, 0.0]",  # near where the figure begins
-)
-
-
-def mission(
-    scenario: str, *overrides: str, figure_s: float = 2.0, seed: int = 0, script: Script | None = None,
-    source: str = "vicon", autopilot: str = "px4", link: str = "mavlink",
-) -> MissionResult:  # fmt: skip
-    world, config = prepare(SCENARIOS[scenario], list(overrides), source=source, link=link)
-    world, config = from_floor(world, config, figure_s)
-    return fly_mission(world, config, seed=seed, autopilot=autopilot, script=script)
 
 
 def in_state(state: State, ask: Ask, after_s: float = 0.3) -> Script:
@@ -112,8 +100,7 @@ def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(
     async def script(_: Flight, stage: Stage) -> None:
         stage.autopilot.lacks = "Preflight Fail: Compass Sensor 0 missing"
 
-    world, config = from_floor(*prepare(SCENARIOS["paper"], []), 2.0)
-    flown = fly_mission(world, config, seed=0, autopilot=autopilot, script=script, on_event=told.append)
+    flown = mission("paper", autopilot=autopilot, script=script, on_event=told.append)
     (warning,) = [event.text for event in told if "pre-flight" in event.text and "ready to arm" in event.text]
     assert "WARN" in warning.upper()
     assert "its own pre-arm checks do not pass" in warning

@@ -13,8 +13,9 @@ from groundstation.core.geometry import so3
 from groundstation.core.messages import Ask, Reply, Request, Waypoint
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight.flights import mission
 from tests.loops import until
 from tests.recordings import record_mission
 
@@ -37,9 +38,7 @@ def goto(flight: Flight, *points: Waypoint) -> Reply:
 
 
 def flown(script: Callable[[Flight, Stage], object], *overrides: str) -> MissionResult:
-    world, config = prepare(SCENARIOS["paper"], [*SHORT, FENCE, *overrides])
-    world, config = from_floor(world, config, 2.0)
-    return fly_mission(world, config, seed=0, script=script)  # type: ignore[arg-type]  # a coroutine function
+    return mission("paper", *SHORT, FENCE, *overrides, script=script)
 
 
 def test_it_flies_straight_to_a_point_turns_as_asked_and_holds_there_until_told() -> None:

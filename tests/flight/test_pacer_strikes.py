@@ -8,7 +8,7 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.radio import RfReceiver
 from sim.runs import MissionResult, Stage
-from tests.flight.test_missions import SHORT, mission
+from tests.flight.flights import SHORT, mission
 from tests.loops import until
 
 

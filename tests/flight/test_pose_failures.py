@@ -12,10 +12,11 @@ from groundstation.core.messages import IdleRecord, SwitchRecord, TickRecord
 from groundstation.core.mission import FINAL
 from groundstation.recording import LineRecord, Record, SentRecord
 from links.mavlink.protocol import MavCommand, MavlinkCodec
-from sim.runs import RECORDING, fly_mission, from_floor
+from sim.runs import RECORDING, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
+from tests.flight.flights import mission
 from tests.proving.faults import Row, fly_here
 from tests.proving.faults.cell import FIGURE_S, NEAR
 from tests.proving.faults.faults import find_fault
@@ -94,8 +95,7 @@ def test_a_flight_whose_poses_fail_is_flown_again_to_the_last_bit(case: str, lin
 @pytest.mark.parametrize("link", ["mavlink", "dsm"])
 def test_a_wind_across_that_turns_in_five_seconds_is_no_mirrored_picture(link: str, seed: int) -> None:
     wind = ["sim.wind_gust=[2.0, 0.0, 0.0]", "sim.wind_gust_hz=0.2"]
-    world, config = from_floor(*prepare(SCENARIOS["paper"], wind, link=link), FIGURE_S)
-    assert fly_mission(world, config, seed=seed).landed
+    assert mission("paper", *wind, figure_s=FIGURE_S, seed=seed, link=link).landed
 
 
 @pytest.mark.tried(1)  # speeds
@@ -108,8 +108,7 @@ def test_a_climb_that_is_told_to_be_hard_asks_for_no_more_thrust_than_it_may_hav
         f"takeoff.transit_m_s2={acceleration_m_s2}",
         "takeoff.height_m=2.5",
     ]
-    world, config = from_floor(*prepare(SCENARIOS["paper"], hard), 1.0)
-    assert fly_mission(world, config, seed=0).landed
+    assert mission("paper", *hard, figure_s=1.0).landed
 
 
 def test_poses_that_fail_are_forwarded_no_more_and_no_land_rests_on_them() -> None:

@@ -18,7 +18,7 @@ from links.rf import encode_attitude
 from sim.runs import RECORDING, Stage, fly, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.test_missions import SHORT, mission
+from tests.flight.flights import SHORT, mission
 from tests.loops import until
 from tests.recordings import record_mission
 from tests.unit.links.rf.test_crsf_telemetry import BATTERY, LINK, frame

@@ -24,8 +24,6 @@ from sim.runs import Flyers, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
 from sim.studies import FLOORS, ModelError
 
-NEAR = (0.5, 0.75)
-"""Shares of an alarm above which flights are counted [-]."""
 FLOORED = ("paper", "adverse")
 """Scenarios that are flown at the floors."""
 TAKES_OFF = ("takeoff.thrust_limit=1.74", "vehicle.hover_range=[0.5, 1.9]")
@@ -92,10 +90,6 @@ class Alarms(msgspec.Struct, frozen=True, kw_only=True):
     def suspected(self) -> int:
         """Flights whose poses were suspected."""
         return sum(one.suspected > 0 for one in self.flights)
-
-    def above(self, share: float) -> int:
-        """Return how many flights came above ``share`` of an alarm."""
-        return sum(one.alarm > share for one in self.flights)
 
 
 class WatchedHealth(PoseHealth):
@@ -232,7 +226,6 @@ def facts(found: Alarms) -> dict[str, object]:
         "name": found.name,
         "windows": found.windows,
         "alarm": found.alarm,
-        "above": {f"{share:g}": found.above(share) for share in NEAR},
         "not_flown": found.grounded,
         "suspected": found.suspected,
         "ended_by_poses": len(found.ended),
@@ -242,10 +235,9 @@ def facts(found: Alarms) -> dict[str, object]:
 
 def text(found: Alarms) -> str:
     """Return the same as lines of text."""
-    near = ", ".join(f"{found.above(share)} above {share:g}" for share in NEAR)
     lines = [
         f"{found.name}: {len(found.flights)} flights, {len(found.ended)} ended by their poses, "
-        f"{found.suspected} suspected; largest alarm {found.alarm:.2f} ({near}); "
+        f"{found.suspected} suspected; largest alarm {found.alarm:.2f}; "
         f"{found.windows} windows" + (f"; {found.grounded} NOT FLOWN" if found.grounded else "")
     ]
     for one in found.flights:

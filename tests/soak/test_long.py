@@ -98,7 +98,7 @@ def test_a_hundred_seeds_of_every_scenario_complete(scenario: str) -> None:
 
 
 def test_frames_and_commands_keep_time_beside_the_least_that_this_machine_allows() -> None:
-    facts = measure_all(["links"], 60.0)["links"]
+    facts = measure_all(60.0)["links"]
     assert list(facts["pose_to_command"]) == list(facts["echo"]) == ["50", "100", "250"]
     if facts["fifo"]:
         assert facts["ratios"]["p99"] < 2.0

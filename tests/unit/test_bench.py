@@ -11,18 +11,16 @@ from tests.proving.bench.links import Answers, Waiting, figures_of, together
 
 @pytest.mark.matrix  # of the tool that measures; others of its tests run the parts of it that judge
 @pytest.mark.real_time
-def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_links, "RATES_HZ", (100,))
     monkeypatch.setattr(bench_links, "SETTLE_S", 0.1)
-    facts = json.loads(json.dumps(bench.measure_all(list(bench.WHAT), 0.5)))
-    assert list(facts) == ["machine", *bench.WHAT]
+    facts = json.loads(json.dumps(bench.measure_all(0.5)))
     links = facts["links"]
     assert links["fifo"] in (True, False)
     assert links["latency_ratios"].keys() == links["echo"].keys() == {"100"}
     for figures in (links["pacer"], links["floor"], links["idle"]["pacer"], *links["pose_to_command"].values()):
         assert 0 < figures["p50_us"] <= figures["p99_us"] <= figures["p999_us"]
-    words = bench.text(facts)
-    assert all(f"\n{name}:" in words for name in bench.WHAT)
+    assert "\nlinks:" in bench.text(facts)
 
 
 Moments = Sequence[tuple[float, int | None]]

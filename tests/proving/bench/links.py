@@ -33,6 +33,7 @@ from sim.radio import PtyWire
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, vicon_encoder
 from sim.world import Quadrotor, SimulatedVehicle, Wind, generator, rows
+from tests.loops import free_address
 
 
 class LatencyFailed(Exception):
@@ -198,8 +199,8 @@ async def _process(module: str, *words: str, stdout: int = asyncio.subprocess.DE
 async def _config(rate_hz: int, folder: Path) -> Config:
     period = 1.0 / rate_hz
     overrides = [
-        f"link.listen={await _free_address()}",
-        f"pose.listen={await _free_address()}",
+        f"link.listen={await free_address()}",
+        f"pose.listen={await free_address()}",
         f"pose.rate_hz={rate_hz / SLIDE!r}",
         "pose.latency_s=0.0",
         f"link.period_s={period!r}",
@@ -210,15 +211,6 @@ async def _config(rate_hz: int, folder: Path) -> Config:
     ]
     _, config = prepare(SCENARIOS["paper"], overrides)
     return config
-
-
-async def _free_address() -> str:
-    loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0))
-    host, port = transport.get_extra_info("sockname")[:2]
-    transport.close()
-    await asyncio.sleep(0)
-    return f"{host}:{port}"
 
 
 async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: int) -> tuple[Answers, Answers]:

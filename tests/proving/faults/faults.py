@@ -40,7 +40,7 @@ from tests.proving.faults.fault import (
     Strike,
     name_of,
 )
-from tests.proving.faults.pictures import Picture, Way, jitter, late
+from tests.proving.faults.pictures import Picture, Way, late
 
 SAG_STEP_S = 0.1
 """Time between its steps [s]."""
@@ -126,7 +126,7 @@ def grow(rate: float, most_s: float) -> Callable[[float], float]:
 @takes
 async def jitter_stamps(scene: Scene, sigma_s: float) -> None:
     """Stamps that jitter."""
-    scene.between.way = jitter(sigma_s, scene.normals)
+    scene.between.way = pictures.shift_stamps(lambda: sigma_s * next(scene.normals)[0])
 
 
 @takes
@@ -395,7 +395,7 @@ BROKEN: dict[str, Fault] = {
     "duplicates": Fault("every datagram comes three times", comes(lambda: pictures.repeat(3)), obeys=True),
     "reorder": Fault("each second datagram overtakes the one before", comes(pictures.reorder), obeys=True),
     "clock step": Fault(
-        "the trackers' clock leaps by 5 s", comes(lambda: pictures.step_clock(5.0)), source="json", obeys=True
+        "the trackers' clock leaps by 5 s", comes(lambda: pictures.shift_stamps(lambda: 5.0)), source="json", obeys=True
     ),
     "latency step": Fault("poses come 60 ms later than they did", comes_late(0.060, fresh=False)),
     "frame loss": Fault("70 % of the command frames get lost", lose_frames(0.7)),

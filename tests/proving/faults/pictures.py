@@ -342,11 +342,11 @@ def reorder() -> Way:
     return way
 
 
-def step_clock(step_s: float) -> Way:
-    """The trackers' clock has leapt ahead [s]."""
+def shift_stamps(by_s: Callable[[], float]) -> Way:
+    """Stamps are off by what ``by_s`` returns for each frame [s]; frames come when they should."""
 
     def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        send(frame, exposure_s + step_s, bodies)
+        send(frame, exposure_s + by_s(), bodies)
 
     return way
 
@@ -357,15 +357,6 @@ def every(nth: int) -> Way:
     def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         if frame % nth == 0:
             send(frame, exposure_s, bodies)
-
-    return way
-
-
-def jitter(sigma_s: float, normals: Iterator[tuple[float, ...]]) -> Way:
-    """Stamps are off by normal noise [s]; frames come when they should."""
-
-    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        send(frame, exposure_s + sigma_s * next(normals)[0], bodies)
 
     return way
 
