@@ -2,7 +2,7 @@
 
 Nothing may raise, and a stream that comes in pieces must say the same as one that comes whole. Each decoder has a
 subject with good datagrams to damage: for each pose source a reader as the source makes it, and the datagrams of a
-short flight for it. A benchmark times them, too.
+short flight for it.
 """
 
 import random
