@@ -1,16 +1,18 @@
 """Viewers as programs: Foxglove's server and Rerun's window beside a recording that grows, and beside a flight."""
 
 import asyncio
+import json
 import os
 import signal
 import struct
 import subprocess
 import sys
 from collections import Counter
+from contextlib import closing
 from pathlib import Path
 
-import aiohttp
 import pytest
+from tornado.websocket import websocket_connect
 
 from groundstation.analysis import view_command
 from groundstation.analysis.viewers import PORTS, FoxgloveScene
@@ -25,17 +27,15 @@ async def subscribe(port: int) -> Counter[str]:
     """Count the messages of each topic that a client of Foxglove's server gets until it ends."""
     names: dict[int, str] = {}
     got: Counter[str] = Counter()
-    async with (
-        aiohttp.ClientSession() as session,
-        session.ws_connect(f"ws://127.0.0.1:{port}", protocols=["foxglove.sdk.v1"]) as server,
-    ):
-        async for message in server:
-            if message.type == aiohttp.WSMsgType.TEXT and message.json()["op"] == "advertise":
-                names |= {channel["id"]: channel["topic"] for channel in message.json()["channels"]}
+    with closing(await websocket_connect(f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"])) as server:
+        while (message := await server.read_message()) is not None:
+            if isinstance(message, bytes):
+                if message[0] == 1:
+                    got[names[struct.unpack_from("<I", message, 1)[0]]] += 1
+            elif (told := json.loads(message))["op"] == "advertise":
+                names |= {channel["id"]: channel["topic"] for channel in told["channels"]}
                 wanted = [{"id": number, "channelId": number} for number in names]
-                await server.send_json({"op": "subscribe", "subscriptions": wanted})
-            elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == 1:
-                got[names[struct.unpack_from("<I", message.data, 1)[0]]] += 1
+                await server.write_message(json.dumps({"op": "subscribe", "subscriptions": wanted}))
     return got
 
 
