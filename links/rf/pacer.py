@@ -561,9 +561,8 @@ class StandbyWatch:
     def __init__(self, period_s: float) -> None:
         """The sign comes every ``period_s`` [s]."""
         self._old_s = max(OLD_S, 1.5 * period_s)
-        self.wait_s = (max(1, math.ceil(OLD_S / period_s - 0.5)) + 0.5) * period_s
-        """Time between a sign of life and the look for the next [s]: half-way between two frames, which no look then
-        delays."""
+        self.wait_s = self._old_s + 0.5 * period_s
+        """Time between a sign of life and the look for the next [s]: half a period after it would be too old."""
         self._suspects = False
         self.next_s = 0.0
         """When to look next."""
