@@ -445,11 +445,11 @@ def _format(value: float | None, unit: str) -> str:
 def serve(args: argparse.Namespace) -> Exit:
     """Run the simulated side in real time."""
     one_vehicle = {"--param": args.parameters, "--carried": args.carried}
+    is_fleet = args.config is not None and "vehicles" in read_toml(args.config)
     if args.fleet is not None:
         _refuse_beside("--fleet", {"--config": args.config, **one_vehicle, **_told_by_file(args)})
     elif args.config is not None:
-        fleet = "vehicles" in read_toml(args.config)
-        _refuse_beside("--config", {**_told_by_file(args), **(one_vehicle if fleet else {})})
+        _refuse_beside("--config", {**_told_by_file(args), **(one_vehicle if is_fleet else {})})
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
@@ -468,7 +468,7 @@ def serve(args: argparse.Namespace) -> Exit:
         return asyncio.run(serve_fleet(str(args.fleet), worlds, labs, **common))
     common["parameters"] = _parameters(args.autopilot, args.parameters)
     if args.config is not None:
-        return _serve_room(args, scenario.world, common)
+        return _serve_room(args, scenario.world, common, is_fleet=is_fleet)
     world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
     if args.floor:
         world, config = from_floor(world, config, None)
@@ -492,11 +492,11 @@ def _refuse_beside(file: str, options: dict[str, Any]) -> None:
             raise ConfigError(option, notice("serve.beside", file=file))
 
 
-def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> Exit:
+def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any], *, is_fleet: bool) -> Exit:
     """Run the simulated side for ``--rehearse`` of a configuration, or of a fleet file."""
     served = f"{args.config} for --rehearse{f', wrong by {args.wrong}' if args.wrong else ''}"
     truth, told = by_side(args.overrides, None)
-    if "vehicles" in read_toml(args.config):
+    if is_fleet:
         labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
         made = [make_mistakes(world_as_told(air, lab, truth), lab, args.wrong) for lab in labs]
         del common["parameters"]

@@ -14,9 +14,7 @@ import pytest
 
 from groundstation.analysis.identify import find_outside
 from groundstation.analysis.report import read_columns, report_command
-from groundstation.analysis.report.figures import (
-    FIGURES,
-)
+from groundstation.analysis.report.figures import FIGURES
 from groundstation.analysis.report.flight import numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError

@@ -61,6 +61,8 @@ class LimitInput(NamedTuple):
     """State at the instant at which the command acts."""
     wind: Vec3
     """Mean disturbance of the last seconds [m/s², NED]."""
+    is_uplink_lost: bool = False
+    """Whether commands may not arrive."""
 
     @property
     def least_cosine(self) -> float:
@@ -159,9 +161,6 @@ class LevelNearGround(Limit):
 class UplinkLostLimit(Limit):
     """Gentle commands while the uplink is lost: each may arrive late, and those before may not have arrived."""
 
-    is_lost = False
-    """Whether the uplink is lost."""
-
     def find_hover_n(self, estimate: Estimate) -> float:
         """Return the hover thrust, with a limited disturbance [N]."""
         down = max(-UPLINK_LOST_M_S2, min(estimate.disturbance[2], UPLINK_LOST_M_S2))
@@ -169,7 +168,7 @@ class UplinkLostLimit(Limit):
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
         """Return ``drive`` with less thrust than hover and small rates; see :class:`Limit`."""
-        if not self.is_lost:
+        if not now.is_uplink_lost:
             return drive
         thrust, (roll, pitch, yaw) = drive
         share = UPLINK_LOST_SHARE if now.estimate.motion.velocity[2] < UPLINK_LOST_SINK_M_S else 1.0

@@ -41,9 +41,7 @@ from groundstation.core.messages import (
     ignore,
 )
 from groundstation.core.pilot.vehicle_state import VehicleState
-from groundstation.core.safety import (
-    PoseHealth,
-)
+from groundstation.core.safety import PoseHealth
 from groundstation.core.trajectory import Reference, Trajectory
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
 from links.core import Command, Segment
@@ -156,10 +154,9 @@ class Pilot:
 
     def set_uplink_lost(self, is_lost: bool) -> None:
         """Freeze adaptation and limit commands while the uplink is lost."""
-        if is_lost == self._limits.uplink.is_lost:
+        if is_lost == self.state.is_uplink_lost:
             return
         self._switch("listen", float(is_lost))
-        self._limits.uplink.is_lost = is_lost
         self.state.set_uplink_lost(is_lost)
 
     def set_autopilot_agreement(self, agrees: bool | None) -> None:
@@ -248,12 +245,12 @@ class Pilot:
         if descent is not None:
             reference = Reference(estimate.motion.position, (0.0, 0.0, descent.sink_m_s))
         without = state.tones.take_out(estimate, heading(estimate.motion.attitude))
-        interval = 0.0 if self._last_s is None or self._limits.uplink.is_lost else time_s - self._last_s
+        interval = 0.0 if self._last_s is None or state.is_uplink_lost else time_s - self._last_s
         self._last_s = time_s
         decide = self._decide if descent is None else descent.decide
         decision = decide(without, reference, interval)
         pose_down_m, wind = pose.position_ned[2], state.wind.value or ZERO
-        now = LimitInput(time_s, self._limits.first_climb.lifted_s, pose_down_m, estimate, wind)
+        now = LimitInput(time_s, self._limits.first_climb.lifted_s, pose_down_m, estimate, wind, state.is_uplink_lost)
         limits = self._profile.limits if descent is None else DESCENT_LIMITS
         drive = self._limits.apply(limits, decision.drive, now)
         if descent is None and self._limits.first_climb.lifted_s > -math.inf:
@@ -293,7 +290,7 @@ class Pilot:
         settled = self._limits.first_climb.has_climbed_for(time_s) > EXCITATION_DELAY_S
         is_calm = self.state.descent is not None or self._profile.is_excited
         level = SUSPECT_LEVEL if self.state.health.is_suspect or self.state.is_blind else float(is_calm)
-        self.state.tones.set_level(time_s, level if settled and not self._limits.uplink.is_lost else 0.0)
+        self.state.tones.set_level(time_s, level if settled and not self.state.is_uplink_lost else 0.0)
         thrust, rates = self.state.tones.add_to(drive, time_s)
         if drive.thrust >= self._vehicle.thrust_max_n:
             thrust = drive.thrust  # the tone would only take from it

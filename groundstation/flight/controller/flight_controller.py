@@ -142,6 +142,11 @@ class FlightController:
         )  # fmt: skip
 
     @property
+    def _usable_s(self) -> float:
+        """Age of the newest pose up to which another frame still has a command by it [s]."""
+        return self._config.flight.coast_s - LAST_CHANCE_S - LAST_CHANCE_ROUNDING_S
+
+    @property
     def state(self) -> State:
         """State of the flight."""
         return self.mission.state
@@ -225,8 +230,7 @@ class FlightController:
         """Thrust on the floor [N]; 0 where something is wrong, and the motors go off."""
         pose = self._pilot.state.newest_pose
         assert pose is not None, "a spool-up starts after a pose"
-        coast_s = self._config.flight.coast_s - LAST_CHANCE_S - LAST_CHANCE_ROUNDING_S
-        why = self._uplink.check(now_s) or spool_up.fault(now_s, pose, coast_s, self._course.clearance.fence)
+        why = self._uplink.check(now_s) or spool_up.fault(now_s, pose, self._usable_s, self._course.clearance.fence)
         if why is None:
             return spool_up.thrust_n(now_s)
         self.go(Event.LAND, why, now_s, fault=True)
@@ -302,9 +306,9 @@ class FlightController:
 
     def _ensure_pose(self, now_s: float) -> None:
         """If no frame is left before the newest pose is too old for a command, descend on the model."""
-        pose, coast = self._pilot.state.newest_pose, self._config.flight.coast_s
+        pose = self._pilot.state.newest_pose
         guarded = self._guards is not None and self._config.guards.level_s > 0.0
-        if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - LAST_CHANCE_ROUNDING_S:
+        if guarded and pose is not None and now_s - pose.time_s > self._usable_s:
             why = notice("fault.pose_gap", age_ms=to_ms(now_s - pose.time_s))
             self._take_step(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
 

@@ -8,9 +8,7 @@ from groundstation.core.messages import (
     Sentence,
     notice,
 )
-from groundstation.core.safety import (
-    Fence,
-)
+from groundstation.core.safety import Fence
 from groundstation.core.trajectory import (
     Demand,
     FeasibilityReport,

@@ -4,9 +4,7 @@ import asyncio
 import sys
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import (
-    notice,
-)
+from groundstation.core.messages import notice
 from groundstation.settings import Config
 
 LISTEN_S = 1.2

@@ -11,9 +11,7 @@ import pytest
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.lab import DoctorOrders, run_doctor
-from groundstation.lab.doctor import (
-    load_restore,
-)
+from groundstation.lab.doctor import load_restore
 from groundstation.lab.doctor_advice import (
     Rule,
     Setting,

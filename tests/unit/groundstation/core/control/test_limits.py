@@ -21,7 +21,8 @@ from groundstation.core.geometry import IDENTITY, ZERO, Quat, so3
 from groundstation.core.messages import Estimate
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
-VEHICLE, GAINS = Vehicle(), Gains()
+VEHICLE = Vehicle()
+GAINS = Gains()
 HOVER_N = VEHICLE.mass_kg * GAINS.gravity
 MODERATE = ActuatorCommand(HOVER_N, (0.1, -0.1, 0.05))
 
@@ -91,7 +92,6 @@ def test_without_uplink_commands_are_gentle_and_let_the_vehicle_sink_slowly(sink
     limits, hard = FlightLimits(VEHICLE, GAINS), ActuatorCommand(2.0 * HOVER_N, (2.0, -1.0, 0.5))
     now = at(sinking_m_s=sinking_m_s)
     assert limits.apply((UplinkLostLimit,), hard, now) == hard
-    limits.uplink.is_lost = True
-    cut = limits.apply((UplinkLostLimit,), hard, now)
+    cut = limits.apply((UplinkLostLimit,), hard, now._replace(is_uplink_lost=True))
     assert cut.thrust == pytest.approx(share * HOVER_N)
     assert cut.rates == pytest.approx([UPLINK_LOST_GAIN * rate for rate in hard.rates])

@@ -5,9 +5,7 @@ import math
 import pytest
 
 from groundstation.core.control import CertificateMonitor, Gains
-from groundstation.core.control.certificate import (
-    decrease,
-)
+from groundstation.core.control.certificate import decrease
 from groundstation.core.control.controllers import Pid
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Decision, Diagnostics

@@ -12,7 +12,8 @@ from groundstation.pose.sources.mavlink_codec import VisionEstimate, VisionReade
 from groundstation.pose.sources.vicon_codec import ViconObject, encode
 from links.mavlink.protocol import MavlinkCodec
 
-FIRST, SECOND = ("10.0.0.5", 51001), ("10.0.0.7", 40123)
+FIRST = ("10.0.0.5", 51001)
+SECOND = ("10.0.0.7", 40123)
 FRAME_S = 0.02
 ASIDE_M = 1.5
 """How far aside the second tracker sees the vehicle [m]."""
