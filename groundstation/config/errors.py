@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import msgspec
 
+from groundstation.config.config_notices import config_notice
 from links.text import Sentence
 
 KeyPath = tuple[str, ...]
@@ -24,7 +26,7 @@ class ConfigError(Exception):
 class ArgumentError(ConfigError):
     """A bad argument of a function, by its name in Python; on the command line it is ``option``."""
 
-    def __init__(self, option: str, problem: str) -> None:
+    def __init__(self, option: str, problem: str | Sentence) -> None:
         super().__init__("overrides" if option == "--set" else option.removeprefix("--"), problem)
         self.option = option
 
@@ -32,10 +34,10 @@ class ArgumentError(ConfigError):
 class Problem(Exception):
     """A wrong key, and the reason."""
 
-    def __init__(self, path: KeyPath, text: str) -> None:
-        super().__init__(text)
+    def __init__(self, path: KeyPath, text: str | Sentence) -> None:
+        super().__init__(str(text))
         self.path = path
-        self.text = text
+        self.text = str(text)
 
 
 def dotted_key(path: KeyPath) -> str:
@@ -49,8 +51,8 @@ def element_path(path: KeyPath, index: int) -> KeyPath:
 
 
 @contextmanager
-def refuse_io(key: str, doing: str, source: str = "") -> Iterator[None]:
-    """Report by ``key`` why the block fails; ``doing`` names its work, such as ``cannot write FILE``.
+def refuse_io(key: str, id: str, path: Path, source: str = "") -> Iterator[None]:
+    """Report by ``key`` why the block fails; ``id`` names the sentence about ``path``, such as ``file.unwritten``.
 
     Raises:
         ConfigError: in the place of an OSError.
@@ -58,7 +60,7 @@ def refuse_io(key: str, doing: str, source: str = "") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ConfigError(key, f"{doing}: {error.strerror or error}", source) from None
+        raise ConfigError(key, config_notice(id, path=path, why=error.strerror or error), source) from None
 
 
 def locate(error: msgspec.ValidationError) -> tuple[str, str]:

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import inspect as mi
 
+from groundstation.config.config_notices import config_notice
 from groundstation.config.errors import ConfigError, KeyPath, Problem, dotted_key, element_path
 from groundstation.config.retired import drop_retired_keys
 from groundstation.config.schema import (
@@ -31,7 +32,7 @@ from groundstation.config.schema import (
     tags,
 )
 from groundstation.config.sections import resolve_files, with_files
-from groundstation.config.toml_text import DEEPEST, TOO_DEEP, parse_toml, read_toml
+from groundstation.config.toml_text import DEEPEST, parse_toml, read_toml
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -69,7 +70,7 @@ def from_dict(
     except Problem as problem:
         key = dotted_key(problem.path)
         if problem.path[:1] in switched and problem.text.startswith("missing"):
-            raise ConfigError(key, f"{problem.text}; add --set {key}=VALUE", "--set") from None
+            raise ConfigError(key, config_notice("config.switched", why=problem.text, key=key), "--set") from None
         raise ConfigError(key, problem.text, _blame(problem.path, data, set_paths, source)) from None
 
 
@@ -192,9 +193,9 @@ def _override(data: dict[str, Any], text: str) -> KeyPath:
     key, equals, value = text.partition("=")
     path = tuple(part.strip() for part in key.split("."))
     if not equals or not all(path):
-        raise ConfigError("--set", f"expected key=value, such as vehicle.mass_kg=0.08, got {text!r}")
+        raise ConfigError("--set", config_notice("config.override", text=text))
     if len(path) > DEEPEST:
-        raise ConfigError("--set", TOO_DEEP)
+        raise ConfigError("--set", config_notice("config.depth", most=DEEPEST))
     table = data
     for part in path[:-1]:
         inner = table.get(part)

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import msgspec
 from msgspec import inspect as mi
 
+from groundstation.config.config_notices import config_notice
 from groundstation.config.errors import ConfigError, KeyPath, Problem, refuse_io
 from groundstation.config.schema import default_of, find_struct, inspect_struct, suggest
 
@@ -85,10 +86,12 @@ def _read_section(kind: type[FromFile], table: dict[str, Any], folder: Path, pat
     rest = {key: value for key, value in table.items() if key not in ("preset", "file")}
     if kind.PRESETS and isinstance(preset, str):
         if file is not None:
-            raise Problem((*path, "file"), "preset and file exclude each other; a file may name a preset itself")
+            raise Problem((*path, "file"), config_notice("config.two_sources"))
         known = presets(kind)
         if preset not in known:
-            raise Problem((*path, "preset"), f"expected one of {list(known)}, got {preset!r}{suggest(preset, known)}")
+            nearest = suggest(preset, known)
+            problem = config_notice("config.unknown_name", choices=list(known), found=preset, nearest=nearest)
+            raise Problem((*path, "preset"), problem)
         key, name, text = "preset", preset, known[preset]
     elif isinstance(file, str):
         key, name, text = "file", file, _read_text(folder / file, (*path, "file"))
@@ -97,18 +100,19 @@ def _read_section(kind: type[FromFile], table: dict[str, Any], folder: Path, pat
     try:
         return kind.with_text(rest, text)
     except ValueError as error:
-        raise Problem((*path, key), f"{name}: {error}") from None
+        raise Problem((*path, key), config_notice("value.refused", value=name, why=error)) from None
 
 
 def _read_text(file: Path, path: KeyPath) -> str:
     try:
         return file.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise Problem(path, f"cannot read {file}: {error.strerror}") from None
+        raise Problem(path, config_notice("file.unread", path=file, why=error.strerror)) from None
     except UnicodeDecodeError as error:
-        raise Problem(path, f"{file} is not UTF-8 text (byte {error.start})") from None
+        why = config_notice("file.not_utf8", at=error.start)
+        raise Problem(path, config_notice("value.refused", value=file, why=why)) from None
     except ValueError as error:  # a name that no file can have
-        raise Problem(path, f"cannot read {str(file)!r}: {error}") from None
+        raise Problem(path, config_notice("file.unread", path=repr(str(file)), why=error)) from None
 
 
 def shipped_texts(folder: str) -> dict[str, str]:
@@ -133,7 +137,8 @@ def example_text(name: str) -> str:
     """
     texts = shipped_texts("examples")
     if name not in texts:
-        raise ConfigError("config new", f"expected one of {list(texts)}, got {name!r}{suggest(name, texts)}")
+        problem = config_notice("config.unknown_name", choices=list(texts), found=name, nearest=suggest(name, texts))
+        raise ConfigError("config new", problem)
     return texts[name]
 
 
@@ -143,7 +148,7 @@ def copy_examples(folder: Path) -> None:
     Raises:
         ConfigError: it exists, or can't be written.
     """
-    with refuse_io("--all", f"cannot write {folder}"):
+    with refuse_io("--all", "file.unwritten", folder):
         _copy(resources.files("groundstation") / "examples", folder)
 
 

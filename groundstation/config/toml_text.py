@@ -8,12 +8,12 @@ from typing import Any
 import msgspec
 import tomli_w
 
+from groundstation.config.config_notices import config_notice
 from groundstation.config.errors import ConfigError
 from groundstation.config.schema import field_descriptions
 
 DEEPEST = 16
 """Deepest nesting of tables and arrays [-]; ours need 5."""
-TOO_DEEP = f"no configuration: its tables or arrays are nested more than {DEEPEST} deep"
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -25,16 +25,16 @@ def parse_toml(text: str) -> dict[str, Any]:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"not valid TOML: {error}") from None
+        raise ValueError(config_notice("config.not_toml", why=error)) from None
     except RecursionError:
-        raise ValueError(TOO_DEEP) from None
+        raise ValueError(config_notice("config.depth", most=DEEPEST)) from None
     inside: list[Any] = [data]
     for _ in range(DEEPEST):
         inside = [one for item in inside for one in (item.values() if isinstance(item, dict) else item)]
         inside = [one for one in inside if isinstance(one, dict | list)]
         if not inside:
             return data
-    raise ValueError(TOO_DEEP)
+    raise ValueError(config_notice("config.depth", most=DEEPEST))
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -46,12 +46,12 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         text = path.read_bytes().decode("utf-8-sig")
         if not text.strip() and path.is_file():
-            raise ValueError("empty: what wrote it may not have finished")
+            raise ValueError(config_notice("config.empty"))
         return parse_toml(text)
     except OSError as error:
-        raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
+        raise ConfigError("", config_notice("config.unread", why=error.strerror), str(path)) from None
     except UnicodeDecodeError as error:
-        raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
+        raise ConfigError("", config_notice("file.not_utf8", at=error.start), str(path)) from None
     except ValueError as error:
         raise ConfigError("", str(error), str(path)) from None
 

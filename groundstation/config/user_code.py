@@ -14,6 +14,7 @@ from contextvars import ContextVar
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
+from groundstation.config.config_notices import config_notice
 from groundstation.config.errors import ArgumentError, ConfigError
 from groundstation.config.schema import FACTORY
 from links.text import Sentence
@@ -164,13 +165,17 @@ def find_object(key: str, factory: str) -> Any:
     if factory in lent:
         return lent[factory]
     module_name, _, name = factory.partition(":")
-    module = _run_making(key, f"can't import {module_name}", module_name, importlib.import_module, module_name)
+    module = _run_making(
+        key, config_notice("code.no_import", module=module_name), module_name, importlib.import_module, module_name
+    )
     if not hasattr(module, name):
-        raise ConfigError(key, f"{module_name} has no attribute {name!r}")
+        raise ConfigError(key, config_notice("code.no_attribute", module=module_name, name=name))
     return getattr(module, name)
 
 
-def _run_making(key: str, failed: str, what: str, code: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
+def _run_making(
+    key: str, failed: Sentence, what: str, code: Callable[..., Any], /, *arguments: Any, **named: Any
+) -> Any:
     """Call ``code`` of the user's, which imports or makes ``what`` before the flight.
 
     Raises:
@@ -182,8 +187,8 @@ def _run_making(key: str, failed: str, what: str, code: Callable[..., Any], /, *
         raise
     except BaseException as error:
         _strip_caller(error)
-        hint = " (is it installed, or its folder on PYTHONPATH?)" if isinstance(error, ModuleNotFoundError) else ""
-        raise ConfigError(key, f"{failed}: {describe_error(error)}{hint}") from error
+        id = "code.no_module" if isinstance(error, ModuleNotFoundError) else "code.failed"
+        raise ConfigError(key, config_notice(id, what=failed, why=describe_error(error))) from error
 
 
 def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter] | None:
@@ -220,4 +225,4 @@ def call_factory(key: str, factory: str, found: Any, given: tuple[Any, ...], opt
     as_dict = any(one.name == "options" and one.kind is not one.VAR_KEYWORD for one in _parameters(found) or ())
     if needed is not None and len(needed) <= len(given) and not as_dict:
         arguments, named = given[: len(needed)], dict(options)
-    return _run_making(key, f"{factory} failed", factory, found, *arguments, **named)
+    return _run_making(key, config_notice("code.no_result", factory=factory), factory, found, *arguments, **named)

@@ -539,7 +539,7 @@ async def _set(visit: Visit, wanted: Setting, config: Config, orders: DoctorOrde
         value=old.value,
         kind=old.kind,
     )
-    with refuse_io("--fix", f"cannot keep the old value in {orders.folder.resolve()}"):
+    with refuse_io("--fix", "file.old_value_unwritten", orders.folder.resolve()):
         orders.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         path = save_restore(kept, orders.folder)
     try:

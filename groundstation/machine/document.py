@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from groundstation.config import ConfigError, refuse_io
+from groundstation.config import ConfigError, config_notice, refuse_io
 from groundstation.machine.files import write_whole
 
 
@@ -16,14 +16,14 @@ def fill_markers(path: Path, parts: Mapping[str, str]) -> str:
         ConfigError: the file can't be read, or has not just one pair of markers.
     """
     try:
-        with refuse_io("--write", f"cannot read {path}"):
+        with refuse_io("--write", "file.unread", path):
             text = path.read_text("utf-8")
     except UnicodeDecodeError as error:
-        raise ConfigError("--write", f"{path} is not UTF-8 text (byte {error.start})") from None
+        raise ConfigError("--write", config_notice("file.not_utf8", at=error.start), str(path)) from None
     for name, part in parts.items():
         begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
         if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-            raise ConfigError("--write", f"{path} needs a line {begin} and below it a line {end}, once each")
+            raise ConfigError("--write", config_notice("file.markers", path=path, begin=begin, end=end))
         text = f"{text[: text.index(begin) + len(begin)]}\n{part}\n{text[text.index(end) :]}"
     return text
 
@@ -35,5 +35,5 @@ def replace_between_markers(path: Path, text: str, name: str = "figures") -> Non
         ConfigError: the file can't be read or written, or has not just one pair of markers.
     """
     page = fill_markers(path, {name: text})
-    with refuse_io("--write", f"cannot write {path}"):
+    with refuse_io("--write", "file.unwritten", path):
         write_whole(path, page)

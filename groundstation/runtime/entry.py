@@ -242,13 +242,13 @@ def require_package(package: str, key: str, extra: str, more: str = "") -> None:
     Raises:
         ConfigError: it is not installed; by ``key``, with the ``extra`` that brings it and ``more`` words.
     """
-    from groundstation.config import ConfigError
+    from groundstation.config import ConfigError, config_notice
 
     try:
         importlib.import_module(package)
     except ImportError:
-        says = f"needs {package}, which is not installed: {describe_install(extra)}"
-        raise ConfigError(key, says + more) from None
+        says = config_notice("package.needed", package=package, command=describe_install(extra), more=more)
+        raise ConfigError(key, says) from None
 
 
 Arguments = Mapping[str, Mapping[str, object]]

@@ -3,7 +3,7 @@
 What a link reports to the operator is made here; the ground station's own table takes these rows in.
 """
 
-from links.text.sentence import NoticeTemplate, Sentence
+from links.text.sentence import NoticeTable, NoticeTemplate
 
 LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     # MAVLink: the way to the autopilot.
@@ -560,13 +560,5 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
 )
 
-_BY_ID = {template.id: template for template in LINK_NOTICES}
-
-
-def link_notice(id: str, **values: object) -> Sentence:
-    """Return the sentence ``id`` of the table and its remedy, filled with ``values``.
-
-    Raises:
-        KeyError: the table has no such sentence, or the sentence names a value that is missing.
-    """
-    return _BY_ID[id].format(**values)
+link_notice = NoticeTable(LINK_NOTICES).notice
+"""Makes a sentence of a link from the id of its row and its numbers."""

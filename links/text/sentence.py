@@ -4,6 +4,7 @@ Code names the row by its id and gives the numbers; whoever shows, sends or reco
 """
 
 import math
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import TypeAlias
 
@@ -72,6 +73,21 @@ class NoticeTemplate(msgspec.Struct, frozen=True):
             KeyError: the sentence names a value that is missing.
         """
         return Sentence(self.id, self.sentence.format(**values), collect_numbers(values), self.severity)
+
+
+class NoticeTable:
+    """Rows of a table of sentences, found by their ids."""
+
+    def __init__(self, rows: Iterable[NoticeTemplate]) -> None:
+        self._rows = {row.id: row for row in rows}
+
+    def notice(self, id: str, **values: object) -> Sentence:
+        """Return the sentence ``id`` of the table and its remedy, filled with ``values``.
+
+        Raises:
+            KeyError: the table has no such sentence, or the sentence names a value that is missing.
+        """
+        return self._rows[id].format(**values)
 
 
 def as_warnings(*rows: NoticeTemplate) -> tuple[NoticeTemplate, ...]:

@@ -89,7 +89,7 @@ def search(args: argparse.Namespace) -> Exit:
     written = None if evidence.complaints else args.out
     if written is not None:
         tuned = msgspec.structs.replace(base, controller=with_gains(base.controller, best.gains))
-        with refuse_io("--out", f"cannot write {written}"):
+        with refuse_io("--out", "file.unwritten", written):
             write_whole(written, toml(tuned, wanted, trials, evidence, typed_command()))
     if args.json:
         print(json.dumps(_facts(trials, best, evidence, written)))

@@ -324,7 +324,7 @@ class RunFolder:
         """
         self.path = path
         told = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
-        with refuse_io("--out", f"cannot write {path}"):
+        with refuse_io("--out", "file.unwritten", path):
             path.mkdir(parents=True, exist_ok=True)
             write_whole(path / "config.toml", told.config)
             for name in (RECORDING, "flight.tlog"):

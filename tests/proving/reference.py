@@ -412,7 +412,7 @@ def reference_command(folder: Path | None) -> str:
     if folder is None:
         return "\n".join(page(name) for name in PAGES)
     for name in PAGES:
-        with refuse_io("--write", f"cannot write {folder / name}"):
+        with refuse_io("--write", "file.unwritten", folder / name):
             folder.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(page(name), "utf-8")
     (folder / SCHEMAS).mkdir(exist_ok=True)

@@ -321,7 +321,7 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
         raise ConfigError("--out", f"{out} is there already")
     mapping = load_mapping(map_name)
     flight = read_flight(mapping, paths, body)
-    with refuse_io("--out", f"cannot write {out}"):
+    with refuse_io("--out", "file.unwritten", out):
         try:
             write_flight(flight, mapping, map_name, paths, out)
         except BaseException:

@@ -51,7 +51,7 @@ def read_tlog(path: Path, latency_s: float) -> ImportedFlight:
     Raises:
         ConfigError: the file can't be read, or holds no poses; the text says what to do.
     """
-    with refuse_io("", "cannot read the recording", str(path)):
+    with refuse_io("", "file.unread", path):
         data = path.read_bytes()
     if not data:
         raise ConfigError("", "the recording is empty", str(path))

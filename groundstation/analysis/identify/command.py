@@ -631,7 +631,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
         if not knows:
             raise ConfigError("--out", f"nothing to write: thrust, lags and delay are {FLY}")
         text = file_text(found)
-        with refuse_io("--out", f"cannot write {out}"):
+        with refuse_io("--out", "file.unwritten", out):
             write_whole(out, text)
     shown = None
     if page is not None:

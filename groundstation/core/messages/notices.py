@@ -4,6 +4,7 @@ Code names the id and gives the numbers: ``notice("pose.late", age_ms=312.0, lim
 A sentence states the fact, then the number and its limit; the remedy says what to do.
 """
 
+from groundstation.config import CONFIG_NOTICES
 from groundstation.core.messages.flight_notices import FLIGHT_NOTICES
 from groundstation.core.messages.lab_notices import LAB_NOTICES
 from groundstation.core.messages.pose_notices import POSE_NOTICES
@@ -421,6 +422,7 @@ NOTICES: dict[str, NoticeTemplate] = {
         STATION_NOTICES,
         LAB_NOTICES,
         SCREEN_NOTICES,
+        CONFIG_NOTICES,
         LINK_NOTICES,
     )
     for template in table

@@ -879,7 +879,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     overrides += ["--rehearse"] if args.rehearse else []
     arm = [] if args.arm is None else ["--arm", args.arm]
     words = ["daemon", str(args.config), "--once", *overrides, *arm]
-    with refuse_io("recording.folder", f"cannot write {log}, which the ground station behind the dashboard needs"):
+    with refuse_io("recording.folder", "file.log_unwritten", log):
         make_folder(config.recording)
         output = open(log, "wb", opener=open_private)  # noqa: SIM115  # closed below; Path.open has no opener
     with output:
@@ -957,7 +957,7 @@ def _show_recording(log: Path, theme: str, at: float | None, picture: Path | Non
     dashboard.theme = theme
     playback.paused = True
     columns, rows = _size(size)
-    with refuse_io("--screenshot", f"cannot write {picture}"):
+    with refuse_io("--screenshot", "file.unwritten", picture):
         write_whole(picture, shoot(dashboard, (columns, rows)))
     print(f"written: {picture}")
     return Exit.DONE

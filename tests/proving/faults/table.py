@@ -170,5 +170,5 @@ def write(path: Path, rows: Sequence[Row], command: str) -> None:
     Raises:
         ConfigError: the file can't be written.
     """
-    with refuse_io("--write", f"cannot write {path}"):
+    with refuse_io("--write", "file.unwritten", path):
         path.write_text(page(rows, command), "utf-8")

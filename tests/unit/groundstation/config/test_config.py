@@ -207,7 +207,7 @@ def test_a_toml_mistake_is_told_with_its_line(tmp_path: Path) -> None:
     path.write_bytes(b"\xef\xbb\xbfwait = 3")  # as Notepad writes it
     assert load(path, Root).wait == 3
     path.write_bytes(b"name = '\xff'")
-    with pytest.raises(ConfigError, match=r"not UTF-8 text \(byte 8\)$"):
+    with pytest.raises(ConfigError, match=r"not UTF-8 text \(byte 8\): save it as UTF-8$"):
         load(path, Root)
 
 
