@@ -2,8 +2,8 @@
 
 What :func:`sim.runs.flight.fly` does with one vehicle through wire bytes, this does with N: the same random numbers,
 cameras, frames, losses and outages, the same single-precision set-points. Only the orchestration is written again (a
-test holds both against each other): who has a pose, which command acts when, the controller's memory, the certificate's
-watch, and what the referee writes down. All are told the same and share the periods of frames and poses.
+test holds both against each other): who has a pose, which command acts when, the controller's memory, and what the
+referee writes down. All are told the same and share the periods of frames and poses.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from groundstation.config import ConfigError
-from groundstation.core.control import LASTING_S, Adaptive, Gains, Law, measure, noise_power
+from groundstation.core.control import Adaptive, Gains, Law
 from groundstation.core.estimation import (
     NOISE_FLOOR_M2,
     NOISE_MEMORY,
@@ -47,7 +47,6 @@ from groundstation.core.estimation import (
 )
 from groundstation.core.geometry import ZERO, Ops, Real, Vec3, add_scaled, arrays, rotate, subtract
 from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, Decision, Estimate
-from groundstation.core.pilot import NOISE_POSES
 from groundstation.core.vehicle import (
     ActuatorCommand,
     ActuatorResponse,
@@ -178,11 +177,6 @@ class BatchEstimator:
         """Time stamp of each vehicle's newest pose [s]."""
         return self._state.stamp
 
-    @property
-    def noise_m2(self) -> Any:
-        """Variance of the position noise of each vehicle's poses as measured, per axis [m²]."""
-        return self._state.noise
-
     def release(self) -> None:
         """As :meth:`ModelEstimator.release`."""
         state = self._state
@@ -302,67 +296,6 @@ class BatchEstimator:
             ops.where(counts, speed2 + (way2 / (span * span) - speed2) / NOISE_MEMORY, speed2),
         )
         return ops.where(counts, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise), seen, times, places
-
-
-class BatchWatch:
-    """Looks at every command of N flights, and changes nothing."""
-
-    def __init__(self, count: int, law: Estimation, period_s: float) -> None:
-        """Take the gains, and the time from each command to the next [s]."""
-        self._law, self._period, self._measure = law, period_s, measure(law)
-        self._poses, self._counted_s = np.zeros(count, np.intp), np.zeros(count)
-        self._power: Any = np.full(count, self._measure.decrease.power)
-        self._v: Any = None
-        self._fall: Any = None
-        self._clamped: Any = None
-        self._excess, self._peak = np.zeros(count), np.zeros(count)
-        self._above_s, self._outside_s = np.zeros(count), np.zeros(count)
-        self._violated, self._suspended, self._looks = np.zeros(count), np.zeros(count), 0
-
-    def pose(self, who: Index, stamp_s: Array, noise_m2: Array) -> None:
-        """One pose of each of the vehicles ``who``; D follows the noise of everyone's as measured [m², per axis]."""
-        self._poses[who] += 1
-        turn = self._poses[who] % NOISE_POSES == 1
-        if not (turn.any() and isinstance(self._law, Law)):
-            return
-        who, stamp_s = who[turn], stamp_s[turn]
-        again = self._poses[who] > 1
-        some, now = who[again], stamp_s[again]
-        noise_m: Any = np.sqrt(noise_m2[some])
-        interval_s: Any = (now - self._counted_s[some]) / NOISE_POSES
-        self._power[some] = self._measure.decrease.power + noise_power(self._law, noise_m, interval_s)
-        self._counted_s[who] = stamp_s
-
-    def look(self, decision: Decision) -> None:
-        """One command of each."""
-        self._looks += 1
-        v, fall = self._measure.of(decision.diagnostics)
-        if self._v is not None and self._period < LASTING_S:  # after longer gaps each look begins anew
-            self._see(v, fall, decision.diagnostics.b_hat)
-        self._v, self._fall, self._clamped = v, fall, decision.saturated
-
-    def _see(self, v: Any, fall: Any, b_hat: Any) -> None:
-        dt, known, clamped = self._period, self._measure.decrease, self._clamped
-        fallen = 0.5 * dt * (fall + self._fall)
-        excess = self._excess + (v - self._v) + known.share * fallen - self._power * dt
-        excess = np.where(clamped, 0.0, excess)
-        # The highest V since it has been above its bound.
-        self._peak = np.maximum(np.where(self._excess == 0.0, 0.0, self._peak), v)
-        self._excess = np.minimum(np.maximum(excess, 0.0), self._peak + known.spare)
-        # While adaptation is suspended nothing is promised, so that time does not count.
-        above = self._excess > known.spare
-        self._above_s = np.where(above, self._above_s + np.where(clamped, 0.0, dt), 0.0)
-        x, y, z = b_hat
-        beyond = x * x + y * y + z * z > self._measure.b_bound2
-        self._outside_s = np.where(beyond, self._outside_s + dt, 0.0)
-        violated = np.maximum(self._above_s, self._outside_s) >= LASTING_S
-        self._violated += violated
-        self._suspended += clamped & ~violated
-
-    def shares(self) -> tuple[Array, Array]:
-        """Shares of the commands at which the bound was violated, and suspended [-]."""
-        looks = max(self._looks, 1)
-        return self._violated / looks, self._suspended / looks
 
 
 Seen = Callable[[Index, Index, Array], Any]
@@ -730,8 +663,6 @@ class Flights(NamedTuple):
     saturated: Array
     lyapunov_start: Array
     lyapunov_floor: Array
-    certificate_violated: Array
-    certificate_suspended: Array
     b_hat_share_max: Array
     """Largest |b̂| over the flight, in shares of B + ε [-]."""
     thrust_margin_n: Array
@@ -752,15 +683,10 @@ class Flights(NamedTuple):
 class Marks:
     """Score sheet of N flights: commands and steps are kept as they come, and judged at the end."""
 
-    def __init__(
-        self, worlds: Sequence[World], duration_s: float, vehicle: Vehicle, law: Estimation, watch: BatchWatch
-    ) -> None:
-        """All still fly; ``vehicle`` and ``law`` as told, whose limits and bounds margins are counted from.
-
-        ``watch`` is shown every command.
-        """
+    def __init__(self, worlds: Sequence[World], duration_s: float, vehicle: Vehicle, law: Estimation) -> None:
+        """All still fly; ``vehicle`` and ``law`` as told, whose limits and bounds margins are counted from."""
         count = len(worlds)
-        self._duration, self._vehicle, self._watch = duration_s, vehicle, watch
+        self._duration, self._vehicle = duration_s, vehicle
         self._law = law if isinstance(law, Law) else None
         self._alive = np.ones(count, bool)
         pushed = [world.wind_step != ZERO for world in worlds]
@@ -782,7 +708,6 @@ class Marks:
 
     def command(self, time_s: float, decision: Decision, estimate: Estimate, wind: Array) -> None:
         """One command of each, what it was computed from, and the true disturbance b [m/s², NED] at that instant."""
-        self._watch.look(decision)
         self._scale = estimate.effectiveness, estimate.effectiveness_deviation
         seen, drive, law = decision.diagnostics, decision.drive, self._law
         x, y, z = seen.b_hat
@@ -815,7 +740,6 @@ class Marks:
         after = ends[:, None] >= self._pushed_s
         peak_m = np.where(after, errors, -np.inf).max(axis=0)
         back_s = _find_last(ends, after & (errors >= BACK_M), self._pushed_s)
-        violated, suspended = self._watch.shares()
         return Flights(
             rms_m=np.sqrt(_sum_up(late * late) / max(len(late), 1)) + nan,
             max_m=late.max(axis=0, initial=0.0) + nan,
@@ -824,8 +748,6 @@ class Marks:
             saturated=saturated[clampable].sum(axis=0) / max(clampable.sum(), 1),
             lyapunov_start=v[0],
             lyapunov_floor=(np.sort(v[steady], axis=0)[steady.sum() // 2] if steady.any() else np.nan) + nan,
-            certificate_violated=violated + nan,
-            certificate_suspended=suspended + nan,
             b_hat_share_max=np.sqrt(self._b_hat2) / (np.inf if law is None else law.b_bound + law.epsilon) + nan,
             thrust_margin_n=margins.min(axis=0, initial=np.inf) + nan,
             thrust_scale=self._scale[0] + nan,
@@ -924,8 +846,7 @@ class Batch:
             Adaptive(vehicle, gains, OPS) if isinstance(gains, Gains) else OneByOne(self._fleet.count, config)
         )
         self._trajectory = config.trajectory.build()
-        self._watch = BatchWatch(self._fleet.count, gains, self.period_s)
-        self.marks = Marks(worlds, duration_s, vehicle, gains, self._watch)
+        self.marks = Marks(worlds, duration_s, vehicle, gains)
 
     def hold(self, time_s: float) -> None:
         """One frame before the release: nothing moves, but the cameras run."""
@@ -957,7 +878,6 @@ class Batch:
     def _take_poses(self, time_s: float) -> None:
         for who, stamp, position, attitude in self._cameras.take_arrivals(time_s):
             self._estimator.pose(who, stamp, position, attitude)
-            self._watch.pose(who, stamp, self._estimator.noise_m2)
 
     def _decide(self, time_s: float, interval_s: float) -> tuple[Estimate, Decision]:
         """Estimate and command at ``time_s``, ``interval_s`` [s] after the last one."""

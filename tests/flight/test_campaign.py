@@ -111,17 +111,15 @@ def test_a_crash_is_worse_than_any_error(rows: list[CampaignRow]) -> None:
     assert facts["rms_cm"] == {"p50": 4.9, "p90": pytest.approx(8.9), "p99": pytest.approx(9.8), "max": None}
     assert facts["under_cm"] == {"8": 0.8, "4": 0.4}
     assert [w["seed"] for w in facts["worst"]] == [99, 98, 97, 96, 95]
-    assert facts["ns_per_vehicle_step"] == pytest.approx(2.0 * 2 / (100 * DURATION_S / 0.0025) * 1e9)
     assert "RMS error, worst        crashed" in text(facts)
 
 
-def test_forty_adverse_flights_stay_as_close_as_a_thousand_and_v_under_its_bound() -> None:
+def test_forty_adverse_flights_stay_as_close_as_a_thousand() -> None:
     # The first of the thousand that `make soak` flies, and a third as long.
     facts = campaign_of(40, duration_s=20.0, workers=1)
     assert facts["survived"] == 1.0
     assert facts["rms_cm"]["p50"] <= 1.05
     assert facts["rms_cm"]["max"] <= 1.9
-    assert facts["certificate"]["violated_max"] < 0.01
 
 
 def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow]) -> None:
@@ -143,8 +141,6 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow
     assert row.lyapunov_floor == pytest.approx(verdict.lyapunov_floor, rel=1e-3)
     assert row.b_hat_share_max == pytest.approx(largest / (gains.b_bound + gains.epsilon), rel=1e-3)
     assert row.thrust_margin_n == pytest.approx(margin, rel=1e-2)
-    assert row.certificate_violated == verdict.certificate_violated == 0.0
-    assert row.certificate_suspended == pytest.approx(verdict.certificate_suspended, abs=0.002)
 
 
 @pytest.mark.parametrize(
@@ -179,4 +175,3 @@ def test_the_command_prints_one_object_and_says_that_a_kernel_has_no_effect(
     facts = json.loads(said.out)
     assert (facts["flights"], facts["flown_now"], facts["survived"]) == (4, 0, 1.0)
     assert facts["rms_cm"]["max"] == max(row.rms_cm or 0.0 for row in rows)
-    assert facts["ns_per_vehicle_step"] is None

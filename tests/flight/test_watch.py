@@ -2,8 +2,8 @@
 
 import pytest
 
-from groundstation.core.control import Gains, noise_power
-from groundstation.core.control.certificate import LIMITS, POSES, VERTICAL, terms
+from groundstation.core.control import Gains
+from groundstation.core.control.certificate import LIMITS, POSES, VERTICAL, noise_power, terms
 from groundstation.core.messages import Diagnostics, Tick
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare

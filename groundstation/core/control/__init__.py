@@ -21,12 +21,9 @@ from groundstation.core.control.attitude import (
 from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
 from groundstation.core.control.bring_down import OFF, plan_bring_down
 from groundstation.core.control.certificate import (
-    LASTING_S,
     SUSPENDED,
     VIOLATED,
     CertificateMonitor,
-    measure,
-    noise_power,
     thrust_bound,
 )
 from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller

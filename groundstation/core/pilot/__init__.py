@@ -1,4 +1,3 @@
 """Pilot: estimator, monitors, controller and limits of one vehicle, from a pose to a command."""
 
 from groundstation.core.pilot.pilot import Pilot
-from groundstation.core.pilot.vehicle_state import NOISE_POSES

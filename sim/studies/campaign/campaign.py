@@ -80,10 +80,6 @@ class CampaignRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """V at the first command, b̃ from the truth [m²/s²]."""
     lyapunov_floor: float | None
     """Median of V over the steady part [m²/s²]."""
-    certificate_violated: float | None
-    """Share of the commands at which the watch in flight finds V above its bound for longer than a moment [-]."""
-    certificate_suspended: float | None
-    """Share of the commands at which that bound was suspended, as the command before was clamped [-]."""
     b_hat_share_max: float | None
     """Largest |b̂| over the flight, in shares of its bound B + ε [-]."""
     thrust_margin_n: float | None
@@ -504,8 +500,6 @@ LIMITS_CM = (8, 4)
 """RMS that 99 % of the flights must and should stay below [cm]."""
 WORST = 5
 """Worst flights that a summary names."""
-STEP_S = 0.0025
-"""A vehicle-step of the plant, with its share of the law's [s]."""
 
 
 def report(campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: float, workers: int) -> dict[str, Any]:
@@ -516,7 +510,6 @@ def report(campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: f
     """
     count = len(rows)
     worst = sorted(rows, key=lambda row: (math.inf if row.rms_cm is None else row.rms_cm, -row.seed), reverse=True)
-    vehicle_steps = flown * campaign.duration_s / STEP_S
     return {
         "scenario": campaign.scenario,
         "flights": count,
@@ -533,9 +526,6 @@ def report(campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: f
         },
         "certificate": {
             "lyapunov_floor": _middle([row.lyapunov_floor for row in rows]),
-            "violated": _middle([row.certificate_violated for row in rows]),
-            "violated_max": max(_drop_unknown([row.certificate_violated for row in rows]), default=None),
-            "suspended": _middle([row.certificate_suspended for row in rows]),
             "b_hat_share_max": max(_drop_unknown([row.b_hat_share_max for row in rows]), default=None),
             "thrust_margin_n": min(_drop_unknown([row.thrust_margin_n for row in rows]), default=None),
         },
@@ -551,7 +541,6 @@ def report(campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: f
         ],
         "workers": workers,
         "wall_s": wall_s,
-        "ns_per_vehicle_step": wall_s * workers / vehicle_steps * 1e9 if flown else None,
     }
 
 
@@ -577,8 +566,6 @@ def text(facts: dict[str, Any]) -> str:
         *_certificate(facts["certificate"]),
         f"{'wall time':24}{facts['wall_s']:.1f} s on {facts['workers']} processes",
     ]
-    if facts["ns_per_vehicle_step"] is not None:
-        lines.append(f"{'plant, law, observer':24}{facts['ns_per_vehicle_step']:.0f} ns per vehicle-step of 2.5 ms")
     lines += ["", "worst flights, and how to fly each again:"]
     for row in facts["worst"]:
         lines.append(f"seed {row['seed']}: RMS {_cm(row['rms_cm'])}, largest {_cm(row['max_cm'])}")
@@ -591,8 +578,6 @@ def _certificate(facts: dict[str, Any]) -> list[str]:
         return []
     return [
         f"{'V, floor':24}{facts['lyapunov_floor']:.3g} (median)",
-        f"{'V above its bound':24}{100.0 * facts['violated']:.2f} % of the commands (median), "
-        f"{100.0 * facts['violated_max']:.2f} % at most; suspended {100.0 * facts['suspended']:.2f} % (median)",
         f"{'|b̂| / (B + ε), most':24}{facts['b_hat_share_max']:.2f}",
         f"{'thrust margin, least':24}{facts['thrust_margin_n']:.3f} N",
     ]
