@@ -119,7 +119,6 @@ def compare(args: argparse.Namespace) -> Exit:
                 duration=args.duration,
                 overrides=args.overrides,
                 workers=args.workers or os.cpu_count() or 1,
-                traced=False,
                 on_done=bar.at,
             )
         except ConfigError as error:

@@ -10,7 +10,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from itertools import chain
+from itertools import chain, cycle
 from numbers import Integral, Real
 from pathlib import Path
 from statistics import median
@@ -21,12 +21,12 @@ import msgspec
 from groundstation.analysis.report import figure_class
 from groundstation.config import ConfigError, lend, several, without_frames
 from groundstation.core.control import make_controller
-from groundstation.core.messages import STEADY_S, Tick
+from groundstation.core.messages import STEADY_S
 from groundstation.core.vehicle import Vehicle
 from groundstation.machine import replace_between_markers
 from groundstation.runtime import require_package
-from sim.runs import LONGEST_S, FlightVerdict, Flyers, TrueTrack, fly, lend_name, run_beside
-from sim.scenarios import SCENARIOS, by_side, overridden, prepare
+from sim.runs import LONGEST_S, FlightVerdict, Flyers, fly, lend_name, run_beside
+from sim.scenarios import SCENARIOS, overridden, prepare
 from sim.studies.tune import (
     DELAY,
     SEARCH_SEED,
@@ -58,8 +58,6 @@ CONTROLLERS = ("adaptive", "uncompensated", "geometric", "l1", "pid", "indi")
 WITHOUT_ADAPTATION = "adaptive, kb=0"
 """Flown beside ``adaptive`` through the gust front: what adaptation buys."""
 GUST = "gust_front"
-TRACE_S = 0.05
-"""One point of a trace is the largest error of so long [s]."""
 
 
 class ControllerComparison:
@@ -87,13 +85,13 @@ class ControllerComparison:
         return DataFrame(msgspec.to_builtins(self.rows)).set_index(["scenario", "controller"])
 
     def plot(self) -> "Figure":
-        """RMS error by scenario, and the error through the gust front over time where that was flown and traced.
+        """RMS error by scenario and controller.
 
         Raises:
             ConfigError: matplotlib is not installed.
         """
         require_package("matplotlib", "plot", "notebook")
-        return draw(self.rows, self.flights)
+        return draw(self.rows)
 
 
 @without_frames
@@ -105,7 +103,6 @@ def compare(
     duration: float = 60.0,
     overrides: str | Sequence[str] = (),
     workers: int = 1,
-    traced: bool = True,
     on_done: Callable[[int, int], None] | None = None,
 ) -> ControllerComparison:
     """Fly controllers through the same scenarios with the same seeds: what ``groundstation-sim compare`` does.
@@ -119,7 +116,6 @@ def compare(
         overrides: ``"key=value"`` each, for all, as ``--set``.
         workers: how many processes fly. More than one wants ``if __name__ == "__main__":`` around a script; a
             controller that they could not import, as one written in a notebook, has all fly in this one.
-        traced: keep the error over time of the first flight through the gust front, to draw it.
         on_done: hears how many of how many flights are flown.
 
     Raises:
@@ -155,9 +151,8 @@ def compare(
         done(0, count)
         here = not all(_can_be_imported(name, thing) for name, thing in own.items())
         with Flyers(1 if here else int(workers)) as flyers:
-            return ControllerComparison(
-                fly_all(work, seeds, duration, flyers, traced=traced, on_done=lambda flown: done(flown, count))
-            )
+            flights = fly_all(work, seeds, duration, flyers, on_done=lambda flown: done(flown, count))
+            return ControllerComparison(flights)
 
 
 class Case(msgspec.Struct, frozen=True):
@@ -179,8 +174,6 @@ class ComparedFlight(msgspec.Struct, frozen=True):
     seed: int
     survived: bool
     verdict: FlightVerdict
-    trace: list[float] | None
-    """True error [cm] from the start on, every :data:`TRACE_S`; only where asked for."""
 
 
 class ComparisonRow(msgspec.Struct, frozen=True):
@@ -228,28 +221,11 @@ def _short_name(name: str, among: Sequence[str]) -> str:
     return short if sum(one.rpartition(":")[2] == short for one in among) == 1 else name
 
 
-def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) -> ComparedFlight:
+def fly_case(case: Case, seed: int, duration_s: float) -> ComparedFlight:
     """Fly one case once."""
     world, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
-    track, start = TrueTrack(), math.inf
-
-    def on_tick(tick: Tick) -> None:
-        nonlocal start
-        start = tick.estimate.time_s - tick.flight_time_s
-
-    result = fly(
-        world, config, seed=seed, duration_s=duration_s, on_tick=on_tick, on_step=track.step if traced else None
-    )
-    trace = None
-    if traced:
-        errors = track.errors(config.trajectory.build(), start)
-        trace = [0.0] * (int(duration_s / TRACE_S) + 1)
-        for time_s, error in zip(track.times, errors, strict=True):
-            index = int((time_s - start) / TRACE_S)
-            if 0 <= index < len(trace):
-                trace[index] = max(trace[index], 100.0 * error)
-        trace = trace[: int(result.duration_s / TRACE_S)]
-    return ComparedFlight(case, seed, result.completed, result.verdict, trace)
+    result = fly(world, config, seed=seed, duration_s=duration_s)
+    return ComparedFlight(case, seed, result.completed, result.verdict)
 
 
 def fly_all(
@@ -258,18 +234,10 @@ def fly_all(
     duration_s: float,
     flyers: Flyers,
     *,
-    traced: bool = False,
     on_done: Callable[[int], None] = lambda done: None,
 ) -> list[ComparedFlight]:
-    """Every case with seeds 0 … ``seeds`` - 1, in the order of ``work``; ``on_done`` hears how many are flown.
-
-    Only the first seed of the gust front is ``traced``.
-    """
-    flights = [
-        partial(fly_case, case, seed, duration_s, traced=traced and seed == 0 and case.scenario == GUST)
-        for case in work
-        for seed in range(seeds)
-    ]
+    """Every case with seeds 0 … ``seeds`` - 1, in the order of ``work``; ``on_done`` hears how many are flown."""
+    flights = [partial(fly_case, case, seed, duration_s) for case in work for seed in range(seeds)]
     return flyers.each(run_beside, flights, on_done)
 
 
@@ -424,103 +392,55 @@ def _rms(row: ComparisonRow | None) -> str:
     return f"{row.rms_cm:.2f}{spread}"
 
 
-# M. Okabe, K. Ito: a palette that the colour-blind can tell apart; markers and dashes differ too.
-STYLES: dict[str, dict[str, Any]] = {
-    "adaptive": {"color": "#0072B2", "marker": "o"},
-    WITHOUT_ADAPTATION: {"color": "#0072B2", "marker": "*", "linestyle": ":", "markerfacecolor": "white"},
-    "uncompensated": {"color": "#000000", "marker": "x", "linestyle": (0, (1, 1))},
-    "geometric": {"color": "#E69F00", "marker": "s", "linestyle": "--"},
-    "l1": {"color": "#D55E00", "marker": "v", "linestyle": (0, (3, 1))},
-    "pid": {"color": "#CC79A7", "marker": "^", "linestyle": "-."},
-    "indi": {"color": "#009E73", "marker": "D", "linestyle": (0, (5, 1, 1, 1, 1, 1))},
-}
-OTHERS: tuple[dict[str, Any], ...] = (
-    {"color": "#56B4E9", "marker": "P", "linestyle": "--"},
-    {"color": "#8C6D1F", "marker": "h", "linestyle": "-."},
-    {"color": "#882255", "marker": "X", "linestyle": (0, (1, 1))},
-    {"color": "#117733", "marker": "d", "linestyle": (0, (3, 1, 1, 1))},
+# M. Okabe, K. Ito: a palette that the colour-blind can tell apart; markers differ too.
+STYLES = (
+    ("#0072B2", "o"),
+    ("#000000", "x"),
+    ("#E69F00", "s"),
+    ("#D55E00", "v"),
+    ("#CC79A7", "^"),
+    ("#009E73", "D"),
+    ("#56B4E9", "P"),
+    ("#8C6D1F", "h"),
 )
-SHOWN_S = (25.0, 45.0)
-"""Part of the flight that the gust's panel shows [s]."""
+"""Colour and marker of each controller of a picture, in its order; after the last they begin again."""
+LEAST_DRAWN_CM = 5e-4
+"""Smallest error on the logarithmic axis [cm]: 5 µm are zero for every purpose."""
 
 
-def draw(rows: Sequence[ComparisonRow], flights: Sequence[ComparedFlight]) -> "Figure":
-    """The picture of ``rows``, and of the traced ones of ``flights``."""
-    traced = [one for one in flights if one.trace]
-    names = list(dict.fromkeys(row.controller for row in rows))
-    free = iter(OTHERS * len(names))
-    styles = {name: STYLES.get(name) or next(free) for name in names}
-    figure = figure_class()(figsize=(9.5, 8.2 if traced else 4.6), layout="constrained")
-    panels = figure.subplots(2 if traced else 1, 1, squeeze=False)[:, 0]
-    _by_scenario(panels[0], rows, styles)
-    if traced:
-        _over_time(panels[1], traced, styles)
-    return figure
-
-
-def _by_scenario(panel: Any, rows: Sequence[ComparisonRow], styles: dict[str, dict[str, Any]]) -> None:
+def draw(rows: Sequence[ComparisonRow]) -> "Figure":
+    """The picture of ``rows``: a column a scenario, a marker a controller, from the smallest RMS to the largest."""
+    figure = figure_class()(figsize=(9.5, 4.6), layout="constrained")
+    panel: Any = figure.subplots()
     scenarios = list(dict.fromkeys(row.scenario for row in rows))
-    highest = max((row.rms_cm_max for row in rows if row.rms_cm_max is not None), default=1.0)
-    crash = 3.0 * highest
-    for k, (name, style) in enumerate(styles.items()):
-        offset = 0.7 * ((k + 0.5) / len(styles) - 0.5)
-        mine = [row for row in rows if row.controller == name]
-        look = {
-            "linestyle": "none",
-            "markersize": 7,
-            "capsize": 3,
-            **{k: v for k, v in style.items() if k != "linestyle"},
-        }
-        places = [(scenarios.index(row.scenario) + offset, row) for row in mine if row.rms_cm is not None]
-        # 5 µm are zero for every purpose, and zero has no place on this axis.
-        low = [max(row.rms_cm or 0.0, 5e-4) for _, row in places]
-        below = [value - max(row.rms_cm_min or 0.0, 5e-4) for value, (_, row) in zip(low, places, strict=True)]
-        above = [max(row.rms_cm_max or 0.0, 5e-4) - value for value, (_, row) in zip(low, places, strict=True)]
-        panel.errorbar([x for x, _ in places], low, yerr=[below, above], label=name, **look)
-        for row in mine:
+    names = list(dict.fromkeys(row.controller for row in rows))
+    crash_cm = 3.0 * max((row.rms_cm_max for row in rows if row.rms_cm_max is not None), default=1.0)
+    for k, (name, (color, marker)) in enumerate(zip(names, cycle(STYLES), strict=False)):
+        offset = 0.7 * ((k + 0.5) / len(names) - 0.5)
+        panel.plot([], [], linestyle="none", color=color, marker=marker, label=name)
+        for row in (row for row in rows if row.controller == name):
+            place = scenarios.index(row.scenario) + offset
             if row.rms_cm is None:
-                where = scenarios.index(row.scenario) + offset
-                panel.annotate(
-                    "crash", (where, crash), rotation=90, ha="center", va="top", fontsize=7, color=style["color"]
-                )
+                where = {"ha": "center", "va": "top", "rotation": 90}
+                panel.annotate("crash", (place, crash_cm), fontsize=7, color=color, **where)
+                continue
+            low, middle, high = (
+                max(value or 0.0, LEAST_DRAWN_CM) for value in (row.rms_cm_min, row.rms_cm, row.rms_cm_max)
+            )
+            spread = [[middle - low], [high - middle]]
+            panel.errorbar(place, middle, yerr=spread, color=color, marker=marker, markersize=7, capsize=3)
     panel.set_yscale("log")
+    panel.set_ylim(top=crash_cm)
     panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     panel.set_xticks(range(len(scenarios)), scenarios)
     panel.set_xlim(-0.5, len(scenarios) - 0.5)
-    for edge in range(1, len(scenarios)):
-        panel.axvline(edge - 0.5, color="0.85", linewidth=0.8)
     panel.set_ylabel("RMS position error [cm]")
     seeds = max(row.flights for row in rows)
     of_them = f"median, smallest and largest of {seeds} flights" if seeds > 1 else "one flight each"
     panel.set_title(f"Position error from {STEADY_S:g} s on: {of_them}", fontsize=11)
     panel.grid(axis="y", which="major", color="0.85", linewidth=0.8)
     panel.legend(ncols=3, fontsize=9, loc="upper left", bbox_to_anchor=(0.0, -0.1), frameon=False)
-
-
-def _over_time(panel: Any, traced: Sequence[ComparedFlight], styles: dict[str, dict[str, Any]]) -> None:
-    for one in traced:
-        trace = one.trace or []
-        style = {key: value for key, value in styles[one.case.controller].items() if key in ("color", "linestyle")}
-        width = 2.2 if one.case.controller == "adaptive" else 1.5
-        times = [TRACE_S * i for i in range(len(trace))]
-        panel.plot(times, [max(value, 1e-3) for value in trace], label=one.case.controller, linewidth=width, **style)
-    end = max(TRACE_S * len(one.trace or []) for one in traced)
-    truth, _ = by_side(list(traced[0].case.overrides), None)
-    gust = overridden(SCENARIOS[GUST].world, truth)
-    when = gust.wind_step_time_s
-    if when < end:
-        told = f" the wind steps by {gust.wind_step[0]:g} m/s²"
-        panel.axvline(when, color="0.4", linewidth=0.8)
-        panel.annotate(told, (when, 0.02), xycoords=("data", "axes fraction"), fontsize=9)
-    panel.set_yscale("log")
-    panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    if end > SHOWN_S[0]:
-        panel.set_xlim(SHOWN_S[0], min(SHOWN_S[1], end))
-    panel.set_xlabel("time since release [s]")
-    panel.set_ylabel("position error [cm]")
-    panel.set_title(f"{GUST}, seed 0: error over time", fontsize=11)
-    panel.grid(axis="y", which="major", color="0.85", linewidth=0.8)
-    panel.legend(ncols=6, fontsize=9, loc="upper left", bbox_to_anchor=(0.0, -0.14), frameon=False)
+    return figure
 
 
 class SearchedLaw(NamedTuple):

@@ -127,7 +127,7 @@ def verdict(rms_cm: float | None, peak_cm: float | None = None, back_s: float | 
 
 def made_up(controller: str, rms: list[float | None], scenario: str = "paper") -> list[ComparedFlight]:
     case = Case(scenario, controller, ())
-    return [ComparedFlight(case, seed, value is not None, verdict(value), None) for seed, value in enumerate(rms)]
+    return [ComparedFlight(case, seed, value is not None, verdict(value)) for seed, value in enumerate(rms)]
 
 
 def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
@@ -141,10 +141,7 @@ def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
 def pushed(variant: int, *peaks: float | None) -> list[ComparedFlight]:
     case = Case("step_8", "pid", (), variant)
     back_s = 1.5 if variant else None
-    return [
-        ComparedFlight(case, seed, peak is not None, verdict(9.0, peak, back_s), None)
-        for seed, peak in enumerate(peaks)
-    ]
+    return [ComparedFlight(case, seed, peak is not None, verdict(9.0, peak, back_s)) for seed, peak in enumerate(peaks)]
 
 
 def test_a_large_push_counts_by_the_median_of_its_worst_direction() -> None:
