@@ -77,14 +77,14 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
     for name in wanted:
         if name not in CHANNELS:
-            raise ConfigError("--channel", f"expected one of {list(CHANNELS)}, got {name!r}")
+            raise ConfigError("--channel", notice("value.choice", choices=list(CHANNELS), found=name))
     to_screen = form == "csv" and len(wanted) == 1 and out is None
     target = out or path.with_name(f"{path.stem}{SUFFIXES[form]}")
     if form not in ("csv", "parquet") and target.exists():  # those are folders
-        raise ConfigError("--out", f"{target} is there already: name another, or remove it")
+        raise ConfigError("--out", notice("file.exists", path=target))
     ending = Path(f"x{SUFFIXES[form]}").suffix
     if form in ("mcap", "foxglove", "rrd") and target.suffix != ending:
-        raise ConfigError("--out", f"expected a name that ends in {ending}, as viewers go by it, got {target.name!r}")
+        raise ConfigError("--out", notice("file.ending", ending=ending, found=target.name))
     with refuse_recordings():
         recording = Recording(path)
     try:
@@ -104,7 +104,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     except OSError as error:
         if target.is_file():
             target.unlink()
-        raise ConfigError("--out", f"cannot write {error.filename or target}: {error.strerror}") from None
+        says = notice("file.unwritten", path=error.filename or target, why=error.strerror)
+        raise ConfigError("--out", says) from None
     return Exit.DONE
 
 
@@ -214,8 +215,8 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
     """
     if args.folder is not None:
         if not args.folder.expanduser().is_dir():
-            is_what = "is no folder" if args.folder.expanduser().exists() else "does not exist"
-            raise ConfigError("--folder", f"{args.folder} {is_what}")
+            id = "file.no_folder" if args.folder.expanduser().exists() else "file.missing"
+            raise ConfigError("--folder", notice(id, path=args.folder))
         config = msgspec.structs.replace(config, folder=str(args.folder))
     folder = folder_of(config)
     removed = tidy(config, args.now_s) if args.tidy else []
@@ -509,11 +510,11 @@ class FlightData:
             elif form in FORMATS:
                 write_tables(self._recording, form, list(CHANNELS), target)
             else:
-                raise ConfigError(
-                    "save", f"expected a name that ends in one of {['mcap', *FORMATS]}, got {target.name!r}"
-                )
+                endings = " or ".join(["mcap", *FORMATS])
+                raise ConfigError("save", notice("file.ending", ending=endings, found=target.name))
         except OSError as error:
-            raise ConfigError("save", f"cannot write {error.filename or target}: {error.strerror}") from None
+            says = notice("file.unwritten", path=error.filename or target, why=error.strerror)
+            raise ConfigError("save", says) from None
         return target
 
 
@@ -525,9 +526,9 @@ def load(path: Path | str) -> FlightData:
     """
     told: Any = path
     if not isinstance(told, Path | str) or not str(told):
-        raise ConfigError("LOG", f"expected the path of a recording, NAME.mcap, got {path!r}")
+        raise ConfigError("LOG", notice("recording.no_path", found=path))
     if Path(path).is_dir():
-        raise ConfigError("LOG", f"{path} is a folder; expected a recording, such as {Path(path) / 'flight.mcap'}")
+        raise ConfigError("LOG", notice("recording.folder", path=path, example=Path(path) / "flight.mcap"))
     return FlightData(Path(path))
 
 

@@ -111,12 +111,8 @@ def _key(override: str) -> str:
 def _ensure_own(config: Config, path: Path) -> None:
     """Let no recording choose what code runs here: whoever has made it may have meant any."""
     if isinstance(config.controller, Custom):
-        raise ConfigError(
-            "controller.kind",
-            f"flown by {config.controller.factory}: to replay it, that module is imported here, and its code runs. "
-            "Where you trust it, say --trust-modules; or fly your own: --set controller.factory=package.module:factory",
-            str(path),
-        )
+        says = notice("replay.foreign_code", factory=config.controller.factory)
+        raise ConfigError("controller.kind", says, str(path))
 
 
 def _change(pairs: list[tuple[float, float]]) -> dict[str, float] | None:

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import IDENTITY, Quat, Vec3
+from groundstation.core.messages import notice
 from groundstation.machine import is_being_written
 from groundstation.recording import CHANNELS, ChannelForm, Entry, Recording, describe_channels, refuse_recordings
 from groundstation.runtime import Exit, require_package
@@ -351,7 +352,6 @@ def write_rrd(recording: Recording, topics: Collection[str], target: Path) -> di
 
 PORTS = {"rerun": 9876, "foxglove": 8765}
 """The viewers, and the port where each is usually found."""
-ELSEWHERE = "look by --in foxglove, or take `groundstation export --format rrd` to where there is one"
 POLL_S = 0.1
 """Interval of polling for new records [s]."""
 
@@ -397,21 +397,20 @@ async def _show_in_rerun(recording: Recording, host: str, port: int) -> None:
     try:
         stream.flush()
     except RuntimeError:
-        told = f"what listens at {host}:{port} takes nothing: it is no Rerun, or has just ended"
-        raise ConfigError("--listen", told) from None
+        raise ConfigError("--listen", notice("view.no_rerun", address=f"{host}:{port}")) from None
     stream.disconnect()
 
 
 async def _open_rerun(host: str, port: int) -> None:
     """Open a window, which outlives us, and wait until it listens."""
     if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"))):
-        raise ConfigError("--in", f"no screen to open Rerun's window on (DISPLAY is not set): {ELSEWHERE}")
+        raise ConfigError("--in", notice("view.no_screen"))
     words = [sys.executable, "-m", "rerun", "--bind", host, "--port", str(port), "--expect-data-soon"]
     quiet = os.environ | {"RUST_LOG": "error"}
     window = subprocess.Popen(words, stdin=subprocess.DEVNULL, start_new_session=True, env=quiet)  # noqa: ASYNC220, S603  # rerun-sdk's own program
     while not await _answers(host, port):
         if window.poll() is not None:
-            raise ConfigError("--in", f"Rerun's window can't be opened here: {ELSEWHERE}")
+            raise ConfigError("--in", notice("view.no_window"))
         await asyncio.sleep(POLL_S)
 
 
@@ -447,7 +446,7 @@ async def _serve_foxglove(recording: Recording, host: str, port: int) -> None:
             name=recording.path.stem, host=host, port=port, context=context, server_listener=Subscriptions()
         )
     except (RuntimeError, OSError) as error:
-        raise ConfigError("--listen", f"{host}:{port}: {error}") from None
+        raise ConfigError("--listen", notice("value.refused", value=f"{host}:{port}", why=error)) from None
     print(f"{recording.path}: in Foxglove, Open connection, ws://{host}:{server.port}", flush=True)
     live = is_being_written(recording.path)
     if not live:

@@ -12,6 +12,9 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("value.form", "expected {form}, got {found!r}"),
     NoticeTemplate("value.refused", "{value}: {why}"),
     # Files.
+    NoticeTemplate("file.missing", "{path} does not exist"),
+    NoticeTemplate("file.no_folder", "{path} is no folder"),
+    NoticeTemplate("file.empty", "empty: what wrote it may not have finished"),
     NoticeTemplate("file.exists", "{path} is there already", "name another, or remove it"),
     NoticeTemplate("file.unread", "cannot read {path}: {why}"),
     NoticeTemplate("file.unwritten", "cannot write {path}: {why}"),
@@ -29,7 +32,6 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("config.switched", "{why}; add --set {key}=VALUE"),
     NoticeTemplate("config.depth", "no configuration: its tables or arrays are nested more than {most} deep"),
     NoticeTemplate("config.not_toml", "not valid TOML: {why}"),
-    NoticeTemplate("config.empty", "empty: what wrote it may not have finished"),
     NoticeTemplate("config.two_sources", "preset and file exclude each other; a file may name a preset itself"),
     NoticeTemplate("code.no_attribute", "{module} has no attribute {name!r}"),
     NoticeTemplate("code.no_import", "can't import {module}"),

@@ -46,7 +46,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         text = path.read_bytes().decode("utf-8-sig")
         if not text.strip() and path.is_file():
-            raise ValueError(config_notice("config.empty"))
+            raise ValueError(config_notice("file.empty"))
         return parse_toml(text)
     except OSError as error:
         raise ConfigError("", config_notice("config.unread", why=error.strerror), str(path)) from None

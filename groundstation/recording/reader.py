@@ -14,6 +14,7 @@ from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from groundstation.config import ConfigError
+from groundstation.core.messages import notice
 from groundstation.machine import is_being_written
 from groundstation.recording.channels import CHANNELS
 from groundstation.recording.headline import TOPICS, FlightHeadline, HeadlineCounter
@@ -40,9 +41,10 @@ def refuse_recordings(*more: type[Exception]) -> Iterator[None]:
     except wrong as error:
         raise ConfigError("LOG", str(error)) from None
     except OSError as error:
-        raise ConfigError("LOG", f"cannot read {error.filename or 'it'}: {error.strerror}") from None
+        says = notice("file.unread", path=error.filename or "it", why=error.strerror)
+        raise ConfigError("LOG", says) from None
     except ValueError as error:  # a name that no file can have
-        raise ConfigError("LOG", f"cannot read it: {error}") from None
+        raise ConfigError("LOG", notice("file.unread", path="it", why=error)) from None
 
 
 class NoRecording(Exception):
@@ -81,7 +83,7 @@ class Recording:
         self.path = path
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise NoRecording(f"{path} is no MCAP file")
+                raise NoRecording(notice("recording.no_mcap", path=path))
         self.about: dict[str, str] = {}
         """The first record (records.About), and versions; every value as text."""
         self.result: dict[str, str] = {}
@@ -92,9 +94,9 @@ class Recording:
         """Where the damage begins that ended the reading [byte]; None where the recording is whole or was cut off."""
         next(self._records(()), None)
         if not self.about and self.damaged_at is not None:
-            raise NoRecording(f"{path} is damaged at byte {self.damaged_at}, before its flight begins")
+            raise NoRecording(notice("recording.damaged", path=path, at=self.damaged_at))
         if not self.about:
-            raise NoRecording(f"{path} is no recording of a flight, or was cut off before it began")
+            raise NoRecording(notice("recording.no_flight", path=path))
 
     def entries(self, topics: Collection[str] = ()) -> Iterator[Entry]:
         """The messages on ``topics`` (none: all) in the order in which things happened, up to the end or the damage."""

@@ -185,13 +185,13 @@ def load_mapping(name: str) -> FlightMapping:
         try:
             text = Path(name).read_text("utf-8-sig")
         except UnicodeDecodeError as error:
-            raise ConfigError("--map", f"{name} is not UTF-8 text (byte {error.start})") from None
+            raise ConfigError("--map", notice("file.not_utf8", at=error.start), name) from None
         except (OSError, ValueError):
-            raise ConfigError("--map", f"expected a file or one of {list(known)}, got {name!r}") from None
+            raise ConfigError("--map", notice("import.no_mapping", known=list(known), found=name)) from None
     try:
         return from_dict(parse_toml(text), FlightMapping)
     except ValueError as error:
-        raise ConfigError("--map", f"{name}: {error}") from None
+        raise ConfigError("--map", notice("value.refused", value=name, why=error)) from None
     except ConfigError as error:
         raise ConfigError(f"--map: {error.key}", error.problem, name) from None
 
@@ -219,15 +219,13 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
         try:
             tables.update(read[form](path))
         except (OSError, EOFError) as error:
-            raise ConfigError(
-                "FILE", f"cannot read it: {getattr(error, 'strerror', None) or error}", str(path)
-            ) from None
+            why = getattr(error, "strerror", None) or error
+            raise ConfigError("FILE", notice("file.unread", path=path, why=why)) from None
         except UnicodeDecodeError as error:
-            raise ConfigError("FILE", notice("import.not_utf8", at=error.start), str(path)) from None
+            raise ConfigError("FILE", notice("file.not_utf8", at=error.start), str(path)) from None
         except (ValueError, TypeError, KeyError, IndexError, zlib.error) as error:
-            raise ConfigError(
-                "FILE", f"is no {form} file, or damaged: {' '.join(str(error).split())}", str(path)
-            ) from None
+            why = " ".join(str(error).split())
+            raise ConfigError("FILE", notice("import.damaged", form=form, why=why), str(path)) from None
     return tables
 
 
@@ -252,7 +250,7 @@ def _ulog_tables(path: Path) -> Iterator[tuple[str, Table]]:
     try:
         with path.open("rb") as file, _silence():  # it prints what it finds damaged
             if file.read(4) != b"ULog":
-                raise ValueError("it does not begin with ULog")
+                raise ValueError(notice("import.no_ulog"))
             file.seek(0)
             topics = ULog(file).data_list
     except (ULogException, AttributeError, struct.error) as error:
@@ -270,7 +268,7 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
     with _silence():  # it prints each byte that it can't use
         with path.open("rb") as file:  # which is no folder
             if not file.read(1):
-                raise ValueError("it is empty")
+                raise ValueError(notice("file.empty"))
         try:
             log = DFReader_binary(str(path))
         except Exception as error:  # noqa: BLE001  # as such it is raised where a format is damaged
@@ -318,7 +316,7 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
         ConfigError: the mapping or a file can't be read, holds no poses, or ``out`` is there already.
     """
     if out.exists():
-        raise ConfigError("--out", f"{out} is there already")
+        raise ConfigError("--out", notice("file.exists", path=out))
     mapping = load_mapping(map_name)
     flight = read_flight(mapping, paths, body)
     with refuse_io("--out", "file.unwritten", out):
@@ -416,7 +414,7 @@ def choose_body(tables: Tables, body: str, path: Path) -> Tables:
     """
     names = ", ".join(tables)
     if body and body not in tables:
-        raise ConfigError("--body", f"expected one of the bodies in it, {names}; got {body!r}", str(path))
+        raise ConfigError("--body", notice("value.choice", choices=list(tables), found=body), str(path))
     if not body and len(tables) > 1:
         raise ConfigError("FILE", notice("import.bodies", count=len(tables), names=names), str(path))
     return {name: table for name, table in tables.items() if body in ("", name)}
@@ -430,10 +428,10 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path], body: str = "") -
     """
     is_tracker = mapping.format in ("motive", "qtm")
     if body and not is_tracker:
-        raise ConfigError("--body", f"only files of Motive and QTM hold several bodies, not {mapping.format}")
+        raise ConfigError("--body", notice("import.one_body", format=mapping.format))
     if mapping.format == "tlog":
         if len(paths) != 1:
-            raise ConfigError("FILE", f"expected one .tlog, got {len(paths)} files")
+            raise ConfigError("FILE", notice("import.one_tlog", count=len(paths)))
         return read_tlog(paths[0], mapping.latency_s)
     notes = Counter[str]()
     tables = read_tables(mapping, paths, notes)
@@ -463,7 +461,7 @@ def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) ->
     """
     poses: Motion | None = reader.first(mapping.pose, reader.motion)
     if poses is None:
-        raise ConfigError("FILE", f"holds no poses as the mapping has them: {reader.lacks(mapping.pose)}", str(file))
+        raise ConfigError("FILE", notice("import.no_poses", why=reader.lacks(mapping.pose)), str(file))
     time = poses[0]
     backs = int(np.count_nonzero(np.diff(time) < 0.0))
     if backs > MOST_BACKS * len(time):
@@ -472,8 +470,8 @@ def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) ->
         )
     apart_s = find_usual(time) if len(time) > 1 else PLAUSIBLE_S[1]
     if not PLAUSIBLE_S[0] <= apart_s <= PLAUSIBLE_S[1]:
-        says = f"by {mapping.time_unit!r} a pose comes every {apart_s:.3g} s: its stamps are of another unit"
-        says = says if apart_s else "all poses have the same stamp"
+        id = "import.time_unit" if apart_s else "import.one_stamp"
+        says = notice(id, unit=mapping.time_unit, apart_s=apart_s)
         raise ConfigError("--map: time_unit", says, str(file))
     if mapping.source == "motion capture":
         _check_lengths(time, poses[1], file)
@@ -683,17 +681,17 @@ class _MappingReader:
         ]
         fewest, name = min(missing, key=lambda one: len(one[0]), default=(None, ""))
         if fewest is None:
-            return f"it has no such table (found: {_few(sorted(self._tables))})"
+            return notice("import.no_table", found=_few(sorted(self._tables))).text
         if self.unclear:
             return self.unclear[-1]
         table = self._tables[name]
         if fewest:
-            return f"no column {', '.join(fewest)} (found in {name}: {_few(table)})"
+            return notice("import.no_column", columns=", ".join(fewest), table=name, found=_few(table)).text
         named = {column for part in parts for column in [part.time or self._mapping.time, *self._columns(part)]}
         empty = [column for column in table if column in named and not np.isfinite(table[column]).any()]
         if empty and len(table[empty[0]]):
             return notice("import.no_numbers", columns=", ".join(empty), table=name).text
-        return f"no row of numbers (found: {name})"
+        return notice("import.no_row", table=name).text
 
     @staticmethod
     def _columns(part: MappedMotion) -> list[str]:

@@ -95,7 +95,7 @@ def read_csv_table(
             pass
         lines = [line for line in islice(text, LOOK_ROWS) if line.strip()]
         if not lines:
-            raise ValueError("it is empty")
+            raise ValueError(notice("file.empty"))
         separator, head, body = _find_head(lines, layout, times, path)
         names = [name for name in head if name]
         values: dict[str, array[float]] = {}
@@ -147,8 +147,7 @@ def _find_head(
         above = lines[max(0, k - layout.head_rows + 1) : k]
         names = _join_heads([*above, line], separator)
         if twice := [name for name in names if name and names.count(name) > 1]:
-            problem = notice("import.same_names", name=twice[0], hint=_hint(lines))
-            raise ConfigError("FILE", problem, str(path))
+            raise ConfigError("FILE", notice("import.same_names", name=twice[0], hint=_hint(lines)), str(path))
         return separator, names, lines[k + 1 :]
     separator = told or max(",;\t", key=top.count)
     if told is None and separator not in top:
@@ -248,7 +247,7 @@ def _find_motive_bodies(
             column = known + axes[k].lower()
             if column in body:
                 where = f"{name} (ID {ids[k]})" if k < len(ids) else name
-                raise ValueError(f"two bodies are called {where}")
+                raise ValueError(notice("import.two_bodies", name=where))
             body[column] = k
     return {name: at for name, at in bodies.items() if set(MOTIVE_COLUMNS) <= set(at)}
 
@@ -268,7 +267,7 @@ def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
         rows = csv.reader(chain([top], text), delimiter=separator)
         first = next(rows, [])
         if not first or first[0].strip() != MOTIVE_BEGIN:
-            raise ValueError("it does not begin with Format Version, as Motive's export with a header does")
+            raise ValueError(notice("import.no_version"))
         stated = dict(zip(first[0::2], first[1::2], strict=False))
         labels, kinds, axes = _read_motive_head(rows)
         unit_m = LENGTHS_M.get(stated.get("Length Units", "").lower())
@@ -315,14 +314,13 @@ def _read_motive_head(rows: Iterator[list[str]]) -> tuple[dict[str, list[str]], 
             labels[label] = cells
         elif any(cells):
             kinds = cells
-    raise ValueError("no head line found: it has no rows Name and Frame, as Motive's export with a header does")
+    raise ValueError(notice("import.no_motive_head"))
 
 
 def _expect(path: Path, key: str, stated: Mapping[str, str], good: bool, wanted: str) -> None:
     if not good:
         found = stated.get(key, "") or "nothing"
-        problem = notice("import.stated", key=key, found=found, wanted=wanted)
-        raise ConfigError("FILE", problem, str(path))
+        raise ConfigError("FILE", notice("import.stated", key=key, found=found, wanted=wanted), str(path))
 
 
 def read_qtm_tables(path: Path) -> Iterator[tuple[str, Table]]:
@@ -355,7 +353,7 @@ def read_qtm_tables(path: Path) -> Iterator[tuple[str, Table]]:
     width = max(map(len, table), default=0)
     rows = np.array([row + [math.nan] * (width - len(row)) for row in table]).reshape(len(table), width)
     if width < len(head):
-        raise ValueError("its rows have fewer cells than its head")
+        raise ValueError(notice("import.few_cells"))
     if "Time" in head:
         time = rows[:, head.index("Time")]
     else:  # one row a frame, none left out
@@ -384,7 +382,7 @@ def _read_qtm_head(text: TextIO) -> tuple[dict[str, str], list[str]]:
             stated[cells[0]] = cells[1]
         if stated.get("DATA_INCLUDED", "6D") != "6D":
             return stated, []
-    raise ValueError("no head line found: no line names columns X, Y, Z, as QTM's export with column names does")
+    raise ValueError(notice("import.no_qtm_head"))
 
 
 def _quaternion(matrix: NDArray[np.float64]) -> tuple[float, float, float, float]:

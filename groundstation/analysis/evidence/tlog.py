@@ -54,7 +54,7 @@ def read_tlog(path: Path, latency_s: float) -> ImportedFlight:
     with refuse_io("", "file.unread", path):
         data = path.read_bytes()
     if not data:
-        raise ConfigError("", "the recording is empty", str(path))
+        raise ConfigError("", notice("file.empty"), str(path))
     reader, leaps = TlogReader(data), Counter[str]()
     records = list(in_order(reader, leaps))
     if fault := reader.find_fault() or _find_time_fault(records, leaps):

@@ -50,6 +50,7 @@ from groundstation.analysis.report import (
 )
 from groundstation.config import ConfigError, from_dict, refuse_io
 from groundstation.core.geometry import so3
+from groundstation.core.messages import notice
 from groundstation.core.trajectory import ExcitationConfig
 from groundstation.machine import write_whole
 from groundstation.recording import refuse_recordings
@@ -623,13 +624,13 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
     if page is not None:
         require_package("matplotlib", "--page", "plot")
     if out is not None and out.exists():
-        raise ConfigError("--out", f"{out} is there already")
+        raise ConfigError("--out", notice("file.exists", path=out))
     with refuse_recordings(StretchTooShort):
         found = identify(read_stretch(path))
     knows = any(found.parameters[name].identified for name in NEEDED)
     if out is not None:
         if not knows:
-            raise ConfigError("--out", f"nothing to write: thrust, lags and delay are {FLY}")
+            raise ConfigError("--out", notice("identify.nothing_to_write", why=FLY))
         text = file_text(found)
         with refuse_io("--out", "file.unwritten", out):
             write_whole(out, text)
@@ -639,7 +640,8 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
             page.mkdir(parents=True, exist_ok=True)
             shown = write_page(page, found, save_figures(page, FIGURES, [found]))
         except OSError as error:
-            raise ConfigError("--page", f"cannot write {error.filename or page}: {error.strerror}") from None
+            says = notice("file.unwritten", path=error.filename or page, why=error.strerror)
+            raise ConfigError("--page", says) from None
     if as_json:
         written = {"vehicle_file": str(out) if out else None, "page": str(shown) if shown else None}
         print(json.dumps({**facts(found), **written}))
@@ -822,7 +824,7 @@ def file_text(found: IdentifiedVehicle) -> str:
         curve = {} if told.link.thrust_curve is None else {"thrust_curve": told.link.thrust_curve}
         from_dict({"vehicle": tomllib.loads(text), "link": {"kind": "mavlink", **curve}}, Config)
     except ConfigError as error:
-        raise ConfigError(error.key, f"what was identified is no vehicle: {error.problem}") from None
+        raise ConfigError(error.key, notice("identify.no_vehicle", why=error.problem)) from None
     return text
 
 

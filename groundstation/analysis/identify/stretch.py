@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import Pose
+from groundstation.core.messages import Pose, notice
 from groundstation.core.mission import State
 from groundstation.core.safety import PoseLatency
 from groundstation.recording import Recording
@@ -101,15 +101,12 @@ def read_stretch(path: Path) -> FlightStretch:
                 w = value["rates_rad_s"]
                 commands.append((value["time_s"], value["thrust_n"], w["x"], w["y"], w["z"]))
     if not commands or not poses:
-        raise StretchTooShort(f"{path} holds no flight: there are no {'poses' if commands else 'commands'} in it")
+        raise StretchTooShort(notice("identify.no_flight", path=path, what="poses" if commands else "commands"))
     sent, seen = np.array(commands), np.array(poses)
     chosen = seen[find_stretch(sent[:, 0], seen)]
     length_s = float(chosen[-1, 0] - chosen[0, 0]) if len(chosen) else 0.0
     if length_s < LEAST_S:
-        raise StretchTooShort(
-            f"{path} holds {length_s:.1f} s of unbroken flight on its trajectory, and {LEAST_S:g} s are the least: "
-            "fly trajectory.kind = 'excitation'"
-        )
+        raise StretchTooShort(notice("identify.short", path=path, length_s=length_s, least_s=LEAST_S))
     config = _config(recording)
     parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
     late = None if config.pose.by_autopilot else vehicle.find_lateness()
@@ -182,5 +179,4 @@ def _config(recording: Recording) -> Config:
     try:
         return read_flown_config(recording.about, recording.path).config
     except ConfigError as error:
-        path = recording.path
-        raise StretchTooShort(f"{path} was flown with a configuration that this version cannot read: {error}") from None
+        raise StretchTooShort(notice("identify.other_config", path=recording.path, why=error)) from None

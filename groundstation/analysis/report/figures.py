@@ -25,7 +25,7 @@ from groundstation.analysis.report.flight import (
     numbers,
 )
 from groundstation.config import ConfigError
-from groundstation.core.messages import ROUNDING_S, STEADY_S
+from groundstation.core.messages import ROUNDING_S, STEADY_S, notice
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -592,7 +592,7 @@ def find_figure(name: str) -> ReportFigure:
     """
     found = next((one for one in FIGURES if one.name == name), None)
     if found is None:
-        raise ConfigError("plot", f"expected one of {[one.name for one in FIGURES]}, got {name!r}")
+        raise ConfigError("plot", notice("value.choice", choices=[one.name for one in FIGURES], found=name))
     return found
 
 

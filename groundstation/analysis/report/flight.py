@@ -24,6 +24,7 @@ from groundstation.core.messages import (
     SETTLED_M,
     STEADY_S,
     DisturbanceMeter,
+    notice,
 )
 from groundstation.core.mission import State
 from groundstation.recording import Recording
@@ -196,7 +197,7 @@ def read_columns(path: Path) -> FlightColumns:
                     flown.states.append(state)
                     flown.certificates.append(whole["/lyapunov"]["state"])
     if not commands.rows:
-        raise NoCommand(f"{path} holds no command: nothing was flown, so there is nothing to report")
+        raise NoCommand(notice("report.no_command", path=path))
     commands.fill(flown)
     on = np.flatnonzero(flown.tracking)
     clock, flight_time = flown.scalars["time_s"], flown.scalars["flight_time_s"]

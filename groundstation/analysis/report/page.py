@@ -18,7 +18,7 @@ import msgspec
 
 from groundstation.analysis.report.figures import ReportFigure, flight_letters
 from groundstation.config import ConfigError
-from groundstation.core.messages import SATURATION_FROM_S, STEADY_S, DisturbanceReading
+from groundstation.core.messages import SATURATION_FROM_S, STEADY_S, DisturbanceReading, notice
 from groundstation.machine import open_whole, write_whole
 from groundstation.recording import refuse_recordings
 from groundstation.runtime import Exit, require_package
@@ -338,7 +338,7 @@ def report_command(
     draw = (out is not None or not as_json) and not only_budget
     for form in formats:
         if form not in FORMATS:
-            raise ConfigError("--format", f"expected some of {list(FORMATS)}, got {form!r}")
+            raise ConfigError("--format", notice("value.choices", choices=list(FORMATS), found=form))
     if draw and set(formats) - {"csv", "tex"}:
         require_package("matplotlib", "report", "plot", "; --json does without")
     from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
@@ -371,7 +371,8 @@ def _write_all(
         folder.mkdir(parents=True, exist_ok=True)
         return [path for form in formats for path in _write(form, folder, flights, facts)]
     except OSError as error:
-        raise ConfigError("--out", f"cannot write {error.filename or folder}: {error.strerror}") from None
+        says = notice("file.unwritten", path=error.filename or folder, why=error.strerror)
+        raise ConfigError("--out", says) from None
 
 
 def _say_budget(flown: "FlightColumns") -> str:

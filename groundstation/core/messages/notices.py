@@ -5,6 +5,8 @@ A sentence states the fact, then the number and its limit; the remedy says what 
 """
 
 from groundstation.config import CONFIG_NOTICES
+from groundstation.core.messages.analysis_notices import ANALYSIS_NOTICES
+from groundstation.core.messages.command_notices import COMMAND_NOTICES
 from groundstation.core.messages.flight_notices import FLIGHT_NOTICES
 from groundstation.core.messages.lab_notices import LAB_NOTICES
 from groundstation.core.messages.pose_notices import POSE_NOTICES
@@ -15,36 +17,6 @@ from links.text import LINK_NOTICES, NoticeTemplate, Sentence, as_warnings
 
 _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
-        "import.no_head",
-        "no head line found: none of the first {rows} lines has a column {names}",
-        "check time in the mapping; where the file has no head, write head_rows = 0 in [csv], and columns by number: "
-        '"1" is the first{hint}',
-    ),
-    NoticeTemplate(
-        "import.same_names",
-        "several columns are called {name}",
-        "where the lines above tell them apart, say how many lines the head has, head_rows in [csv]{hint}",
-    ),
-    NoticeTemplate(
-        "import.no_body",
-        "it holds no rigid body with position and rotation (found: {found})",
-        "export rigid bodies from the tracker's program",
-    ),
-    NoticeTemplate("import.stated", "{key} is {found}, expected {wanted}", "export the file anew"),
-    NoticeTemplate("import.not_utf8", "is no text in UTF-8 (byte {at})", "save it as UTF-8"),
-    NoticeTemplate(
-        "import.no_numbers",
-        "no number in column {columns} of {table}",
-        "check the columns of the mapping, and that times count in a unit of time_unit",
-    ),
-    NoticeTemplate("import.bodies", "it holds {count} bodies, {names}", "name the vehicle, --body NAME"),
-    NoticeTemplate("command.moved", "`{old}` is now `{new}`", "the old spelling works for one more release"),
-    NoticeTemplate(
-        "command.scenario_option",
-        "--scenario {name} is now {name} alone",
-        "the old spelling works for one more release",
-    ),
-    NoticeTemplate(
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
     NoticeTemplate(
@@ -52,7 +24,6 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "comparisons are drawn by Python alone",
         "groundstation.compare(...).plot().savefig(FILE), as in examples/notebook.ipynb",
     ),
-    NoticeTemplate("export.poses", "poses have no format of their own any more", "take --channel /measured"),
     NoticeTemplate("serve.beside", "it has no effect beside {file}, whose file has it", "leave one of both out"),
     NoticeTemplate(
         "serve.gcs",
@@ -78,110 +49,9 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "QTM at {server} speaks no version of its real-time protocol from {newest} down to {oldest}",
         "update QTM; QTM 2018.1, which speaks 1.18, is new enough",
     ),
-    NoticeTemplate(
-        "replay.versions",
-        "recorded by {recorded}, replayed by {replayed}: "
-        "the largest difference is {thrust_n:.2g} N of thrust and {rate_rad_s:.2g} rad/s of body rate",
-    ),
-    NoticeTemplate("replay.settings", "settings of the recording that this version leaves out: {settings}"),
     # Poses that do not respond to the commands (docs/explanation/trust.md).
     NoticeTemplate("pose.suspect", "the poses are suspect: small motions test whether they respond"),
     NoticeTemplate("pose.answers", "the poses respond again"),
-    # Guards: one sentence for each row of core/safety/guards.py.
-    NoticeTemplate(
-        "tlog.no_message",
-        "no MAVLink message in it: is it a .tlog?",
-    ),
-    NoticeTemplate(
-        "tlog.no_stamps",
-        "{frames} MAVLink frames follow each other without time stamps, so nothing tells when they came",
-        "record a .tlog, which has 8 bytes of time before each frame, as MAVProxy, Mission Planner, QGroundControl "
-        "and this program write it",
-    ),
-    NoticeTemplate(
-        "tlog.garbage",
-        "{garbage} of {size} bytes are no MAVLink record, limit {limit:.0%}",
-        "is it a .tlog? It must be whole, and not compressed",
-    ),
-    NoticeTemplate(
-        "tlog.times",
-        "{leaps} of {records} log times leap by more than {limit_s:g} s, limit 50%",
-        "record it again: 8 bytes before each frame must hold the time in microseconds, big-endian",
-    ),
-    NoticeTemplate(
-        "tlog.one_time",
-        "all {records} records have the same log time, so nothing tells when they came",
-        "record it again: 8 bytes before each frame must hold the time in microseconds, big-endian",
-    ),
-    NoticeTemplate(
-        "tlog.pace",
-        "{by_log_s:.3g} s pass by the log times while {by_stamps_s:.3g} s pass by the autopilot's own stamps, "
-        "limit a factor of {limit:g}",
-        "record it again: 8 bytes before each frame must hold the time in microseconds, big-endian",
-    ),
-    NoticeTemplate(
-        "tlog.no_poses",
-        "no poses of an autopilot in it (pose messages: {found})",
-        "record its ODOMETRY, or its LOCAL_POSITION_NED and ATTITUDE_QUATERNION",
-    ),
-    NoticeTemplate(
-        "import.unit",
-        "the unit of {columns} in {table} is unclear: the file states {stated}, the mapping expects {expected}",
-    ),
-    NoticeTemplate(
-        "import.lengths",
-        "its positions spread over {spread_m:.3g} m, limit {widest_m:g} m, and move at {speed_m_s:.3g} m/s, limit "
-        "{fastest_m_s:g} m/s: they are of no room",
-        "check position_unit and time_unit of the mapping, and the unit that the file states",
-    ),
-    NoticeTemplate(
-        "import.no_order",
-        "{backs:.0f} of {poses:.0f} poses are older than the one before, limit {limit:.0f}",
-        "sort its rows by their stamps",
-    ),
-    NoticeTemplate(
-        "import.upside_down",
-        "the heights of the {what} fit the flight only with the other sign, so the file does not tell whether they "
-        "count up or down",
-    ),
-    NoticeTemplate("evidence.few_poses", "it holds {count} poses, limit {least}", "record a longer flight"),
-    NoticeTemplate("evidence.few_flown", "it holds {count} poses of a flight, limit {least}", "record a longer flight"),
-    NoticeTemplate(
-        "evidence.grounded", "the autopilot says that it is on the ground all the time: nothing flies in it"
-    ),
-    NoticeTemplate("evidence.stands", "it stands all the time: nothing flies in it"),
-    NoticeTemplate("evidence.short", "it flies for {flown_s:.1f} s, limit {least_s:g} s", "record a longer flight"),
-    NoticeTemplate("evidence.unbroken", "less than {least_s:g} s of unbroken flight"),
-    NoticeTemplate(
-        "evidence.leans",
-        "it accelerates to its sides, but not as its attitude leans ({shares} times what that gives)",
-        "check units and axes of positions, order and axes of attitudes in the mapping",
-    ),
-    NoticeTemplate(
-        "recording.figures",
-        "error {rms_cm:.2f} cm RMS, {max_cm:.2f} cm at most, from {from_s:g} s on of {flown_s:.1f} s on the "
-        "trajectory; recorded in {path}",
-    ),
-    NoticeTemplate(
-        "recording.short",
-        "no error figures, which begin after {from_s:g} s on the trajectory ({flown_s:.1f} s were flown); recorded in "
-        "{path}",
-    ),
-    NoticeTemplate(
-        "recording.none_figures",
-        "error {rms_cm:.2f} cm RMS, {max_cm:.2f} cm at most, from {from_s:g} s on of {flown_s:.1f} s on the "
-        "trajectory; not recorded",
-    ),
-    NoticeTemplate(
-        "recording.none_short",
-        "no error figures, which begin after {from_s:g} s on the trajectory ({flown_s:.1f} s were flown); not recorded",
-    ),
-    NoticeTemplate(
-        "recording.none",
-        "no flight is recorded in {folder}",
-        "name a recording, or fly one",
-    ),
-    NoticeTemplate("recording.newest", "the newest recording: {path}"),
     NoticeTemplate("package.missing", "{what} needs {package}, which is not installed", "{command}"),
     *as_warnings(
         NoticeTemplate(
@@ -422,6 +292,8 @@ NOTICES: dict[str, NoticeTemplate] = {
         STATION_NOTICES,
         LAB_NOTICES,
         SCREEN_NOTICES,
+        ANALYSIS_NOTICES,
+        COMMAND_NOTICES,
         CONFIG_NOTICES,
         LINK_NOTICES,
     )

@@ -111,7 +111,7 @@ def test_several_bodies_ask_for_a_name(tmp_path: Path) -> None:
     path = write(tmp_path, "take.csv", motive())
     with pytest.raises(ConfigError, match="holds 2 bodies, quad, wand: name the vehicle, --body NAME"):
         poses(tmp_path, path, "motive")
-    with pytest.raises(ConfigError, match="expected one of the bodies in it, quad, wand; got 'Quad'"):
+    with pytest.raises(ConfigError, match=r"expected one of \['quad', 'wand'\], got 'Quad'"):
         poses(tmp_path, path, "motive", "Quad")
     assert len(poses(tmp_path, path, "motive", "wand")) == ROWS
     with pytest.raises(ConfigError, match="only files of Motive and QTM"):
@@ -312,9 +312,9 @@ def refusal(folder: Path, data: bytes) -> str:
 
 def test_a_file_that_can_not_be_imported_says_why_and_what_to_do(tmp_path: Path) -> None:
     head = "t,x,y,z\n"
-    assert "it is empty" in refusal(tmp_path, b"")
+    assert "or damaged: empty" in refusal(tmp_path, b"")
     latin = (head + "0,1,1,1\nä,2,2,2\n").encode("latin-1")
-    assert "is no text in UTF-8 (byte 16): save it as UTF-8" in refusal(tmp_path, latin)
+    assert "not UTF-8 text (byte 16): save it as UTF-8" in refusal(tmp_path, latin)
     dates = head + "".join(f"2026-03-05T10:00:0{n},1,1,1\n" for n in range(5))
     assert "no number in column t of run.csv: check the columns" in refusal(tmp_path, dates.encode())
 
