@@ -10,7 +10,13 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("value.choice", "expected one of {choices}, got {found!r}"),
     NoticeTemplate("value.choices", "expected some of {choices}, got {found!r}"),
     NoticeTemplate("value.form", "expected {form}, got {found!r}"),
+    NoticeTemplate("value.range", "expected more than {above:g} and at most {most:g}, got {found!r}"),
+    NoticeTemplate("value.count", "expected {least} to {most}, got {count}"),
+    NoticeTemplate("value.whole_number", "expected a whole number, {least} or more, got {found!r}"),
     NoticeTemplate("value.refused", "{value}: {why}"),
+    NoticeTemplate("option.only_with", "is for {option} alone", "leave it out"),
+    NoticeTemplate("option.needs", "expected {option} beside it"),
+    NoticeTemplate("option.all_and_name", "writes all of them, and {name!r} with them", "leave one out"),
     # Files.
     NoticeTemplate("file.missing", "{path} does not exist"),
     NoticeTemplate("file.no_folder", "{path} is no folder"),
@@ -24,6 +30,8 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("file.not_utf8", "not UTF-8 text (byte {at})", "save it as UTF-8"),
     NoticeTemplate("file.ending", "expected a name that ends in {ending}, got {found!r}"),
+    NoticeTemplate("file.unusable", "cannot use {path}: {why}"),
+    NoticeTemplate("file.mode", "{path} has mode {mode}, so others may read it", "change it, then chmod 600"),
     NoticeTemplate("file.markers", "{path} needs a line {begin} and below it a line {end}, once each"),
     # Configurations, and the code that they name.
     NoticeTemplate("config.unknown_name", "expected one of {choices}, got {found!r}{nearest}"),
@@ -38,6 +46,24 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("code.no_result", "{factory} failed"),
     NoticeTemplate("code.failed", "{what}: {why}"),
     NoticeTemplate("code.no_module", "{what}: {why} (is it installed, or its folder on PYTHONPATH?)"),
+    NoticeTemplate("code.returned", "{what} returned a {type}, not a {wanted}{hint}"),
+    NoticeTemplate(
+        "controller.not_callable",
+        "{factory} is not callable: expected factory(vehicle, options) -> Controller, or an object with "
+        "decide(estimate, reference, interval_s)",
+    ),
+    NoticeTemplate("controller.no_decide", "{factory} made a {type} without decide(estimate, reference, interval_s)"),
+    NoticeTemplate("controller.no_command", "{what} returned no thrust and three rates"),
+    NoticeTemplate("controller.not_finite", "{what} commanded thrust {thrust} N, rates {rates} rad/s"),
+    NoticeTemplate("trajectory.no_at", "{factory} made a {type} without at(time_s) -> Reference"),
+    NoticeTemplate("trajectory.attribute", "{name}.{attribute} failed"),
+    NoticeTemplate("trajectory.seconds", "{name} has {attribute} = {found!r}: expected seconds, 0 or more"),
+    NoticeTemplate(
+        "trajectory.joints",
+        "{name} has joints_s = {found!r}: expected rising times, its beginning and its end among them",
+    ),
+    NoticeTemplate("trajectory.vectors", "{what}: expected vectors of three numbers in {found}"),
+    NoticeTemplate("trajectory.not_finite", "{what} returned {found} at {time_s:g} s"),
     NoticeTemplate("package.needed", "needs {package}, which is not installed", "{command}{more}"),
 )
 

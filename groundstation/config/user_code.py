@@ -84,9 +84,9 @@ R = TypeVar("R")
 class UserCodeFault(Exception):
     """Code of the user's own failed, or returned a value that must not leave; its cause has the user's frames."""
 
-    def __init__(self, what: str, error: BaseException | None = None) -> None:
+    def __init__(self, what: str | Sentence, error: BaseException | None = None) -> None:
         """``what`` failed with ``error``, caught where the user's code was called; None: ``what`` is the whole text."""
-        super().__init__(what if error is None else f"{what} failed: {describe_error(error)}")
+        super().__init__(str(what) if error is None else f"{what} failed: {describe_error(error)}")
         if error is not None:
             _strip_caller(error)
             self.__cause__ = error

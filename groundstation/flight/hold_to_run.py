@@ -64,13 +64,13 @@ def open_device(config: OperatorConfig) -> DeviceInput:
         ConfigError: there is none, or more than one; the message lists the devices.
     """
     if sys.platform != "linux":
-        raise ConfigError("operator.hold", "keys and axes are read by evdev, which only Linux has; or hold = 'rc:N'")
+        raise ConfigError("operator.hold", notice("hold.linux_only"))
     require_package("evdev", "operator.hold", "operator")
     from evdev import ecodes
 
     code = ecodes.ecodes.get(config.hold)
     if code is None:
-        raise ConfigError("operator.hold", f"no key, button or axis has this name (see evtest), got {config.hold!r}")
+        raise ConfigError("operator.hold", notice("hold.unknown_name", found=config.hold))
     kind = ecodes.EV_ABS if config.hold.startswith("ABS_") else ecodes.EV_KEY
     words = "" if config.device.startswith("/") else config.device.lower()
     found = list(_devices(config.device))
@@ -89,11 +89,9 @@ def open_device(config: OperatorConfig) -> DeviceInput:
         return DeviceInput(fits[0], config.hold, code)
     if fits:
         several = ", ".join(map(_name_device, fits))
-        raise ConfigError("operator.device", f"more than one has {config.hold}, name one: {several}")
-    nothing = "none may be read here: is it plugged in, and are you in the group input?"
-    listed = ", ".join(map(_name_device, found)) or nothing
-    says = f"expected a device that has {config.hold} (evtest lists the keys of each); there are: {listed}"
-    raise ConfigError("operator.device", says)
+        raise ConfigError("operator.device", notice("hold.several", name=config.hold, devices=several))
+    listed = ", ".join(map(_name_device, found)) or notice("hold.no_device")
+    raise ConfigError("operator.device", notice("hold.no_such_device", name=config.hold, devices=listed))
 
 
 def _name_device(device: "InputDevice[str]") -> str:
@@ -108,9 +106,8 @@ def _devices(path: str) -> "Iterator[InputDevice[str]]":
         try:
             yield InputDevice(str(Path(path).resolve()), readonly=True)
         except OSError as error:
-            hint = ": a joystick's /dev/input/js… is another interface, name its …-event-joystick"
-            says = f"{path}: {error.strerror or error}{hint if Path(path).resolve().name.startswith('js') else ''}"
-            raise ConfigError("operator.device", says) from None
+            id = "hold.joystick" if Path(path).resolve().name.startswith("js") else "value.refused"
+            raise ConfigError("operator.device", notice(id, value=path, why=error.strerror or error)) from None
         return
     for one in sorted(list_devices(writable=False)):
         with suppress(OSError):

@@ -545,7 +545,7 @@ async def _set(visit: Visit, wanted: Setting, config: Config, orders: DoctorOrde
     try:
         now = await visit.set(wanted)
     except ValueError as error:
-        raise ConfigError("--fix", f"{wanted.name}: {error}") from None
+        raise ConfigError("--fix", notice("value.refused", value=wanted.name, why=error)) from None
     return _Fix(old.name, old.value, now.value, str(path.absolute()))
 
 

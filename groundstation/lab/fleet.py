@@ -7,6 +7,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 
 from groundstation.config import VEHICLE_LETTERS, ConfigError, from_dict, name_pattern, read_toml, resolve_files
+from groundstation.core.messages import notice
 from groundstation.pose import PoseConfig
 from groundstation.settings import Config, rehearse
 from links.io import parse_address
@@ -79,12 +80,7 @@ def read_fleet(path: Path, overrides: Sequence[str] = (), *, rehearsed: bool = F
     """
     data = read_toml(path)
     if data and not {"config", "vehicles"} & data.keys():
-        raise ConfigError(
-            "config",
-            'this is no fleet file: one names the configuration that all vehicles share, config = "lab.toml", '
-            "and has [[vehicles]]; is it that configuration itself?",
-            str(path),
-        )
+        raise ConfigError("config", notice("fleet.no_file"), str(path))
     file = from_dict(data, FleetFile, source=str(path))
     shared = path.parent / file.config
     common = read_toml(shared)
@@ -132,8 +128,7 @@ def _member(
     kind = pose.get("kind", "vicon") if isinstance(pose, dict) else "vicon"
     kinds = {one.__struct_config__.tag: one for one in PoseConfig.__args__ if one.shows_others}
     if kind not in kinds:
-        says = f"expected one of {list(kinds)}, got {kind!r}: a vehicle of a fleet must see the others"
-        raise ConfigError("pose.kind", says, str(shared))
+        raise ConfigError("pose.kind", notice("fleet.pose_kind", choices=list(kinds), found=kind), str(shared))
     for section, told in (
         ("vehicle", {"name": who.name}),
         ("pose", {kinds[kind].body_key: who.object or who.name}),
@@ -181,7 +176,7 @@ def _ensure_unlike(key: str, named: Sequence[tuple[str, str | None]], path: Path
     first: dict[str, str] = {}
     for name, value in named:
         if value is not None and (other := first.setdefault(value, name)) is not name:
-            raise ConfigError(key, f"{value!r} is {other}'s already", f"{path}: vehicle {name}")
+            raise ConfigError(key, notice("fleet.taken", value=value, other=other), f"{path}: vehicle {name}")
 
 
 def _ensure_apart(whos: list[_Who], labs: list[Config], relay_port: int, path: Path) -> None:
@@ -195,17 +190,16 @@ def _ensure_apart(whos: list[_Who], labs: list[Config], relay_port: int, path: P
     _ensure_unlike("status.path", [(n, lab.status.path or None) for n, lab in zip(names, labs, strict=True)], path)
     for name, lab in zip(names, labs, strict=True):
         if lab.pose.stream != labs[0].pose.stream:
-            raise ConfigError("pose", f"must be the same source as {names[0]}'s", f"{path}: vehicle {name}")
+            raise ConfigError("pose", notice("fleet.other_source", other=names[0]), f"{path}: vehicle {name}")
         port = _end(lab, "listen")
         if lab.pose.is_relayed:
             taken = range(relay_port, relay_port + len(labs))
             poses_port = parse_address(lab.pose.address)[1]
             if poses_port in taken:
-                raise ConfigError(
-                    "relay_port", f"{taken[0]} to {taken[-1]} take pose.listen, {lab.pose.address}", str(path)
-                )
+                says = notice("fleet.relay_ports", first=taken[0], last=taken[-1], address=lab.pose.address)
+                raise ConfigError("relay_port", says, str(path))
             if port is not None and int(port) in (*taken, poses_port):
-                raise ConfigError("link.listen", f"port {port} is taken by the poses", f"{path}: vehicle {name}")
+                raise ConfigError("link.listen", notice("fleet.port", port=port), f"{path}: vehicle {name}")
 
 
 def _end(config: Config, key: str) -> str | None:

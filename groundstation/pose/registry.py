@@ -1,7 +1,7 @@
 """Registry of pose sources: every kind by its name in a configuration (``kind = "vicon"``)."""
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import Others, PoseSource
+from groundstation.core.messages import Others, PoseSource, notice
 from groundstation.pose.recorded_codec import TlogRecord
 from groundstation.pose.sources import (
     JsonConfig,
@@ -46,6 +46,6 @@ def make_source(config: PoseConfig, link: CommandLink, others: Others | None = N
     """
     if isinstance(config, MavlinkPoseConfig):
         if not isinstance(link, MavlinkLink):
-            raise ConfigError("pose.kind", "'mavlink' needs link.kind = 'mavlink': no other link brings poses")
+            raise ConfigError("pose.kind", notice("pose.no_link"))
         return MavlinkPoseSource(config, link)
     return config.build(others)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from groundstation.config import RETIRED_KEYS, ConfigError, from_dict, parse_toml
+from groundstation.core.messages import notice
 from groundstation.settings.settings import Config
 
 
@@ -25,7 +26,7 @@ def read_flown_config(about: Mapping[str, str], path: Path, overrides: Sequence[
     try:
         settings = parse_toml(about.get("config", ""))
     except ValueError as error:
-        raise ConfigError("", f"the configuration in it is {error}", str(path)) from None
+        raise ConfigError("", notice("recording.bad_config", why=error), str(path)) from None
     left_out = [key for key in RETIRED_KEYS if _remove(settings, key)]
     while True:
         try:

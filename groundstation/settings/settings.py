@@ -18,7 +18,7 @@ import msgspec
 from groundstation.config import CLIENT_LETTERS, NAME, VEHICLE_LETTERS, ConfigError, describe_name, is_name, texts_of
 from groundstation.core.control import ControllerConfig, Gains, Law
 from groundstation.core.geometry import Coordinate
-from groundstation.core.messages import RemoteAsk
+from groundstation.core.messages import RemoteAsk, notice
 from groundstation.core.safety import FenceConfig, GuardsConfig, LandingConfig, SeparationConfig, TakeoffConfig
 from groundstation.core.trajectory import LemniscateConfig, TrajectoryConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
@@ -200,9 +200,7 @@ def rehearse(config: "Config", file: Path, *, fleet: bool = False) -> "Config":
     """
     unknown = [key for key in texts_of(type(config)) if key not in ADDRESSES and key not in TEXTS]
     if unknown:
-        raise ConfigError(
-            unknown[0], "--rehearse does not know what becomes of this key: it stays unused until it does"
-        )
+        raise ConfigError(unknown[0], notice("rehearse.unknown_key"))
     a, b, c = hashlib.sha256(str(file.resolve()).encode()).digest()[:3]
     name = config.vehicle.name
     room = RehearsalConfig(
@@ -214,9 +212,7 @@ def rehearse(config: "Config", file: Path, *, fleet: bool = False) -> "Config":
     turned = turn_sections(config, room)
     link, pose = (getattr(turned[section], "listen", None) for section in ("link", "pose"))
     if pose is not None and link == pose:
-        raise ConfigError(
-            "pose.listen", f"becomes {pose} in a rehearsal, as link.listen does: rehearse with --set of another port"
-        )
+        raise ConfigError("pose.listen", notice("rehearse.same_address", address=pose))
     return msgspec.structs.replace(config, rehearsal=room, **turned)
 
 
@@ -236,7 +232,6 @@ def ensure_served(room: RehearsalConfig, file: Path) -> None:
     Raises:
         ConfigError: it does not run, or a pseudo-terminal of it is something else.
     """
-    serve = f"start it: groundstation-sim serve --config {file}"
 
     async def look() -> None:
         loop = asyncio.get_running_loop()
@@ -248,9 +243,9 @@ def ensure_served(room: RehearsalConfig, file: Path) -> None:
     try:
         asyncio.run(look())
     except OSError:
-        raise ConfigError("--rehearse", f"nobody plays the other side of {file}; {serve}") from None
+        raise ConfigError("--rehearse", notice("rehearse.unserved", file=file)) from None
     if Path(room.serial).exists() and not is_pseudo_terminal(room.serial):
-        raise ConfigError("--rehearse", f"{room.serial} is no pseudo-terminal: remove it, and {serve}")
+        raise ConfigError("--rehearse", notice("rehearse.no_terminal", path=room.serial, file=file))
 
 
 PORT = 1883

@@ -55,7 +55,7 @@ from groundstation.core.estimation import (
     SpeedBound,
 )
 from groundstation.core.geometry import FLOATS, ZERO, Vec3, add, add_scaled, scale, subtract, third_column
-from groundstation.core.messages import Controller, Decision, Estimate
+from groundstation.core.messages import Controller, Decision, Estimate, notice
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead
 
@@ -515,11 +515,7 @@ class Custom(
         _hand_on_old_paths()
         found = find_object(KIND_KEY, self.factory)
         if not callable(found) and not hasattr(found, "decide"):
-            raise ConfigError(
-                KIND_KEY,
-                f"{self.factory} is not callable: expected factory(vehicle, options) -> Controller, "
-                "or an object with decide(estimate, reference, interval_s)",
-            )
+            raise ConfigError(KIND_KEY, notice("controller.not_callable", factory=self.factory))
         controller: Any
         if inspect.isroutine(found) and len(needed_names(found, self.options) or ()) == 3:
             controller = SimpleNamespace(decide=found)  # the function is decide() itself
@@ -527,7 +523,7 @@ class Custom(
             controller = call_factory(KIND_KEY, self.factory, found, (vehicle,), self.options)
         if not callable(getattr(controller, "decide", None)):
             made = type(controller).__name__
-            raise ConfigError(KIND_KEY, f"{self.factory} made a {made} without decide(estimate, reference, interval_s)")
+            raise ConfigError(KIND_KEY, notice("controller.no_decide", factory=self.factory, type=made))
         return Guarded(controller, vehicle, self.factory)
 
 
@@ -557,16 +553,16 @@ class Guarded:
         if isinstance(decision, ActuatorCommand):
             decision = self._make_whole(decision, estimate, reference)
         if not isinstance(decision, Decision):
-            what = f"{type(decision).__name__}, not a Decision{coroutine_hint(decision)}"
-            raise UserCodeFault(f"{who} returned a {what}")
+            kind, hint = type(decision).__name__, coroutine_hint(decision)
+            raise UserCodeFault(notice("code.returned", what=who, type=kind, wanted="Decision", hint=hint))
         try:
             command = (decision.drive.thrust, *decision.drive.rates)
             is_finite = all(map(math.isfinite, command))  # it refuses text, which float() would take for a number
             thrust, x, y, z = map(float, command)
         except (AttributeError, OverflowError, TypeError, ValueError):
-            raise UserCodeFault(f"{who} returned no thrust and three rates") from None
+            raise UserCodeFault(notice("controller.no_command", what=who)) from None
         if not is_finite:
-            raise UserCodeFault(f"{who} commanded thrust {thrust} N, rates {(x, y, z)} rad/s")
+            raise UserCodeFault(notice("controller.not_finite", what=who, thrust=thrust, rates=(x, y, z)))
         drive, clamped = clamp_command(self._vehicle, thrust, (x, y, z))
         return decision._replace(drive=drive, saturated=bool(decision.saturated) or clamped)
 

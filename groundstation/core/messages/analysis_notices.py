@@ -35,7 +35,13 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("recording.no_mcap", "{path} is no MCAP file"),
     NoticeTemplate("recording.damaged", "{path} is damaged at byte {at}, before its flight begins"),
     NoticeTemplate("recording.no_flight", "{path} is no recording of a flight, or was cut off before it began"),
+    NoticeTemplate("recording.bad_config", "the configuration in it is {why}"),
     # Reports and viewers.
+    NoticeTemplate(
+        "logs.recording", "expected CONFIG.toml or a folder; of one flight `groundstation report {path}` tells"
+    ),
+    NoticeTemplate("view.not_tui", "is not for --tui: `groundstation view` shows the recording that fly names"),
+    NoticeTemplate("view.not_recorded", "shows the recording as it grows, and recording.enabled is false"),
     NoticeTemplate("report.no_command", "{path} holds no command: nothing was flown, so there is nothing to report"),
     NoticeTemplate("view.no_rerun", "what listens at {address} takes nothing: it is no Rerun, or has just ended"),
     NoticeTemplate(
@@ -61,6 +67,7 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "identify.other_config", "{path} was flown with a configuration that this version cannot read: {why}"
     ),
     # Replay.
+    NoticeTemplate("replay.own_config", "a recording has its own configuration: change it with --set"),
     NoticeTemplate(
         "replay.foreign_code",
         "flown by {factory}: to replay it, that module is imported here, and its code runs. Where you trust it, say "

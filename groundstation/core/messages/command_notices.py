@@ -10,4 +10,53 @@ COMMAND_NOTICES: tuple[NoticeTemplate, ...] = (
         "--scenario {name} is now {name} alone",
         "the old spelling works for one more release",
     ),
+    # Requests to a flight.
+    NoticeTemplate("request.not_one", "expected such as Request(Ask.LAND), got {found!r}"),
+    NoticeTemplate("request.no_words", "takes nothing behind it, got {found!r}"),
+    NoticeTemplate("request.points", "expected at most {most} points, got {count}"),
+    NoticeTemplate("goto.numbers", "expected NORTH EAST DOWN [YAW], got {count} numbers"),
+    NoticeTemplate("follow.one_file", "expected one FILE.csv, got {count} words"),
+    NoticeTemplate("follow.long", "{path}: longer than a file of {most} points can be"),
+    NoticeTemplate("follow.point", "{path}: point {number}: {why}"),
+    # Radio modules and their bridge.
+    NoticeTemplate("radio.link_kind", "expected one of {choices}: no other link has a radio module here"),
+    NoticeTemplate("radio.no_file", "expected a configuration, or --make-key FILE; see docs/how-to/rf.md"),
+    # MQTT.
+    NoticeTemplate("mqtt.url", "expected mqtts://[USER@]HOST[:PORT][/PREFIX], or mqtt:// on this machine"),
+    NoticeTemplate("mqtt.unencrypted", "{host} is another machine, and nothing would be encrypted", "write mqtts://"),
+    NoticeTemplate("mqtt.missing_option", "missing; --mqtt needs --vehicle, --client and --key"),
+    NoticeTemplate("mqtt.same_key", "{path} holds another client's key: each needs its own"),
+    # Fleets.
+    NoticeTemplate(
+        "fleet.no_file",
+        'this is no fleet file: one names the configuration that all vehicles share, config = "lab.toml", and has '
+        "[[vehicles]]; is it that configuration itself?",
+    ),
+    NoticeTemplate(
+        "fleet.pose_kind", "expected one of {choices}, got {found!r}: a vehicle of a fleet must see the others"
+    ),
+    NoticeTemplate("fleet.taken", "{value!r} is {other}'s already"),
+    NoticeTemplate("fleet.other_source", "must be the same source as {other}'s"),
+    NoticeTemplate("fleet.relay_ports", "{first} to {last} take pose.listen, {address}"),
+    NoticeTemplate("fleet.port", "port {port} is taken by the poses"),
+    # Rehearsals.
+    NoticeTemplate("rehearse.no_file", "expected CONFIG.toml, to rehearse its flight"),
+    NoticeTemplate(
+        "rehearse.unknown_key",
+        "--rehearse does not know what becomes of this key: it stays unused until it does",
+    ),
+    NoticeTemplate(
+        "rehearse.same_address",
+        "becomes {address} in a rehearsal, as link.listen does",
+        "rehearse with --set of another port",
+    ),
+    NoticeTemplate(
+        "rehearse.unserved",
+        "nobody plays the other side of {file}; start it: groundstation-sim serve --config {file}",
+    ),
+    NoticeTemplate(
+        "rehearse.no_terminal",
+        "{path} is no pseudo-terminal",
+        "remove it, and start it: groundstation-sim serve --config {file}",
+    ),
 )

@@ -8,6 +8,7 @@ from typing import ClassVar, NamedTuple, Protocol, TypeAlias, runtime_checkable
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
+from links.text import Sentence
 
 Excess: TypeAlias = tuple[float, float]
 """Value and limit, in the limit's unit."""
@@ -127,7 +128,7 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return f"kind = {self.kind}"
 
     @property
-    def never_flies(self) -> tuple[str, str] | None:
+    def never_flies(self) -> tuple[str, Sentence] | None:
         """Configuration key and reason that forbid these poses to fly a vehicle; None if they may."""
         return None
 

@@ -204,11 +204,43 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("hold.untold", "not reported by the autopilot for {age_s:.1f} s"),
     NoticeTemplate("hold.no_receiver", "the autopilot's receiver receives nothing from the transmitter"),
     NoticeTemplate("hold.no_channel", "the receiver has no such channel"),
+    NoticeTemplate("hold.linux_only", "keys and axes are read by evdev, which only Linux has; or hold = 'rc:N'"),
+    NoticeTemplate("hold.unknown_name", "no key, button or axis has this name (see evtest), got {found!r}"),
+    NoticeTemplate("hold.several", "more than one has {name}, name one: {devices}"),
+    NoticeTemplate("hold.no_device", "none may be read here: is it plugged in, and are you in the group input?"),
+    NoticeTemplate(
+        "hold.no_such_device", "expected a device that has {name} (evtest lists the keys of each); there are: {devices}"
+    ),
+    NoticeTemplate(
+        "hold.joystick",
+        "{value}: {why}",
+        "a joystick's /dev/input/js… is another interface, name its …-event-joystick",
+    ),
+    # What a configuration must have before anything is opened.
+    NoticeTemplate("trajectory.refused", "{why}. To see all of it: groundstation trajectory CONFIG"),
+    NoticeTemplate(
+        "guarded.no_fence",
+        "missing, and a real vehicle may fly here ({why})",
+        'kind = "box", north_m = [-2, 2], east_m = [-2, 2], height_m = 2.5, or convex',
+    ),
+    NoticeTemplate(
+        "guarded.no_speed",
+        "missing, and a real vehicle may fly here ({why})",
+        "the highest speed that may be commanded",
+    ),
+    NoticeTemplate("guarded.start", "expected floor, as a real vehicle may fly here ({why})"),
     # Prompts and the operator's orders by the keyboard.
     NoticeTemplate("arm.prompt", "{vehicle} is ready. Its motors will start. Type its name to arm"),
     NoticeTemplate(
         "arm.prompt_rehearsal",
         "REHEARSAL of {rehearsed}: it is ready, and nothing real will move. Type {vehicle} to arm",
+    ),
+    NoticeTemplate("arm.no_terminal", "without a terminal, arming needs --arm {vehicle}"),
+    NoticeTemplate("arm.other", "expected {vehicle!r}, the vehicle in the config, got {found!r}"),
+    NoticeTemplate(
+        "arm.service",
+        "a service never arms by itself, as it may be started again at any time",
+        "start it without, then `groundstation request arm --vehicle {vehicle}`",
     ),
     NoticeTemplate("arm.question", "{prompt}, anything else to stop: "),
 )

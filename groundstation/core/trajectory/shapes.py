@@ -24,6 +24,7 @@ from groundstation.config import (
     Option,
     UserCodeFault,
     call_factory,
+    config_notice,
     coroutine_hint,
     describe_error,
     find_object,
@@ -82,7 +83,7 @@ class OwnTrajectoryConfig(
             return OwnTrajectory(found, found, self.factory)
         made = call_factory(KEY, self.factory, found, (), self.options)
         if not callable(getattr(made, "at", None)):
-            raise ConfigError(KEY, f"{self.factory} made a {type(made).__name__} without at(time_s) -> Reference")
+            raise ConfigError(KEY, config_notice("trajectory.no_at", factory=self.factory, type=type(made).__name__))
         return OwnTrajectory(made, made.at, self.factory)
 
 
@@ -113,14 +114,15 @@ class OwnTrajectory:
         except KeyboardInterrupt:
             raise
         except BaseException as error:
-            raise ConfigError(KEY, f"{self._name}.{name} failed: {describe_error(error)}") from error
+            failed = config_notice("trajectory.attribute", name=self._name, attribute=name)
+            raise ConfigError(KEY, config_notice("code.failed", what=failed, why=describe_error(error))) from error
 
     def _time_of(self, curve: Any, name: str) -> float | None:
         value = self._read(curve, name)
         if value is None:
             return None
         if not isinstance(value, Real) or not 0.0 <= float(value) < math.inf:
-            raise ConfigError(KEY, f"{self._name} has {name} = {value!r}: expected seconds, 0 or more")
+            raise ConfigError(KEY, config_notice("trajectory.seconds", name=self._name, attribute=name, found=value))
         return float(value)
 
     def _joints_of(self, curve: Any, ends: Sequence[float]) -> Sequence[float]:
@@ -131,9 +133,7 @@ class OwnTrajectory:
             joints = [float(time_s) for time_s in value if math.isfinite(time_s)]
             if len(joints) == len(value) >= len(ends) and all(a < b for a, b in pairwise(joints)):
                 return joints
-        raise ConfigError(
-            KEY, f"{self._name} has joints_s = {value!r}: expected rising times, its beginning and its end among them"
-        )
+        raise ConfigError(KEY, config_notice("trajectory.joints", name=self._name, found=value))
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""
@@ -158,7 +158,8 @@ class OwnTrajectory:
             raise UserCodeFault(what, error) from error
         if not isinstance(found, Reference):
             hint = " (a factory's argument must be called options)" if hasattr(found, "at") else coroutine_hint(found)
-            raise UserCodeFault(f"trajectory {self._name} returned a {type(found).__name__}, not a Reference{hint}")
+            kind = type(found).__name__
+            raise UserCodeFault(config_notice("code.returned", what=what, type=kind, wanted="Reference", hint=hint))
         try:
             vectors = (found.position_ned, found.velocity_ned, found.acceleration_ned, found.jerk_ned)
             # Which takes no text for a number, as float does.
@@ -166,9 +167,9 @@ class OwnTrajectory:
             position, *derivatives = [(float(x), float(y), float(z)) for x, y, z in vectors]
             yaw, yaw_rate = float(found.yaw_rad), float(found.yaw_rate_rad_s)
         except (OverflowError, TypeError, ValueError):
-            raise UserCodeFault(f"trajectory {self._name}: expected vectors of three numbers in {found}") from None
+            raise UserCodeFault(config_notice("trajectory.vectors", what=what, found=found)) from None
         if not finite:
-            raise UserCodeFault(f"trajectory {self._name} returned {found} at {time_s:g} s")
+            raise UserCodeFault(config_notice("trajectory.not_finite", what=what, found=found, time_s=time_s))
         if is_over:
             return Reference(position, yaw_rad=yaw)
         velocity, acceleration, jerk = derivatives

@@ -123,7 +123,7 @@ def ensure_flyable(config: Config) -> FeasibilityReport:
     report = examine_trajectory(config)
     why = explain_refusal(config, report)
     if why is not None:
-        raise ConfigError("trajectory", f"{why}. To see all of it: groundstation trajectory CONFIG")
+        raise ConfigError("trajectory", notice("trajectory.refused", why=why))
     return report
 
 
@@ -153,14 +153,12 @@ def ensure_guarded(config: Config) -> None:
     why = find_real_key(config)
     if why is None:
         return
-    because = f"a real vehicle may fly here ({why})"
     if config.fence is None:
-        says = f'missing, and {because}: kind = "box", north_m = [-2, 2], east_m = [-2, 2], height_m = 2.5, or convex'
-        raise ConfigError("fence", says)
+        raise ConfigError("fence", notice("guarded.no_fence", why=why))
     if config.limits.max_speed_m_s is None:
-        raise ConfigError("limits.max_speed_m_s", f"missing, and {because}: the highest speed that may be commanded")
+        raise ConfigError("limits.max_speed_m_s", notice("guarded.no_speed", why=why))
     if config.flight.start != "floor":
-        raise ConfigError("flight.start", f"expected floor, as {because}")
+        raise ConfigError("flight.start", notice("guarded.start", why=why))
 
 
 def ensure_link(config: Config) -> None:

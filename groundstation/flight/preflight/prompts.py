@@ -19,7 +19,7 @@ def ensure_named(arm: str | None, config: Config) -> None:
         ConfigError: it names another.
     """
     if arm is not None and arm != config.vehicle.name:
-        raise ConfigError("--arm", f"expected {config.vehicle.name!r}, the vehicle in the config, got {arm!r}")
+        raise ConfigError("--arm", notice("arm.other", vehicle=config.vehicle.name, found=arm))
 
 
 async def confirm_arming(config: Config, arm: str | None) -> bool:

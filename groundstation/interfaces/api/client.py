@@ -342,7 +342,7 @@ async def ask_station(request: Request, vehicle: str | None = None, socket: Path
     request = _as_sent(request)
     for name, given in (("vehicle", vehicle), ("socket", socket)):
         if not isinstance(given, str | Path | None):
-            raise ConfigError(name, f"expected text, got {given!r}")
+            raise ConfigError(name, notice("value.form", form="text", found=given))
     path = Path(socket) if socket is not None else await find_socket(vehicle)
     try:
         client = await attach(path, "request")
@@ -370,7 +370,7 @@ def _as_sent(request: object) -> Request:
         ConfigError: it would not be read.
     """
     if not isinstance(request, Request):
-        raise ConfigError("request", f"expected such as Request(Ask.LAND), got {request!r}")
+        raise ConfigError("request", notice("request.not_one", found=request))
     try:
         return msgspec.convert(msgspec.to_builtins(request), Request)
     except msgspec.ValidationError as error:
@@ -443,7 +443,7 @@ def stop_all_command(args: argparse.Namespace, ask_back: Callable[[str], str] | 
     if ask is Ask.KILL and there and not args.yes:
         names = ", ".join(one.vehicle for one in there)
         if ask_back is None:
-            raise ConfigError("--kill", str(notice("stop_all.needs_yes", names=names)))
+            raise ConfigError("--kill", notice("stop_all.needs_yes", names=names))
         if ask_back(str(notice("stop_all.question", names=names))).strip() != "yes":
             print(notice("stop_all.not_done"))
             return Exit.FAILED

@@ -89,9 +89,9 @@ def fly(args: argparse.Namespace) -> int:
     ensure_named(args.arm, config)
     if args.view:
         if args.tui:
-            raise ConfigError("--view", "is not for --tui: `groundstation view` shows the recording that fly names")
+            raise ConfigError("--view", notice("view.not_tui"))
         if not config.recording.enabled:
-            raise ConfigError("--view", "shows the recording as it grows, and recording.enabled is false")
+            raise ConfigError("--view", notice("view.not_recorded"))
         if find_spec(args.view) is None:  # which imports nothing: the flight needs none of it
             require_package(args.view, "--view", "view")
     if args.tui:
@@ -99,7 +99,7 @@ def fly(args: argparse.Namespace) -> int:
 
         return fly_with_screen(args, config)
     if args.arm is None and not sys.stdin.isatty():
-        raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
+        raise ConfigError("--arm", notice("arm.no_terminal", vehicle=config.vehicle.name))
     say = _terminal_writer()
     return fly_command(
         config, partial(confirm_arming, config, args.arm), _mark_lines(say) if args.rehearse else say, args.view or ""
@@ -174,9 +174,9 @@ def _radio(what: str, args: argparse.Namespace) -> Exit:
     """Have the module of a radio link do ``what``; nothing is ever armed."""
     config = load(args.config, Config, args.overrides)
     if not isinstance(config.link, RfLinkConfig):
-        raise ConfigError("link.kind", f"expected one of {sorted(RF_CODECS)}: no other link has a radio module here")
+        raise ConfigError("link.kind", notice("radio.link_kind", choices=sorted(RF_CODECS)))
     if not 0.0 < args.seconds <= 3600.0:
-        raise ConfigError("--seconds", f"expected more than 0 and at most 3600, got {args.seconds:g}")
+        raise ConfigError("--seconds", notice("value.range", above=0, most=3600, found=args.seconds))
     done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, what, args.seconds, _terminal_writer()))
     return Exit.DONE if done else Exit.FAILED
 
@@ -194,7 +194,7 @@ def radio_bridge(args: argparse.Namespace) -> Exit:
         say(f"{args.make_key}: a new key, for your eyes only. Copy it to the other computer by a safe way, mode 0600")
         return Exit.DONE
     if args.config is None:
-        raise ConfigError("CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/rf.md")
+        raise ConfigError("CONFIG.toml", notice("radio.no_file"))
     config = load(args.config, BridgeConfig, args.overrides)
     shared = load_link_key(config.key_file, "key_file")
     one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=config.link.destination)
@@ -217,7 +217,7 @@ def tui(args: argparse.Namespace) -> int:
 
     if args.rehearse:
         if args.log is None:
-            raise ConfigError("--rehearse", "expected CONFIG.toml, to rehearse its flight")
+            raise ConfigError("--rehearse", notice("rehearse.no_file"))
         args.config, args.log, args.overrides, args.arm, args.tui, args.view = args.log, None, [], None, True, ""
         if not asyncio.run(is_served(socket_path(StatusConfig(), REHEARSAL))):
             return fly(args)
@@ -250,41 +250,42 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     rows: list[list[Any]]
     if ask == "follow":
         if len(where) != 1:
-            raise ConfigError("follow", f"expected one FILE.csv, got {len(where)} words")
+            raise ConfigError("follow", notice("follow.one_file", count=len(where)))
         try:
             with Path(where[0]).open(encoding="utf-8") as file:
                 text = file.read(COURSE_LETTERS + 1)
             if len(text) > COURSE_LETTERS:
-                raise ConfigError("follow", f"{where[0]}: longer than a file of {MOST_POINTS} points can be")
+                raise ConfigError("follow", notice("follow.long", path=where[0], most=MOST_POINTS))
             course = parse_course(text, least=1)
         except OSError as error:
-            raise ConfigError("follow", f"cannot read {where[0]}: {error.strerror}") from None
-        except UnicodeDecodeError:
-            raise ConfigError("follow", f"{where[0]}: is no text") from None
+            raise ConfigError("follow", notice("file.unread", path=where[0], why=error.strerror)) from None
+        except UnicodeDecodeError as error:
+            why = notice("file.not_utf8", at=error.start)
+            raise ConfigError("follow", notice("value.refused", value=where[0], why=why)) from None
         except ValueError as error:
-            raise ConfigError("follow", f"{where[0]}: {error}") from None
+            raise ConfigError("follow", notice("value.refused", value=where[0], why=error)) from None
         if "times_s" in course or "velocities_ned" in course:
             print("its times and speeds are left out: each leg is flown from rest to rest", file=sys.stderr)
         yaws = course.get("yaws_deg") or [None] * len(course["points_ned"])
         rows = [[*place, yaw] for place, yaw in zip(course["points_ned"], yaws, strict=True)]
     elif ask == "goto":
         if len(where) not in (3, 4):
-            raise ConfigError("goto", f"expected NORTH EAST DOWN [YAW], got {len(where)} numbers")
+            raise ConfigError("goto", notice("goto.numbers", count=len(where)))
         rows = [where]
     elif where:
-        raise ConfigError(ask, f"takes nothing behind it, got {' '.join(where)!r}")
+        raise ConfigError(ask, notice("request.no_words", found=" ".join(where)))
     else:
         return ()
     if len(rows) > MOST_POINTS:
-        raise ConfigError(ask, f"expected at most {MOST_POINTS} points, got {len(rows)}")
+        raise ConfigError(ask, notice("request.points", most=MOST_POINTS, count=len(rows)))
     points = []
     for number, row in enumerate(rows, start=1):
         try:
             numbers: list[Any] = [None if each is None else float(each) for each in row]
             points.append(Waypoint(*numbers))
         except ValueError as error:
-            where_at = f"{where[0]}: point {number}: " if ask == "follow" else ""
-            raise ConfigError(ask, f"{where_at}{error}") from None
+            says = notice("follow.point", path=where[0], number=number, why=error) if ask == "follow" else str(error)
+            raise ConfigError(ask, says) from None
     return tuple(points)
 
 
@@ -337,7 +338,7 @@ def replay(args: argparse.Namespace) -> Exit:
         from groundstation.analysis import replay_command
 
         if args.config is not None:
-            raise ConfigError("--config", "a recording has its own configuration: change it with --set")
+            raise ConfigError("--config", notice("replay.own_config"))
         return replay_command(args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules)
     from groundstation.analysis.evidence import evidence_command
 
@@ -375,9 +376,7 @@ def logs(args: argparse.Namespace) -> Exit:
     if args.config is not None and args.config.is_dir():
         args.config, args.folder = None, args.folder or args.config
     if args.config is not None and args.config.suffix in (".mcap", ".tlog"):
-        raise ConfigError(
-            "logs", f"expected CONFIG.toml or a folder; of one flight `groundstation report {args.config}` tells"
-        )
+        raise ConfigError("logs", notice("logs.recording", path=args.config))
     return logs_command(load(args.config, Config, args.overrides).recording, args)
 
 
@@ -444,7 +443,7 @@ def config_new(args: argparse.Namespace) -> Exit:
     """Print a configuration to start from, list them, or write them all."""
     if args.all is not None:
         if args.name is not None:
-            raise ConfigError("--all", f"writes all of them, and {args.name!r} with them: leave one out")
+            raise ConfigError("--all", notice("option.all_and_name", name=args.name))
         copy_examples(args.all)
         print(f"{args.all} written")
     else:
@@ -493,7 +492,7 @@ def trajectory(args: argparse.Namespace) -> Exit:
 def check(args: argparse.Namespace) -> Exit:
     """Connect, run the pre-flight checks, and disconnect; or show the pose source live. Nothing is armed."""
     if args.seconds is not None and not args.watch:
-        raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
+        raise ConfigError("--seconds", notice("option.only_with", option="--watch"))
     if args.watch:
         from groundstation.lab import watch_poses
 
@@ -529,7 +528,7 @@ def config_vehicles(args: argparse.Namespace) -> Exit:
     known = presets(Vehicle)
     if args.name is not None:
         if args.name not in known:
-            raise ConfigError("NAME", f"expected one of {list(known)}, got {args.name!r}")
+            raise ConfigError("NAME", notice("value.choice", choices=list(known), found=args.name))
         print(known[args.name], end="")
         return Exit.DONE
     for name, text in known.items():

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from groundstation.config import ConfigError, from_dict
+from groundstation.core.messages import notice
 from groundstation.settings import MqttConfig
 from links.io import is_loopback
 from links.text import printable
@@ -128,9 +129,9 @@ def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file:
         raise ConfigError(url, str(error)) from None
     tls = parts.scheme == "mqtts"
     if parts.scheme not in ("mqtt", "mqtts") or not parts.hostname or parts.query or parts.fragment or parts.password:
-        raise ConfigError(url, "expected mqtts://[USER@]HOST[:PORT][/PREFIX], or mqtt:// on this machine")
+        raise ConfigError(url, notice("mqtt.url"))
     if not tls and not is_loopback(parts.hostname):
-        raise ConfigError(url, f"{parts.hostname} is another machine, and nothing would be encrypted: write mqtts://")
+        raise ConfigError(url, notice("mqtt.unencrypted", host=parts.hostname))
     data: dict[str, Any] = {
         "enabled": True,
         "host": parts.hostname,
@@ -153,16 +154,15 @@ def _password(path: Path, key: str) -> str:
             info = os.fstat(file.fileno())
             password = file.readline().rstrip("\r\n")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(key, f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+        why = getattr(error, "strerror", None) or error
+        raise ConfigError(key, notice("file.unread", path=path, why=why)) from None
     _for_us_alone(info, path, key)
     return password
 
 
 def _for_us_alone(info: os.stat_result, path: Path, key: str) -> None:
     if info.st_uid not in (os.getuid(), 0) or stat.S_IMODE(info.st_mode) & 0o077:
-        raise ConfigError(
-            key, f"{path} has mode {stat.S_IMODE(info.st_mode):04o}, so others may read it: change it, then chmod 600"
-        )
+        raise ConfigError(key, notice("file.mode", path=path, mode=f"{stat.S_IMODE(info.st_mode):04o}"))
 
 
 def _context(config: MqttConfig, section: str) -> "ssl.SSLContext":
@@ -172,7 +172,8 @@ def _context(config: MqttConfig, section: str) -> "ssl.SSLContext":
     try:
         context = ssl.create_default_context(cafile=tls.ca_file or None)
     except (OSError, ssl.SSLError) as error:
-        raise ConfigError(f"{section}tls.ca_file", f"cannot use {tls.ca_file}: {error.strerror or error}") from None
+        says = notice("file.unusable", path=tls.ca_file, why=error.strerror or error)
+        raise ConfigError(f"{section}tls.ca_file", says) from None
     if not tls.verify:
         context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     if tls.cert_file:
@@ -181,5 +182,6 @@ def _context(config: MqttConfig, section: str) -> "ssl.SSLContext":
             context.load_cert_chain(tls.cert_file, tls.key_file)
         except OSError as error:  # ssl.SSLError is one
             files = f"{tls.cert_file} with {tls.key_file}"
-            raise ConfigError(f"{section}tls.cert_file", f"cannot use {files}: {error.strerror or error}") from None
+            says = notice("file.unusable", path=files, why=error.strerror or error)
+            raise ConfigError(f"{section}tls.cert_file", says) from None
     return context

@@ -17,7 +17,7 @@ from groundstation.config import (
     describe_pattern,
     is_name,
 )
-from groundstation.core.messages import RemoteAsk, Waypoint
+from groundstation.core.messages import RemoteAsk, Waypoint, notice
 from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
 from groundstation.interfaces.mqtt.messages import (
     ANSWER,
@@ -62,15 +62,15 @@ def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> 
     """
     for name, value in (("--vehicle", args.vehicle), ("--client", args.client), ("--key", args.key)):
         if not value:
-            raise ConfigError(name, "missing; --mqtt needs --vehicle, --client and --key")
+            raise ConfigError(name, notice("mqtt.missing_option"))
     if args.ask == "arm":
-        raise ConfigError("arm", "nobody arms from afar: only who stands by the vehicle may")
+        raise ConfigError("arm", notice("order.arm_from_afar"))
     for name, value, letters in (
         ("--vehicle", args.vehicle, VEHICLE_LETTERS),
         ("--client", args.client, CLIENT_LETTERS),
     ):
         if not is_name(value, letters):
-            raise ConfigError(name, f"expected {describe_name(letters)}, got {value!r}")
+            raise ConfigError(name, notice("value.form", form=describe_name(letters), found=value))
     broker = from_url(args.mqtt, ca=args.ca, user=args.user, password_file=args.password_file)
     key = _key(args.key)
     try:

@@ -73,7 +73,7 @@ def read_client_keys(config: MqttConfig) -> dict[str, ClientKey]:
         except ValueError as error:
             raise ConfigError(where, str(error)) from None
         if any(key == other.key for other in clients.values()):
-            raise ConfigError(where, f"{client.key_file} holds another client's key: each needs its own")
+            raise ConfigError(where, notice("mqtt.same_key", path=client.key_file))
         clients[name] = ClientKey(key, frozenset(map(Ask, client.may)))
     return clients
 

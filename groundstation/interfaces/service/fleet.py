@@ -247,9 +247,9 @@ def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> Exit:
     for option, asked in (("--arm", args.arm), ("--show", [args.show] if args.show else [])):
         for name in asked:
             if name not in names:
-                raise ConfigError(option, f"expected one of {names}, got {name!r}")
+                raise ConfigError(option, notice("value.choice", choices=names, found=name))
     if args.arm and "NOTIFY_SOCKET" in os.environ:
-        raise ConfigError("--arm", "a service never arms by itself, as it may be started again at any time")
+        raise ConfigError("--arm", notice("arm.service", vehicle=args.arm[0]))
     if args.show:
         print(describe_core(found, found.members[names.index(args.show)]))
         return Exit.DONE

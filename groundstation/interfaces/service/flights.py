@@ -584,11 +584,7 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
         ConfigError: ``arm`` under a service manager, which might start it again and again.
     """
     if arm and "NOTIFY_SOCKET" in os.environ:
-        raise ConfigError(
-            "--arm",
-            "a service never arms by itself, as it may be started again at any time: start it without, then "
-            f"`groundstation request arm --vehicle {config.vehicle.name}`",
-        )
+        raise ConfigError("--arm", notice("arm.service", vehicle=config.vehicle.name))
     make_ends(config)  # what it names must go together, before anything is opened
     log = logging.getLogger("groundstation")
     log.setLevel(logging.INFO)

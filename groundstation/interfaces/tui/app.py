@@ -858,7 +858,7 @@ def tui_command(args: argparse.Namespace) -> int:
             require_terminal("--screenshot FILE.svg draws a picture of it")
         return _show_recording(args.log, args.theme, args.at, args.screenshot, args.size)
     if args.screenshot is not None or args.at is not None:
-        raise ConfigError("--screenshot, --at", "need a recording, LOG.mcap")
+        raise ConfigError("--screenshot, --at", notice("screen.needs_recording"))
     require_terminal("groundstation daemon health says in a line how the flight is")
     path = args.socket or served_socket(args.vehicle)
     which = _which(args.socket)
@@ -873,7 +873,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     require_terminal("groundstation fly without --tui needs none")
     if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
-        raise ConfigError("status.path", str(notice("screen.served", path=path, again=again)))
+        raise ConfigError("status.path", notice("screen.served", path=path, again=again))
     log = folder_of(config.recording) / f"{vehicle}.log"
     overrides = [word for override in args.overrides for word in ("--set", override)]
     overrides += ["--rehearse"] if args.rehearse else []
@@ -950,7 +950,7 @@ def _show_recording(log: Path, theme: str, at: float | None, picture: Path | Non
     dashboard = Dashboard(playback)
     if at is not None:
         if not at >= 0.0:
-            raise ConfigError("--at", f"expected seconds from the recording's start, 0 or more, got {at:g}")
+            raise ConfigError("--at", notice("screen.at", at_s=at))
         playback.seek(at)
     if picture is None:
         return _run(dashboard, theme)
@@ -966,7 +966,7 @@ def _show_recording(log: Path, theme: str, at: float | None, picture: Path | Non
 def _size(text: str) -> tuple[int, int]:
     columns, _, rows = text.partition("x")
     if not (columns.isdigit() and rows.isdigit() and 40 <= int(columns) <= 400 and 12 <= int(rows) <= 200):
-        raise ConfigError("--size", f"expected COLUMNSxROWS, 40x12 to 400x200, got {text!r}")
+        raise ConfigError("--size", notice("screen.size", found=text))
     return int(columns), int(rows)
 
 
@@ -978,7 +978,7 @@ def served_socket(vehicle: str | None) -> Path:
     if not served and vehicle is not None:
         return socket_path(StatusConfig(), vehicle)  # it may come up yet
     if not served:
-        raise ConfigError("tui", str(notice("screen.nobody")))
+        raise ConfigError("tui", notice("screen.nobody"))
     try:
         return asyncio.run(find_socket(vehicle))
     except ApiError as error:

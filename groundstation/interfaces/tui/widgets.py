@@ -486,4 +486,4 @@ def require_terminal(otherwise: str) -> None:
         os.environ.pop(name, None)
     drawn = (sys.stdin, sys.stdout, sys.stderr)  # Textual draws on the last
     if not all(stream.isatty() for stream in drawn):
-        raise ConfigError("tui", str(notice("screen.no_terminal", otherwise=otherwise)))
+        raise ConfigError("tui", notice("screen.no_terminal", otherwise=otherwise))

@@ -15,7 +15,7 @@ from typing import Annotated, ClassVar, Literal
 import msgspec
 
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, SourceError, notice
+from groundstation.core.messages import Others, Pose, PoseKind, Sentence, SourceError, notice
 from groundstation.machine import cancel_task
 from groundstation.pose.sources.intake import Intake, ReaderSource
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
@@ -77,10 +77,10 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
         return None if made_up or is_loopback(self.hostname) else f"hostname = {self.hostname}"
 
     @property
-    def never_flies(self) -> tuple[str, str] | None:
+    def never_flies(self) -> tuple[str, Sentence] | None:
         """Refusal of made-up bodies."""
         if self.backend == "mock":
-            return "pose.backend", "mock makes bodies up: they never fly a vehicle"
+            return "pose.backend", notice("pose.made_up")
         return None
 
     @property

@@ -70,3 +70,34 @@ def test_what_carries_a_sentence_is_made_from_one() -> None:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in BUILDERS
     ]
     assert made == []
+
+
+ERRORS = {"ConfigError", "ArgumentError"}
+"""Errors whose text an operator reads."""
+
+
+def is_prose(node: ast.AST) -> bool:
+    """Whether ``node`` is text that belongs into the table: an f-string of several words, or several words."""
+    parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+    return any(isinstance(part, ast.Constant) and " " in str(part.value).strip(": ") for part in parts)
+
+
+def has_own_text(call: ast.Call, function: ast.AST) -> bool:
+    """Whether the error that ``call`` makes has a text of its own, said there or in a name of ``function``."""
+    said = call.args[1:] + [each.value for each in call.keywords]
+    names = {node.id for node in said if isinstance(node, ast.Name)}
+    assigned = [node for node in ast.walk(function) if isinstance(node, ast.Assign)]
+    said += [node.value for node in assigned if not names.isdisjoint(map(ast.unparse, node.targets))]
+    return any(is_prose(node) for text in said for node in ast.walk(text))
+
+
+def test_every_error_for_the_operator_is_a_row_of_the_table() -> None:
+    own_texts = [
+        f"{function.name}: {ast.unparse(node)}"
+        for function in parsed("groundstation", "links")
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for node in ast.walk(function)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ERRORS
+        if has_own_text(node, function)
+    ]
+    assert own_texts == []

@@ -142,7 +142,7 @@ def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
     (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
     (["follow", "huge.csv"], "huge.csv: longer than a file of 64 points can be"),
     (["follow", "empty.csv"], "yaw_deg, and at least one line of numbers"),
-    (["follow", "picture.csv"], "picture.csv: is no text"),
+    (["follow", "picture.csv"], "picture.csv: not UTF-8 text"),
     (["follow", "nan.csv"], "nan.csv: line 2, column north_m: expected a number from -100 to 100, got 'nan'"),
     (["follow", "many.csv"], "follow: expected at most 64 points, got 65"),
     (["land", "3"], "land: takes nothing behind it"),
