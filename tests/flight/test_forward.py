@@ -4,19 +4,16 @@ import asyncio
 import itertools
 import math
 from collections.abc import Awaitable, Callable
-from typing import Any
 
 import pytest
 
-from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import Ask, Pose, Reply, Request
+from groundstation.core.messages import Ask, Reply, Request
 from groundstation.core.mission import State
 from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.flight import Flight, make_flight
-from groundstation.pose.forward import Forward
-from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, Odometry, odometry
+from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots import Px4Autopilot
-from sim.autopilots.autopilot import ExternalPoses, Fused
+from sim.autopilots.autopilot import ExternalPoses
 from sim.runs import Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import running
@@ -183,44 +180,3 @@ def test_a_pose_that_the_gate_drops_does_not_reach_the_autopilot() -> None:
     north, east, down = stage.world.start_ned
     there = north, east, down - stage.world.floor_z_m
     assert all(math.dist(fused.position, there) < 0.01 for fused in external.fused)
-
-
-def test_in_flight_the_autopilot_is_told_the_velocity_along_its_own_axes() -> None:
-    forward = Forward(ForwardConfig(rate_hz=200.0), 0.0)
-    east = so3.from_euler_zyx(0.0, 0.0, math.pi / 2.0)
-    told = [forward.take(pose(n, attitude=east), 0.01 * n + 0.01) for n in range(30)]
-    assert told[:2] == [None, None], "no velocity yet"
-    last = told[-1]
-    assert last is not None
-    assert last.velocity == pytest.approx((0.0, -2.0, 0.0), abs=1e-9)  # it flies north, which is to its left
-    assert last.noise_m_s == pytest.approx(math.sqrt(2.0) * 0.005 / 0.05, rel=0.01)
-    measured = forward.take(pose(30, velocity_ned=(1.0, 0.0, 0.0)), 0.31)
-    assert measured is not None and measured.measured_velocity
-
-
-def pose(n: int, place: Vec3 | None = None, **more: Any) -> Pose:
-    where = (0.02 * n, 0.0, -1.0) if place is None else place
-    return Pose(n, 0.01 * n, 0.01 * n + 0.01, where, **{"attitude": so3.IDENTITY, **more})
-
-
-def test_the_bytes_hold_what_each_autopilot_wants() -> None:
-    told = Odometry(12.5, (1.0, 2.0, -3.0), so3.IDENTITY, (0.1, 0.2, 0.3), False, 300, 0.01, 0.02, 0.5)
-    codec = MavlinkCodec(245, 190)
-    for kind, speed in ((PX4, None), (ARDUPILOT, (0.1, 0.2, 0.3))):
-        frame = odometry(codec, kind, told)
-        (message,) = MavlinkCodec(1, 1).feed(frame)
-        frame_id = 1 if kind == PX4 else 20  # MAV_FRAME_LOCAL_NED, _LOCAL_FRD
-        assert (message.frame_id, message.child_frame_id, message.estimator_type) == (frame_id, 12, 2)
-        assert message.time_usec == 12_500_000
-        assert message.reset_counter == 300 & 0xFF
-        assert message.quality == 100
-        assert all(map(math.isnan, (message.rollspeed, message.pitchspeed, message.yawspeed)))
-        diagonal = [message.pose_covariance[n] for n in (0, 6, 11, 15, 18, 20)]
-        assert diagonal == pytest.approx([1e-4] * 3 + [4e-4] * 3)
-        assert sum(map(abs, message.pose_covariance)) == pytest.approx(sum(diagonal))
-        external = ExternalPoses(kind)
-        external.take(message, 0.0)
-        (fused,) = external.fused
-        assert isinstance(fused, Fused)
-        assert fused.velocity_body == (None if speed is None else pytest.approx(speed))
-        assert len(frame) <= 258

@@ -15,6 +15,7 @@ from links.core.deadman import BRING_DOWN_LIMIT_S
 MQX = Vehicle()
 BIG = Vehicle(mass_kg=1.0, thrust_max_n=20.0, thrust_min_n=0.5, thrust_lag_s=0.03, rate_lag_s=0.02)
 IDEAL = Vehicle(thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=(1e5, 1e5, 1e5))
+WEAK = Vehicle(thrust_max_n=1.03 * 9.81 * MQX.mass_kg)
 VEHICLES = [MQX, BIG, IDEAL]
 CALM: Vec3 = (0.0, 0.0, 0.0)
 
@@ -75,6 +76,76 @@ def test_any_state_gives_a_bring_down_within_the_limits_that_ends_with_the_motor
         assert 0.0 <= part.thrust_n <= vehicle.thrust_max_n
         for rate, limit in zip(part.rates_rad_s, vehicle.rate_limits_deg_s, strict=True):
             assert abs(rate) <= math.radians(limit) * (1.0 + 1e-9) or part.duration_s > 0.99 * SINK_S
+
+
+PROFILES: list[tuple[Vehicle, dict[str, Vec3], float, Vec3, list[tuple[float, float, float, float]]]] = [
+    # hovering at 1 m
+    (MQX, {}, 1.0, CALM,
+     [(0.15, 0.7738, 0.0, 0.0), (0.5854, 0.7738, 0.0, 0.0), (0.421, 1.1462, 0.0, 0.0),
+      (0.4, 0.8928, 0.0, 0.0)]),
+    # hovering at 2 m: it sinks at its greatest speed for a while
+    (MQX, {}, 2.0, CALM,
+     [(0.15, 0.5876, 0.0, 0.0), (0.2553, 0.5876, 0.0, 0.0), (0.5947, 0.96, 0.0, 0.0),
+      (0.45, 1.1712, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
+    # just off the floor
+    (MQX, {}, 0.05, CALM,
+     [(0.15, 0.8832, 0.0, 0.0), (0.7633, 0.8832, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
+    # with smaller lags
+    (BIG, {}, 0.3, CALM,
+     [(0.15, 0.8832, 0.0, 0.0), (0.8394, 0.8832, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
+    # too fast already: brake at once
+    (MQX, {"velocity": (0.0, 0.0, 2.0)}, 1.0, CALM,
+     [(0.15, 1.1462, 0.0, 0.0), (0.3, 1.1462, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
+    # rising: it falls longer
+    (MQX, {"velocity": (0.0, 0.0, -1.0)}, 1.0, CALM,
+     [(0.15, 0.7738, 0.0, 0.0), (1.14, 0.7738, 0.0, 0.0), (0.16, 1.1462, 0.0, 0.0),
+      (0.4, 0.8928, 0.0, 0.0)]),
+    # rolled and pitched
+    (MQX, {"euler": (0.5, -0.2, 0.7)}, 1.5, CALM,
+     [(0.15, 0.7059, -3.2872, 1.3899), (0.3394, 0.6807, 0.0, 0.0), (0.3543, 0.96, 0.0, 0.0),
+      (0.45, 1.1712, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
+    # far over: the turn at the rate limit
+    (MQX, {"euler": (1.4, 0.0, 0.7)}, 1.5, CALM,
+     [(0.2377, 0.89, -3.4907, 0.0), (0.1634, 0.96, -3.4907, 0.0), (0.2733, 0.96, 0.0, 0.0),
+      (0.45, 1.1712, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
+    # on its back
+    (MQX, {"euler": (math.pi, 0.0, 0.0)}, 3.0, CALM,
+     [(0.1136, 0.0255, 0.0, 3.4907), (0.7864, 0.0255, 0.0, 3.4907), (0.1, 0.96, 0.0, 0.0),
+      (0.45, 1.1712, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
+    # turning: the lag takes τ ω more
+    (MQX, {"rates": (1.0, -0.7, 0.5)}, 1.5, CALM,
+     [(0.15, 0.6822, -0.6939, 0.5137), (0.3904, 0.6807, 0.0, 0.0), (0.3519, 0.96, 0.0, 0.0),
+      (0.45, 1.1712, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
+    # in wind, and heavier by 1 m/s²
+    (MQX, {}, 1.5, (0.5, -0.3, 1.0),
+     [(0.15, 0.7504, 0.1848, 0.3081), (0.3567, 0.7501, 0.0, 0.0), (0.353, 1.0579, 0.0, 0.0),
+      (0.45, 1.2906, 0.0, 0.0), (0.4, 0.9838, 0.0, 0.0)]),
+    # lighter than anything plausible
+    (MQX, {}, 1.5, (0.0, 0.0, -6.0),
+     [(0.15, 0.3404, 0.0, 0.0), (0.7552, 0.3404, 0.0, 0.0), (0.0948, 0.48, 0.0, 0.0),
+      (0.45, 0.5856, 0.0, 0.0), (0.4, 0.4464, 0.0, 0.0)]),
+    # hardly any spare thrust
+    (WEAK, {}, 1.5, CALM,
+     [(0.15, 0.9355, 0.0, 0.0), (1.3, 0.9355, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
+]  # fmt: skip
+"""Vehicle, its state where it is not at hover, height [m], disturbance [m/s²]; and the segments before zero thrust:
+duration [s], thrust as a share of the weight [-], body rates of roll and pitch [rad/s]."""
+
+
+@pytest.mark.parametrize(("vehicle", "state", "height_m", "disturbance", "profile"), PROFILES)
+def test_the_profile_is_to_fall_to_sink_to_brake_and_to_settle_in_these_numbers(
+    vehicle: Vehicle,
+    state: dict[str, Vec3],
+    height_m: float,
+    disturbance: Vec3,
+    profile: list[tuple[float, float, float, float]],
+) -> None:
+    weight_n, attitude = 9.81 * vehicle.mass_kg, so3.from_euler_zyx(*state.get("euler", CALM))
+    motion = Motion(CALM, state.get("velocity", CALM), attitude, weight_n, state.get("rates", CALM))
+    *found, off = parts(motion, vehicle, height_m, disturbance)
+    rows = [(s.duration_s, s.thrust_n / weight_n, *s.rates_rad_s[:2]) for s in found if s.duration_s > 1e-3]
+    assert rows == [pytest.approx(row, abs=1e-4) for row in profile]
+    assert (off.duration_s, off.thrust_n, off.rates_rad_s) == (0.15, 0.0, CALM)
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES, ids=["mqx", "big", "ideal"])

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from binascii import crc32
 from collections.abc import Iterator
 
 import pytest
@@ -41,6 +42,24 @@ def test_the_newest_value_is_got_once(ends: tuple[Mailbox, Mailbox]) -> None:
     assert reader.get() is None
     writer.put(b"")
     assert reader.get() == b""
+
+
+def test_records_have_these_bytes() -> None:
+    """Number at byte 0; slots of 24 + 16,384 bytes from byte 64 on: number, size, CRC-32 of number and value, value."""
+    writer = Mailbox()
+    writer.put(b"first")
+    writer.put(b"second!")
+    memory = bytes(writer._memory[:])
+    assert len(memory) == 64 + 2 * 16408
+    assert memory[:8] == (2).to_bytes(8, "little")
+    for slot, number, value in ((64 + 16408, 1, b"first"), (64, 2, b"second!")):
+        head = (number, len(value), crc32(value, number))
+        assert memory[slot : slot + 24] == b"".join(word.to_bytes(8, "little") for word in head)
+        assert memory[slot + 24 : slot + 24 + len(value)] == value
+    assert not any(memory[8:64])
+    with pytest.raises(ValueError, match="16385 bytes"):
+        writer.put(bytes(16385))
+    writer.close()
 
 
 values = st.binary(max_size=40)

@@ -51,3 +51,16 @@ def test_odometry_is_preferred_where_it_is_there() -> None:
     assert isinstance(pose_decoder(both, 0.0), OdometryDecoder)
     assert isinstance(pose_decoder([r for r in both if r.message.get_type() != "ODOMETRY"], 0.0), LocalPositionDecoder)
     assert pose_decoder(both[:3], 0.0) is None
+
+
+def test_a_file_is_a_tlog_by_the_share_of_its_records() -> None:
+    """From 90 % on in any case; from half on where what is left is not frames without stamps."""
+    records, size = tlog(*((n, golden("HEARTBEAT").frame) for n in range(100))), 29
+    for garbage_share, fits in ((0.0, True), (0.09, True), (0.45, True), (0.55, False)):
+        garbage = round(garbage_share * size * 100 / (1.0 - garbage_share))
+        reader = TlogReader(records + b"x" * garbage)
+        assert len(list(reader)) == 100
+        assert (reader.find_fault() == "") is fits, garbage_share
+    raw = TlogReader(golden("HEARTBEAT").frame * 100)
+    list(raw)
+    assert "100 MAVLink frames follow each other without time stamps" in raw.find_fault()

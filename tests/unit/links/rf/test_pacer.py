@@ -124,6 +124,21 @@ def is_disarm(sticks: Sticks | None) -> bool:
     return sticks is not None and not sticks.armed and sticks.thrust_n == 0.0
 
 
+def test_how_late_frames_left_and_which_were_left_out_is_counted() -> None:
+    bench = Bench()
+    for late_s, skipped in ((0.0005, 0), (-0.001, 0), (0.0003, 2)):
+        bench.frame()
+        bench.pacer.count_frame(bench.now + late_s, skipped)
+    report = bench.pacer.report(bench.now)
+    assert (report.frames, report.lost, report.frame_s) == (3, 2, bench.now)
+    assert report.late_us == pytest.approx((300, 500, 500), abs=1)
+    assert sum(report.late_octaves) == 3
+    bench.port.gone = True
+    bench.frame()
+    bench.pacer.count_frame(bench.now, 5)
+    assert bench.pacer.report(bench.now).lost == 2, "without a port nothing was due"
+
+
 def test_disarm_frames_leave_from_the_first_frame_on() -> None:
     bench = Bench()
     assert all(map(is_disarm, bench.flown(1.0)))

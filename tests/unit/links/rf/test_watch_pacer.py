@@ -7,9 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from links.rf import LOOK_S, StandbyWatch
-from links.rf.pacer import LATE_S, OLD_S
+from links.rf import StandbyWatch
 from links.rf.shared_memory import FIRST, PACER, HeldPort, Lease, SharedPort, Superseded
+
+# A look 10 ms after a doubt, ignored where it is 5 ms late; a sign of life is too old at 60 ms.
+LOOK_S = 0.01
+LATE_S = 0.005
+OLD_S = 0.06
 
 
 def looks(watch: StandbyWatch, begin_s: float, *, late_s: float = 0.0, vouched_s: float | None = None) -> float | None:
@@ -32,14 +36,14 @@ def test_a_sign_of_life_that_stays_out_convicts_at_the_second_look() -> None:
 def test_a_watcher_that_is_late_convicts_nobody() -> None:
     watch = StandbyWatch(0.004)
     watch.next_s = 10.0
-    assert looks(watch, 10.0, late_s=2.0 * LATE_S) is None
+    assert looks(watch, 10.0, late_s=1.1 * LATE_S) is None
 
 
 def test_one_look_in_time_and_one_late_begin_anew() -> None:
     watch = StandbyWatch(0.004)
     watch.next_s = 10.0
     assert not watch.look(10.0, 9.9)
-    assert not watch.look(10.0 + LOOK_S + 2.0 * LATE_S, 9.9)
+    assert not watch.look(10.0 + LOOK_S + 1.1 * LATE_S, 9.9)
     assert not watch.look(watch.next_s, 9.9)
     assert watch.look(watch.next_s, 9.9)
 

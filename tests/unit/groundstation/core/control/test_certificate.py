@@ -1,11 +1,33 @@
-"""The a-priori thrust bound, in consistent units and with the paper's own gains."""
+"""The certificate in numbers: the thrust bound, the bound on V_m and its terms, and for how long a condition lasts."""
 
 import math
+from typing import Any
 
+import numpy as np
 import pytest
 
 from groundstation.core.control import Gains, Law, bound_decrease, thrust_bound
-from groundstation.core.control.certificate import virtual_control_sup
+from groundstation.core.control.certificate import (
+    LIMITS,
+    POSES,
+    RATES,
+    SIDEWAYS,
+    THRUST,
+    VERTICAL,
+    WITNESSES,
+    DisturbanceWatch,
+    Lasting,
+    ThrustWatch,
+    decrease,
+    measure,
+    noise_power,
+    terms,
+    virtual_control_sup,
+)
+from groundstation.core.control.controllers import Pid
+from groundstation.core.geometry import ZERO, so3
+from groundstation.core.messages import Diagnostics
+from groundstation.core.vehicle import Motion, Vehicle
 
 LAW = Law(sigma_slope=3.0, rho_slope=1.0, sigma_bound=1.5, rho_bound=1.0, b_bound=5.0)
 SUP = virtual_control_sup(LAW)
@@ -34,3 +56,127 @@ def test_the_bound_is_its_terms_and_negative_for_the_papers_gains() -> None:
 )
 def test_the_certificate_names_the_bound_that_holds_for_the_gains_that_fly(gains: Gains, expected: str) -> None:
     assert bound_decrease(gains).startswith(expected)
+
+
+def values(**some: Any) -> Diagnostics:
+    """Values of the law, zero but for ``some``."""
+    vectors = dict.fromkeys(("z1", "z2", "z3", "u_star", "b_hat", "b_hat_dot", "disturbance", "rates_wanted"), ZERO)
+    scalars = {"v_terms": ZERO, "w_terms": ZERO, "v_known": 0.0, "w": 0.0, "certificate": "", "thrust_rate": 0.0}
+    return Diagnostics(**{**vectors, **scalars, **some})
+
+
+PROVABLE = Gains(kb=0.8, kappa=2.0, k3=4.0, k3_down=3.0, b_bound=5.0, epsilon=0.5)
+
+
+@pytest.mark.parametrize(
+    ("gains", "share", "power", "spare"),
+    [
+        # 1 - kb/2 √(κ/k3) = 1 - 0.4 √(2/3) of W; 8²/(2 left k3)
+        (PROVABLE, 0.33670, 15.8401, 0.0),
+        # B + ε = 2 B: the projection stretches by 3
+        (Gains(kb=0.8, kappa=0.5, k3=3.0, k3_down=4.0, b_bound=1.0, epsilon=1.0), 0.25505, 20.9109, 0.0),
+        # the paper's: all of W, but V may swing by (2 B + ε)²/(2 kb)
+        (Gains(kb=0.8, k3=4.0, k3_down=3.0, composite="off", b_bound=5.0, epsilon=0.5), 0.5, 10.6667, 68.9063),
+        (Gains(kb=0.8, k3=4.0, k3_down=3.0, composite="raw"), 0.0, 10.6667, 0.0),
+    ],
+)
+def test_the_bound_on_the_decrease_in_flight(gains: Gains, share: float, power: float, spare: float) -> None:
+    found = decrease(gains)
+    assert found[1:] == pytest.approx((share, power, spare), rel=1e-4)
+
+
+def test_gains_of_the_law_alone_prove_nothing() -> None:
+    assert decrease(LAW)[:2] == ("none: the gains of the law alone", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("config", "v", "fall", "pull", "b_bound2"),
+    [
+        (PROVABLE, 3.0 + 0.625 * 50.0, 7.0 + 2.0 * 50.0, 1.6, 25.0),
+        (Gains(kb=0.8, composite="off", b_bound=5.0), 3.0, 7.0, 0.0, 25.0),
+        (Gains(kb=0.0, b_bound=5.0), 3.0, 7.0, 0.0, math.inf),
+        (Pid(), 3.0, 7.0, 0.0, math.inf),
+    ],
+)
+def test_v_and_its_decrease_are_with_what_observer_and_law_disagree_in(
+    config: Any, v: float, fall: float, pull: float, b_bound2: float
+) -> None:
+    found = measure(config)
+    law = values(v_known=3.0, w=7.0, b_hat=(1.0, -2.0, 3.0), disturbance=(4.0, 2.0, -2.0))
+    assert found.of(law) == pytest.approx((v, fall))
+    assert (found.pull, found.b_bound2) == pytest.approx((pull, b_bound2))
+
+
+def test_what_noise_adds_follows_its_intensity() -> None:
+    """With the observer's steady gains of a Butterworth filter, w = (q²/i)^(1/8): three axes, half the curvature."""
+    law = Gains(sigma_slope=2.0, k2=1.5, rho_slope=0.5, wind_rate_noise=3.0)
+    intensity = 0.002**2 * 0.01
+    w = (3.0**2 / intensity) ** 0.125
+    l1, l2, l3 = 2.613 * w, 3.414 * w**2, 2.613 * w**3
+    z2 = l2 + 2.0 * l1
+    expected = 1.5 * intensity * (2.0 * l1**2 + z2**2 + (l3 + 0.75 * z2 + 2.0 * (l1 + l2)) ** 2)
+    assert noise_power(law, 0.002, 0.01) == pytest.approx(expected)
+    without = Gains(sigma_slope=2.0, k2=1.5, rho_slope=0.5, wind_rate_noise=3.0, composite="off")
+    expected = 1.5 * intensity * (2.0 * l1**2 + z2**2 + (0.75 * z2 + 2.0 * (l1 + l2)) ** 2)
+    assert noise_power(without, 0.002, 0.01) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("saturated", [False, True])
+def test_what_v_gains_in_a_frame_is_shared_among_its_sources(saturated: bool) -> None:
+    """Each is a gradient at mid-frame times a change within the frame; what is left is the poses'."""
+    mass, pull, dt, total = 0.5, 1.6, 0.02, 0.3
+    attitude = so3.from_euler_zyx(0.2, -0.3, 0.5)
+    before = Motion(ZERO, ZERO, attitude, 5.0, (0.3, -0.2, 0.1))
+    after = Motion(ZERO, ZERO, attitude, 5.3, (0.5, 0.4, 0.1))
+    then = values(
+        z3=(1.0, -2.0, 0.5), rates_wanted=(0.1, 0.7, 0.0), thrust_rate=4.0, b_hat=(0.1, 0.2, 0.3),
+        disturbance=(1.0, 2.0, 3.0),
+    )  # fmt: skip
+    now = values(z3=(2.0, 1.0, -1.5), disturbance=(1.5, 1.0, 3.2))
+    z3 = np.array([1.5, -0.5, -0.5])
+    body = np.array(so3.matrix(attitude)).T @ z3
+    too_fast = np.array([0.4 - 0.1, 0.1 - 0.7, 0.0])  # mean of the rates less the wanted ones
+    turning = -5.0 / mass * dt * float(body @ np.cross(too_fast, [0.0, 0.0, 1.0]))
+    pushing = (4.0 * dt - 0.3) / mass * float(body[2])
+    expected = {
+        SIDEWAYS: 1.5 * 0.5 - 0.5 * -1.0,
+        VERTICAL: -0.5 * 0.2,
+        WITNESSES: 0.0 if saturated else pull * dt * float(z3 @ [0.9, 1.8, 2.7]),
+        **({LIMITS: turning + pushing} if saturated else {RATES: turning, THRUST: pushing}),
+    }
+    expected[POSES] = total - sum(expected.values())
+    found = terms(before, then, saturated, after, now, dt, total=total, mass=mass, pull=pull)
+    assert found == pytest.approx(expected)
+
+
+def lasting(watch: Lasting, from_s: float, for_s: float) -> list[float]:
+    """When a condition that holds ``for_s`` from ``from_s`` on is reported [s]; it ends then."""
+    times = [from_s + 0.01 * n for n in range(round(for_s / 0.01))]
+    told = [round(now, 3) for now in times if watch.extend(now, 0.01)]
+    watch.end(from_s + for_s)
+    return told
+
+
+def test_a_condition_is_reported_once_it_has_lasted_and_again_only_after_a_rest() -> None:
+    watch = Lasting()
+    assert lasting(watch, 0.0, 0.45) == []
+    assert lasting(watch, 1.0, 2.0) == [1.49]
+    assert lasting(watch, 7.9, 2.0) == [], "4.9 s after its end it is the same"
+    assert lasting(watch, 14.95, 1.0) == [15.44], "5.05 s after its end it is another"
+    assert lasting(Lasting(1.0), 0.0, 2.0) == [0.99]
+
+
+def test_limits_are_reported_from_just_beyond_them_on() -> None:
+    vehicle, law = Vehicle(), Gains(b_bound=5.0)
+    least, most = vehicle.thrust_min_n, vehicle.thrust_max_n
+    for thrust, told in ((least, True), (least + 1e-6, False), (most - 1e-6, False), (most, True)):
+        watch = ThrustWatch(vehicle)
+        found = [watch.update(thrust, 0.02 * n, 0.02) for n in range(60)]
+        assert any(found) is told
+    for length, told in ((5.0, False), (5.001, True)):
+        beyond = DisturbanceWatch()
+        found = [beyond.update(length, 0.02 * n, 0.02, law) for n in range(30)]
+        assert any(found) is told
+        assert beyond.for_s == pytest.approx(0.6 if told else 0.0)
+    without = DisturbanceWatch()
+    assert not any(without.update(9.0, 0.02 * n, 0.02, None) for n in range(30))

@@ -1,4 +1,4 @@
-"""What is believed of a vehicle on its floor, over many draws: a vehicle in one dimension, and what its poses are."""
+"""What is believed of a vehicle on its floor: limits in numbers, and many draws of a vehicle in one dimension."""
 
 import math
 import random
@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import pytest
 
+from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose
 from groundstation.core.safety import Spool, SpoolUp, StandingPoses
 from groundstation.core.vehicle import Vehicle
@@ -74,6 +75,120 @@ def spooled(
             height, speed = 0.0, max(speed, 0.0)
         highest = max(highest, height)
     return Spooled(fault, off_s - spool.near_s, highest, fastest, 0.0, 0.0)
+
+
+def test_thrust_rises_on_the_floor_in_these_steps() -> None:
+    """To 60 % of 10 N in 2 s, smooth at both ends; to 90 % in 0.1 s; to the limit of 13 N in 0.15 s less the lag."""
+    spool = Spool(10.0, 13.0, 2.0, 1.0, 5.0, 0.05)
+    times_s = (4.0, 5.0, 5.5, 6.0, 6.5, 7.0, 7.05, 7.1, 7.15, 7.2, 9.0)
+    assert [spool.thrust_n(now_s) for now_s in times_s] == pytest.approx(
+        [1.0, 1.0, 1.78125, 3.5, 5.21875, 6.0, 7.5, 9.0, 11.0, 13.0, 13.0]
+    )
+    assert (spool.sure_s, spool.near_s) == pytest.approx((7.0, 7.1))
+    slow = Spool(10.0, 13.0, 2.0, 1.0, 5.0, 0.2)
+    assert slow.thrust_n(7.125) == pytest.approx(11.0), "the rise takes 50 ms at least"
+    weak = Spool(10.0, 5.0, 2.0, 8.0, 5.0, 0.05)
+    assert [weak.thrust_n(now_s) for now_s in (5.0, 7.0, 8.0)] == [5.0, 5.0, 5.0]
+
+
+def standing(wander_m: float = 0.0, climb_m_s: float | None = None, resets: tuple[int, ...] = ()) -> StandingPoses:
+    """Three seconds of poses at 50 Hz; each half second they step by ``wander_m`` aside and down, and back."""
+    found = StandingPoses()
+    for k in range(151):
+        step, number = k // 25 % 2, k // 25
+        velocity = None if climb_m_s is None else (0.0, 0.0, climb_m_s * step)
+        place = (wander_m * step, -2.0 * wander_m * step, 3.0 * wander_m * step)
+        count = resets[number] if resets else 0
+        found.add(Pose(k, 0.02 * k, 0.02 * k, place, LEVEL, velocity_ned=velocity, reset_count=count))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("poses", "wander"),
+    [
+        (standing(), (0.0, 0.0, 0.0)),
+        # steps of 1, 2 and 3 mm, twice a second: the worse axis counts
+        (standing(0.001), (2.0 * 4e-6, 2.0 * 9e-6, 0.0)),
+        (standing(0.001, 0.02), (2.0 * 4e-6, 2.0 * 9e-6, 2.0 * 4e-4)),
+        # from one origin to another nothing has wandered
+        (standing(0.001, resets=(0, 0, 1, 1, 2, 2, 2)), (2.0 * 4e-6, 2.0 * 9e-6, 0.0)),
+        (StandingPoses(), (0.0, 0.0, 0.0)),
+    ],
+)
+def test_the_wander_at_rest_is_the_growth_of_the_variance(poses: StandingPoses, wander: tuple[float, ...]) -> None:
+    assert tuple(poses.wander) == pytest.approx(wander)
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "aside_m", "light_s", "wander_m", "says"),
+    [
+        (5.9, 0.0, 0.0, 0.0, None),
+        (6.1, 0.0, 0.0, 0.0, "tips: 6°"),
+        (0.0, 0.049, 0.0, 0.0, None),
+        (0.0, 0.051, 0.0, 0.0, "slides"),
+        (0.0, 0.051, 0.1, 0.0, None),  # wind may move a light vehicle: 2.5 m/s² t²
+        (0.0, 0.149, 0.2, 0.0, None),
+        (0.0, 0.151, 0.2, 0.0, "slides"),
+        (0.0, 0.061, 0.0, 0.001, None),  # four of a second's wander, 2.8 mm
+        (0.0, 0.062, 0.0, 0.001, "slides"),
+    ],
+)
+def test_a_vehicle_on_its_floor_neither_tips_nor_slides(
+    roll_deg: float, aside_m: float, light_s: float, wander_m: float, says: str | None
+) -> None:
+    tilted = so3.from_euler_zyx(0.1, -0.1, 0.5)
+    at_rest = standing(wander_m)
+    at_rest.poses[-1] = Pose(151, 3.0, 3.0, (0.0, 0.0, 0.0), tilted)
+    attitude = so3.multiply(tilted, so3.from_euler_zyx(math.radians(roll_deg), 0.0, 0.0))
+    pose = Pose(152, 3.02, 3.02, (0.6 * aside_m, -0.8 * aside_m, 0.3), attitude)
+    found = at_rest.find_disturbance(pose, (0.0, 0.0, 0.0), light_s)
+    assert (found is None) is (says is None)
+    assert (says or "") in str(found)
+    moved = Pose(152, 3.02, 3.02, (9.0, 0.0, 0.0), LEVEL, reset_count=1)
+    assert at_rest.find_disturbance(moved, (0.0, 0.0, 0.0), light_s) is None, "the source has moved its origin"
+
+
+LOST, LIFTS, STANDS, HELD, THROWN = "lost", "lifts", "stands", "held", "thrown"
+"""What the poses of a spool-up show: none after a while, a true lift-off, the floor, an autopilot's
+estimate that rises for a moment, jumps of 0.2 m."""
+
+
+@pytest.mark.parametrize(
+    ("shows", "ends_s", "says"),
+    [
+        (LIFTS, None, None),
+        (LOST, 0.76, "no pose for 26"),  # 0.25 s after the newest
+        (STANDS, 1.40, "the poses did not move"),  # 0.3 s after thrust had 90 % of the weight
+        (THROWN, None, "jumps"),
+        (HELD, 2.52, "did not leave the floor"),  # 0.25 s, and twice the time to 0.35 m at g/4, after it moved
+    ],
+)
+def test_a_spool_up_ends_for_these_reasons_at_these_times(shows: str, ends_s: float | None, says: str | None) -> None:
+    at_rest = standing(climb_m_s=0.0 if shows == HELD else None)
+    spool_up = SpoolUp(at_rest, Spool(1.0, 1.3, 1.0, 0.0, 3.0, 0.05), Vehicle(mass_kg=1.0 / G), 1.0, G, 0.0003)
+    newest, since_s = Pose(200, 3.0, 3.0, (0.0, 0.0, 0.0), LEVEL), 0.0
+    for k in range(1, 300):
+        since_s = 0.01 * k
+        up_m, velocity = 0.0, None
+        if shows == LIFTS:
+            up_m = max(0.5 * 2.0 * (since_s - 1.15), 0.0) * max(since_s - 1.15, 0.0)
+        if shows == HELD:
+            up_m, up_m_s = (0.004, 0.12) if 1.18 < since_s < 1.26 else (0.0, 0.0)
+            velocity = (0.0, 0.0, -up_m_s)
+        if shows == THROWN:
+            up_m = 0.2 * (k % 8 < 4) if since_s > 1.05 else 0.0
+        if shows != LOST or since_s <= 0.5:
+            newest = Pose(200 + k, 3.0 + since_s, 3.0 + since_s, (0.0, 0.0, -up_m), LEVEL, velocity_ned=velocity)
+            spool_up.add_pose(newest)
+        spool_up.thrust_n(3.0 + since_s)
+        if spool_up.lift_off is not None:
+            break
+        if fault := spool_up.fault(3.0 + since_s, newest, 0.25, None):
+            assert says is not None and says in fault.text
+            assert ends_s is None or since_s == pytest.approx(ends_s, abs=0.025)
+            return
+    assert says is None and spool_up.lift_off is not None
+    assert spool_up.lift_off.climb_m_s == pytest.approx(2.0 * (since_s - 1.15), abs=0.3)
 
 
 @pytest.mark.parametrize(

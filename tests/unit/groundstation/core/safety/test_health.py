@@ -1,0 +1,219 @@
+"""Health of the poses: a vehicle that is flown by tones, and what poses that show something else come to."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from groundstation.core.geometry import FLOATS, IDENTITY, ZERO, Quat, Vec3, so3, subtract
+from groundstation.core.messages import Pose
+from groundstation.core.safety import HealthState, PoseHealth
+from groundstation.core.safety.health import ClimbMonitor, YawMonitor
+from groundstation.core.safety.pose_response import BLOCK_S, BLOCKS
+from groundstation.core.vehicle import (
+    ActuatorCommand,
+    Motion,
+    Vehicle,
+    begin_response,
+    integrate,
+    integrate_actuators,
+)
+
+VEHICLE = Vehicle()
+GRAVITY = 9.81
+HOVER_N = GRAVITY * VEHICLE.mass_kg
+LAGS = (VEHICLE.thrust_lag_s, VEHICLE.rate_lag_s)
+DT_S = 0.01
+NOISE_M = 0.0003
+TONES_RAD_S = (10.5, 14.0, 18.5)
+"""Frequencies of the tones."""
+TONE_RATE_RAD_S = 0.4
+"""Amplitude of the body rate of one tone."""
+TONE_SHARE = 0.05
+"""Amplitude of the thrust of one tone, as a share of the hover thrust [-]."""
+
+Distort = Callable[[float, list[Motion]], tuple[Vec3, Quat]]
+"""The shown position and attitude, by the time [s] and the true motions at all poses so far."""
+
+
+def command(time_s: float) -> ActuatorCommand:
+    """The command of a vehicle at ``time_s`` whose whole motion is asked for: three tones around the hover."""
+    phases = [w * time_s for w in TONES_RAD_S]
+    roll, pitch = TONE_RATE_RAD_S * sum(map(math.cos, phases)), TONE_RATE_RAD_S * sum(map(math.sin, phases))
+    return ActuatorCommand(HOVER_N * (1.0 + TONE_SHARE * sum(map(math.sin, phases))), (roll, pitch, 0.0))
+
+
+def fly(
+    distort: Distort, for_s: float = 3.0, *, agrees: bool | None = None, health: PoseHealth | None = None
+) -> PoseHealth:
+    """Fly for ``for_s`` [s], or until the poses fail; ``agrees`` is what the autopilot's own attitude says of them."""
+    health = PoseHealth(VEHICLE.mass_kg, GRAVITY) if health is None else health
+    health.autopilot_agrees = agrees
+    motions = [Motion((0.0, 0.0, -1.0), ZERO, IDENTITY, HOVER_N, ZERO)]
+    for n in range(round(for_s / DT_S)):
+        before, time_s = motions[-1], n * DT_S
+        drive = command(time_s)
+        response = integrate_actuators(FLOATS, begin_response(before), drive, DT_S, *LAGS)
+        now = integrate(
+            FLOATS, before, drive, DT_S,
+            mass=VEHICLE.mass_kg, gravity=GRAVITY, disturbance=ZERO, thrust_lag=LAGS[0], rate_lag=LAGS[1],
+        )  # fmt: skip
+        motions.append(now)
+        position, attitude = distort(time_s, motions)
+        roll, pitch, _ = so3.rotation_vector(so3.multiply(so3.conjugate(before.attitude), response.attitude))
+        health.add_pose(
+            Pose(n, time_s, time_s, position, attitude), before, response,
+            subtract(now.position, before.position), (roll, pitch), ZERO, 1.0, NOISE_M, counts=True,
+        )  # fmt: skip
+        if health.has_failed:
+            break
+    return health
+
+
+def show_truth(_: float, motions: list[Motion]) -> tuple[Vec3, Quat]:
+    return motions[-1].position, motions[-1].attitude
+
+
+def freeze_attitude(_: float, motions: list[Motion]) -> tuple[Vec3, Quat]:
+    return motions[-1].position, IDENTITY
+
+
+def shrink_attitude(share: float) -> Distort:
+    """Poses that show a share of each turn from level [-]."""
+
+    def shrink(_: float, motions: list[Motion]) -> tuple[Vec3, Quat]:
+        roll, pitch, yaw = so3.rotation_vector(motions[-1].attitude)
+        return motions[-1].position, so3.rotate(IDENTITY, (share * roll, share * pitch, share * yaw))
+
+    return shrink
+
+
+def freeze_position(_: float, motions: list[Motion]) -> tuple[Vec3, Quat]:
+    return motions[0].position, motions[-1].attitude
+
+
+def mirror_north(_: float, motions: list[Motion]) -> tuple[Vec3, Quat]:
+    (north, east, down), attitude = motions[-1].position, motions[-1].attitude
+    return (-north, east, down), attitude
+
+
+def freeze_height(_: float, motions: list[Motion]) -> tuple[Vec3, Quat]:
+    (north, east, _down), attitude = motions[-1].position, motions[-1].attitude
+    return (north, east, -1.0), attitude
+
+
+def turn_unasked(time_s: float, motions: list[Motion]) -> tuple[Vec3, Quat]:
+    return motions[-1].position, so3.rotate(motions[-1].attitude, (0.0, 0.0, 0.4 * time_s))
+
+
+def delay_attitude(_: float, motions: list[Motion]) -> tuple[Vec3, Quat]:
+    return motions[-1].position, motions[max(len(motions) - 21, 0)].attitude
+
+
+def run_away(time_s: float, motions: list[Motion]) -> tuple[Vec3, Quat]:
+    (north, east, down), attitude = motions[-1].position, motions[-1].attitude
+    return (north + 0.5 * 15.0 * time_s * time_s, east, down), attitude
+
+
+@pytest.mark.parametrize(
+    ("distort", "agrees", "reason_id", "failed_s", "alarm", "attitude_usable"),
+    [
+        (freeze_attitude, None, "pose.attitude_no_answer", 0.6, 1.20, False),
+        (shrink_attitude(0.05), None, "pose.attitude_no_answer", 0.6, 1.08, False),
+        (shrink_attitude(0.2), None, "pose.attitude_no_answer", 1.2, 1.51, False),
+        (shrink_attitude(0.2), False, "pose.autopilot_disagrees", 0.6, 0.72, False),
+        (shrink_attitude(2.0), None, "pose.attitude_no_answer", 0.6, 1.20, False),
+        (delay_attitude, None, "pose.late", 1.0, 0.0, False),
+        (freeze_position, None, "pose.position_no_answer", 0.85, 3.09, True),
+        (mirror_north, None, "pose.position_no_answer", 0.85, 9.27, True),
+        (freeze_height, None, "pose.position_no_answer", 0.85, 1.45, True),
+        (freeze_height, True, "pose.position_no_answer", 0.85, 1.45, True),
+        (turn_unasked, None, "pose.yaw_unasked", 0.5, 1.05, True),
+        (turn_unasked, True, "pose.yaw_unasked", 0.5, 1.05, True),
+        (run_away, None, "pose.position_mirrored", 0.13, 0.0, True),
+    ],
+)
+def test_poses_that_show_another_motion_fail_for_their_reason_and_leave_what_still_responds(
+    distort: Distort, agrees: bool | None, reason_id: str, failed_s: float, alarm: float, attitude_usable: bool
+) -> None:
+    health = fly(distort, agrees=agrees)
+    assert (health.state, health.reason_id) == (HealthState.FAILED, reason_id)
+    assert health.windows * BLOCK_S == pytest.approx(failed_s, abs=0.5 * BLOCK_S + DT_S)
+    assert health.alarm == pytest.approx(alarm, rel=0.03, abs=0.01)
+    assert (health.is_attitude_usable, health.is_position_usable) == (attitude_usable, False)
+    assert not health.is_confirmed
+    assert health.believed_until_s <= failed_s - 0.4, "not within the window that shows it"
+
+
+@pytest.mark.parametrize("distort", [show_truth, freeze_attitude, delay_attitude])
+def test_true_poses_are_confirmed_and_an_autopilot_that_agrees_clears_any_attitude(distort: Distort) -> None:
+    health = fly(distort, agrees=True)
+    assert (health.state, health.reason_id) == (HealthState.OK, "")
+    assert health.alarm == pytest.approx(0.0, abs=1e-9)
+    assert health.is_confirmed is (distort is show_truth)
+    assert health.is_attitude_usable and health.is_position_usable
+    assert health.calm_s == pytest.approx(2.95)
+    assert health.believed_until_s == pytest.approx(health.calm_s - BLOCKS[0] * BLOCK_S)
+
+
+def test_a_weak_response_is_suspect_for_a_second_at_most() -> None:
+    health = fly(shrink_attitude(0.2), 0.8)
+    assert (health.state, health.reason_id) == (HealthState.SUSPECT, "pose.suspect")
+    assert health.is_suspect and health.is_attitude_usable and not health.is_confirmed
+    passing = PoseHealth(VEHICLE.mass_kg, GRAVITY)
+    passing.suspect(0.0)
+    fly(show_truth, 0.3, health=passing)
+    assert passing.is_suspect, "true poses are known after their shortest window"
+    fly(show_truth, 1.0, health=passing)
+    assert (passing.state, passing.reason_id) == (HealthState.OK, "")
+
+
+def test_failed_is_final_and_keeps_the_first_reason() -> None:
+    health = PoseHealth(VEHICLE.mass_kg, GRAVITY)
+    health.believed_until_s = 5.0
+    health.fail("pose.late", 3.0)
+    health.fail("pose.yaw_unasked", 1.0)
+    health.suspect(4.0)
+    assert (health.state, health.reason_id, health.believed_until_s) == (HealthState.FAILED, "pose.late", 3.0)
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.3, 0.5])
+def test_a_yaw_that_follows_its_command_within_the_autopilots_lag_is_no_drift(lag_s: float) -> None:
+    monitor, commanded = YawMonitor(), [0.5 if 50 <= n < 100 else 0.0 for n in range(200)]
+    lag = round(lag_s / DT_S)
+    shown = [0.0] * lag + commanded
+    drifts = [monitor.add_pose(n * DT_S, shown[n], commanded[n], DT_S) for n in range(200)]
+    assert max(drifts) == 0.0
+
+
+@pytest.mark.parametrize(("beyond_rad_s", "dt_s"), [(0.3, 0.01), (-0.3, 0.02)])
+def test_a_yaw_that_nobody_asked_for_is_its_mean_over_a_second(beyond_rad_s: float, dt_s: float) -> None:
+    monitor = YawMonitor()
+    drifts = [monitor.add_pose(n * dt_s, 0.2 + beyond_rad_s, 0.2, dt_s) for n in range(round(1.0 / dt_s))]
+    assert drifts[-1] == pytest.approx(0.3 * (1.0 - 1.0 / math.e), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("hover_share", "thrust_share", "shown_m_s", "noise_m", "behind_s"),
+    [
+        (1.0, 1.0, 0.5, 0.0003, None),  # it climbs as its thrust makes it
+        (1.0, 1.0, 0.0, 0.0003, 0.15),  # the poses stay on the floor
+        (0.8, 0.8, 0.0, 0.0003, 0.15),  # a light vehicle hovers by less
+        (1.0, 1.3, 0.0, 0.0003, 0.11),  # with more thrust it would be higher
+        (1.0, 1.0, 0.0, 0.006, 0.21),  # noise takes three of its errors
+        (1.0, 1.0, 0.25, 0.0003, None),  # half the climb: wind may hold it down so long
+    ],
+)
+def test_a_height_behind_its_thrust_is_found_until_the_vehicle_has_climbed_out(
+    hover_share: float, thrust_share: float, shown_m_s: float, noise_m: float, behind_s: float | None
+) -> None:
+    monitor, force = ClimbMonitor(hover_share, 0.5, GRAVITY), -GRAVITY * thrust_share
+    found_s = None
+    for n in range(1, 200):
+        if monitor.add_pose(shown_m_s * DT_S, force * DT_S, 0.5 * force * DT_S * DT_S, DT_S, noise_m):
+            found_s = n * DT_S
+            break
+        if monitor.is_over:
+            assert n * DT_S == pytest.approx(0.25 / shown_m_s, abs=0.02)
+            break
+    assert found_s == (None if behind_s is None else pytest.approx(behind_s, abs=1e-6))

@@ -1,0 +1,191 @@
+"""Timers and limits of a connection: pauses between attempts, what may wait, who steers, and whether answers come."""
+
+import asyncio
+import re
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from links.core import IN_TIME
+from links.io import NETWORK, Network
+from links.mavlink import MavlinkLinkConfig
+from links.mavlink.connection import OtherTraffic, ReconnectingTransport, SerialTransport, Uplink
+from links.mavlink.protocol import MavlinkCodec
+from tests.loops import in_virtual_time
+from tests.unit.links.mavlink.test_mavlink_link import D
+
+
+class Ports(Network):
+    """A network whose serial ports can't be opened for a while, and then take what ``Port`` takes."""
+
+    def __init__(self, closed_for_s: float = 0.0) -> None:
+        self._closed_for_s = closed_for_s
+        self.tried_s: list[float] = []
+
+    async def open_serial(self, factory: Callable[[], Any], path: str, baud: int) -> tuple[Any, Any]:
+        self.tried_s.append(asyncio.get_running_loop().time())
+        if len(self.tried_s) > 1 and self.tried_s[-1] - self.tried_s[0] < self._closed_for_s:
+            raise OSError(2, "No such file")
+        port, protocol = Port(), factory()
+        protocol.connection_made(port)
+        return port, protocol
+
+
+class Port:
+    """A port in which a settable number of bytes waits."""
+
+    def __init__(self) -> None:
+        self.queued = 0
+        self.sent: list[bytes] = []
+        self.is_open = True
+
+    def waiting(self) -> int:
+        return self.queued
+
+    def send(self, data: bytes) -> int:
+        self.sent.append(data)
+        return len(data)
+
+    def abort(self) -> None:
+        self.is_open = False
+
+
+async def opened(ports: Ports, baud: int = 57600) -> tuple[ReconnectingTransport, Counter[str], list[str]]:
+    NETWORK.set(ports)
+    told, dropped = list[str](), Counter[str]()
+    config = MavlinkLinkConfig(serial="/dev/ttyUSB0", baud=baud)
+    line = ReconnectingTransport(config, dropped, hear=lambda *_: None, lose=told.append, tell=told.append)
+    await line.open()
+    return line, dropped, told
+
+
+@in_virtual_time
+async def test_a_lost_wire_is_tried_after_half_a_second_and_then_after_twice_as_long_up_to_eight() -> None:
+    ports = Ports(closed_for_s=30.0)
+    line, _, told = await opened(ports)
+    line.lose_transport("unplugged")
+    await asyncio.sleep(60.0)
+    pauses_s = [b - a for a, b in zip(ports.tried_s, ports.tried_s[1:], strict=False)]
+    assert pauses_s == pytest.approx([0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 8.0])
+    said_s = [float(found[1]) for text in told if (found := re.search(r"again in ([\d.]+) s", text))]
+    assert said_s == pytest.approx(pauses_s)
+    assert line.wire is not None
+    line.cut()
+
+
+@pytest.mark.parametrize(
+    ("baud", "queued", "leaves"),
+    [
+        (57600, 0, True),
+        (57600, 115, True),  # 20 ms of ten bits a byte
+        (57600, 116, False),
+        (9600, 64, True),  # a frame always has room
+        (9600, 65, False),
+        (921600, 1843, True),
+        (921600, 1844, False),
+    ],
+)
+def test_a_frame_leaves_by_a_port_that_is_done_with_what_waits_within_20_ms(
+    baud: int, queued: int, leaves: bool
+) -> None:
+    @in_virtual_time
+    async def send() -> None:
+        line, dropped, _ = await opened(Ports(), baud)
+        assert isinstance(line.wire, SerialTransport)
+        port = line.wire._transport
+        port.queued = queued
+        assert line.leave(b"frame", None) is leaves
+        assert dropped == ({} if leaves else {"full": 1})
+        assert port.sent == ([b"frame"] if leaves else [])
+        line.cut()
+
+    send()
+
+
+@in_virtual_time
+async def test_a_port_that_takes_nothing_for_a_quarter_of_a_second_is_closed() -> None:
+    line, dropped, _ = await opened(Ports())
+    assert isinstance(line.wire, SerialTransport)
+    port = line.wire._transport
+    port.queued = 10_000
+    open_at = []
+    for n in range(30):
+        line.leave(b"frame", None)
+        open_at.append(port.is_open)
+        port.queued = 0 if n == 10 else 10_000  # once it takes a frame, which begins the time anew
+        await asyncio.sleep(0.02)
+    assert open_at.index(False) == 12 + 13
+    assert dropped["full"] == 25
+    line.cut()
+
+
+def set_point(codec: MavlinkCodec, system: int) -> Any:
+    frame = codec.pack(D.MAVLink_set_attitude_target_message(0, system, 1, 0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0))
+    return MavlinkCodec(255, 190).feed(frame)[0]
+
+
+def test_whoever_else_steers_is_a_rival_for_three_seconds() -> None:
+    others = OtherTraffic(MavlinkLinkConfig())
+    others.hear(set_point(MavlinkCodec(255, 190), 1), "10.0.0.9:14550", 10.0, ours=False)
+    assert [bool(others.rival(now_s)) for now_s in (10.0, 12.99, 13.0)] == [True, True, False]
+    assert "system 255, component 190" in others.rival(10.0)
+    others.hear(set_point(MavlinkCodec(255, 190), 2), "10.0.0.9:14550", 20.0, ours=False)
+    assert not others.rival(20.0), "it steers another vehicle"
+    config = MavlinkLinkConfig()
+    own = MavlinkCodec(config.system_id, config.component_id)
+    others.hear(set_point(own, 1), "10.0.0.9:14550", 20.0, ours=True)
+    assert not others.rival(20.0), "an echo of ours"
+    others.hear(set_point(own, 0), "10.0.0.9:14550", 20.0, ours=False)
+    assert others.rival(20.0)
+
+
+def test_at_most_four_other_systems_are_named_and_whoever_tells_positions_is_known() -> None:
+    others = OtherTraffic(MavlinkLinkConfig())
+    for system in range(2, 8):
+        codec = MavlinkCodec(system, 1)
+        (heard,) = MavlinkCodec(255, 190).feed(codec.pack(D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)))
+        others.hear(heard, f"10.0.0.{system}:14550", 0.0, ours=False)
+    assert list(others.systems) == [f"system {n}, component 1 at 10.0.0.{n}:14550" for n in range(2, 6)]
+    assert not others.tells_position
+    codec = MavlinkCodec(9, 197)
+    (told,) = MavlinkCodec(255, 190).feed(codec.pack(D.MAVLink_vision_position_estimate_message(0, 0, 0, 0, 0, 0, 0)))
+    others.hear(told, "10.0.0.9:14550", 0.0, ours=False)
+    assert others.tells_position
+
+
+def answer(uplink: Uplink, asked_ns: int, now_s: float) -> None:
+    uplink.hear(D.MAVLink_timesync_message(77, asked_ns), now_s, 0.02)
+
+
+def test_answers_are_judged_by_these_times() -> None:
+    uplink = Uplink(0.05)
+    uplink.begin(0.0)
+    asked = [uplink.ask(now_s) for now_s in (0.0, 0.049, 0.05, 0.12)]
+    assert asked == [0, None, 50_000_000, 120_000_000], "one in 50 ms"
+    answer(uplink, 50_000_000, 0.07)
+    assert uplink.arrival(0.07, 0.02) == IN_TIME
+    # Overdue since it was first heard, or asked what it answered last: less the usual trip and the period.
+    assert uplink.arrival(0.2, 0.02) == pytest.approx((0.2 - 0.07 - 0.02 - 0.05, 0.0))
+    assert uplink.arrival(0.221, 0.02) == IN_TIME, "it was not heard for 150 ms: nobody knows"
+    # An answer half a second beyond the usual is late, once such answers last for 150 ms.
+    for late_s, lasts_s, told in ((0.51, 0.14, False), (0.51, 0.16, True), (0.49, 0.16, False)):
+        uplink = Uplink(0.05)
+        uplink.begin(0.0)
+        ids = [uplink.ask(0.1 * n) for n in range(2)]
+        for asked_ns in ids:
+            assert asked_ns is not None
+            answer(uplink, asked_ns, asked_ns * 1e-9 + 0.02 + late_s)
+        begun_s = 0.02 + late_s
+        found = uplink.arrival(begun_s + lasts_s, 0.02).late_s
+        assert found == (pytest.approx(late_s) if told else 0.0)
+    # What was asked more than 5 s ago is forgotten.
+    for age_s, counts in ((4.9, True), (5.1, False)):
+        uplink = Uplink(0.05)
+        uplink.begin(0.0)
+        uplink.ask(0.0)
+        uplink.ask(age_s)
+        answer(uplink, 0, age_s + 0.01)
+        overdue_s, _ = uplink.arrival(age_s + 0.15, 0.02)
+        assert overdue_s == (pytest.approx(0.07) if counts else 0.0)
