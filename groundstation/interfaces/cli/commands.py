@@ -206,7 +206,7 @@ def radio_bridge(args: argparse.Namespace) -> Exit:
 
 
 def tui(args: argparse.Namespace) -> int:
-    """Watch and steer a running flight, watch a recorded one, or all vehicles at a broker."""
+    """Watch and steer a running flight, or watch all vehicles at a broker."""
     if args.fleet is not None:
         from groundstation.interfaces.mqtt import from_url
         from groundstation.interfaces.tui import run_fleet
@@ -216,14 +216,12 @@ def tui(args: argparse.Namespace) -> int:
     from groundstation.interfaces.tui import tui_command
 
     if args.rehearse:
-        if args.log is None:
+        if args.config is None:
             raise ConfigError("--rehearse", notice("rehearse.no_file"))
-        args.config, args.log, args.overrides, args.arm, args.tui, args.view = args.log, None, [], None, True, ""
+        args.overrides, args.arm, args.tui, args.view = [], None, True, ""
         if not asyncio.run(is_served(socket_path(StatusConfig(), REHEARSAL))):
             return fly(args)
-        args.vehicle = REHEARSAL
-    if args.log is not None:
-        args.log = _find_recording(args.log)
+        args.config, args.vehicle = None, REHEARSAL
     return tui_command(args)
 
 
