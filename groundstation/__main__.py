@@ -225,7 +225,7 @@ REPORT: Arguments = {
     "--out": {"type": path, "metavar": "DIR", "help": "folder of page and figures (default: beside the first)"},
     "--format": {
         "default": "html", "metavar": "LIST",
-        "help": "some of html (default), pdf, svg, png (figures a column wide, for print), csv, tex (the table)",
+        "help": "some of html (default), pdf, svg, png (figures a column wide, for print), csv (the table)",
     },
     "--budget": {"action": "store_true", "help": "print the error budget alone: what has how much of RMS²"},
     "--json": {"action": "store_true", "help": "print the numbers; the page only where --out is given"},
@@ -317,7 +317,7 @@ COMMANDS: Groups = {
         "report": ("write a page with figures about one recorded flight, or compare several", _report),
         "view": ("show a recorded or a running flight in Rerun or Foxglove", VIEW),
         "export": ("write a recording as CSV or for other programs, or repair one that was cut off", EXPORT),
-        "identify": ("measure thrust, lags, delay, drag and noise of the vehicle from a recording", IDENTIFY),
+        "identify": ("measure thrust, lags, delay and drag of the vehicle from a recording", IDENTIFY),
         "replay": ("compute a recorded flight again, compare to the last bit; examine a .tlog", REPLAY),
         "replay evidence": ("measure how well our estimator predicts recorded flights", REPLAY_EVIDENCE),
     },

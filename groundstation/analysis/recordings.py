@@ -489,7 +489,7 @@ class FlightData:
         require_package("matplotlib", "plot", "notebook")
         from groundstation.analysis.report import draw_figure, find_figure
 
-        return draw_figure(find_figure(figure), [self.columns])
+        return draw_figure(find_figure(figure), self.columns)
 
     def save(self, path: Path | str) -> Path:
         """Write the recording to ``path``: itself as .mcap, or its channels as one of the formats of ``export``.

@@ -1,6 +1,5 @@
 """Coverage of the intervals that ``groundstation identify`` gives, over simulated flights."""
 
-import math
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -32,9 +31,6 @@ SHOWN = {
     "yaw_rate_response": ("rate lag + delay, yaw", 1e3, "ms"),
     "drag": ("linear drag", 1.0, "1/s"),
     "pose_latency": ("latency of poses", 1e3, "ms"),
-    "stamp_jitter": ("jitter of stamps", 1e3, "ms"),
-    "position_noise": ("noise of positions", 1e3, "mm"),
-    "attitude_noise": ("noise of attitudes", math.degrees(1.0), "°"),
 }
 """Name of each parameter, and the factor and unit in which half of its interval is shown."""
 
@@ -73,9 +69,6 @@ def truths(scenario: str) -> dict[str, float]:
         "thrust_sag": world.thrust_sag,
         "drag": world.drag_per_s,
         "pose_latency": world.pose_latency_s,
-        "stamp_jitter": world.pose_jitter_s,
-        "position_noise": world.pose_noise_m,
-        "attitude_noise": world.attitude_noise_rad,
     }
     if world.plant == "rotors":
         return known

@@ -31,7 +31,6 @@ from groundstation.analysis.evidence.flight import (
     MappedVehicle,
 )
 from groundstation.analysis.evidence.imports import describe_import, load_mapping, read_flight
-from groundstation.analysis.evidence.shadow import compare_commands, shadow_flight
 from groundstation.analysis.identify import (
     LEAST_S,
     FlightStretch,
@@ -549,7 +548,6 @@ def examine_flight(path: Path, config: Config | None = None, overrides: Sequence
         "prediction": {},
         "untold": Judged(None, {})._asdict(),
         "identified": {},
-        "shadow": {},
     }
     if facts["note"]:
         return facts
@@ -561,9 +559,6 @@ def examine_flight(path: Path, config: Config | None = None, overrides: Sequence
     facts["untold"] = judge_filter(driven, driven.config.controller, (AT_MS,))._asdict()
     if flight.sent:
         facts["identified"] = identify_vehicle(driven)
-    if flight.sent and not flight.own:
-        shadowed = shadow_flight(driven.config, driven.poses, driven.commands, (float(at_s[0]), float(at_s[-1])))
-        facts["shadow"] = msgspec.to_builtins(compare_commands(shadowed)) if shadowed else {}
     return facts
 
 
@@ -632,12 +627,6 @@ def describe_flight(facts: dict[str, Any]) -> str:
         elif one["value"] is not None:
             lines.append(f"  {name:22}{_interval(one)}")
     lines += [f"  not used as it stands, {reason}: {count}" for reason, count in facts["left_out"].items()]
-    for name, pair in facts["shadow"].items():
-        lines.append(
-            f"  shadow {name:18}sent {pair['sent_mean']:.3f} ± {pair['sent_std']:.3f}, "
-            f"ours {pair['shadow_mean']:.3f} ± {pair['shadow_std']:.3f}, apart {pair['difference_rms']:.3f}, "
-            f"correlation {_text(pair['correlation'])}"
-        )
     return "\n".join(lines)
 
 

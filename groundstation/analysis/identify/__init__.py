@@ -1,4 +1,4 @@
-"""Thrust, lags, delay, drag and noise of a vehicle from a recorded flight."""
+"""Thrust, lags, delay and drag of a vehicle from a recorded flight."""
 
 from groundstation.analysis.identify.command import find_outside, identify, identify_command
 from groundstation.analysis.identify.fit import find_noise, respond_with_lag

@@ -3,8 +3,7 @@
 The page holds its pictures and needs nothing else, as a report's does. The vehicle file has every key of ``[vehicle]``,
 each with its interval, or why it stays as told. Figures show how well the vehicle fits the flight, in a report's style.
 
-The identified vehicle is what a recording tells of it, each parameter with its interval, or why it tells nothing. The
-noise of poses is found by fourth differences of what the model leaves of them: all that is smooth cancels.
+The identified vehicle is what a recording tells of it, each parameter with its interval, or why it tells nothing.
 """
 
 import json
@@ -19,7 +18,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from groundstation.analysis.identify.fit import (
     DRAG,
@@ -111,82 +109,6 @@ def judge_parameter(
     )
 
 
-BLOCK = 50
-"""Variances of so many samples in a row count as one: neighbours hang together."""
-UNEVEN = 0.1
-"""Poses whose intervals differ by more than this share are left out."""
-
-
-class NoiseLevel(NamedTuple):
-    """Standard deviation per axis, and one deviation of that figure."""
-
-    value: float
-    deviation: float
-
-
-def _find_runs(at_s: Column, uneven: float) -> tuple[NDArray[np.bool_], float]:
-    """Begins of five samples whose intervals differ by less than the share ``uneven``, and the usual interval [s]."""
-    spans = np.diff(at_s)
-    usual = float(np.median(spans))
-    even = np.abs(spans - usual) < uneven * usual
-    return even[:-3] & even[1:-2] & even[2:-1] & even[3:], usual
-
-
-def measure_noise(at_s: Column, left: Column) -> NoiseLevel:
-    """Measure the noise in ``left`` (N, k), sampled at ``at_s`` (N,) [s]; infinite deviation for too few samples."""
-    runs, _ = _find_runs(at_s, UNEVEN)
-    # Independent noise has 1 + 16 + 36 + 16 + 1 times its variance in these; see estimation/estimator.py.
-    squares = (np.diff(left, 4, axis=0)[runs] ** 2).mean(axis=1) / 70.0
-    blocks = len(squares) // BLOCK
-    if blocks < 3:
-        return NoiseLevel(0.0, np.inf)
-    means = squares[: blocks * BLOCK].reshape(blocks, BLOCK).mean(axis=1)
-    value = float(np.sqrt(means.mean()))
-    deviation = float(means.std(ddof=1) / np.sqrt(blocks)) / max(2.0 * value, 1e-12)
-    return NoiseLevel(value, deviation)
-
-
-class StampJitter(NamedTuple):
-    """Variances, and one deviation of each."""
-
-    across: float
-    """Variance of position noise per axis [m²]."""
-    along: float
-    """Variance of the stamps [s²]; an unbiased estimate, so it may be below 0."""
-    deviation: float
-    """Standard deviation of ``along``; infinite for too few samples or too slow motion."""
-    across_deviation: float = math.inf
-    """Standard deviation of ``across``."""
-
-
-def measure_jitter(at_s: Column, left: Column, position: Column) -> StampJitter:
-    """Measure the jitter of stamps by the noise along the velocity, of ``position`` (N, 3) [m].
-
-    Noise squared is r + s² v² on each axis: by least squares over ``left``, see :func:`measure_noise`, which is weighed
-    by what each of its squares scatters by itself.
-    """
-    runs, usual = _find_runs(at_s, 0.5)  # a stamp that is off by more is taken for a pose that is missing
-    squares = (np.diff(left, 4, axis=0)[runs] ** 2) / 70.0
-    speeds = ((position[4:] - position[:-4])[runs] / (4.0 * usual)) ** 2
-    blocks = len(squares) // BLOCK
-    if blocks < 10:
-        return StampJitter(0.0, 0.0, np.inf)
-    y, x = squares[: blocks * BLOCK], speeds[: blocks * BLOCK]
-    level, slope, parts, matrix = float(np.mean(y)), 0.0, list[Column](), np.eye(2)
-    for _ in range(5):
-        weights = 1.0 / np.maximum(level + max(slope, 0.0) * x, 1e-12) ** 2
-        # Sums over each block, (blocks,): neighbours hang together.
-        parts = [(weights * part).reshape(blocks, -1).sum(axis=1) for part in (np.ones_like(x), x, x * x, y, x * y)]
-        one, xs, xx, ys, xy = (float(part.sum()) for part in parts)
-        matrix = np.array([[one, xs], [xs, xx]])
-        level, slope = np.linalg.solve(matrix, [ys, xy]).tolist()
-        level = max(level, 1e-12)
-    scores = np.stack([parts[3] - level * parts[0] - slope * parts[1], parts[4] - level * parts[1] - slope * parts[2]])
-    inverse = np.linalg.inv(matrix)
-    cover = inverse @ (scores @ scores.T) @ inverse * blocks / (blocks - 2)
-    return StampJitter(level, slope, math.sqrt(float(cover[1, 1])), math.sqrt(float(cover[0, 0])))
-
-
 UNSEEN_FRAMES = 0.02
 """The recording does not know which frames were lost: so many would make every command this share of a period late."""
 MODEL = 0.005
@@ -201,16 +123,12 @@ DRAG_MODEL = 0.01
 """Model error of drag as a share of it [-]: drag acts along the measured attitude."""
 DRAG_LEAST = 0.0007
 """Least deviation of drag, even where there is none [1/s]: of 94 flights on rotors 8 lay outside without it."""
-WHITE = 0.015
-"""Model error of noise as a share [-], which is never quite white; in that of attitudes on rotors is what no lag
-and delay describe. Of 150 flights 6 to 10 % lay outside with 0.01, 1 to 4 % with this."""
 DELAY = "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
 RESPONSE = "lag + delay, from a command's leaving: known better than either, as one may stand for the other"
 LEVEL_RESPONSE = ((1.0, 1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.0, 0.0))
 """Lag + delay of roll and of pitch, as shares of each of :data:`TURN_NAMES`."""
 YAW_RESPONSE = ((0.0, 0.0, 0.0, 1.0, 1.0),)
 """Lag + delay of yaw, as shares of the same."""
-JITTER_NOTE = "early or late by chance: noise along the velocity"
 DRAG_NOTE = "deceleration per speed; the controller is told one for all axes"
 TURNED_RAD_S = 0.05
 """Body rates of less than this (RMS about each axis) tell of nothing but noise, whatever the statistics say."""
@@ -269,7 +187,7 @@ def identify(seen: FlightStretch) -> IdentifiedVehicle:
     parameters = [
         *_thrust(seen, pushed, moved),
         *_lags(seen, turned, pushed, moved),
-        *_rest(seen, turned, pushed, moved),
+        *_rest(seen, pushed, moved),
     ]
     if isinstance(seen.config.trajectory, ExcitationConfig):
         parameters = [msgspec.structs.replace(one, note=AGAIN) if one.note == FLY else one for one in parameters]
@@ -448,42 +366,13 @@ def _latency(seen: FlightStretch) -> IdentifiedParameter:
     return judge_parameter(name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.015, told=told, note=note)
 
 
-JITTER_SPREAD = 1.75
-"""Factor on the deviation of the jitter [-], counted over 150 flights: the model's error counts as noise along the
-motion."""
-ENOUGH_JITTER_S = 0.002
-"""Where more than this could be, the flight tells nothing of it [s]."""
-
-
-def jitter_of(jitter: StampJitter) -> IdentifiedParameter:
-    """The jitter of stamps as a parameter: its square is what has a symmetric interval."""
-    half = WIDE * JITTER_SPREAD * jitter.deviation
-    unknown = IdentifiedParameter(name="stamp_jitter", title="jitter of stamps", unit="s", note=FLY)
-    if not math.sqrt(max(jitter.along, 0.0) + half) - math.sqrt(max(jitter.along, 0.0)) <= ENOUGH_JITTER_S:
-        return unknown
-    value, low, high = (math.sqrt(max(jitter.along + part, 0.0)) for part in (0.0, -half, half))
-    return msgspec.structs.replace(unknown, value=value, interval=(low, high), note=JITTER_NOTE)
-
-
-def _rest(
-    seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: MotionExcitation
-) -> list[IdentifiedParameter]:
+def _rest(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> list[IdentifiedParameter]:
     drags = slice(DRAG, DRAG + len(DRAGS))
     each, cover = pushed.fit.values[drags], pushed.fit.covariance[drags, drags]
     drag, drag_spread = _combine(each, cover)
     # Axes that differ by more than their deviations are not one drag: its deviation grows by as much (Birge 1932).
     apart = each - drag
     drag_spread *= math.sqrt(max(1.0, float(apart @ np.linalg.solve(cover, apart)) / (len(each) - 1)))
-
-    place, turn = measure_noise(seen.at_s, pushed.left), measure_noise(seen.at_s, turned.left)
-    jitter = measure_jitter(seen.at_s, pushed.left, seen.position_ned)
-    if jitter.along > WIDE * JITTER_SPREAD * jitter.deviation:  # of the two, what does not come of the stamps
-        level = math.sqrt(jitter.across)
-        place = NoiseLevel(level, 0.5 * jitter.across_deviation / level)
-
-    def noise_of(name: str, title: str, unit: str, level: NoiseLevel) -> IdentifiedParameter:
-        spread = math.hypot(level.deviation, WHITE * level.value)
-        return judge_parameter(name, title, unit, level.value, spread, 0.5 * level.value, least=0.0)
 
     return [
         judge_parameter(
@@ -498,9 +387,6 @@ def _rest(
             note=DRAG_NOTE,
         ),
         _latency(seen),
-        jitter_of(jitter),
-        noise_of("position_noise", "position noise per axis", "m", place),
-        noise_of("attitude_noise", "attitude noise per axis", "rad", turn),
     ]
 
 
@@ -638,7 +524,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
     if page is not None:
         try:
             page.mkdir(parents=True, exist_ok=True)
-            shown = write_page(page, found, save_figures(page, FIGURES, [found]))
+            shown = write_page(page, found, save_figures(page, FIGURES, found))
         except OSError as error:
             says = notice("file.unwritten", path=error.filename or page, why=error.strerror)
             raise ConfigError("--page", says) from None
@@ -774,9 +660,6 @@ BESIDE = (
     "rate_response",
     "yaw_rate_response",
     "pose_latency",
-    "stamp_jitter",
-    "position_noise",
-    "attitude_noise",
 )
 """Parameters that are no keys of a vehicle."""
 DIGITS = 5

@@ -1,10 +1,9 @@
-"""Figures of a report: one PNG each; two flights stand side by side, on the same scales.
+"""Figures of a report: one PNG each; of several flights, positions and errors are overlaid.
 
 First those of control, the paper's 3 to 6 and the Lyapunov function with its certificate; then those of the flight as a
-whole: path, error, latency, lateness, events, saturation.
+whole: path, error, latency, lateness.
 """
 
-import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from io import BytesIO
@@ -187,31 +186,8 @@ def _linear_near_zero(panel: Any, values: Column) -> None:
         panel.yaxis.set_major_formatter(_format_tick)
 
 
-STATES = (
-    ("connecting", "0.80"),
-    ("ready", "#56B4E9"),
-    ("arming", ORANGE),
-    ("takeoff", PURPLE),
-    ("hold", "#F0E442"),
-    ("tracking", GREEN),
-    ("moving", "#0072B2"),
-    ("returning", "#56B4E9"),
-    ("landing", BLUE),
-    ("descent", RED),
-    ("disarming", ORANGE),
-    ("landed", "0.60"),
-    ("handed_over", "0.40"),
-    ("aborted", RED),
-    ("killed", RED),
-)
 FLOOR_CM = 0.01
 """Smaller errors are drawn as this [cm]."""
-LETTER_PT = 7.5
-"""Size of the letters beside the events."""
-LETTERS_IN = 18.0
-"""Number of such letters in an inch [1/in]; what has no room stands in the table below."""
-LABELS = 14
-"""Number of labels with room beside the events [-]; the table below has all events."""
 
 
 def path(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -351,69 +327,6 @@ def _spread(panel: Any, late: Column) -> None:
     panel.plot([], [], " ", label=f"largest {max(0.0, float(late.max())):.3f} ms")
 
 
-def events(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Mission states, requests, gaps of the recording and the link's word, in time."""
-    (panel,) = panels
-    colours = dict(STATES)
-    end = float(flown.t[-1])
-    told = [event for event in flown.events if event[1] not in ("request", "lost")]
-    for i, (time_s, state, _) in enumerate(told):
-        until = told[i + 1][0] if i + 1 < len(told) else max(end, time_s)
-        colour = colours.get(state, GREY)
-        panel.barh(0.0, until - time_s, left=time_s, height=0.8, color=colour, edgecolor="white", linewidth=0.5)
-    shown = flown.events[:LABELS]
-    panel.set_ylim(len(shown) + 0.8, -0.6)
-    panel.set_yticks([0.0], ["mission"])
-    panel.grid(visible=False)
-    panel.set_xlabel(TIME)
-    left = len(flown.events) - len(shown)
-    if left:
-        panel.set_title(f"{left} more events stand in the table below", loc="right", fontsize=8)
-    times = [time_s for time_s, _, _ in shown]
-    begin, end = panel.get_xlim()
-    panel.set_xlim(min((begin, *times)), max((end, *times)))
-    begin, end = panel.get_xlim()
-    letters = LETTERS_IN * panel.get_position().width * panel.figure.get_figwidth()
-    for row, (time_s, kind, text) in enumerate(shown, 1):
-        share = (time_s - begin) / (end - begin)
-        late = share > 0.5
-        alert = kind in ("request", "lost", "descent", "aborted", "killed")
-        panel.plot([time_s, time_s], [-0.4, row], color="0.6", linewidth=0.6)
-        panel.plot(time_s, row, "D" if alert else "o", color=RED if alert else GREY, markersize=4, clip_on=False)
-        room = int(letters * max(share, 1.0 - share))
-        words = textwrap.shorten(f"{time_s:.1f} s  {kind}: {text}", room, placeholder="…")
-        panel.annotate(
-            words, (time_s, row), (-6 if late else 6, 0), textcoords="offset points", va="center",
-            ha="right" if late else "left", fontsize=LETTER_PT, in_layout=False,
-        )  # fmt: skip
-
-
-def saturation(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Share of the commands of each second that met a limit, and how much of the thrust's range was used."""
-    over, use = panels
-    t, clamped = flown.t, flown.scalars["saturated"]
-    seconds = np.floor(t - t[0]).astype(int)
-    counts = np.bincount(seconds)
-    hits = np.bincount(seconds, weights=clamped)
-    share: Column = 100.0 * hits / np.maximum(counts, 1)
-    edges_s = t[0] + np.arange(len(share) + 1)
-    over.stairs(share, edges_s, fill=True, color=RED, alpha=0.8)
-    over.set_ylim(0.0, max(5.0, 1.1 * float(share.max())))
-    over.set_xlabel(TIME)
-    over.set_ylabel("commands at\na limit [%]")
-    over.set_title(f"{100.0 * float(clamped.mean()):.2f} % of all commands", loc="right")
-    thrust = flown.scalars["thrust_n"]
-    least, most = limits(flown).get("thrust", (float(thrust.min()), float(thrust.max()) + 1e-3))
-    share_each, edges = np.full(len(thrust), 100.0 / len(thrust)), list(np.linspace(least, most, 81))
-    use.hist(thrust, bins=edges, weights=share_each, color=BLUE, alpha=0.75)
-    for k, bound in enumerate(limits(flown).get("thrust", ())):
-        use.axvline(bound, color=RED, linestyle="--", linewidth=1.1, label=None if k else "limits")
-    if limits(flown):
-        use.legend(loc="upper left")
-    use.set_xlabel("commanded thrust [N]")
-    use.set_ylabel("share of\ncommands [%]")
-
-
 DPI = 140
 """Resolution of pictures for the screen [dots per inch]."""
 PLOT_STYLE: Any = {
@@ -430,19 +343,6 @@ PLOT_STYLE: Any = {
     "lines.linewidth": 1.2,
     "agg.path.chunksize": 20000,
 }
-
-
-def budget(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Share of each source of error in RMS², by flying the model again without it; they need not add up."""
-    (panel,) = panels
-    known = [one for one in flown.budget["contributions"] if one["squared_cm2"] is not None]
-    known.sort(key=lambda one: float(one["squared_cm2"]))
-    values = [one["squared_cm2"] for one in known]
-    panel.barh([one["source"] for one in known], values, color=[BLUE if v >= 0.0 else ORANGE for v in values])
-    rms_cm = flown.budget["rms_cm"]
-    if rms_cm is not None:
-        panel.axvline(rms_cm**2, color="black", linestyle="--", linewidth=1.0, label=f"RMS² ({rms_cm:.3f} cm)²")
-        finish_panels(panels, below="squared contribution [cm²]")
 
 
 class ReportFigure(NamedTuple):
@@ -476,18 +376,7 @@ FIGURES = (
     ReportFigure("lyapunov", "Lyapunov function and certificate", 3, 5.6, lyapunov),
     ReportFigure("latency", "Latency budget", 2, 5.2, latency_budget, in_time=False),
     ReportFigure("lateness", "Lateness", 1, 3.0, lateness, in_time=False),
-    ReportFigure("events", "Events", 1, 3.4, events, in_time=False),
-    ReportFigure("saturation", "Saturation", 2, 4.6, saturation, in_time=False),
 )
-
-
-BUDGET = ReportFigure("budget", "Error budget, drawn", 1, 3.0, budget, in_time=False)
-"""Drawn where there is one."""
-
-
-def choose_figures(flights: Sequence[FlightColumns]) -> list[ReportFigure]:
-    """Choose the figures of ``flights``: all, and the error budget where every flight has one."""
-    return [*FIGURES, *([BUDGET] if all(flown.budget.get("contributions") for flown in flights) else [])]
 
 
 COLUMN_IN = 3.5
@@ -555,9 +444,9 @@ OVERLAYS = (
 
 
 def save_figures(
-    folder: Path, figures: Iterable[ReportFigure], shown: Sequence[Any], form: str = ""
+    folder: Path, figures: Iterable[ReportFigure], shown: Any, form: str = ""
 ) -> list[tuple[ReportFigure, Path]]:
-    """Draw ``figures`` of all that is ``shown`` into ``folder``; see :func:`draw_figure`. Returns each with its file.
+    """Draw ``figures`` of what is ``shown`` into ``folder``; see :func:`draw_figure`. Returns each with its file.
 
     Raises:
         OSError: a file can't be written.
@@ -596,34 +485,17 @@ def find_figure(name: str) -> ReportFigure:
     return found
 
 
-def draw_figure(one: ReportFigure, shown: Sequence[Any], form: str = "") -> "Figure":
-    """Draw one figure of all that is ``shown``, side by side on the same scales.
+def draw_figure(one: ReportFigure, shown: Any, form: str = "") -> "Figure":
+    """Draw one figure of what is ``shown``: a flight, of an overlay several, of an identification its vehicle.
 
     Of a printed ``form`` (pdf, svg, png) it is as wide as a column of a journal.
     """
     from matplotlib import rc_context
 
     with rc_context(PRINT_STYLE if form else PLOT_STYLE):
-        size = (COLUMN_IN, 0.62 * one.height_in) if form else (7.4 if len(shown) == 1 else 11.0, one.height_in)
+        size = (COLUMN_IN, 0.62 * one.height_in) if form else (7.4, one.height_in)
         canvas = figure_class()(figsize=size, layout="constrained")
         subplot: dict[str, Any] = {"projection": "3d"} if one.is_3d else {}
-        share: Any = "col" if one.in_time else "none"
-        panels: Any = canvas.subplots(one.rows, len(shown), squeeze=False, sharex=share, subplot_kw=subplot)
-        for i, flown in enumerate(shown):
-            one.draw(panels[:, i], flown)
-            if len(shown) > 1:  # above where a legend may be on the right
-                title = f"{flight_letters(2)[i]}: {flown.path.parent.name}/{flown.path.name}"
-                panels[0, i].set_title(title, loc="left", pad=32.0, fontweight="bold")
-        if not one.is_3d:
-            for row in panels:
-                _join_limits(row)
+        panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=one.in_time, subplot_kw=subplot)
+        one.draw(panels[:, 0], shown)
         return canvas
-
-
-def _join_limits(row: Sequence[Any]) -> None:
-    """Give all panels of a row the limits that hold what each of them shows."""
-    for axis in "xy":
-        limits = np.array([getattr(panel, f"get_{axis}lim")() for panel in row])
-        low, high = limits.min(), limits.max()
-        for panel, (first, last) in zip(row, limits, strict=True):
-            getattr(panel, f"set_{axis}lim")((low, high) if first < last else (high, low))

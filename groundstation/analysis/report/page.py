@@ -7,7 +7,6 @@ import base64
 import csv
 import json
 import math
-import re
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from groundstation.analysis.report.flight import FlightColumns
 
 PAGE = "report.html"
-SIDE_BY_SIDE = 2
-"""Number of flights side by side on a page [-]; of more, only overlaid figures are drawn."""
 PAGE_STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #111; background: #fff; max-width: 62rem; margin: 1.5rem auto;
        padding: 0 1rem; }
@@ -60,7 +57,7 @@ NOT_A_SUM = (
     "Squared contribution: RMS² of the flight less RMS² with that source switched off. They need not add up to RMS²: "
     "sources act on each other, and what stays without any of them (mean wind, sampling) is none. Negative: it helped."
 )
-FORMATS = ("html", "pdf", "svg", "png", "csv", "tex")
+FORMATS = ("html", "pdf", "svg", "png", "csv")
 """Forms of a report: a page, figures a column wide for print, or the table of results."""
 
 
@@ -225,30 +222,6 @@ def budget_table(budget: dict[str, Any]) -> list[list[str]]:
     return [head, *rows]
 
 
-def latex_table(rows: Sequence[Sequence[str]]) -> str:
-    """The ``rows``, a head first, as a ``tabular`` as wide as the text; it needs the packages array and booktabs."""
-    lines = [" & ".join(map(_escape_latex, row)) + r" \\" for row in rows]
-    first, others = 0.34, len(rows[0]) - 1
-    shares = [("right", first), *[("left", (0.99 - first) / others)] * others]
-    columns = "".join(
-        rf">{{\ragged{side}\arraybackslash}}p{{\dimexpr{share:.4f}\linewidth-2\tabcolsep}}" for side, share in shares
-    )
-    begin, end = rf"\begin{{tabular}}{{{columns}}}", r"\end{tabular}"
-    return "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", end]) + "\n"
-
-
-_LATEX = {
-    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "b̂": r"$\hat{b}$", "²": r"\textsuperscript{2}", "–": "--",
-    "°": r"$^\circ$", "±": r"$\pm$", "−": "$-$",
-}  # fmt: skip
-
-
-def _escape_latex(text: str) -> str:
-    marks = re.sub("|".join(map(re.escape, _LATEX)), lambda found: _LATEX[found[0]], text)
-    return re.sub(r"(?<![\w.])-(?=\d)", "$-$", marks)  # a minus, not a hyphen
-
-
 def _events(name: str, one: dict[str, Any]) -> str:
     rows = [
         [f"{event['time_s']:.2f}", f"{event['clock_s']:.3f}", event["kind"], event["text"]] for event in one["events"]
@@ -339,13 +312,13 @@ def report_command(
     for form in formats:
         if form not in FORMATS:
             raise ConfigError("--format", notice("value.choices", choices=list(FORMATS), found=form))
-    if draw and set(formats) - {"csv", "tex"}:
+    if draw and set(formats) - {"csv"}:
         require_package("matplotlib", "report", "plot", "; --json does without")
     from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
 
     with refuse_recordings(NoCommand):
         flights = [read_columns(path) for path in paths]
-        if find_budget is not None and len(flights) <= SIDE_BY_SIDE:
+        if find_budget is not None and (only_budget or len(flights) == 1):
             for flown in flights:
                 flown.budget = find_budget(flown)
         outside = [] if only_budget else [find_outside(path) for path in paths]
@@ -391,23 +364,19 @@ def _say_budget(flown: "FlightColumns") -> str:
 
 def _write(form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: Sequence[dict[str, Any]]) -> list[Path]:
     """The files of one format."""
-    if form in ("csv", "tex"):
-        rows = result_table(_short_names(facts), facts)
-        path = folder / f"results.{form}"
+    if form == "csv":
+        path = folder / "results.csv"
         with open_whole(path) as file:
-            if form == "csv":
-                csv.writer(file, lineterminator="\n").writerows(rows)
-            else:
-                file.write(latex_table(rows))
+            csv.writer(file, lineterminator="\n").writerows(result_table(_short_names(facts), facts))
         return [path]
-    from groundstation.analysis.report.figures import OVERLAYS, choose_figures, save_figures
+    from groundstation.analysis.report.figures import FIGURES, OVERLAYS, save_figures
 
-    overlaid = save_figures(folder, OVERLAYS, [flights], "" if form == "html" else form) if len(flights) > 1 else []
-    if form != "html":
-        alone = save_figures(folder, choose_figures(flights), flights, form) if len(flights) == 1 else []
-        return [path for _, path in (*overlaid, *alone)]
-    beside = save_figures(folder, choose_figures(flights), flights) if len(flights) <= SIDE_BY_SIDE else []
-    return [write_page(folder, [*overlaid, *beside], facts)]
+    printed = "" if form == "html" else form
+    if len(flights) > 1:
+        figures = save_figures(folder, OVERLAYS, flights, printed)
+    else:
+        figures = save_figures(folder, FIGURES, flights[0], printed)
+    return [path for _, path in figures] if printed else [write_page(folder, figures, facts)]
 
 
 def _short_names(facts: Sequence[dict[str, Any]]) -> list[str]:

@@ -12,7 +12,7 @@ from groundstation.analysis.evidence.imports import import_command
 from groundstation.analysis.evidence.tlog import read_tlog
 from groundstation.config import ConfigError
 from links.mavlink.protocol import MavlinkCodec
-from tests.shadow_flight import START_US, D, Flight
+from tests.tlog_flight import START_US, D, Flight
 
 FLIGHT = Flight(duration_s=2.0)
 COMPANION, BRIDGE, GIMBAL = (1, 191), (1, 197), (1, 154)

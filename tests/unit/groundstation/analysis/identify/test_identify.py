@@ -13,7 +13,6 @@ from groundstation.analysis.identify.command import (
     FLY,
     IdentifiedVehicle,
     file_text,
-    measure_noise,
     table,
 )
 from groundstation.analysis.identify.fit import (
@@ -152,16 +151,6 @@ def _free(spread: Column) -> tuple[Column, Column, Column]:
     return np.full(2, 1e-3), np.zeros(2), spread
 
 
-def test_noise_is_told_from_motion() -> None:
-    rng = np.random.default_rng(5)
-    at = np.linspace(0.0, 39.98, 2000)
-    motion = np.sin(6.0 * at)[:, None] + rng.normal(0.0, 3e-4, (2000, 3))
-    found = measure_noise(at, motion)
-    assert abs(found.value - 3e-4) < 3.0 * found.deviation
-    assert found.deviation < 1e-5
-    assert math.isinf(measure_noise(at[:40], motion[:40]).deviation)
-
-
 def test_turns_are_those_between_the_attitudes() -> None:
     first = turned_by(IDENTITY, (0.1, -0.2, 0.3))
     attitudes = np.array([first, turned_by(first, (0.01, 0.02, -0.03))])
@@ -183,8 +172,6 @@ def test_a_made_up_vehicle_is_found_again() -> None:
         rate_response=0.055,
         yaw_rate_response=0.055,
         drag=0.0,
-        position_noise=2e-4,
-        attitude_noise=1e-3,
     )
     assert found.parameters["thrust_lag"].value == pytest.approx(0.06, rel=0.05)
     assert found.parameters["thrust_scale"].value == pytest.approx(0.9, rel=0.02)
@@ -206,8 +193,7 @@ def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
     for name in ("thrust_scale", "thrust_curve", "thrust_lag", "rate_lag", "yaw_rate_lag", "rate_delay", "drag"):
         one = found.parameters[name]
         assert (one.value, one.interval, one.note) == (None, None, FLY)
-    assert found.parameters["position_noise"].identified
-    assert table(found).count(FLY) == len(found.parameters) - 3
+    assert table(found).count(FLY) == len(found.parameters) - 1
     assert found.parameters["pose_latency"].note == "the vehicle told no attitude of its own"
 
 
