@@ -51,6 +51,7 @@ from groundstation.config import ConfigError, from_dict, parse_toml, refuse_io, 
 from groundstation.core.geometry import FARTHEST_M, Body, Frames, Quat, World, axes, so3
 from groundstation.core.messages import Pose, notice
 from groundstation.machine import open_private
+from groundstation.pose.sources import Gate, GateConfig
 from groundstation.recording import Vector3, add_channel, begin_mcap, channel_form, quaternion
 from groundstation.runtime import Exit, __version__, require_package
 
@@ -342,16 +343,6 @@ FASTEST_M_S = 50.0
 """Fastest usual speed of a multirotor indoors [m/s]: what is faster is in millimetres."""
 FEW_OFF = 0.01
 """Share of positions at either end that do not count for the spread [-]: a tracker mistakes a body now and then."""
-LEAPS_M = 0.15
-"""Least distance of a leaping pose from its extrapolated place [m]."""
-LEAPS_M_S2 = 150.0
-"""Acceleration beyond which a pose leaps [m/s²]."""
-BACK_S = 0.5
-"""Time within which poses that leapt return [s]: what was seen meanwhile was another body, or none."""
-ALL_LEAP = 0.1
-"""Share of leaping poses from which units are wrong, and none is left out [-]."""
-
-
 BELIEVED_M = 1e5
 """Largest believable distance from the source's origin [m]."""
 LATEST_S = 1e10
@@ -375,35 +366,6 @@ def find_rising(time: Column) -> NDArray[np.bool_]:
 def find_repeats(place: Column) -> NDArray[np.bool_]:
     """Which positions (N, 3) [m] repeat the one before to the last bit: the log is faster than its source."""
     return np.asarray(np.all(np.diff(place, axis=0, prepend=place[:1] - 1.0) == 0.0, axis=1))
-
-
-def find_leaps(time: Column, place: Column) -> tuple[NDArray[np.bool_], list[int]]:
-    """Which poses (N,) leap away and come back, and where positions (N, 3) [m] go on from another origin."""
-    gone, moved = np.zeros(len(time), dtype=bool), list[int]()
-    if len(time) < 3:
-        return gone, moved
-    usual_s, at = find_usual(time), time.tolist()
-    velocity = np.median(np.diff(place[:6], axis=0) / np.diff(time[:6])[:, None], axis=0)
-    last, k = 0, 1
-    while k < len(at):
-        h = max(at[k] - at[last], usual_s)
-        off_m = math.dist(place[k], place[last] + velocity * h)
-        elsewhere = np.linalg.norm(place[last + 1 : k] - place[k], axis=1)
-        goes_on = off_m >= elsewhere.min(initial=math.inf)  # where it had leapt to
-        if off_m <= LEAPS_M + 0.5 * LEAPS_M_S2 * h * h and not goes_on:
-            gone[last + 1 : k] = True
-            last, velocity = k, (place[k] - place[last]) / h
-        elif at[k] - at[last + 1] > BACK_S:
-            last = k = last + 1
-            if at[last] - at[0] <= BACK_S:
-                gone[:last] = True
-            else:
-                moved.append(last)
-        k += 1
-    gone[last + 1 :] = True
-    if len(moved) + np.count_nonzero(gone) > ALL_LEAP * len(at):
-        return np.zeros(len(time), dtype=bool), []
-    return gone, moved
 
 
 def choose_body(tables: Tables, body: str, path: Path) -> Tables:
@@ -496,27 +458,27 @@ def _check_lengths(time: Column, place: Column, file: Path) -> None:
         raise ConfigError("FILE", says, str(file))
 
 
+GATE = GateConfig(acceleration_m_s2=150.0, speed_m_s=100.0, tilt_deg=180.0, drop_frozen=False, settle_s=1.0)
+"""Gate of recorded poses: it drops what another body or none was taken for, and believes all that a vehicle can fly."""
+
+
 def _add_poses(flight: ImportedFlight, poses: "Motion") -> NDArray[np.intp]:
-    """Add the poses that are new and do not leap away; returns their rows."""
+    """Add the poses that are new and pass the gate; returns their rows."""
     time, place, attitude, velocity, resets = poses
     late = ~find_rising(time)
     repeats = find_repeats(place)
     flight.notes["poses not newer than the one before"] += int(np.count_nonzero(late))
     flight.notes["poses that repeat the one before"] += int(np.count_nonzero(repeats & ~late))
-    rest = np.flatnonzero(~(late | repeats))
-    gone, moved = find_leaps(time[rest], place[rest])
-    resets = np.array(resets)
-    for k in moved:
-        resets[rest[k] :] += 1.0
-    flight.notes["poses that leap away and come back"] += int(np.count_nonzero(gone))
-    flight.notes["times that the positions' origin moved"] += len(moved)
-    kept = rest[~gone]
-    for k in kept.tolist():
+    gate, kept = Gate(GATE), list[int]()
+    for k in np.flatnonzero(~(late | repeats)).tolist():
         at = float(time[k] - time[0])
         velocity_ned = None if velocity is None else _three(velocity[k])
-        pose = Pose(0, at, at, _three(place[k]), _four(attitude[k]), velocity_ned, int(resets[k]))
-        flight.add_pose(pose, k)
-    return kept
+        pose, _ = gate.filter_pose(Pose(0, at, at, _three(place[k]), _four(attitude[k]), velocity_ned, int(resets[k])))
+        if pose is not None:
+            flight.add_pose(pose, k)
+            kept.append(k)
+    flight.notes.update({f"poses dropped by the gate, {why}": count for why, count in gate.dropped.items()})
+    return np.array(kept, np.intp)
 
 
 def _add_states(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
