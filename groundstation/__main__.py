@@ -188,7 +188,7 @@ LOGS: Arguments = {
 EXPORT: Arguments = {
     **_recording(),
     "--format": {
-        "choices": ["csv", "npz", "mat", "parquet", "rrd", "foxglove", "mcap", "poses"],
+        "choices": ["csv", "npz", "mat", "rrd", "foxglove", "mcap", "poses"],
         "default": "csv",
         "help": "default: csv",
     },

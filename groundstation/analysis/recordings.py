@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = {
-    "csv": "", "parquet": ".parquet", "npz": ".npz", "mat": ".mat", "rrd": ".rrd",
+    "csv": "", "npz": ".npz", "mat": ".mat", "rrd": ".rrd",
     "mcap": "-whole.mcap", "foxglove": "-foxglove.mcap",
 }  # fmt: skip
 """Suffix of each format behind the recording's name, by default."""
@@ -80,7 +80,7 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
             raise ConfigError("--channel", notice("value.choice", choices=list(CHANNELS), found=name))
     to_screen = form == "csv" and len(wanted) == 1 and out is None
     target = out or path.with_name(f"{path.stem}{SUFFIXES[form]}")
-    if form not in ("csv", "parquet") and target.exists():  # those are folders
+    if form != "csv" and target.exists():  # which is a folder
         raise ConfigError("--out", notice("file.exists", path=target))
     ending = Path(f"x{SUFFIXES[form]}").suffix
     if form in ("mcap", "foxglove", "rrd") and target.suffix != ending:
@@ -494,7 +494,7 @@ class FlightData:
     def save(self, path: Path | str) -> Path:
         """Write the recording to ``path``: itself as .mcap, or its channels as one of the formats of ``export``.
 
-        As .csv and .parquet they are a folder, with a file for each channel.
+        As .csv they are a folder, with a file for each channel.
 
         Raises:
             ConfigError: no such format, a package for it is missing, or it can't be written.
@@ -578,24 +578,12 @@ def _write_mat(tables: "Tables", target: Path) -> None:
     savemat(target, told, long_field_names=True, oned_as="column")
 
 
-def _write_parquet(tables: "Tables", target: Path) -> None:
-    """A folder with a file for each channel: of one table each, as the format has it."""
-    require_package("pyarrow", target.name, "tables")
-    from pyarrow import table
-    from pyarrow.parquet import write_table
-
-    target.mkdir(parents=True, exist_ok=True)
-    for topic, columns in tables.items():
-        write_table(table(dict(columns)), target / f"{topic}.parquet")
-
-
 _TABLE_WRITERS: "dict[str, Callable[[Tables, Path], None]]" = {
     "npz": _write_npz,
     "mat": _write_mat,
-    "parquet": _write_parquet,
 }
 FORMATS = (*_TABLE_WRITERS, "csv", "rrd")
-"""Formats of channels by the ending of the file's name; csv and parquet make a folder."""
+"""Formats of channels by the ending of the file's name; csv makes a folder."""
 
 
 def write_tables(recording: Recording, form: str, topics: Collection[str], target: Path) -> dict[str, int]:

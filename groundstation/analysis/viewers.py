@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from groundstation.config import ConfigError
-from groundstation.core.geometry import IDENTITY, Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import notice
 from groundstation.machine import is_being_written
 from groundstation.recording import CHANNELS, ChannelForm, Entry, Recording, describe_channels, refuse_recordings
@@ -39,7 +39,7 @@ ROTORS = tuple((x * ARM_M, y * ARM_M, 0.0) for x in (1.0, -1.0) for y in (1.0, -
 """Where they are, body FRD [m]."""
 COLOURS = {"estimate": (0.0, 0.45, 0.7), "reference": (0.5, 0.5, 0.5), "truth": (0.84, 0.37, 0.0)}
 """Red, green, blue; told apart by everybody."""
-DISPLAY, WORLD, VEHICLE = "world", "world_ned", "vehicle"
+DISPLAY, WORLD = "world", "world_ned"
 
 
 class Placement(NamedTuple):
@@ -104,15 +104,13 @@ class RoomScene:
 
 
 class FoxgloveScene:
-    """A recording's messages as they are, and its scene in Foxglove's schemas."""
+    """A recording's messages as they are, beside the trails of its scene; the vehicle is its own frame, ``/tf``."""
 
     kinds: ClassVar = {
         "/tf_static": "FrameTransform",
-        "/scene/vehicle": "SceneUpdate",
         **{f"/scene/{name}": "PosesInFrame" for name in COLOURS},
-        **{f"/scene/wind_{name}": "SceneUpdate" for name in ("estimate", "truth")},
     }
-    """Topic → message of what is drawn beside the recording's own messages, which are Foxglove's JSON."""
+    """Topic → message of what is drawn beside the recording's own messages."""
 
     def __init__(self, option: str) -> None:
         """For ``option`` of the command line.
@@ -141,47 +139,11 @@ class FoxgloveScene:
         if 1e-9 * stamp_ns - self._drawn_s >= DRAW_S:  # again and again, for whoever begins to look in between
             self._drawn_s = 1e-9 * stamp_ns
             yield "/tf_static", self._transform(stamp_ns).encode()
-            yield "/scene/vehicle", self._body(stamp_ns).encode()
         for shape in self._scene.shapes(entry):
-            match shape:
-                case Trail(name, points):
-                    poses = [self._pose(point, IDENTITY) for point in points]
-                    made = m.PosesInFrame(timestamp=self._stamp(stamp_ns), frame_id=WORLD, poses=poses)
-                    yield f"/scene/{name}", made.encode()
-                case WindArrow(name):
-                    yield f"/scene/wind_{name}", self._arrow(stamp_ns, shape).encode()
-
-    def _arrow(self, stamp_ns: int, wind: WindArrow) -> Any:
-        m, length = self._messages, WIND_M * math.hypot(*wind.wind_m_s2)
-        arrow = m.ArrowPrimitive(
-            pose=self._pose(wind.position_ned, turn_to(wind.wind_m_s2)),
-            shaft_length=0.75 * length,
-            shaft_diameter=0.02,
-            head_length=0.25 * length,
-            head_diameter=0.05,
-            color=self._colour(wind.name),
-        )
-        return self._entity(stamp_ns, WORLD, f"wind_{wind.name}", arrows=[arrow])
-
-    def _body(self, stamp_ns: int) -> Any:
-        m, colour = self._messages, self._colour("estimate")
-        arms = [m.Point3(x=x, y=y, z=z) for rotor in ROTORS for x, y, z in ((0.0, 0.0, 0.0), rotor)]
-        kind = m.LinePrimitiveLineType.LineList
-        lines = [
-            m.LinePrimitive(type=kind, pose=self._pose((0, 0, 0), IDENTITY), thickness=0.015, points=arms, color=colour)
-        ]
-        size = m.Vector3(x=2.0 * ROTOR_M, y=2.0 * ROTOR_M, z=0.01)
-        rotors = [
-            m.CylinderPrimitive(pose=self._pose(at, IDENTITY), size=size, bottom_scale=1.0, top_scale=1.0, color=colour)
-            for at in ROTORS
-        ]
-        return self._entity(stamp_ns, VEHICLE, VEHICLE, lines=lines, cylinders=rotors, frame_locked=True)
-
-    def _entity(self, stamp_ns: int, frame: str, name: str, **parts: Any) -> Any:
-        m = self._messages
-        return m.SceneUpdate(
-            entities=[m.SceneEntity(timestamp=self._stamp(stamp_ns), frame_id=frame, id=name, **parts)]
-        )
+            if isinstance(shape, Trail):
+                poses = [self._pose(point) for point in shape.points_ned]
+                made = m.PosesInFrame(timestamp=self._stamp(stamp_ns), frame_id=WORLD, poses=poses)
+                yield f"/scene/{shape.name}", made.encode()
 
     def _transform(self, stamp_ns: int) -> Any:
         """Turn the world, whose z is down, over in a world with z up."""
@@ -194,14 +156,10 @@ class FoxgloveScene:
             rotation=m.Quaternion(w=0.0, x=1.0, y=0.0, z=0.0),
         )
 
-    def _pose(self, at: Vec3, turned: Quat) -> Any:
-        m, (w, x, y, z) = self._messages, turned
-        position, orientation = m.Vector3(x=at[0], y=at[1], z=at[2]), m.Quaternion(w=w, x=x, y=y, z=z)
+    def _pose(self, at: Vec3) -> Any:
+        m = self._messages
+        position, orientation = m.Vector3(x=at[0], y=at[1], z=at[2]), m.Quaternion(w=1.0, x=0.0, y=0.0, z=0.0)
         return m.Pose(position=position, orientation=orientation)
-
-    def _colour(self, name: str) -> Any:
-        red, green, blue = COLOURS[name]
-        return self._messages.Color(r=red, g=green, b=blue, a=1.0)
 
     def _stamp(self, stamp_ns: int) -> Any:
         sec, nsec = divmod(stamp_ns, 1_000_000_000)
@@ -312,16 +270,6 @@ def _lay_out() -> Any:
     parts = rrb.Horizontal(rrb.Vertical(room, words, row_shares=[3, 1]), rrb.Vertical(*shown), column_shares=[3, 2])
     now = rrb.TimePanel(timeline="time", play_state="following", state="collapsed")
     return rrb.Blueprint(parts, now, collapse_panels=True)
-
-
-def turn_to(v: Vec3) -> Quat:
-    """The shortest turn of the x axis to the direction of ``v``, as a unit quaternion w, x, y, z."""
-    length = math.hypot(*v)
-    if length == 0.0:
-        return IDENTITY
-    x, y, z = (part / length for part in v)
-    whole = math.hypot(1.0 + x, y, z)
-    return ((1.0 + x) / whole, 0.0, -z / whole, y / whole) if whole > 1e-12 else (0.0, 0.0, 0.0, 1.0)
 
 
 def _vector(told: dict[str, float]) -> Vec3:

@@ -5,12 +5,9 @@ shares the processor with the flight that has started it: it gets its share, and
 """
 
 import contextlib
-import ctypes
 import os
-import platform
 import select
 import signal
-import struct
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -28,27 +25,13 @@ from links.io import start_child
 
 NICE = 5
 """Nice value of the recorder, below the flight (nice(2))."""
-SLICE_NS = 20_000_000
-"""Scheduler slice that the recorder asks for [ns].
-
-Long slices let others wake up at once instead of after its slice (Linux 6.12 and later, sched(7)
-and sched_setattr(2); earlier ones pay no heed). Its share of the processor stays the same.
-"""
-_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274, "riscv64": 274, "armv7l": 380}
-"""The number of the system call; the C library has had no function for it for long."""
-_ATTRIBUTES = struct.Struct("=IIQiIQQQ")
-"""struct sched_attr: size, policy, flags, nice, priority; slice, deadline and period [ns]."""
 
 
 def stand_back() -> None:
     """Let the flight go first, as far as the system has means for it."""
-    nice = os.nice(NICE)
+    os.nice(NICE)
     with contextlib.suppress(OSError):  # woken up by the flight's writing, it must not take the processor from it
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    number = _SCHED_SETATTR.get(platform.machine())
-    if number is not None:
-        attributes = _ATTRIBUTES.pack(_ATTRIBUTES.size, os.SCHED_BATCH, 0, nice, 0, SLICE_NS, 0, 0)
-        ctypes.CDLL(None).syscall(number, 0, attributes, 0)  # where it is refused, all is as before
 
 
 _READ_BYTES = 1 << 18
