@@ -11,7 +11,7 @@ class _ScenarioOption(argparse.Action):
     """The retired option ``--scenario NAME``."""
 
     def __call__(self, parser: object, namespace: argparse.Namespace, name: object, option: object = None) -> None:
-        from groundstation.core.messages import notice
+        from sim.text import notice
 
         print(notice("command.scenario_option", name=name), file=sys.stderr)
         namespace.scenario = name

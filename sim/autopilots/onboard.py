@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, Self, TypeAlias
 from groundstation.config import ConfigError
 from groundstation.core.geometry import ZERO, Vec3, so3
 from groundstation.machine import sleep_until
+from sim.text import notice
 from sim.world import FourRotors, Quadrotor, TrueState
 
 LOOPBACK = "127.0.0.1"
@@ -68,15 +69,15 @@ def read_parameters(name: str) -> list[FirmwareParameter]:
     return parameters
 
 
-def find_built(option: str, folder: Path, program: str, built_by: str) -> Path:
+def find_built(option: str, folder: Path, program: str, id: str) -> Path:
     """Return the path of ``program`` in the ``folder`` that the command's ``option`` names.
 
     Raises:
-        ConfigError: it is not there; the sentence says what has to be ``built_by`` whom.
+        ConfigError: it is not there; the sentence ``id`` says how it is built.
     """
     found = folder / program
     if not found.is_file():
-        raise ConfigError(option, f"expected a folder in which {built_by}, but there is no {found}")
+        raise ConfigError(option, notice(id, path=found))
     return found.resolve()
 
 

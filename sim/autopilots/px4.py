@@ -162,7 +162,7 @@ def find_program(folder: Path) -> Path:
     Raises:
         ConfigError: there is none.
     """
-    return find_built("--px4", folder, PROGRAM, "`make px4_sitl` was run")
+    return find_built("--px4", folder, PROGRAM, "firmware.no_px4")
 
 
 class Px4(Firmware):

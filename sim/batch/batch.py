@@ -60,6 +60,7 @@ from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
 from sim.batch.one_by_one import OneByOne
 from sim.runs import BACK_M, CONFIRM_S, CRASH_M, Effort, sought
+from sim.text import notice
 from sim.world import (
     Actuators,
     Body,
@@ -781,20 +782,20 @@ def require_batchable(world: World, config: Config) -> None:
     """
     gains = config.controller
     if gains.observer != "model" or (isinstance(gains, Gains) and gains.composite != "provable"):
-        raise ConfigError("controller", "a batch flies with the model's observer and provable adaptation only")
+        raise ConfigError("controller", notice("batch.controller"))
     if not isinstance(config.pose, ViconConfig):
-        raise ConfigError("pose.kind", f"a batch sees through 'vicon' only, got {config.pose.kind!r}")
+        raise ConfigError("pose.kind", notice("batch.source", found=config.pose.kind))
     for key, delay_s in (
         ("vehicle.command_delay_s", config.vehicle.command_delay_s),
         ("sim.command_delay_s", world.command_delay_s),
     ):
         if delay_s > 0.0:
-            raise ConfigError(key, "the commands of a batch act at once; expected 0")
+            raise ConfigError(key, notice("batch.delay"))
     if world.tunnel != type(world.tunnel)():
-        raise ConfigError("sim.tunnel", "a batch flies in no wind tunnel: leave it out")
+        raise ConfigError("sim.tunnel", notice("batch.tunnel"))
     for name in ("occlusion_s", "swap_s"):
         if getattr(world, name) > 0.0:
-            raise ConfigError(f"sim.{name}", "the cameras of a batch never take one body for another; expected 0")
+            raise ConfigError(f"sim.{name}", notice("batch.swap"))
 
 
 def fly_batch(

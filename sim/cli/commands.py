@@ -23,7 +23,7 @@ import msgspec
 
 from groundstation.analysis import view_command
 from groundstation.config import ConfigError, keys_of, load, read_toml
-from groundstation.core.messages import STEADY_S, notice
+from groundstation.core.messages import STEADY_S
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.interfaces.cli import advise_name, completion_script, words_of_flying
 from groundstation.lab import read_fleet
@@ -58,6 +58,7 @@ from sim.scenarios import (
     scenario_of,
     world_as_told,
 )
+from sim.text import notice
 from sim.world import World
 
 T = TypeVar("T")
@@ -75,9 +76,7 @@ def load_proving(command: str, module: str) -> Any:
         ConfigError: only the wheel is installed.
     """
     if not (Path(__file__).parents[2] / "tests" / "proving").is_dir():
-        raise ConfigError(
-            command, "needs a checkout of the repository: it is not in the wheel (clone it, then `make setup`)"
-        )
+        raise ConfigError(command, notice("dev.no_checkout"))
     return import_module(f"tests.proving.{module}")
 
 
@@ -107,7 +106,7 @@ def compare(args: argparse.Namespace) -> Exit:
     if args.equal_margins:
         return _at_equal_margins(args)
     if args.trials is not None:
-        raise ConfigError("--trials", "is for --equal-margins")
+        raise ConfigError("--trials", notice("option.only_with", option="--equal-margins"))
     if args.plot is not None:
         raise ConfigError("--plot", notice("compare.plot"))
     with ProgressBar("flights", quiet=args.json) as bar:
@@ -138,12 +137,12 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
     require_package("optuna", "tune", "tune")
     for option, values in (("--scenarios", args.scenarios), ("--set", args.overrides), ("--plot", args.plot)):
         if values:
-            raise ConfigError(option, "is told by --equal-margins itself")
+            raise ConfigError(option, notice("compare.told"))
     trials = args.trials or TRIALS
     names = {law.name.partition(",")[0] for law in SEARCHED_LAWS}
     for name in args.controllers or ():
         if name not in names:
-            raise ConfigError("--controllers", f"expected some of {sorted(names)}, got {name!r}")
+            raise ConfigError("--controllers", notice("value.choices", choices=sorted(names), found=name))
     laws = [law for law in SEARCHED_LAWS if not args.controllers or law.name.partition(",")[0] in args.controllers]
     steps = sum(trials + 1 if law.start else 2 for law in laws)
     workers = args.workers or os.cpu_count() or 1
@@ -293,7 +292,7 @@ def dev_check_vectors(args: argparse.Namespace) -> Exit:
     try:
         worst, count = worst_disagreement(args.file)
     except OSError as error:
-        raise ConfigError("", f"cannot read {args.file}: {error.strerror}") from None
+        raise ConfigError("", notice("file.unread", path=args.file, why=error.strerror)) from None
     except ValueError as error:
         raise ConfigError("", str(error)) from None
     print(f"{count} vectors, largest |a - e| / max(1, |e|) = {worst:.3g} (limit {LIMIT:g})")
@@ -332,7 +331,7 @@ def fly(args: argparse.Namespace) -> Exit:
     """Fly one scenario in virtual time."""
     if args.view is not None:
         if args.out is None:
-            raise ConfigError("--view", "shows what was recorded: expected --out DIR beside it")
+            raise ConfigError("--view", notice("view.no_out"))
         require_package(args.view, "--view", "view")
     with ProgressBar("flying", quiet=args.json, unit="s", digits=1) as bar:
         run = simulate(
@@ -368,7 +367,7 @@ def mission(args: argparse.Namespace) -> Exit:
     if args.real_time:
         raise ConfigError("--real-time", notice("mission.real_time"))
     if args.autopilot == BETAFLIGHT and args.vehicles > 1:
-        raise ConfigError("--vehicles", "Betaflight flies one vehicle")
+        raise ConfigError("--vehicles", notice("sim.one_betaflight"))
     world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
     world, config = from_floor(world, config, args.duration or FIGURE_S)
     ensure_flyable(config)
@@ -452,14 +451,14 @@ def serve(args: argparse.Namespace) -> Exit:
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
-            raise ConfigError(f"--{option}", "Betaflight flies one vehicle of a scenario")
+            raise ConfigError(f"--{option}", notice("sim.one_betaflight"))
     if args.gcs:
         raise ConfigError("--gcs", notice("serve.gcs"))
     common: dict[str, Any] = {"seed": args.seed, "duration_s": args.duration, "autopilot": args.autopilot}
     if args.wrong and args.config is None:
-        raise ConfigError("--wrong", "expected --config FILE.toml beside it: what is wrong is against a file")
+        raise ConfigError("--wrong", notice("serve.needs_config"))
     if args.carried and args.config is None:
-        raise ConfigError("--carried", "expected --config FILE.toml beside it: what is carried is of a room")
+        raise ConfigError("--carried", notice("serve.needs_config"))
     if args.fleet is not None:
         truth, told = by_side(args.overrides, None)
         labs = [member.lab for member in read_fleet(args.fleet, told).members]
@@ -510,19 +509,19 @@ def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
     """Read ``NAME=VALUE`` of each parameter of the ``autopilot`` that differs from its default."""
     if autopilot == BETAFLIGHT:
         if texts:
-            raise ConfigError("--param", "Betaflight has settings, and no parameters")
+            raise ConfigError("--param", notice("serve.no_parameters"))
         return {}
     made = AUTOPILOTS[autopilot]
     parameters: dict[str, float] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
-            raise ConfigError("--param", f"expected NAME=VALUE, got {text!r}")
+            raise ConfigError("--param", notice("serve.parameter", found=text))
         try:
             parameters[name] = float(value)
             Parameters(made.kind, made.table, parameters)
         except KeyError:
-            raise ConfigError("--param", f"expected one of {sorted(made.table)}, got {name!r}") from None
+            raise ConfigError("--param", notice("value.choice", choices=sorted(made.table), found=name)) from None
         except ValueError as error:
-            raise ConfigError("--param", f"{text}: {error}") from None
+            raise ConfigError("--param", notice("value.refused", value=text, why=error)) from None
     return parameters

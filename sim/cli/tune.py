@@ -38,6 +38,7 @@ from sim.studies.tune import (
     verify,
     with_gains,
 )
+from sim.text import notice
 
 SCENARIOS = ["paper", "adverse"]
 """Default scenarios of a search: one for accuracy, one for robustness."""
@@ -47,7 +48,7 @@ def report(args: argparse.Namespace) -> Exit:
     """Print the margins of a configuration; exit code 1 if its flights fail even without any model error."""
     stages = _stages(args, SCENARIOS[:1])
     if args.out is not None:
-        raise ConfigError("--out", "a report writes no configuration; --write puts it into a document")
+        raise ConfigError("--out", notice("tune.report_out"))
     if args.write is not None:
         fill_markers(args.write, {"figures": ""})
     margins = len(stages) * len(AXES)
@@ -69,7 +70,7 @@ def search(args: argparse.Namespace) -> Exit:
     stages = _stages(args, SCENARIOS)
     if any(stage.config.vehicle != stages[0].config.vehicle for stage in stages):
         names = ", ".join(stage.scenario for stage in stages)
-        raise ConfigError("--scenarios", f"{names} have different vehicles; name the one to tune for with --config")
+        raise ConfigError("--scenarios", notice("tune.vehicles", names=names))
     require_package("optuna", "tune", "tune")
     wanted = Search(
         stages=stages,
@@ -127,22 +128,22 @@ def journal_of(out: Path | None) -> Path | None:
 
 def _check(args: argparse.Namespace) -> None:
     if args.write is not None:
-        raise ConfigError("--write", "is for --report; a search writes to --out FILE.toml")
+        raise ConfigError("--write", notice("tune.search_write"))
     if args.verify > SEARCH_SEED:
-        raise ConfigError("--verify", f"expected at most {SEARCH_SEED}: the seeds after these are the search's own")
+        raise ConfigError("--verify", notice("tune.seeds", most=SEARCH_SEED))
     if args.out is not None and args.config is not None and args.out.resolve() == args.config.resolve():
-        raise ConfigError("--out", f"{args.out} is the configuration to start from; take another name")
+        raise ConfigError("--out", notice("tune.out_is_start", path=args.out))
     if args.out is not None and not args.out.absolute().parent.is_dir():
-        raise ConfigError("--out", f"cannot write {args.out}: there is no such folder")
+        raise ConfigError("--out", notice("tune.no_out_folder", path=args.out))
     journal = journal_of(args.out)
     if journal is not None and args.out.exists() and not journal.exists():
-        raise ConfigError("--out", f"{args.out} is there already, and no search has written it; take another name")
+        raise ConfigError("--out", notice("tune.out_exists", path=args.out))
 
 
 def _stages(args: argparse.Namespace, default: list[str]) -> list[Staged]:
     """The scenarios to fly, checked as far as that goes without flying."""
     if args.duration <= STEADY_S + 1.0:
-        raise ConfigError("--duration", f"expected more than {STEADY_S + 1:g} s, as flights are judged from then on")
+        raise ConfigError("--duration", notice("sim.short", from_s=STEADY_S + 1.0))
     stages = stage_scenarios(args.scenarios or default, args.config, args.overrides)
     for stage in stages:
         make_controller(stage.config.controller, stage.config.vehicle)

@@ -23,6 +23,7 @@ from links.bridge import BridgeLinkConfig
 from links.mavlink import MavlinkLinkConfig
 from sim.radio import PtyWire
 from sim.runs.stage import FleetStage, Stage
+from sim.text import notice
 from sim.world import World
 
 _PID_BITS = 22
@@ -37,7 +38,7 @@ async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None
     """
     loop = asyncio.get_running_loop()
     if sys.platform != "linux":
-        raise ConfigError("serve", "needs Linux: only there can it be known that nobody else plays the same vehicle")
+        raise ConfigError("serve", notice("serve.linux_only"))
     with contextlib.ExitStack() as held:
         names = {f"\0groundstation-sim serve {end}": end for end in ends}  # in no folder, gone with its process
         for name, end in (names if room is None else {beacon(room): f"at {room.host}"}).items():
@@ -46,8 +47,7 @@ async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None
                     asyncio.DatagramProtocol, local_addr=name, family=socket.AF_UNIX
                 )
             except OSError:
-                says = f"another `groundstation-sim serve` sends {end} already: stop it, or --set another address"
-                raise ConfigError("serve", says) from None
+                raise ConfigError("serve", notice("serve.twice", end=end)) from None
             held.callback(transport.close)
         yield
 
@@ -126,7 +126,7 @@ async def _run(stage: Stage | FleetStage) -> None:
     try:
         await stage.run()
     except* OSError as errors:
-        raise ConfigError("serve", f"cannot play the other side: {errors.exceptions[0]}") from None
+        raise ConfigError("serve", notice("serve.cannot_play", why=errors.exceptions[0])) from None
 
 
 def _describe_end(config: Config, autopilot: str, pty: PtyWire | None) -> str:
@@ -167,8 +167,7 @@ async def serve_fleet(
     """
     for lab in labs:
         if not lab.link.has_autopilot or lab.link.way == "serial":
-            says = "expected mavlink by UDP or TCP: of a fleet nothing else is simulated"
-            raise ConfigError("link.kind", says, lab.vehicle.name)
+            raise ConfigError("link.kind", notice("serve.fleet_link"), lab.vehicle.name)
     stage = FleetStage(worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot)
     for number, one in enumerate(stage.stages):
         one.autopilot.uid = os.getpid() + (number << _PID_BITS)

@@ -20,7 +20,7 @@ import msgspec
 
 from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, dump, lend, name_object, refuse_io, several, without_frames
-from groundstation.core.messages import EndRecord, Sentence, TickRecord, notice
+from groundstation.core.messages import EndRecord, Sentence, TickRecord
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import about
 from groundstation.flight.preflight import ensure_flyable
@@ -29,6 +29,7 @@ from groundstation.recording import FlightLog, LineRecord, Record
 from groundstation.settings import Config
 from sim.runs.flight import Result, fly
 from sim.scenarios import BETAFLIGHT, Scenario, choose, prepare, prepare_own
+from sim.text import notice
 from sim.world import World
 
 DURATION_S = 60.0
@@ -133,9 +134,7 @@ def simulate(
         UserCodeFault: a controller or trajectory of your own failed in flight; its cause shows where.
     """
     if out is not None and not record:
-        raise ConfigError(
-            "--out", "nothing is kept there of a flight that is not recorded: leave it out, or record=False"
-        )
+        raise ConfigError("--out", notice("sim.not_recorded"))
     settings, own = [str(one) for one in several(overrides)], dict[str, object]()
     kind = lend_name(controller, own)
     if trajectory is not None:
@@ -183,9 +182,9 @@ class Plan(NamedTuple):
 def _check_numbers(seed: int, duration: float | None) -> tuple[int, float | None]:
     """Check seed and duration [s], and make plain numbers of them: JSON takes no NumPy numbers."""
     if duration is not None and not (isinstance(duration, Real) and 0.0 < duration <= LONGEST_S):
-        raise ConfigError("--duration", f"expected seconds, more than 0 and at most {LONGEST_S:g}, got {duration!r}")
+        raise ConfigError("--duration", notice("value.seconds", above=0, most=LONGEST_S, found=duration))
     if not (isinstance(seed, Integral) and seed >= 0):
-        raise ConfigError("--seed", f"expected a whole number, 0 or more, got {seed!r}")
+        raise ConfigError("--seed", notice("value.whole_number", least=0, found=seed))
     return int(seed), None if duration is None else float(duration)
 
 
@@ -212,11 +211,11 @@ def _plan(
 def _require_own_ends(ends: Ends) -> None:
     """Refuse autopilots, sources and links with which a user's own configuration can't be simulated."""
     if ends.autopilot == BETAFLIGHT:
-        raise ConfigError("--config", "Betaflight flies one vehicle of a scenario")
+        raise ConfigError("--config", notice("sim.one_betaflight"))
     if ends.source != "vicon":
-        raise ConfigError("--source", "expected vicon with a configuration: the simulated cameras see its vehicle")
+        raise ConfigError("--source", notice("sim.own_source"))
     if ends.link != "mavlink":
-        raise ConfigError("--link", "expected mavlink with a configuration")
+        raise ConfigError("--link", notice("sim.own_link"))
 
 
 def _fly(plan: Plan, folder: "RunFolder | None", on_progress: Callable[[float, float], None] | None) -> Result:

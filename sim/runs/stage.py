@@ -38,6 +38,7 @@ from sim.autopilots import (
 )
 from sim.radio import PtyWire, PulseReceiver, Receiver, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
 from sim.scenarios import BETAFLIGHT
+from sim.text import notice
 from sim.trackers import Mocap, SeenVehicle, make_tracker
 from sim.world import Body, Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, normals, rows
 
@@ -282,7 +283,7 @@ class FleetStage:
         tracked = [make_tracker(lab.pose) for lab in labs]
         names = [one[0] for one in tracked if one is not None]
         if tracked[0] is None or len(set(names)) < len(labs):
-            raise ConfigError("--source", "expected one that shows every vehicle: vicon, natnet, qualisys, json")
+            raise ConfigError("--source", notice("sim.fleet_source"))
         vehicles = [
             SeenVehicle(name, stage.plant, stage.world, seed + SEEDS_APART * number)
             for number, (name, stage) in enumerate(zip(names, self.stages, strict=True))
@@ -321,13 +322,13 @@ def lay_out(folder: Path, world: World, config: Config, count: int, ports: Seque
         ConfigError: the trajectory can't be moved, or link or count are none for a fleet.
     """
     if not 1 <= count <= MOST:
-        raise ConfigError("--vehicles", f"expected 1 to {MOST}, got {count}")
+        raise ConfigError("--vehicles", notice("value.count", least=1, most=MOST, count=count))
     if not config.link.has_autopilot:
-        raise ConfigError("--link", "expected mavlink for several vehicles")
+        raise ConfigError("--link", notice("sim.fleet_link"))
     pose_port, relay_port, *link_ports = ports
     key = next((k for k in ("centre_ned", "position_ned") if hasattr(config.trajectory, k)), None)
     if key is None:
-        raise ConfigError("trajectory.kind", "several vehicles are simulated on lemniscate, circle and hold")
+        raise ConfigError("trajectory.kind", notice("sim.fleet_trajectory"))
     pose: Any = config.pose
     if pose.address_key:
         where = {pose.address_key: f"127.0.0.1:{pose_port}"}

@@ -11,16 +11,11 @@ from types import TracebackType
 from typing import ParamSpec, Self, TypeVar
 
 from groundstation.config import ConfigError
+from sim.text import notice
 
 P = ParamSpec("P")
 A = TypeVar("A")
 T = TypeVar("T")
-
-
-ENDED = (
-    'a process ended early: a script with several workers needs `if __name__ == "__main__":` above what it does, '
-    "as each of them reads it, too; or memory ran out: take fewer"
-)
 
 
 class Workers(cf.ProcessPoolExecutor):
@@ -75,7 +70,7 @@ class Flyers:
             for future in cf.as_completed(begun):
                 yield begun[future], future.result()
         except BrokenProcessPool:
-            raise ConfigError("--workers", ENDED) from None
+            raise ConfigError("--workers", notice("sim.worker_ended")) from None
 
     def each(
         self, fn: Callable[[A], T], work: Sequence[A], on_done: Callable[[int], None] = lambda done: None

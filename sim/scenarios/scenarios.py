@@ -25,6 +25,7 @@ from groundstation.pose import PoseConfig
 from groundstation.pose.sources import GateConfig, ViconConfig
 from groundstation.settings import Config, FlightConfig
 from links.mavlink import MavlinkLinkConfig
+from sim.text import notice
 from sim.world import RotorConstants, WindTunnel, World
 
 BETAFLIGHT = "betaflight"
@@ -391,7 +392,7 @@ def scenario_of(name: str) -> Scenario:
         ConfigError: there is no such scenario.
     """
     if name not in list(SCENARIOS):
-        raise ConfigError("scenario", f"expected one of {sorted(SCENARIOS)}, got {name!r}")
+        raise ConfigError("scenario", notice("value.choice", choices=sorted(SCENARIOS), found=name))
     return SCENARIOS[name]
 
 
@@ -432,11 +433,11 @@ def choose(name: str, autopilot: str, link: str | None, source: str = "vicon") -
     scenario = scenario_of(name)
     for end, told in (("source", source), ("link", link or "mavlink"), ("autopilot", autopilot)):
         if told not in ENDS[end]:
-            raise ConfigError(f"--{end}", f"expected one of {list(ENDS[end])}, got {told!r}")
+            raise ConfigError(f"--{end}", notice("value.choice", choices=list(ENDS[end]), found=told))
     if autopilot != BETAFLIGHT:
         return scenario, link or "mavlink"
     if link == "mavlink":
-        raise ConfigError("--link", "expected crsf, dsm or rf_bridge: Betaflight flies behind a receiver")
+        raise ConfigError("--link", notice("sim.betaflight_link"))
     return by_betaflight(scenario), link or "crsf"
 
 
@@ -517,7 +518,7 @@ def world_from(text: str) -> World:
 def _on_udp(config: Config) -> Config:
     """``config``, where its link is one that the simulated network has."""
     if config.link.way in ("tcp", "serial"):
-        raise ConfigError(f"link.{config.link.way}", "the simulated network is UDP: leave this out, or use listen")
+        raise ConfigError(f"link.{config.link.way}", notice("sim.udp_only"))
     return config
 
 
@@ -563,7 +564,8 @@ def _turn_lab(world: World, room: Config, degrees: float) -> tuple[World, Config
 def _delay(world: World, room: Config, ms: float) -> tuple[World, Config]:
     latency_s = world.pose_latency_s + 1e-3 * ms
     if latency_s < 0.0:
-        raise ConfigError("--wrong", f"latency: the file says {1e3 * world.pose_latency_s:g} ms, got {ms:+g}ms to it")
+        says = notice("wrong.latency", latency_ms=1e3 * world.pose_latency_s, added_ms=ms)
+        raise ConfigError("--wrong", says)
     return msgspec.structs.replace(world, pose_latency_s=latency_s), room
 
 
@@ -594,22 +596,22 @@ def make_mistakes(world: World, room: Config, text: str) -> tuple[World, Config]
     for part in filter(None, text.split(",")):
         name, equals, told = (word.strip() for word in part.partition("="))
         if name not in MISTAKES or not equals:
-            raise ConfigError(
-                "--wrong", f"expected some of {', '.join(f'{known}=…' for known in MISTAKES)}, got {part!r}"
-            )
+            known = ", ".join(f"{known}=…" for known in MISTAKES)
+            raise ConfigError("--wrong", notice("wrong.unknown", known=known, found=part))
         unit, means, make = MISTAKES[name]
         try:
             value = float(told.removesuffix(unit)) if unit else float(told)
         except ValueError:
             value = math.nan
         if not math.isfinite(value) or (not unit and not 0.2 <= value <= 5.0):
-            kind = f"a number of {unit}" if unit else "a factor from 0.2 to 5"
-            raise ConfigError("--wrong", f"{name}: expected {kind} ({means}), got {told!r}")
+            id = "wrong.number" if unit else "wrong.factor"
+            says = notice(id, name=name, unit=unit, least=0.2, most=5.0, means=means, found=told)
+            raise ConfigError("--wrong", says)
         if name in made:
-            raise ConfigError("--wrong", f"{name}: is told twice")
+            raise ConfigError("--wrong", notice("wrong.twice", name=name))
         made.add(name)
         if name == "yaw" and room.pose.by_autopilot:
-            raise ConfigError("--wrong", "yaw: these poses are the autopilot's own, no tracker's: leave it out")
+            raise ConfigError("--wrong", notice("wrong.no_tracker"))
         world, room = make(world, room, value)
     return world, room
 

@@ -47,6 +47,7 @@ from sim.studies.tune import (
     sorties,
     stage_scenarios,
 )
+from sim.text import notice
 from sim.world import World
 
 if TYPE_CHECKING:
@@ -123,24 +124,23 @@ def compare(
         UserCodeFault: a controller of your own failed in flight; its cause shows where.
     """
     if not (isinstance(duration, Real) and STEADY_S + 1.0 < duration <= LONGEST_S):
-        raise ConfigError(
-            "--duration",
-            f"expected more than {STEADY_S + 1:g} s, as figures are taken from {STEADY_S:g} s, "
-            f"and at most {LONGEST_S:g}, got {duration!r}",
-        )
+        says = notice("value.seconds", above=STEADY_S + 1.0, most=LONGEST_S, found=duration)
+        raise ConfigError("--duration", says)
     duration = float(duration)
     for option, number in (("--seeds", seeds), ("--workers", workers)):
         if not (isinstance(number, Integral) and number >= 1):
-            raise ConfigError(option, f"expected a whole number, 1 or more, got {number!r}")
+            raise ConfigError(option, notice("value.whole_number", least=1, found=number))
     plain = [name for name, scenario in SCENARIOS.items() if not scenario.variants]
     places = several(plain if scenarios is None else scenarios)
     unknown = [place for place in places if not isinstance(place, str) or place not in SCENARIOS]
     if unknown or not places:
-        raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {(unknown or [scenarios])[0]!r}")
+        says = notice("value.choices", choices=sorted(SCENARIOS), found=(unknown or [scenarios])[0])
+        raise ConfigError("--scenarios", says)
     own: dict[str, object] = {}
     given = several(controllers)
     if not given or any(one is None for one in given):
-        raise ConfigError("--controllers", f"expected some of {list(CONTROLLERS)}, or your own, got {controllers!r}")
+        says = notice("compare.controllers", choices=list(CONTROLLERS), found=controllers)
+        raise ConfigError("--controllers", says)
     names = [str(lend_name(controller, own)) for controller in given]
     work = cases(places, names, [str(one) for one in several(overrides)])
     with lend(own):

@@ -23,6 +23,7 @@ from sim.cli import ProgressBar
 from sim.runs import Flyers, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
 from sim.studies import FLOORS, ModelError
+from sim.text import notice
 
 FLOORED = ("paper", "adverse")
 """Scenarios that are flown at the floors."""
@@ -199,7 +200,7 @@ def plan_floors(watch: Watch) -> list[Watch]:
 def alarms(args: argparse.Namespace) -> Exit:
     """Fly true flights from the floor, and see whether their poses fail."""
     if args.floors and args.scenario is not None:
-        raise ConfigError("SCENARIO", f"--floors flies {', '.join(FLOORED)}")
+        raise ConfigError("SCENARIO", notice("dev.floors", names=", ".join(FLOORED)))
     watch = Watch(
         args.scenario or "adverse",
         overrides=tuple(args.overrides),

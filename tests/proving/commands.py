@@ -13,6 +13,7 @@ from groundstation.config import ConfigError
 from groundstation.runtime import Exit
 from sim.cli import ProgressBar
 from sim.scenarios import scenario_of
+from sim.text import notice
 from tests.proving.faults import (
     CASES,
     FAULTS,
@@ -38,10 +39,10 @@ def faults(args: argparse.Namespace) -> Exit:
     kinds = _read_kinds(args.kind)
     check_forced(args.forced)
     if args.forced and kinds != {Kind.HONEST}:
-        raise ConfigError("--forced", "needs --kind honest: a doubt is forced upon flights whose poses are true")
+        raise ConfigError("--forced", notice("dev.forced"))
     work = [cell for cell in deal_cells(args.fault, args.state, args.link) if not kinds or cell.fault.kind in kinds]
     if not work:
-        raise ConfigError("--state", f"{args.fault or 'nothing'} is not flown there")
+        raise ConfigError("--state", notice("dev.state", fault=args.fault or "nothing"))
     seeds = range(args.seed, args.seed + args.seeds)
     plan = [Planned(cell, args.scenario, seed, args.forced) for seed in seeds for cell in work]
     with ProgressBar("flights", len(plan), quiet=args.json) as counter:
@@ -58,7 +59,7 @@ def faults(args: argparse.Namespace) -> Exit:
 
 def _check_choice(option: str, given: str | None, known: Collection[str]) -> None:
     if given is not None and given not in known:
-        raise ConfigError(option, f"expected one of {list(known)}, got {given!r}")
+        raise ConfigError(option, notice("value.choice", choices=list(known), found=given))
 
 
 def _read_kinds(given: Sequence[str] | None) -> set[str]:

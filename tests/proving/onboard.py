@@ -32,6 +32,7 @@ from links.mavlink.protocol import MavCommand, MavlinkCodec
 from sim.autopilots import Airworthy, Make, OnboardFirmware, Px4, make_ardupilot, make_px4
 from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
+from sim.text import notice
 from sim.time import VirtualTimeLoop, in_virtual_time
 from sim.world import FourRotors, World, generator, rows
 from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Meddler, Struck as StruckPose, late, stand_between, still
@@ -417,9 +418,9 @@ def tables(facts: Mapping[str, Facts]) -> str:
 def autopilots(args: argparse.Namespace) -> Exit:
     """Fly, and print or write the tables."""
     if args.px4 is None and args.ardupilot is None:
-        raise ConfigError("autopilots", "needs --px4 FOLDER or --ardupilot FOLDER, in which that firmware was built")
+        raise ConfigError("autopilots", notice("dev.no_autopilot"))
     if args.take_offs < 1:
-        raise ConfigError("--take-offs", f"expected 1 or more, got {args.take_offs}")
+        raise ConfigError("--take-offs", notice("dev.take_offs", count=args.take_offs))
     # A folder in which nothing was built is refused here, before minutes go by.
     makers = {kind: MAKERS[kind](folder) for kind in NAMES if (folder := getattr(args, kind)) is not None}
     if args.write is not None:

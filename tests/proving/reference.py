@@ -35,6 +35,7 @@ from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating
 from sim.studies import Contribution
 from sim.studies.campaign import COLUMNS, CampaignRow
+from sim.text import SIM_NOTICES
 from sim.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -218,7 +219,8 @@ def _channel(topic: str, name: str, message: type) -> str:
 def describe_messages() -> str:
     """A table of all sentences for the operator, for each room one."""
     parts = []
-    for room, rows in groupby(sorted(NOTICES.values(), key=lambda row: row.id), key=lambda row: row.id.split(".")[0]):
+    every = sorted((*NOTICES.values(), *SIM_NOTICES), key=lambda row: row.id)
+    for room, rows in groupby(every, key=lambda row: row.id.split(".")[0]):
         lines = [f"| `{row.id}` | {row.severity} | {_cell(row.sentence)} | {_cell(row.remedy)} |" for row in rows]
         parts.append(f"## {room}\n\n| id | severity | sentence | what to do |\n|---|---|---|---|\n" + "\n".join(lines))
     return "\n\n".join(parts)

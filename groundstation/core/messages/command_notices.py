@@ -5,11 +5,6 @@ from links.text import NoticeTemplate
 COMMAND_NOTICES: tuple[NoticeTemplate, ...] = (
     # Spellings of an older release.
     NoticeTemplate("command.moved", "`{old}` is now `{new}`", "the old spelling works for one more release"),
-    NoticeTemplate(
-        "command.scenario_option",
-        "--scenario {name} is now {name} alone",
-        "the old spelling works for one more release",
-    ),
     # Requests to a flight.
     NoticeTemplate("request.not_one", "expected such as Request(Ask.LAND), got {found!r}"),
     NoticeTemplate("request.no_words", "takes nothing behind it, got {found!r}"),

@@ -16,26 +16,6 @@ from groundstation.core.messages.station_notices import STATION_NOTICES
 from links.text import LINK_NOTICES, NoticeTemplate, Sentence, as_warnings
 
 _TABLE: tuple[NoticeTemplate, ...] = (
-    NoticeTemplate(
-        "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
-    ),
-    NoticeTemplate(
-        "compare.plot",
-        "comparisons are drawn by Python alone",
-        "groundstation.compare(...).plot().savefig(FILE), as in examples/notebook.ipynb",
-    ),
-    NoticeTemplate("serve.beside", "it has no effect beside {file}, whose file has it", "leave one of both out"),
-    NoticeTemplate(
-        "serve.gcs",
-        "a second ground station is no longer served",
-        "put a MAVLink router, such as mavlink-routerd, between autopilot and ground stations, as with a real one",
-    ),
-    NoticeTemplate(
-        "mission.real_time",
-        "fleets are no longer flown in real time by one command",
-        "run `groundstation-sim serve --fleet FLEET.toml` and `groundstation fleet FLEET.toml`; "
-        "`groundstation report` shows the lateness of each vehicle's commands",
-    ),
     NoticeTemplate("pose.dropping", "poses are dropped: {why}"),
     NoticeTemplate("pose.steady_clock", "the tracker's clock is steady again"),
     NoticeTemplate("pose.none", "no poses: {why}"),

@@ -176,7 +176,7 @@ def _radio(what: str, args: argparse.Namespace) -> Exit:
     if not isinstance(config.link, RfLinkConfig):
         raise ConfigError("link.kind", notice("radio.link_kind", choices=sorted(RF_CODECS)))
     if not 0.0 < args.seconds <= 3600.0:
-        raise ConfigError("--seconds", notice("value.range", above=0, most=3600, found=args.seconds))
+        raise ConfigError("--seconds", notice("value.seconds", above=0, most=3600, found=args.seconds))
     done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, what, args.seconds, _terminal_writer()))
     return Exit.DONE if done else Exit.FAILED
 

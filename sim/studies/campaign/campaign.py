@@ -32,6 +32,7 @@ from groundstation.runtime import require_package
 from groundstation.settings import Config
 from sim.batch import Flights, fly_batch, require_batchable
 from sim.runs import Flyers
+from sim.text import notice
 from sim.world import World, generator
 
 
@@ -117,9 +118,9 @@ class Folder:
                 write_whole(self._csv, ",".join(COLUMNS) + "\n")
             self.rows = self._read()
         except OSError as error:
-            raise ConfigError("--out", f"cannot use {path}: {error.strerror}") from None
+            raise ConfigError("--out", notice("file.unusable", path=path, why=error.strerror)) from None
         except ValueError as error:
-            raise ConfigError("--out", f"{path} is no folder of a campaign: {error}") from None
+            raise ConfigError("--out", notice("campaign.no_folder", path=path, why=error)) from None
 
     def _read(self) -> list[CampaignRow]:
         data = self._csv.read_bytes()
@@ -159,11 +160,8 @@ def _refuse_others(path: Path, about: Path, settings: Any) -> None:
     before, now = dict(_flat(json.loads(about.read_text(encoding="utf-8")))), dict(_flat(settings))
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):
-            raise ConfigError(
-                "--out",
-                f"the flights in {path} were flown with {key} = {before.get(key)}, now it is {now.get(key)}; "
-                "take another folder, or the same settings",
-            )
+            says = notice("campaign.other_settings", path=path, key=key, before=before.get(key), now=now.get(key))
+            raise ConfigError("--out", says)
 
 
 def _flat(value: Any, key: str = "") -> Iterable[tuple[str, Any]]:
@@ -284,13 +282,13 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
         """
         require_batchable(self.world, self.config)
         if self.duration_s <= STEADY_S:
-            raise ConfigError("--duration", f"flights are judged from {STEADY_S:g} s on: expected more than that")
+            raise ConfigError("--duration", notice("sim.short", from_s=STEADY_S))
         for name in self.draws:
             if name not in DRAWS:
-                raise ConfigError("--draw", f"expected some of {list(DRAWS)}, got {name!r}")
+                raise ConfigError("--draw", notice("value.choices", choices=list(DRAWS), found=name))
         for field, draw in absolute(self.draws).items():
             if any(o.partition("=")[0].strip() == f"sim.{field}" for o in self.overrides):
-                raise ConfigError(f"sim.{field}", f"a campaign draws it, from {draw.low:g} to {draw.high:g}", "--set")
+                raise ConfigError(f"sim.{field}", notice("campaign.drawn", low=draw.low, high=draw.high), "--set")
 
     def settings(self) -> dict[str, Any]:
         """Return the settings that two comparable rows share, for ``settings.json``."""
@@ -396,7 +394,7 @@ class Cluster:
             self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             reason = str(error) or type(error).__name__
-            raise ConfigError("--cluster", f"no Dask scheduler answers at {address!r}: {reason}") from None
+            raise ConfigError("--cluster", notice("cluster.no_scheduler", address=address, why=reason)) from None
         try:
             self.workers = self._check()
         except BaseException:
@@ -407,11 +405,7 @@ class Cluster:
         """Return the number of workers; check that all run this program."""
         found: dict[str, Any] = self._client.run(program_sha256, on_error="return")
         if not found:
-            raise ConfigError(
-                "--cluster",
-                f"the scheduler at {self._address} has no workers; start some: "
-                f"dask worker {self._address} --nthreads 1",
-            )
+            raise ConfigError("--cluster", notice("cluster.no_workers", address=self._address))
         mine = program_sha256()
         for worker, theirs in found.items():
             if theirs != mine:
@@ -442,19 +436,11 @@ class Cluster:
                 done.release()
                 yield flown
         except (ImportError, AttributeError) as error:
-            raise ConfigError(
-                "--cluster", f"a worker lacks this program ({error}): install the same version of groundstation there"
-            ) from None
+            raise ConfigError("--cluster", notice("cluster.no_program", why=error)) from None
         except KilledWorker as error:
-            raise ConfigError(
-                "--batch", f"worker after worker was lost over one batch, perhaps for want of memory: {error}"
-            ) from None
+            raise ConfigError("--batch", notice("cluster.workers_lost", why=error)) from None
         except CancelledError:
-            raise ConfigError(
-                "--cluster",
-                f"the scheduler at {self._address} is gone; start it and its workers again, then this command: "
-                "with --out it goes on where it was",
-            ) from None
+            raise ConfigError("--cluster", notice("cluster.scheduler_gone", address=self._address)) from None
         finally:
             self._client.cancel(futures)
 
@@ -471,11 +457,7 @@ def _fly_there(program: str, campaign: Campaign, seeds: list[int]) -> list[Campa
 
 def _foreign(worker: str, mine: str, theirs: Any) -> ConfigError:
     what = f"sha256 {theirs[:12]}…" if isinstance(theirs, str) else f"it answers {theirs!r}"
-    return ConfigError(
-        "--cluster",
-        f"the worker {worker} runs another program than this one ({what}, here {mine[:12]}…): figures of both must not "
-        "be mixed; install the same version of groundstation there",
-    )
+    return ConfigError("--cluster", notice("cluster.other_program", worker=worker, theirs=what, ours=mine[:12]))
 
 
 class Local:

@@ -33,6 +33,7 @@ from groundstation.settings import Config
 from sim.runs import Flyers, fly
 from sim.scenarios import SCENARIOS, by_side, prepare, prepare_own, timing
 from sim.studies.campaign import program_sha256
+from sim.text import notice
 from sim.world import World
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def space(controller: ControllerConfig, keys: Sequence[str]) -> list[Key]:
     usual = KEYS.get(controller.kind, accepted if isinstance(controller, Custom) else ())
     found = [_find_key(controller, accepted, name) for name in usual if _value(controller, name) > 0.0]
     if not found:
-        raise ConfigError("--keys", f"{controller.kind} has no usual gains to search, so name some")
+        raise ConfigError("--keys", notice("tune.no_usual_keys", kind=controller.kind))
     return found
 
 
@@ -141,16 +142,17 @@ def _find_key(controller: ControllerConfig, accepted: Mapping[str, Any], text: s
     name = name.strip().removeprefix(SECTION)
     dotted = SECTION + name
     if name not in accepted:
-        raise ConfigError("--keys", f"expected some of {[SECTION + key for key in accepted]}, got {dotted!r}")
+        choices = [SECTION + key for key in accepted]
+        raise ConfigError("--keys", notice("value.choices", choices=choices, found=dotted))
     kind, default = accepted[name]
     start = _value(controller, name)
     if equals:
         low, high = _bounds(dotted, bounds)
         for bound in (low, high):
             if not is_within_bounds(kind, bound):
-                raise ConfigError("--keys", f"{dotted} does not accept {bound:g}")
+                raise ConfigError("--keys", notice("tune.refused", key=dotted, found=bound))
     elif start == 0.0:
-        raise ConfigError("--keys", f"{dotted} is switched off (0): switch it on with --set, or leave it out")
+        raise ConfigError("--keys", notice("tune.switched_off", key=dotted))
     else:
         middle = default or start
         # What a key accepts may end within the range, as a share ends at 1.
@@ -165,9 +167,9 @@ def _bounds(dotted: str, text: str) -> tuple[float, float]:
     try:
         low, high = map(float, text.split(":"))
     except ValueError:
-        raise ConfigError("--keys", f"expected {dotted}=LOW:HIGH, such as 0.5:8, got {text!r}") from None
+        raise ConfigError("--keys", notice("tune.bounds", key=dotted, found=text)) from None
     if not 0.0 < low < high < math.inf:
-        raise ConfigError("--keys", f"expected 0 < LOW < HIGH for {dotted}, got {text!r}")
+        raise ConfigError("--keys", notice("tune.order", key=dotted, found=text))
     return low, high
 
 
@@ -202,7 +204,7 @@ def stage_scenarios(names: Sequence[str], path: Path | None, overrides: Sequence
     stages = []
     for name in names:
         if name not in SCENARIOS:
-            raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {name!r}")
+            raise ConfigError("--scenarios", notice("value.choices", choices=sorted(SCENARIOS), found=name))
         if has_own_vehicle(path, overrides):
             world, config, _ = prepare_own(SCENARIOS[name], path, list(overrides))
         else:
@@ -692,7 +694,7 @@ def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int, ju
         asked.set_user_attr("trial", msgspec.to_builtins(trial))
         study.tell(asked, trial.cost)
         return trial
-    raise ConfigError("--keys", f"the proof holds for none of {PROPOSALS} draws between these bounds")
+    raise ConfigError("--keys", notice("tune.no_proof", count=PROPOSALS))
 
 
 def _sampler(seed: int) -> "optuna.samplers.BaseSampler":
@@ -715,17 +717,14 @@ def _study(search: Search, journal: Path | None) -> "optuna.Study":
         study = optuna.create_study(storage=storage, study_name="tune", load_if_exists=True)
         before = study.user_attrs.get("settings")
     except OSError as error:
-        raise ConfigError("--out", f"cannot use {journal}: {error.strerror}") from None
+        raise ConfigError("--out", notice("file.unusable", path=journal, why=error.strerror)) from None
     except (ValueError, KeyError, TypeError, AttributeError, AssertionError):
-        raise ConfigError("--out", f"{journal} is no journal of a search") from None
+        raise ConfigError("--out", notice("tune.no_journal", path=journal)) from None
     if before is None:
         study.set_user_attr("settings", now)
     elif before != now:
         changed = sorted(key for key in now if before.get(key) != now[key])
-        raise ConfigError(
-            "--out",
-            f"the trials in {journal} were made with other {', '.join(changed)}; take another file, or delete it",
-        )
+        raise ConfigError("--out", notice("tune.other_search", path=journal, changed=", ".join(changed)))
     return study
 
 

@@ -18,6 +18,7 @@ from groundstation.core.safety import (
     PoseHealth,
 )
 from links.core import LinkStatus
+from sim.text import notice
 
 UNGUARDED = "off"
 """Neither monitor nor guards."""
@@ -40,7 +41,7 @@ def check_forced(doubt: str) -> None:
     reasons = [reason for reason in NOTICES if reason.startswith("pose.")]
     known = ["", SUSPECT, *(f"{FAILED}{reason}" for reason in reasons)]
     if doubt not in known:
-        raise ConfigError("--forced", f"expected one of {known[1:]}, got {doubt!r}")
+        raise ConfigError("--forced", notice("value.choice", choices=known[1:], found=doubt))
 
 
 class DeckHealth(PoseHealth):

@@ -10,6 +10,7 @@ import msgspec
 from groundstation.core.messages import NOTICES, Notice, NoticeTemplate, Sentence, Severity, notice
 from groundstation.flight.assembly import FlightRecorder
 from groundstation.recording import LineRecord, Record
+from sim.text import SIM_NOTICES
 
 
 def test_a_sentence_is_filled_with_its_numbers_and_followed_by_its_remedy() -> None:
@@ -17,8 +18,11 @@ def test_a_sentence_is_filled_with_its_numbers_and_followed_by_its_remedy() -> N
     assert str(template.format(age_ms=312.4, limit_ms=150)) == "pose age 312 ms, limit 150 ms: check the network"
 
 
+EVERY = NOTICES | {row.id: row for row in SIM_NOTICES}
+
+
 def test_every_id_is_named_after_a_room_and_a_fact() -> None:
-    assert all(key == template.id and "." in key for key, template in NOTICES.items())
+    assert all(key == template.id and "." in key for key, template in EVERY.items())
 
 
 def test_a_sentence_keeps_its_numbers_and_those_of_a_sentence_inside_it() -> None:
@@ -44,8 +48,9 @@ def test_a_notice_reaches_a_recording_with_its_id_and_its_numbers() -> None:
 
 
 ROOT = Path(__file__).parents[4]
-BUILT_BY_ID = ("link.", "drop.", "guard.", "pose.")
-"""Rows that code finds by a reason that it counts, or by the row of a guard or of a doubt."""
+HOUSES = ("groundstation", "links", "sim", "tests/proving")
+BUILT_BY_ID = ("link.", "drop.", "guard.", "pose.", "mavlink.port_", "mavlink.local_port_")
+"""Rows that code finds by a reason that it counts, the row of a guard or of a doubt, or by who has a port."""
 BUILDERS = {"Check", "Reply", "Notice"}
 """What carries a sentence is made from one, by ``of``."""
 
@@ -53,13 +58,13 @@ BUILDERS = {"Check", "Reply", "Notice"}
 def parsed(*rooms: str) -> Iterator[ast.AST]:
     for room in rooms:
         for path in sorted((ROOT / room).rglob("*.py")):
-            if "messages" not in path.parts:
+            if not path.stem.endswith("notices"):
                 yield from ast.walk(ast.parse(path.read_text("utf-8")))
 
 
 def test_every_sentence_is_used() -> None:
-    used = {node.value for node in parsed("groundstation", "links", "sim") if isinstance(node, ast.Constant)}
-    assert [id for id in NOTICES if id not in used and not id.startswith(BUILT_BY_ID)] == []
+    used = {node.value for node in parsed(*HOUSES) if isinstance(node, ast.Constant)}
+    assert [id for id in EVERY if id not in used and not id.startswith(BUILT_BY_ID)] == []
 
 
 def test_what_carries_a_sentence_is_made_from_one() -> None:
@@ -94,7 +99,7 @@ def has_own_text(call: ast.Call, function: ast.AST) -> bool:
 def test_every_error_for_the_operator_is_a_row_of_the_table() -> None:
     own_texts = [
         f"{function.name}: {ast.unparse(node)}"
-        for function in parsed("groundstation", "links")
+        for function in parsed(*HOUSES)
         if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
         for node in ast.walk(function)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ERRORS
