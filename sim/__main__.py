@@ -249,11 +249,6 @@ ALARMS: Arguments = {
     },
     **_json("text"),
 }  # fmt: skip
-BRING_DOWN: Arguments = {
-    **_scenarios("default paper,adverse,quad1kg", ["paper", "adverse", "quad1kg"]),
-    "--flights": {"type": count, "default": 10, "metavar": "N", "help": "of each kind (default 10)"},
-    **_write(),
-}
 INTERVALS: Arguments = {
     **_scenarios(
         "default adverse,rotors_mqx,rotors_mqx_radio",
@@ -297,7 +292,6 @@ COMMANDS: Groups = {
         "dev": ("commands that prove the project itself", None),
         "dev faults": ("break one thing in every state of a mission, and judge the outcome", FAULTS),
         "dev alarms": ("measure the monitor's margins to a false alarm, in flights without faults", ALARMS),
-        "dev bring-down": ("cut flights short in the air, and measure how they come down", BRING_DOWN),
         "dev intervals": ("count how often the truth lies within the intervals of identify", INTERVALS),
         "dev upsets": ("fly every law through large pushes of the wind, and from far starts", UPSETS),
         "dev check-vectors": ("evaluate the control law on a file of test vectors", CHECK_VECTORS),
@@ -312,7 +306,7 @@ NEW = ("dev states", "dev upsets")
 """Commands that never had another spelling."""
 MOVED = {
     name.removeprefix("dev "): name for name in COMMANDS["commands"] if name.startswith("dev ") and name not in NEW
-} | {"honest": "dev faults --kind honest"}
+} | {"honest": "dev faults --kind honest", "bring-down": "dev faults --fault dropout"}
 """Old spelling of a command → its name today."""
 
 

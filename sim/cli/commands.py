@@ -14,10 +14,9 @@ from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -61,7 +60,6 @@ from sim.scenarios import (
 from sim.text import notice
 from sim.world import World
 
-T = TypeVar("T")
 __all__ = ["advise_name"]  # called by groundstation.runtime, as in the commands of groundstation
 FIGURE_S = 60.0
 """Default time on the trajectory of a mission [s]."""
@@ -196,33 +194,19 @@ def tune(args: argparse.Namespace) -> Exit:
     return report(args) if args.report else search(args)
 
 
-def dev_bring_down(args: argparse.Namespace) -> Exit:
-    """Cut the commands of flights, and report how the bring-down ends."""
-    from sim.studies import CAUSES, cut_all, markdown
-
-    falls = _fly_study(args, len(CAUSES), cut_all(args.scenarios, args.flights))
-    _show(args, f"{markdown(falls)}\n\n{args.flights} flights each: medians, the worst in brackets.")
-    return Exit.DONE
-
-
 def dev_intervals(args: argparse.Namespace) -> Exit:
     """Fly excitation flights, and count how often the truth lies within the identified intervals."""
     from sim.studies import coverage_table, identify_flights
 
-    flights = (found for name in args.scenarios for found in identify_flights(name, args.flights))
-    _show(args, coverage_table(list(chain.from_iterable(_fly_study(args, 1, flights))), args.flights))
-    return Exit.DONE
-
-
-def _fly_study(args: argparse.Namespace, kinds: int, flights: Iterable[T]) -> list[T]:
-    """Fly ``kinds`` times ``--flights`` in each scenario, behind a progress bar."""
     _refuse_early(args.scenarios, args.write)
-    results = list[T]()
-    with ProgressBar("flights", len(args.scenarios) * kinds * args.flights) as counter:
-        for one in flights:
-            results.append(one)
-            counter.step()
-    return results
+    told = []
+    with ProgressBar("flights", len(args.scenarios) * args.flights) as counter:
+        for name in args.scenarios:
+            for found in identify_flights(name, args.flights):
+                told += found
+                counter.step()
+    _show(args, coverage_table(told, args.flights))
+    return Exit.DONE
 
 
 def _refuse_early(scenarios: Iterable[str], page: Path | None) -> None:

@@ -1,6 +1,5 @@
 """Questions put to many flights: campaigns, comparisons, tuning, margins."""
 
-from sim.studies.bring_down import CAUSES, cut_all, markdown
 from sim.studies.budget import Contribution
 from sim.studies.comparison import (
     CONTROLLERS,

@@ -29,7 +29,7 @@ LINES = {
     "groundstation fly --set vehicle.mass": "vehicle.mass_kg=",
     "groundstation config new px4-v": "px4-vicon ",
     "groundstation fleet roo": "room.toml",
-    "groundstation-sim dev bring-down --fli": "--flights ",
+    "groundstation-sim dev intervals --fli": "--flights ",
     "groundstation config show roo": "room.toml",
 }
 """What is typed → what a tab makes of it; no two alike in a row, as a shell may still draw the one before."""

@@ -25,8 +25,9 @@ MARGIN_M = 0.15
 SINK_S = 1.45
 """Longest time for falling, sinking and braking together [s].
 
-This value and those down to ``BIAS`` were chosen by `groundstation-sim dev bring-down` from 1 and 2 m: smallest worst
-touchdown over a vehicle as modelled, one with other thrust, lags and gusts, and one with strong drag.
+This value and those down to ``BIAS`` were chosen by flights cut short at 1 and 2 m: smallest worst touchdown over a
+vehicle as modelled, one with other thrust, lags and gusts, and one with strong drag (`groundstation-sim dev faults
+SCENARIO --fault dropout --set link.bring_down=rates` flies them).
 """
 SETTLE_S = 0.4
 """Time of further sinking after the braking, in case the floor is not reached yet [s]."""
