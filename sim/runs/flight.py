@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, Severity, Tick
+from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, Severity, Subscriber, Tick, ignore
 from groundstation.core.mission import State
 from groundstation.core.safety import MONITORS, Monitors
 from groundstation.core.trajectory import Trajectory
@@ -51,23 +51,21 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     """Over all wire bytes both ways with their virtual stamps."""
     datagrams: int
     wall_s: float
+    track: TrueTrack
+    """True path, by the event loop's clock."""
 
 
 class WireLog:
-    """Hashes, and on request keeps, every datagram with its virtual stamp and addresses."""
+    """Hashes every datagram with its virtual stamp and addresses."""
 
-    def __init__(self, keep: Callable[[float, Address, Address, bytes], None] | None = None) -> None:
-        """``keep`` sees each datagram too."""
+    def __init__(self) -> None:
         self._hash = hashlib.sha256()
-        self._keep = keep
         self.count = 0
 
     def __call__(self, time_s: float, source: Address, target: Address, data: bytes) -> None:
         """Take one datagram."""
         self._hash.update(_STAMP.pack(time_s, source[1], target[1], len(data)) + data)
         self.count += 1
-        if self._keep is not None:
-            self._keep(time_s, source, target, data)
 
     def sha256(self) -> str:
         """The digest so far, in hex."""
@@ -75,19 +73,6 @@ class WireLog:
 
 
 _STAMP = struct.Struct("<dHHI")
-
-
-class Watchers(msgspec.Struct, frozen=True, kw_only=True):
-    """Callbacks of who watches a simulated flight; each may be missing."""
-
-    on_tick: Callable[[Tick], None] | None = None
-    """Takes each command as it has left."""
-    on_event: Callable[[Notice], None] | None = None
-    on_pose: Callable[[Pose], None] | None = None
-    give: Give | None = None
-    """Takes what is to be recorded."""
-    on_step: Callable[[float, Vec3], None] | None = None
-    """Takes the true position [m, NED] at every step of the plant, by the event loop's clock [s]."""
 
 
 @in_virtual_time
@@ -98,21 +83,18 @@ async def fly(
     seed: int,
     duration_s: float,
     autopilot: str = "px4",
-    on_tick: Callable[[Tick], None] | None = None,
-    on_datagram: Callable[[float, Address, Address, bytes], None] | None = None,
-    on_event: Callable[[Notice], None] | None = None,
+    watch: Subscriber = ignore,
     on_pose: Callable[[Pose], None] | None = None,
     give: Give | None = None,
     on_progress: Callable[[float], None] | None = None,
-    on_step: Callable[[float, Vec3], None] | None = None,
 ) -> Result:
     """Fly ``config`` in ``world`` for ``duration_s`` [s] after the release; never raises for a bad flight.
 
-    ``autopilot`` is one of :data:`sim.autopilots.peer.AUTOPILOTS`; the callbacks are :class:`Watchers`.
+    ``autopilot`` is one of :data:`sim.autopilots.peer.AUTOPILOTS`; ``watch`` hears every event, ``on_pose`` every pose
+    before the gate, ``give`` takes what is to be recorded, ``on_progress`` the seconds flown.
     """
-    begun_s, log = time.perf_counter(), WireLog(on_datagram)
-    watchers = Watchers(on_tick=on_tick, on_event=on_event, on_pose=on_pose, give=give, on_step=on_step)
-    flight = FlightFromAir(world, config, seed, autopilot, watchers)
+    begun_s, log = time.perf_counter(), WireLog()
+    flight = FlightFromAir(world, config, seed, autopilot, watch, on_pose, give)
     end = await flight.run(duration_s, log, on_progress)
     return Result(
         completed=end.complete,
@@ -123,6 +105,7 @@ async def fly(
         log_sha256=log.sha256(),
         datagrams=log.count,
         wall_s=time.perf_counter() - begun_s,
+        track=flight.referee.track,
     )
 
 
@@ -141,9 +124,18 @@ class FlightEnd(NamedTuple):
 class FlightFromAir:
     """One flight that begins in the air: ground station and simulated side, watched by the referee."""
 
-    def __init__(self, world: World, config: Config, seed: int, autopilot: str, watchers: Watchers) -> None:
+    def __init__(
+        self,
+        world: World,
+        config: Config,
+        seed: int,
+        autopilot: str,
+        watch: Subscriber,
+        on_pose: Callable[[Pose], None] | None,
+        give: Give | None,
+    ) -> None:
         """Set up both sides; the arguments are those of :func:`fly`."""
-        self._world, self._watchers = world, watchers
+        self._world, self._watch, self._give = world, watch, give
         self.referee = Referee(
             world, config.vehicle, config.controller.kb if isinstance(config.controller, Law) else None
         )
@@ -152,15 +144,14 @@ class FlightFromAir:
         """Warnings to the operator, the certificate's apart, with the time on the trajectory."""
         self._world_ended = False
         """Nothing that happens from then on, as the tasks are cancelled, is part of the flight."""
-        step = self.referee.track.step if watchers.on_step is None else self._show_step
-        self._stage = Stage(world, config, seed, step, autopilot=autopilot)
+        self._stage = Stage(world, config, seed, self.referee.track.step, autopilot=autopilot)
         self._flight = make_flight(
             config,
             confirm=confirm_at(CONFIRM_S),
             subscribers=(self._hear,),
-            on_pose=watchers.on_pose,
+            on_pose=on_pose,
             wires=self._stage.wires,
-            give=self._record if watchers.give is not None else None,
+            give=self._record if give is not None else None,
         )
         self._clock: asyncio.Task[None]
         """Ends with the flight's time; a crash cancels it."""
@@ -194,20 +185,14 @@ class FlightFromAir:
         why = "flown to the end" if complete else _why(crash, outcome, failure)
         return FlightEnd(complete, why, started_s, flown_s)
 
-    def _show_step(self, time_s: float, position: Vec3) -> None:
-        self.referee.track.step(time_s, position)
-        if self._watchers.on_step is not None:
-            self._watchers.on_step(time_s, position)
-
     def _record(self, record: Record) -> None:
-        if self._watchers.give is not None and not self._world_ended:
-            self._watchers.give(record)
+        if self._give is not None and not self._world_ended:
+            self._give(record)
 
     def _hear(self, event: FlightEvent) -> None:
+        self._watch(event)
         if isinstance(event, Notice):
             self._keep_warning(event)
-            if self._watchers.on_event is not None:
-                self._watchers.on_event(event)
         elif isinstance(event, CommandSent):
             self._judge(event.tick)
 
@@ -226,10 +211,8 @@ class FlightFromAir:
         released_s = self._stage.plant.released_s
         wind = self._stage.wind.at(tick.time_s - released_s) if released_s is not None else self._world.wind_mean
         self.referee.tick(tick, wind, truth.velocity_ned)
-        if self._watchers.give is not None:
+        if self._give is not None:
             self._record(make_truth(truth, wind, self.trajectory, self._flight.started_s))
-        if self._watchers.on_tick is not None:
-            self._watchers.on_tick(tick)
         if self.referee.find_crash(truth.position_ned, lands=self._flight.state in DOWN):
             self._clock.cancel()
 
@@ -316,7 +299,7 @@ async def fly_mission(
     *,
     seed: int,
     autopilot: str | Airworthy = "px4",
-    on_event: Callable[[Notice], None] | None = None,
+    watch: Subscriber = ignore,
     script: Script | None = None,
     give: Give | None = None,
     monitors: Monitors = MONITORS,
@@ -324,11 +307,12 @@ async def fly_mission(
 ) -> MissionResult:
     """Fly ``config``, which says how long the figure is flown, in ``world``, from its floor; see :func:`from_floor`.
 
-    ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break something; ``give`` takes
-    what is to be recorded; ``monitors`` makes what may end the flight; arming is confirmed at ``confirm_s``.
+    ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break something; ``watch`` hears
+    every event; ``give`` takes what is to be recorded; ``monitors`` makes what may end the flight; arming is confirmed
+    at ``confirm_s``.
     """
     begun_s, loop = time.perf_counter(), asyncio.get_running_loop()
-    mission = MissionFromFloor(world, config, seed, autopilot, monitors, confirm_s, give, on_event)
+    mission = MissionFromFloor(world, config, seed, autopilot, monitors, confirm_s, give, watch)
     stage, flight, track = mission.stage, mission.flight, mission.track
     limit_s = LIMIT_S + (config.flight.duration_s or 0.0)
     (outcome,), ended_s = await run_missions(stage.run(), [flight], limit_s, script and script(flight, stage))
@@ -361,10 +345,10 @@ class MissionFromFloor:
         monitors: Monitors,
         confirm_s: float,
         give: Give | None,
-        on_event: Callable[[Notice], None] | None,
+        watch: Subscriber,
     ) -> None:
         """Set up both sides; the arguments are those of :func:`fly_mission`."""
-        self._world, self._give, self._on_event = world, give, on_event
+        self._world, self._give, self._watch = world, give, watch
         self.track = TrueTrack()
         self.states: list[StateEntry] = []
         self.warnings: list[StateEntry] = []
@@ -388,9 +372,8 @@ class MissionFromFloor:
         self.upright = min(self.upright, 1.0 - 2.0 * (x * x + y * y))
 
     def _hear(self, event: FlightEvent) -> None:
+        self._watch(event)
         if isinstance(event, Notice):
-            if self._on_event is not None:
-                self._on_event(event)
             if event.kind == "state" or event.severity is Severity.WARNING:
                 entry = StateEntry(event.state, round(event.time_s, 6), event.text)
                 (self.states if event.kind == "state" else self.warnings).append(entry)

@@ -12,7 +12,6 @@ import pytest
 from groundstation.config import ConfigError, UserCodeFault
 from groundstation.core.control import Custom, make_controller
 from groundstation.core.control.controllers import Guarded
-from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Controller, Decision, Estimate, Tick
 from groundstation.core.trajectory import Reference, TrajectoryConfig
 from groundstation.core.trajectory.shapes import HoldConfig
@@ -22,6 +21,7 @@ from sim.runs import fly
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import World
+from tests.flight.flights import ticks_to
 
 PAGE = Path(__file__).parents[2] / "docs/how-to/own-controller.md"
 EXAMPLE = "leaning:make"
@@ -66,18 +66,9 @@ def told(kind: str, *overrides: str, scenario: str = "ideal") -> tuple[World, Co
 
 def watched(world: World, config: Config, duration_s: float = DURATION_S) -> Watched:
     ticks: list[Tick] = []
-    places: list[tuple[float, Vec3]] = []
-    result = fly(
-        world,
-        config,
-        seed=5,
-        duration_s=duration_s,
-        on_tick=ticks.append,
-        on_step=lambda time_s, place: places.append((time_s, place)),
-    )
+    result = fly(world, config, seed=5, duration_s=duration_s, watch=ticks_to(ticks.append))
     start = ticks[0].estimate.time_s - ticks[0].flight_time_s
-    at = config.trajectory.build().position_at
-    errors = [math.dist(p, at(t - start)) for t, p in places if t - start > duration_s - 1.0]
+    errors = result.track.errors(config.trajectory.build(), start, since_s=start + duration_s - 1.0)
     return Watched(result, ticks, 100.0 * max(errors), config.vehicle)
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from groundstation.config import ConfigError
 from groundstation.core.control import Law
-from groundstation.core.messages import Tick
+from groundstation.core.messages import CommandSent, FlightEvent, Subscriber, Tick
 from groundstation.flight import Flight
 from groundstation.machine import sleep_until
 from sim.runs import Flyers, MissionResult, Stage, fly, fly_mission, from_floor
@@ -23,7 +23,7 @@ from sim.studies.tune import SortieOutcome, tune
 from sim.studies.tune.tune import Sortie
 from tests.flown_once import once
 
-__all__ = ["Certified", "ConfigError", "campaign_of", "flown", "flown_ideal", "median_of", "middle"]
+__all__ = ["Certified", "ConfigError", "campaign_of", "flown", "flown_ideal", "median_of", "middle", "ticks_to"]
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -73,6 +73,16 @@ def flown(scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.
     return once(key, lambda _: fly(world, config, seed=seed, duration_s=duration_s))
 
 
+def ticks_to(keep: Callable[[Tick], object]) -> Subscriber:
+    """Give ``keep`` each command as it has left."""
+
+    def hear(event: FlightEvent) -> None:
+        if isinstance(event, CommandSent):
+            keep(event.tick)
+
+    return hear
+
+
 @cache
 def flown_ideal(composite: str) -> tuple[Result, list[Certified]]:
     """12 s of ``ideal`` by that form of composite adaptation, and V at each of its commands."""
@@ -89,7 +99,7 @@ def flown_ideal(composite: str) -> tuple[Result, list[Certified]]:
             error = sum(x * x for x in d.z1) ** 0.5
             rows.append((tick.flight_time_s, d.v_known + b / (2.0 * law.kb), error))
 
-        result = fly(world, config, seed=0, duration_s=12.0, on_tick=on_tick)
+        result = fly(world, config, seed=0, duration_s=12.0, watch=ticks_to(on_tick))
         assert result.completed, result.why
         return result, rows
 

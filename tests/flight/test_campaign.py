@@ -17,7 +17,7 @@ from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import USUAL, Campaign, CampaignRow, Local, report, run, text
 from sim.studies.campaign.campaign import Folder, command, draw_world, fields, overrides
-from tests.flight.flights import campaign_of
+from tests.flight.flights import campaign_of, ticks_to
 
 DURATION_S = 16.0
 SEEDS = range(3, 7)
@@ -136,7 +136,7 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow
             thrust = tick.decision.drive.thrust
             margin = min(margin, thrust - config.vehicle.thrust_min_n, config.vehicle.thrust_max_n - thrust)
 
-    verdict = fly(world, config, seed=row.seed, duration_s=DURATION_S, on_tick=watch).verdict
+    verdict = fly(world, config, seed=row.seed, duration_s=DURATION_S, watch=ticks_to(watch)).verdict
     assert row.lyapunov_start == pytest.approx(verdict.lyapunov_start, rel=1e-3)
     assert row.lyapunov_floor == pytest.approx(verdict.lyapunov_floor, rel=1e-3)
     assert row.b_hat_share_max == pytest.approx(largest / (gains.b_bound + gains.epsilon), rel=1e-3)

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from groundstation.core.messages import Ask, Reply, Request
+from groundstation.core.messages import Ask, Notice, Reply, Request, tell_lines
 from groundstation.core.mission import State
 from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.flight import Flight, make_flight
@@ -125,7 +125,7 @@ def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(monkeypatch: p
         monkeypatch.setattr(PoseGate, "accepts", lambda *_: False)
         rejected_s.append(asyncio.get_running_loop().time())
 
-    fly_mission(world, config, seed=1, on_event=lambda event: lines.append(event.line), script=script)
+    fly_mission(world, config, seed=1, watch=tell_lines(lines.append), script=script)
     external, told = stages[0].autopilot.external, "\n".join(lines)
     assert len(external.fused) > 60
     assert all(one.arrival_s <= rejected_s[0] + 0.001 for one in external.fused), "those of before alone"
@@ -150,7 +150,13 @@ def taken_over(
         if beside is not None:
             await beside(flight)
 
-    fly_mission(world, config, seed=1, on_event=lambda event: lines.append((event.time_s, event.says)), script=script)
+    fly_mission(
+        world,
+        config,
+        seed=1,
+        watch=lambda event: lines.append((event.time_s, event.says)) if isinstance(event, Notice) else None,
+        script=script,
+    )
     return stages[0].autopilot.external, lines
 
 

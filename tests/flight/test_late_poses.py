@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from groundstation.core.messages import Notice
+from groundstation.core.messages import tell_lines
 from groundstation.core.mission import FINAL, State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly, fly_mission, from_floor
@@ -53,7 +53,7 @@ def late(source: str, late_s: float) -> tuple[MissionResult, list[str], list[flo
             errors.append(true_s - left_s)
         flight.stop("enough was seen")
 
-    mission = fly_mission(world, config, seed=0, on_event=lambda event: told.append(event.line), script=script)
+    mission = fly_mission(world, config, seed=0, watch=tell_lines(told.append), script=script)
     return mission, told, errors
 
 
@@ -80,9 +80,9 @@ def test_a_latency_that_is_told_wrong_is_found_in_flight_and_told(scenario: str,
     latency_s = SCENARIOS[scenario].world.pose_latency_s
     for wrong_s, words in ((0.0, None), (late_s, "later")):
         world, config = prepare(SCENARIOS[scenario], [f"sim.pose_latency_s={latency_s + wrong_s}"])
-        told: list[Notice] = []
-        assert fly(world, config, seed=0, duration_s=8.0, on_event=told.append).completed
-        lines = [event.text for event in told if "than configured" in event.text]
+        told: list[str] = []
+        assert fly(world, config, seed=0, duration_s=8.0, watch=tell_lines(told.append)).completed
+        lines = [line for line in told if "than configured" in line]
         if words is None:
             assert not lines
             continue

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.messages import Ask, Notice, Reply, Request
+from groundstation.core.messages import Ask, Reply, Request, tell_lines
 from groundstation.core.mission import IN_AIR, State
 from groundstation.core.safety import SpoolUp
 from groundstation.flight import Flight
@@ -95,13 +95,13 @@ def test_a_vehicle_that_lifts_too_little_is_not_flown() -> None:
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(autopilot: str) -> None:
-    told: list[Notice] = []
+    told: list[str] = []
 
     async def script(_: Flight, stage: Stage) -> None:
         stage.autopilot.lacks = "Preflight Fail: Compass Sensor 0 missing"
 
-    flown = mission("paper", autopilot=autopilot, script=script, on_event=told.append)
-    (warning,) = [event.text for event in told if "pre-flight" in event.text and "ready to arm" in event.text]
+    flown = mission("paper", autopilot=autopilot, script=script, watch=tell_lines(told.append))
+    (warning,) = [line for line in told if "pre-flight" in line and "ready to arm" in line]
     assert "WARN" in warning.upper()
     assert "its own pre-arm checks do not pass" in warning
     assert flown.states[-1].state == "aborted"

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from groundstation.config import ConfigError, presets
-from groundstation.core.geometry import Vec3
 from groundstation.core.vehicle import Vehicle
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare_own
+from tests.flight.flights import ticks_to
 
 COURSE = "t_s,north_m,east_m,up_m,yaw_deg\n0,0,0,1,0\n2,1,0,1.2,45\n4,1,1,1,90\n6.5,0,0,1.5,0\n"
 SQUARE = 'kind = "waypoints"\npoints_ned = [[0, 0, -1], [1, 0, -1], [1, 1, -1.5], [0, 0, -1]]\nmax_speed_m_s = 1.0'
@@ -21,19 +21,11 @@ def flown_cm(folder: Path, vehicle: str, trajectory: str, duration_s: float, *ov
     poses = "latency_s = 0.01\nrate_hz = 100.0"
     path.write_text(f"[vehicle]\n{vehicle}\n[pose]\nkind = 'vicon'\n{poses}\n[trajectory]\n{trajectory}\n", "utf-8")
     world, config, _ = prepare_own(SCENARIOS["paper"], path, list(overrides))
-    places: list[tuple[float, Vec3]] = []
     starts: list[float] = []
-    result = fly(
-        world,
-        config,
-        seed=3,
-        duration_s=duration_s,
-        on_tick=lambda tick: starts.append(tick.estimate.time_s - tick.flight_time_s),
-        on_step=lambda time_s, place: places.append((time_s, place)),
-    )
+    watch = ticks_to(lambda tick: starts.append(tick.estimate.time_s - tick.flight_time_s))
+    result = fly(world, config, seed=3, duration_s=duration_s, watch=watch)
     assert result.completed, result.why
-    at = config.trajectory.build().position_at
-    return [100.0 * math.dist(place, at(time_s - starts[0])) for time_s, place in places]
+    return [100.0 * error for error in result.track.errors(config.trajectory.build(), starts[0])]
 
 
 @pytest.mark.tried(1)  # vehicles

@@ -1,7 +1,6 @@
 """From arming to lift-off nobody is trusted: what a vehicle does whose poses or whose mass are not its own."""
 
 import asyncio
-import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ from sim.runs import MissionResult, Stage, fly, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody
 from sim.world import Quadrotor
+from tests.flight.flights import ticks_to
 from tests.proving.faults import stand_between
 from tests.proving.faults.pictures import Send
 from tests.proving.takeoff_start import TakeoffStart
@@ -205,19 +205,15 @@ def gust_in_hover(scenario: str, wind_m_s2: float) -> tuple[float, float]:
     """How far the same vehicle leans [deg], and is moved [m], where that wind sets in while it hovers."""
     told = ["sim.wind_mean=[0, 0, 0]", f"sim.wind_step=[{wind_m_s2}, 0, 0]", "sim.wind_step_time_s=5"]
     world, config = prepare(SCENARIOS[scenario], [*told, "trajectory.kind=hold"])
-    place = config.trajectory.build().position_at(0.0)
-    leans, moved, begun = [0.0], [0.0], list[float]()
+    leans = [0.0]
 
     def look(tick: Tick) -> None:
         if tick.flight_time_s > 5.0:
             leans.append(so3.angle_deg(so3.third_column(tick.estimate.motion.attitude)[2]))
 
-    def step(time_s: float, position: Vec3) -> None:
-        begun[:] = begun or [time_s]
-        if time_s - begun[0] > 5.0:
-            moved.append(math.dist(position, place))
-
-    assert fly(world, config, seed=0, duration_s=7.0, on_tick=look, on_step=step).completed
+    flown = fly(world, config, seed=0, duration_s=7.0, watch=ticks_to(look))
+    assert flown.completed
+    moved = flown.track.errors(config.trajectory.build(), 0.0, since_s=flown.track.times[0] + 5.0)
     return max(leans), max(moved)
 
 

@@ -7,7 +7,7 @@ from groundstation.core.control.certificate import LIMITS, POSES, VERTICAL, nois
 from groundstation.core.messages import Diagnostics, Tick
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.flights import flown, flown_ideal
+from tests.flight.flights import flown, flown_ideal, ticks_to
 
 GAINS = Gains()
 LAG_2X = 2.0 * SCENARIOS["paper"].world.thrust_lag_s
@@ -69,7 +69,7 @@ def v_m(d: Diagnostics) -> float:
 def ticks(scenario: str, *overrides: str, duration_s: float) -> list[Tick]:
     kept: list[Tick] = []
     world, config = prepare(SCENARIOS[scenario], list(overrides))
-    fly(world, config, seed=0, duration_s=duration_s, on_tick=kept.append)
+    fly(world, config, seed=0, duration_s=duration_s, watch=ticks_to(kept.append))
     return kept
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import Quat, so3
+from groundstation.core.messages import tell_lines
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
@@ -88,7 +89,7 @@ def flown(
 
     told.mission = fly_mission(
         world, config, seed=seed, autopilot=autopilot, script=script,
-        on_event=lambda event: told.events.append(event.line),
+        watch=tell_lines(told.events.append),
     )  # fmt: skip
     return told
 
