@@ -36,6 +36,7 @@ from links.io import (
     waiting,
 )
 from links.mavlink.protocol import (
+    BOTH_S,
     GROUND_STATION,
     INVALID,
     TICKS_PER_S,
@@ -386,8 +387,6 @@ VISION = (
 """Messages by which somebody tells an autopilot where it is."""
 SET_POINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT")
 """Messages by which somebody steers an autopilot."""
-RIVAL_S = 3.0
-"""A second sender of set-points counts as gone after this long without one [s]."""
 NAMED_ADDRESSES = 4
 """At most this many other addresses are named to the operator."""
 HEARTBEAT_S = 1.0
@@ -499,7 +498,7 @@ class OtherTraffic:
 
     def rival(self, now_s: float) -> str:
         """Describe whoever else sent set-points in the last ``RIVAL_S``; empty where nobody did."""
-        return self._rival if now_s - self._rival_s < RIVAL_S else ""
+        return self._rival if now_s - self._rival_s < BOTH_S else ""
 
 
 def _is_of_vehicle(heartbeat: Message) -> bool:

@@ -33,20 +33,16 @@ Source: EdgeTX e2bcbd6c, radio/src/pulses/dsm2.cpp; captures on noisebridge.net,
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from enum import IntEnum, IntFlag
 from typing import Annotated, Literal
 
 import msgspec
+from fastcrc import crc8
 
 from links.core import from_euler_zyx
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
 from links.rf.codec import RfDecoder, RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
-
-DSM_FRAME_BYTES = 14
-"""Length of a DSM frame [bytes]."""
-DSM_CHANNELS = 6
-"""Channels in a DSM frame."""
 
 
 class DsmFlag(IntFlag):
@@ -95,9 +91,9 @@ class DsmLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fiel
 class DsmCodec:
     """Implements :class:`links.rf.codec.RfCodec`."""
 
-    channels = DSM_CHANNELS
+    channels = 6
     services = frozenset((Service.BIND, Service.RANGE_CHECK))
-    frame_bytes = DSM_FRAME_BYTES
+    frame_bytes = 14
 
     def __init__(self, config: DsmLinkConfig) -> None:
         self._config = config
@@ -113,7 +109,7 @@ class DsmCodec:
         low, high = config.low, config.high
         flags = self._flags | (DsmFlag.BIND if service is Service.BIND else DsmFlag.RANGE_CHECK if service else 0)
         frame = bytearray((flags, config.model_id))
-        for i in range(DSM_CHANNELS):
+        for i in range(self.channels):
             count = counts(positions[i], low, high, _DSM_LARGEST)
             frame += bytes((i << 2 | count >> 8, count & 0xFF))
         return bytes(frame)
@@ -136,10 +132,10 @@ class DsmDecoder(RfDecoder):
         data = self._rest + data
         heard: list[RfFrame] = []
         at = 0
-        while len(data) - at >= DSM_FRAME_BYTES:
+        while len(data) - at >= DsmCodec.frame_bytes:
             if _is_frame(data, at):
                 heard.append(self._decode_frame(data, at))
-                at += DSM_FRAME_BYTES
+                at += DsmCodec.frame_bytes
             else:
                 self.dropped["not_a_frame"] += 1
                 at += 1
@@ -148,7 +144,7 @@ class DsmDecoder(RfDecoder):
 
     def _decode_frame(self, data: bytes, at: int) -> RfFrame:
         low, high = self._low, self._high
-        found = [(data[k] & 3) << 8 | data[k + 1] for k in range(at + 2, at + DSM_FRAME_BYTES, 2)]
+        found = [(data[k] & 3) << 8 | data[k + 1] for k in range(at + 2, at + DsmCodec.frame_bytes, 2)]
         flags = data[at]
         service = Service.BIND if flags & DsmFlag.BIND else Service.RANGE_CHECK if flags & DsmFlag.RANGE_CHECK else None
         return RfFrame(tuple(position(count, low, high) for count in found), service, data[at + 1])
@@ -156,11 +152,7 @@ class DsmDecoder(RfDecoder):
 
 def _is_frame(data: bytes, at: int) -> bool:
     """Whether the flags are known ones and the channels are numbered 0 to 5."""
-    return not data[at] & ~_KNOWN_FLAGS and all(data[at + 2 + 2 * i] >> 2 == i for i in range(DSM_CHANNELS))
-
-
-CHANNELS = 16
-"""Channels in a CRSF frame."""
+    return not data[at] & ~_KNOWN_FLAGS and all(data[at + 2 + 2 * i] >> 2 == i for i in range(DsmCodec.channels))
 
 
 class CrsfFrame(IntEnum):
@@ -193,8 +185,6 @@ class CrsfCommand(IntEnum):
     THIS_SYSTEM = 0x10
 
 
-FRAME_BYTES = 26
-"""Length of a CRSF frame of channels [bytes]."""
 _ADDRESSES = frozenset(CrsfAddress)
 """First bytes that a CRSF frame may have."""
 _TIMING = 0x10
@@ -265,9 +255,9 @@ class CrsfLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fie
 class CrsfCodec:
     """Implements :class:`links.rf.codec.RfCodec`."""
 
-    channels = CHANNELS
+    channels = 16
     services = frozenset((Service.BIND,))
-    frame_bytes = FRAME_BYTES
+    frame_bytes = 26
 
     def __init__(self, config: CrsfLinkConfig) -> None:
         self._model = config.model_id
@@ -312,7 +302,7 @@ class CrsfDecoder(RfDecoder):
                 at += 1
             elif end - at < 2 + size:
                 break
-            elif _crc8(data[at + 2 : at + 1 + size], _D5) != data[at + 1 + size]:
+            elif crc8.dvb_s2(data[at + 2 : at + 1 + size]) != data[at + 1 + size]:
                 self.dropped["bad_checksum"] += 1
                 at += 1
             else:
@@ -324,10 +314,10 @@ class CrsfDecoder(RfDecoder):
     def _decode_frame(self, kind: int, payload: bytes) -> RfFrame:
         if kind == CrsfFrame.RC_CHANNELS and len(payload) >= _CHANNEL_BYTES:
             packed = int.from_bytes(payload[:_CHANNEL_BYTES], "little")
-            found = (packed >> (11 * i) & 0x7FF for i in range(CHANNELS))
+            found = (packed >> (11 * i) & 0x7FF for i in range(CrsfCodec.channels))
             return RfFrame(tuple(position(count, _LOW, _HIGH) for count in found))
         is_order = kind == CrsfFrame.COMMAND and len(payload) >= 5 and payload[2] == CrsfCommand.THIS_SYSTEM
-        if is_order and _crc8((kind, *payload[:-1]), _BA) == payload[-1]:
+        if is_order and _command_crc(bytes((kind, *payload[:-1]))) == payload[-1]:
             if payload[3] == CrsfCommand.BIND:
                 return RfFrame(None, Service.BIND)
             if payload[3] == CrsfCommand.MODEL and len(payload) == 6:
@@ -367,34 +357,23 @@ def encode_attitude(pitch: float, roll: float, yaw: float) -> bytes:
 
 def _command(what: int, *data: int) -> bytes:
     payload = bytes((CrsfAddress.MODULE, CrsfAddress.RADIO, CrsfCommand.THIS_SYSTEM, what, *data))
-    return _frame(CrsfAddress.SYNC, CrsfFrame.COMMAND, payload + bytes((_crc8((CrsfFrame.COMMAND, *payload), _BA),)))
+    checksum = _command_crc(bytes((CrsfFrame.COMMAND, *payload)))
+    return _frame(CrsfAddress.SYNC, CrsfFrame.COMMAND, payload + bytes((checksum,)))
 
 
 def _frame(address: int, kind: int, payload: bytes) -> bytes:
     body = bytes((kind,)) + payload
-    return bytes((address, len(body) + 1)) + body + bytes((_crc8(body, _D5),))
+    return bytes((address, len(body) + 1)) + body + bytes((crc8.dvb_s2(body),))
 
 
-def _table(polynomial: int) -> bytes:
-    def entry(crc: int) -> int:
-        for _ in range(8):
-            crc = crc << 1 ^ (polynomial if crc & 0x80 else 0)
-        return crc & 0xFF
-
-    return bytes(map(entry, range(256)))
-
-
-def _crc8(data: Iterable[int], table: bytes) -> int:
+def _command_crc(data: bytes) -> int:
+    """Return the CRC-8 inside a command: polynomial 0xBA, which no library has."""
     crc = 0
     for byte in data:
-        crc = table[crc ^ byte]
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc << 1 ^ (0xBA if crc & 0x80 else 0)) & 0xFF
     return crc
-
-
-_D5 = _table(0xD5)
-"""Table of the CRC-8 of every CRSF frame."""
-_BA = _table(0xBA)
-"""Table of the CRC-8 inside a CRSF command."""
 
 
 RF_CODECS: dict[str, type[RfLinkConfig]] = {"dsm": DsmLinkConfig, "crsf": CrsfLinkConfig}

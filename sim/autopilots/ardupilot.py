@@ -41,10 +41,6 @@ STEP_S = 0.001
 """Period of the states [s]: ArduCopter needs gyro samples at 1.8 times its loop rate of 400 Hz, so at 720 Hz."""
 BOOT_S = 12.0
 """Time from the first state to calibrated gyros and an aligned attitude [s]."""
-FEW = 18458
-"""Magic number of a packet of 16 outputs [-], SIM_JSON.h."""
-MANY = 29569
-"""Magic number of a packet of 32 outputs [-], SIM_JSON.h."""
 LOW_US = 1000.0
 """Output of a rotor at rest (MOT_PWM_MIN) [µs]."""
 HIGH_US = 2000.0
@@ -53,7 +49,8 @@ HOME = "47.397742,8.545594,488,0"
 """Home: latitude, longitude [deg], height [m], heading [deg]; the simulated compass takes its field from there."""
 
 _HEAD = struct.Struct("<HHI")
-_COUNTS = {FEW: 16, MANY: 32}
+_COUNTS = {18458: 16, 29569: 32}
+"""Magic number of a packet → its number of outputs, SIM_JSON.h."""
 
 
 class Servos(NamedTuple):

@@ -21,6 +21,7 @@ from links.mavlink.protocol import (
     ARDUPILOT,
     ARMED,
     FORCE,
+    PART_BYTES,
     PX4,
     WHOLE_BITS,
     AttitudeTargetMask,
@@ -37,7 +38,7 @@ from links.mavlink.protocol import (
     decode,
     encode,
 )
-from sim.world import Airframe, TrueState
+from sim.world import SAME_INSTANT_S, Airframe, TrueState
 
 
 class SetPoint:
@@ -347,13 +348,9 @@ KNOWN = (
 """Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS."""
 STILL = _MOVES | EstimatorFlag.HEIGHT_ABSOLUTE | EstimatorFlag.CONSTANT_POSITION
 """ESTIMATOR_STATUS flags of a real autopilot without GPS: its position counts as constant."""
-SAME_INSTANT_S = 1e-9
-"""A timer may fire this much early [s]."""
 SHORTEST_S = 0.001
 """Nothing is sent more often [s]."""
 
-_TEXT_BYTES = 50
-"""Length of STATUSTEXT.text [bytes]."""
 _UNKNOWN = (math.nan,) * 21
 """Covariance that is not sent."""
 
@@ -445,7 +442,7 @@ def builders(
 
 def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> list[Message]:
     """The ``number``-th STATUSTEXT; a ``text`` that does not fit comes in pieces, the last of them not full."""
-    pieces = [text[i : i + _TEXT_BYTES] for i in range(0, len(text) + 1, _TEXT_BYTES)] if text else []
+    pieces = [text[i : i + PART_BYTES] for i in range(0, len(text) + 1, PART_BYTES)] if text else []
     message = codec.dialect.MAVLink_statustext_message
     return [message(severity, piece.encode("ascii"), number & 0xFFFF, n) for n, piece in enumerate(pieces)]
 

@@ -58,6 +58,7 @@ from groundstation.core.vehicle import (
 )
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
+from links.mavlink.protocol import STREAM_S
 from sim.batch.one_by_one import OneByOne
 from sim.runs import BACK_M, CONFIRM_S, CRASH_M, Effort, sought
 from sim.text import notice
@@ -770,10 +771,6 @@ def _find_last(ends: Array, marked: Any, none: Array) -> Any:
     return np.where(marked.any(axis=0), ends[ends.size - 1 - np.argmax(marked[::-1], axis=0)], none)
 
 
-HANDSHAKE_S = 1.2
-"""Stream of set-points that PX4 wants before it arms [s]; a whole flight takes this long in whole frames."""
-
-
 def require_batchable(world: World, config: Config) -> None:
     """Refuse what no batch can fly as whole flights do, in ``world``.
 
@@ -832,7 +829,7 @@ class Batch:
         gains, vehicle, pose, first = config.controller, config.vehicle, config.pose, worlds[0]
         assert isinstance(pose, ViconConfig)
         self.period_s = first.frame_period_s
-        self.release_s = CONFIRM_S + math.ceil(HANDSHAKE_S / self.period_s - 1e-9) * self.period_s
+        self.release_s = CONFIRM_S + math.ceil(STREAM_S / self.period_s - 1e-9) * self.period_s
         """When the flights begin, from the start of the cameras [s]."""
         self._config, self._duration_s = config, duration_s
         steps = math.ceil(self.period_s / first.step_s - 1e-9)

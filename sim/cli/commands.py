@@ -32,6 +32,7 @@ from groundstation.settings import Config, rehearse
 from sim.autopilots import AUTOPILOTS, Parameters
 from sim.cli import ProgressBar, summary, typed_command
 from sim.runs import (
+    DURATION_S,
     RECORDING,
     FleetMission,
     Flyers,
@@ -61,8 +62,6 @@ from sim.text import notice
 from sim.world import World
 
 __all__ = ["advise_name"]  # called by groundstation.runtime, as in the commands of groundstation
-FIGURE_S = 60.0
-"""Default time on the trajectory of a mission [s]."""
 TEXT_COLUMNS = 118
 """Width of the text below the table of equal margins [characters]. Chosen."""
 
@@ -353,7 +352,7 @@ def mission(args: argparse.Namespace) -> Exit:
     if args.autopilot == BETAFLIGHT and args.vehicles > 1:
         raise ConfigError("--vehicles", notice("sim.one_betaflight"))
     world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
-    world, config = from_floor(world, config, args.duration or FIGURE_S)
+    world, config = from_floor(world, config, args.duration or DURATION_S)
     ensure_flyable(config)
     if args.vehicles > 1:
         return _missions(args, scenario.name, world, config)

@@ -33,7 +33,7 @@ from sim.text import notice
 from sim.world import World
 
 DURATION_S = 60.0
-"""Default duration of a flight [s]."""
+"""Default duration of a flight [s]: what the figures of the scenarios are defined for."""
 LONGEST_S = 86400.0
 """Largest duration of a flight [s]: one day. Chosen; a typing error must not fill the disk."""
 T = TypeVar("T")

@@ -25,7 +25,7 @@ from groundstation.core.messages import STEADY_S
 from groundstation.core.vehicle import Vehicle
 from groundstation.machine import replace_between_markers
 from groundstation.runtime import require_package
-from sim.runs import LONGEST_S, FlightVerdict, Flyers, fly, lend_name, run_beside
+from sim.runs import DURATION_S, LONGEST_S, FlightVerdict, Flyers, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, overridden, prepare
 from sim.studies.tune import (
     DELAY,
@@ -500,13 +500,9 @@ ROTORS_SATURATED = 0.01
 """Largest additional share of commands at a limit on rotors [-]."""
 TRIALS = 24
 """Number of evaluations of one search [-]."""
-SEEDS = 10
-"""Number of seeds of the judged flights [-]."""
-DURATION_S = 20.0
+SEARCHED_S = 20.0
 """Duration of each flight of a search [s]. Errors count from 15 s on: 20 s hold half of the figure of eight, which
 tells better gains from worse, but laws err in different parts of it."""
-JUDGED_S = 60.0
-"""Duration of the best flights, reflown to judge laws against each other [s]."""
 
 
 class ModelError(NamedTuple):
@@ -611,7 +607,7 @@ def compare_at_equal_margins(
     flyers: Flyers,
     *,
     trials: int = TRIALS,
-    seeds: int = SEEDS,
+    seeds: int,
     laws: Sequence[SearchedLaw] = SEARCHED_LAWS,
     on_done: Callable[[], None] = lambda: None,
 ) -> list[EqualMarginsRow]:
@@ -644,21 +640,21 @@ def _search(law: SearchedLaw) -> Search:
         stages=_stages(law, [*FLOORED, *ON_ROTORS]),
         keys=[Key(name, value / SPREAD, value * SPREAD, value) for name, value in law.start.items()],
         seeds=1,
-        duration_s=DURATION_S,
+        duration_s=SEARCHED_S,
         floors=Floors(delay_s=0.0, gain=0.0),
     )
 
 
 def _refly(law: SearchedLaw, best: TuningTrial, count: int, flyers: Flyers, seeds: int) -> EqualMarginsRow:
     stages = [stage.with_gains(best.gains) for stage in _stages(law, REFLOWN)]
-    long_s = dict.fromkeys(JUDGED, JUDGED_S)
-    work = [sorties(stage, range(seeds), long_s.get(stage.scenario, DURATION_S)) for stage in stages]
+    long_s = dict.fromkeys(JUDGED, DURATION_S)
+    work = [sorties(stage, range(seeds), long_s.get(stage.scenario, SEARCHED_S)) for stage in stages]
     outcomes = iter(flyers.each(fly_sortie, list(chain(*work))))
     flown = {stage.scenario: [next(outcomes) for _ in range(seeds)] for stage in stages}
     delay_s: dict[str, float] = {}
     for stage in stages:
         if stage.scenario in FLOORED:
-            found = report(stage, flyers, seeds=1, duration_s=DURATION_S, axes=(DELAY,)).margins
+            found = report(stage, flyers, seeds=1, duration_s=SEARCHED_S, axes=(DELAY,)).margins
             delay_s[stage.scenario] = (found[0].fails or found[0].holds) if found else 0.0
     effort_rad_s = {name: median(one.effort_rad_s for one in flown[name]) for name in FLOORED}
     return EqualMarginsRow(
@@ -679,7 +675,7 @@ def _find_peak(law: SearchedLaw, best: TuningTrial, name: str, flyers: Flyers) -
     stage = stage.with_gains(best.gains)
     worlds = [overridden(stage.world, list(variant)) for variant in SCENARIOS[name].variants]
     stages = [msgspec.structs.replace(stage, world=world) for world in worlds]
-    outcomes = flyers.each(fly_sortie, [one for each in stages for one in sorties(each, [0], DURATION_S)])
+    outcomes = flyers.each(fly_sortie, [one for each in stages for one in sorties(each, [0], SEARCHED_S)])
     peaks = [outcome.peak_cm if outcome.rms_cm is not None else None for outcome in outcomes]
     return worst_of_variants(list(enumerate(peaks)))
 
@@ -713,9 +709,9 @@ def equal_margins_table(rows: Sequence[EqualMarginsRow]) -> str:
 def describe_terms(trials: int, seeds: int) -> str:
     """Describe the search's terms, as a paragraph."""
     return (
-        f"Each law: {trials} evaluations with seed {SEARCH_SEED}, flights of {DURATION_S:g} s, gains within {SPREAD:g} "
+        f"Each law: {trials} evaluations with seed {SEARCH_SEED}, flights of {SEARCHED_S:g} s, gains within {SPREAD:g} "
         f"times their start either way; then medians of seeds 0 to {seeds - 1}, in `paper`, `adverse` and "
-        f"`rotors_mqx_radio` flights of {JUDGED_S:g} s. Floors in the first two: "
+        f"`rotors_mqx_radio` flights of {DURATION_S:g} s. Floors in the first two: "
         f"{', '.join(floor.name + (f' ({floor.only})' if floor.only else '') for floor in FLOORS)}; effort at most "
         f"{' / '.join(f'{value:g}' for value in EFFORT_RAD_S.values())} rad/s; on rotors at most {ROTORS_CM:g} cm and "
         f"{100.0 * ROTORS_SATURATED:g} % of commands at a limit."

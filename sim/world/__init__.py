@@ -16,6 +16,7 @@ from sim.world.plant import (
     turn_rotors,
 )
 from sim.world.quadrotor import (
+    SAME_INSTANT_S,
     Airframe,
     Horizon,
     PositionWander,

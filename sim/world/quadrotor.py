@@ -93,8 +93,8 @@ NOTICES_S = 0.15
 ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
 FORGETS_S = 2.0
 """Time constant with which its own height finds out that the floor holds it [s]."""
-_INSTANT_S = 1e-9
-"""Shorter spans are rounding [s]."""
+SAME_INSTANT_S = 1e-9
+"""Shorter spans are rounding [s], and a timer may fire this much early."""
 
 
 class DelayLine:
@@ -113,7 +113,7 @@ class DelayLine:
     def compute_mean(self, start_s: float, span_s: float) -> tuple[float, ...]:
         """Mean of the acting command over ``span_s`` [s] from ``start_s`` on; calls come in order of time."""
         coming = self._coming
-        while coming and coming[0][0] <= start_s + _INSTANT_S:
+        while coming and coming[0][0] <= start_s + SAME_INSTANT_S:
             self._now = coming.popleft()[1]
         if not coming or coming[0][0] >= start_s + span_s:
             return self._now
@@ -404,11 +404,11 @@ class Quadrotor:
         """
         self.advance(time_s)
         body, down, rest = self._body, self.floor.is_down, time_s - self._time
-        if self.released_s is not None and rest < -_INSTANT_S:
+        if self.released_s is not None and rest < -SAME_INSTANT_S:
             wx, wy, wz = body.rates
             place = add_scaled(body.position, rest, body.velocity)
             body = body._replace(position=place, attitude=so3.rotate(body.attitude, (rest * wx, rest * wy, rest * wz)))
-        if self.released_s is not None and rest > _INSTANT_S:
+        if self.released_s is not None and rest > SAME_INSTANT_S:
             # Only a look into the step under way: the questions asked must not change the flight.
             flight_time = self._time - self.released_s
             body, _ = self._after(flight_time, rest)
@@ -441,7 +441,7 @@ class Quadrotor:
         """Cut the step under way at ``time_s`` [s], where something changes."""
         self.advance(time_s)
         rest = time_s - self._time
-        if self.released_s is not None and rest > _INSTANT_S:
+        if self.released_s is not None and rest > SAME_INSTANT_S:
             self._step(self._time - self.released_s, rest, time_s)
         self._cut, self._steps = self._time, 0
 

@@ -1,6 +1,6 @@
 """MAVLink sans-IO: codec, signing, clocks, status, parameters, an autopilot's procedures."""
 
-from links.mavlink.protocol.autopilot_state import STALE_NEWS_S, HeartbeatMonitor, Vitals, Words
+from links.mavlink.protocol.autopilot_state import PART_BYTES, STALE_NEWS_S, HeartbeatMonitor, Vitals, Words
 from links.mavlink.protocol.codec import (
     ARDUPILOT,
     ARMED,
@@ -26,6 +26,7 @@ from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
 from links.mavlink.protocol.odometry_codec import Odometry, odometry, origin
 from links.mavlink.protocol.procedures import (
     MULTIROTORS,
+    STREAM_S,
     THRUST_AS_THRUST,
     WHOLE_BITS,
     AskMode,
@@ -48,7 +49,7 @@ from links.mavlink.protocol.procedures import (
     landing,
     landing_disarmed,
 )
-from links.mavlink.protocol.senders import TargetSenders
+from links.mavlink.protocol.senders import BOTH_S, TargetSenders
 from links.mavlink.protocol.signing import TICKS_PER_S, Signer
 from links.mavlink.protocol.timesync import (
     ATTITUDE_HZ,

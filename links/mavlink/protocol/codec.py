@@ -155,7 +155,7 @@ _RESULTS = {
 _DIALECT = "pymavlink.dialects.v20.ardupilotmega"
 
 MOST_SENDERS = 16
-"""Unfinished frames are kept of so many addresses; of one more, the oldest is given up."""
+"""So many addresses are remembered, and unfinished frames of each; of more, the oldest is forgotten."""
 
 
 def load_dialect() -> Any:
@@ -233,7 +233,7 @@ class MavlinkCodec:
         signing = self._writer.signing
         signing.sign_outgoing = signer is not None
         if signer is not None:
-            signing.secret_key, signing.link_id = signer.key, signer.link_id
+            signing.secret_key = signer.key
 
     # ---- what arrives
 

@@ -307,8 +307,6 @@ class Exchange(Repeated):
             self._refused = (result, now_s)
 
 
-VERSION_ASKED = 3
-"""An autopilot that does not tell after so many questions keeps it to itself."""
 KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: "release"}
 """FIRMWARE_VERSION_TYPE."""
 
@@ -316,7 +314,8 @@ KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: "release"}
 class ReadVersion(Repeated):
     """Ask for the firmware's version; one that it does not tell is no failure."""
 
-    tries = VERSION_ASKED
+    tries = 3
+    """An autopilot that does not tell after so many questions keeps it to itself."""
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
         """Ask ``autopilot`` for its firmware; the answer is in ``firmware`` when done."""
@@ -346,20 +345,15 @@ def version(message: Message) -> str:
     return f"{major}.{minor}.{patch} {KINDS.get(kind, kind)} {commit}"
 
 
-MODE_AGAIN_S = 0.1
-"""Period of the questions for an autopilot's mode [s]."""
-MODE_ASKED = 15
-"""The question for the mode is given up after so many: 1.5 s."""
-
-
 class AskMode(Repeated):
     """Ask for HEARTBEAT, which tells the mode and comes only once a second by itself; done when one has been heard.
 
     One that refuses is waited for. Its answer is waited for, too: a HEARTBEAT of before the question may be under way.
     """
 
-    period_s = MODE_AGAIN_S
-    tries = MODE_ASKED
+    period_s = 0.1
+    tries = 15
+    """It is given up after 1.5 s: the bring-down goes on meanwhile."""
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
         super().__init__("tell its mode", lambda n: autopilot.message_request("HEARTBEAT", n))
@@ -376,20 +370,14 @@ class AskMode(Repeated):
         self.done = self._heard and self._answered
 
 
-KILL_AGAIN_S = 0.05
-"""Time between two requests [s]."""
-KILL_ASKED = 100
-"""The kill is requested so often: for 5 s."""
-CERTAIN = 2
-"""Number of acceptances that end the request: one alone may answer an order to arm that was under
-way."""
-
-
 class Kill(Repeated):
     """Disarm by force (COMMAND_LONG 400, second parameter 21196), which works in the air. A step."""
 
-    period_s = KILL_AGAIN_S
-    tries = KILL_ASKED
+    period_s = 0.05
+    tries = 100
+    """It is requested for 5 s."""
+    acceptances = 2
+    """Number that end the request: one alone may answer an order to arm that was under way."""
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
         super().__init__(
@@ -405,7 +393,7 @@ class Kill(Repeated):
             return
         if message.result == MavResult.ACCEPTED:
             self._accepted += 1
-            self.done = self._accepted >= CERTAIN
+            self.done = self._accepted >= self.acceptances
         else:
             self._refused = message.result
 

@@ -8,14 +8,11 @@ Source: mavlink.io/en/messages/common.html, 148 AUTOPILOT_VERSION.
 
 from typing import Any
 
-from links.mavlink.protocol.codec import Message
+from links.mavlink.protocol.codec import MOST_SENDERS, Message
 from links.text import link_notice
 
 BOTH_S = 3.0
-"""Two senders count while both sent a heartbeat within this time [s]: three periods of HEARTBEAT."""
-MOST_OTHERS = 16
-"""At most this many other addresses are remembered; beyond it the one silent longest is
-forgotten."""
+"""A second sender of heartbeats or set-points counts for this long after its last [s]: three periods of HEARTBEAT."""
 
 
 def hardware_id(version: Message) -> str:
@@ -53,7 +50,7 @@ class TargetSenders:
             sender.ids.clear()
             sender.has_answered = False
         sender.heard_s = now_s
-        if len(self._senders) > MOST_OTHERS + 1:
+        if len(self._senders) > MOST_SENDERS + 1:
             del self._senders[min(self._senders, key=lambda one: self._senders[one].heard_s)]
 
     def forget(self, address: Any) -> None:

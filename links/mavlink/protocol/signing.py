@@ -17,8 +17,6 @@ from collections.abc import Callable
 from hashlib import sha256
 from hmac import compare_digest
 
-KEY_BYTES = 32
-"""Length of a signing key (MAVLink 2)."""
 SIGNED = 0x01
 """Bit of the incompatible flags of a frame that is signed."""
 SIGNATURE_BYTES = 13
@@ -37,16 +35,9 @@ _RADIO_STATUS = 109
 class Signer:
     """The signing state of one link: its key, its own stamps, and the newest stamp of each sender."""
 
-    def __init__(self, key: bytes, clock: Callable[[], int], link_id: int = 0) -> None:
-        """``clock()`` tells the time in units of 10 µs since 2015-01-01 UTC.
-
-        Raises:
-            ValueError: the key has not 32 bytes.
-        """
-        if len(key) != KEY_BYTES:
-            raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(key)}")
+    def __init__(self, key: bytes, clock: Callable[[], int]) -> None:
+        """Sign with the 32 bytes of ``key``; ``clock()`` tells the time in units of 10 µs since 2015-01-01 UTC."""
         self.key = key
-        self.link_id = link_id
         self._clock = clock
         self._newest: dict[bytes, int] = {}
         self.stamp = 0

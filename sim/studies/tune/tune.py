@@ -30,7 +30,7 @@ from groundstation.core.control import ControllerConfig, Custom, Gains, bound_de
 from groundstation.pose.sources import ViconConfig
 from groundstation.runtime import __version__
 from groundstation.settings import Config
-from sim.runs import Flyers, fly
+from sim.runs import DURATION_S, Flyers, fly
 from sim.scenarios import SCENARIOS, by_side, prepare, prepare_own, timing
 from sim.studies.campaign import program_sha256
 from sim.text import notice
@@ -510,8 +510,6 @@ RANDOM_TRIALS = 10
 """Drawn over the whole space before the sampler learns from them."""
 BROKEN = 1e3
 """Cost of a broken constraint, beside its excess [-]: more than any flight's."""
-UNPROVEN = 1e6
-"""Cost of an unproven constraint [-]: more than any broken one's."""
 
 
 class Floors(msgspec.Struct, frozen=True, kw_only=True):
@@ -573,7 +571,7 @@ def try_gains(search: Search, gains: dict[str, float], flyers: Flyers, number: i
     stages = [stage.with_gains(gains) for stage in search.stages]
     if loses_proof(stages[0].config.controller):
         why = ["the proof does not hold for these gains"]
-        return TuningTrial(number=number, gains=gains, rms_cm=CRASH_CM, broken=why, cost=UNPROVEN)
+        return TuningTrial(number=number, gains=gains, rms_cm=CRASH_CM, broken=why, cost=broken_cost(10.0))
     first, seeds = stages[0], search.flight_seeds
     plain = [sorties(stage, seeds, search.duration_s) for stage in stages]
     probes = [
@@ -728,8 +726,6 @@ def _study(search: Search, journal: Path | None) -> "optuna.Study":
     return study
 
 
-VERIFY_S = 60.0
-"""Flights that verify last as long as the scenarios' figures are defined for [s]."""
 FLOORED = (DELAY, GAIN_UP, GAIN_DOWN)
 """Margins that have floors; the others are for ``tune --report``."""
 
@@ -791,7 +787,7 @@ def short_of(floors: Floors, margins: MarginReport) -> list[str]:
 
 def _side(search: Search, gains: dict[str, float], flyers: Flyers, seeds: int) -> Side:
     stages = [stage.with_gains(gains) for stage in search.stages]
-    work = [sorties(stage, range(seeds), VERIFY_S) for stage in stages]
+    work = [sorties(stage, range(seeds), DURATION_S) for stage in stages]
     outcomes = iter(flyers.each(fly_sortie, list(chain(*work))))
     figures: list[Figure] = []
     costs: list[float] = []

@@ -9,9 +9,9 @@ import pytest
 
 from links.core import Command, LinkError, LinkLost
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.connection import RIVAL_S
 from links.mavlink.protocol import (
     ARDUPILOT,
+    BOTH_S,
     INVALID,
     PX4,
     MavCommand,
@@ -377,7 +377,7 @@ async def test_another_program_that_steers_the_same_autopilot_is_told_by_name_un
     steer(42)
     await asyncio.sleep(0.1)
     assert "MAVLink system 42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too" in link.status.conflict
-    await asyncio.sleep(RIVAL_S)
+    await asyncio.sleep(BOTH_S)
     assert link.status.conflict == ""
 
 
