@@ -497,7 +497,7 @@ class OtherTraffic:
             self._rival, self._rival_s = says.text, now_s
 
     def rival(self, now_s: float) -> str:
-        """Describe whoever else sent set-points in the last ``RIVAL_S``; empty where nobody did."""
+        """Describe whoever else sent set-points in the last ``BOTH_S``; empty where nobody did."""
         return self._rival if now_s - self._rival_s < BOTH_S else ""
 
 
@@ -663,7 +663,7 @@ class MavlinkConnection:
 
     @property
     def rival(self) -> str:
-        """Describe whoever else sent set-points in the last ``RIVAL_S``; empty where nobody did."""
+        """Describe whoever else sent set-points in the last ``BOTH_S``; empty where nobody did."""
         return "" if self._loop is None else self.others.rival(self._loop.time())
 
     @property
