@@ -23,10 +23,10 @@ def ended(found: Alarms) -> list[tuple[int, str]]:
 
 
 @pytest.mark.tried(3)  # the same scenarios by more seeds
-@pytest.mark.parametrize("first", range(0, 8, 2))
+@pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("scenario", ["adverse", "storm", "gust_front"])
-def test_no_flight_in_bad_air_ends_by_its_poses(scenario: str, first: int) -> None:
-    (found,) = watch_all([Watch(scenario, figure_s=5.0)], range(first, first + 2), workers=1)
+def test_no_flight_in_bad_air_ends_by_its_poses(scenario: str, seed: int) -> None:
+    (found,) = watch_all([Watch(scenario, figure_s=5.0)], (seed,), workers=1)
     assert ended(found) == []
     assert found.alarm < 1.0
     assert all(one.windows > 200 for one in found.flights), "it looked all the way"

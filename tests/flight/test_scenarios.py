@@ -86,6 +86,7 @@ def test_on_rotors_it_flies_by_what_identify_found(scenario: str, most_cm: float
     assert middle(scenario, "saturated_fraction", **flights._asdict()) <= 0.01
 
 
+@pytest.mark.tried(1)  # steps
 @pytest.mark.parametrize("step", [(3.5, 3.5, 0.0), (-3.5, 3.5, 0.0), (0.0, 0.0, -5.0)])
 def test_rotors_at_their_limits_turn_the_tilt_before_the_heading(step: tuple[float, float, float]) -> None:
     north, east, down = step

@@ -107,8 +107,8 @@ def test_the_command_writes_its_table(monkeypatch: pytest.MonkeyPatch, tmp_path:
     page = tmp_path / "PAGE.md"
     page.write_text("# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8")
     monkeypatch.setattr(upsets, "list_upsets", lambda: {ONE: list_upsets()[ONE][:1]})
-    monkeypatch.setattr(upsets, "PUSHED_S", 10.0)
-    monkeypatch.setattr(upsets, "STATES_S", 4.0)
+    for name, duration_s in (("UPSET_AT_S", 0.5), ("PUSHED_S", 1.0), ("STATES_S", 0.5)):
+        monkeypatch.setattr(upsets, name, duration_s)
     told = ("--scenarios", "paper", "--seeds", "1", "--states", "2", "--write", str(page))
     words = ("groundstation-sim", "dev", "upsets", *told)
     monkeypatch.setattr("sys.argv", words)
