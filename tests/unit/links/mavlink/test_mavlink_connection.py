@@ -189,3 +189,14 @@ def test_answers_are_judged_by_these_times() -> None:
         answer(uplink, 0, age_s + 0.01)
         overdue_s, _ = uplink.arrival(age_s + 0.15, 0.02)
         assert overdue_s == (pytest.approx(0.07) if counts else 0.0)
+
+
+def test_what_was_held_back_once_and_came_all_together_is_not_late_any_more() -> None:
+    uplink, asked = Uplink(0.05), list[int]()
+    uplink.begin(0.0)
+    for n in range(101):
+        uplink.hear(D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3), 0.01 * n, 0.02)
+        asked += [ns for ns in (uplink.ask(0.01 * n),) if ns is not None]
+    for ns in asked:
+        uplink.hear(D.MAVLink_timesync_message(77, ns), 1.01, 0.02)
+    assert uplink.arrival(1.01, 0.02) == (0.0, 0.0)

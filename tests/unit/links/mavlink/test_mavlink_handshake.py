@@ -20,7 +20,7 @@ from links.mavlink.protocol import (
     disarming,
     landing_disarmed,
 )
-from links.mavlink.protocol.procedures import ANSWER_S, PATIENCE_S, STREAM_S, TRIES, silence, stream
+from links.mavlink.protocol.procedures import silence, stream
 
 Answer = Callable[[Any], list[Any]]
 
@@ -84,16 +84,6 @@ def refuse(command: int, *results: int, words: str = "") -> Answer:
         return [ack(request, result), *([says(words)] if words else [])]
 
     return answer
-
-
-def test_px4_is_asked_for_offboard_and_then_to_arm_after_a_second_of_set_points() -> None:
-    scene = Scene(PX4, arming, accept).run()
-    assert scene.handshake.done
-    (mode_s, mode), (arm_s, arm) = scene.asked
-    assert STREAM_S <= mode_s < STREAM_S + 0.05
-    assert mode_s <= arm_s < mode_s + 0.05
-    assert (mode.command, mode.param1, mode.param2, mode.param3) == (176, 1.0, 6.0, 0.0)
-    assert (arm.command, arm.param1, arm.param2) == (400, 1.0, 0.0)
 
 
 def ardupilot_with(**parameters: float) -> Answer:
@@ -245,36 +235,12 @@ def test_pieces_are_joined_by_their_sender_and_number_also_with_others_between()
     assert FIRST.decode() + " to arm" in [text.show() for text in words._texts]
 
 
-def test_a_temporary_refusal_is_asked_again_until_it_passes() -> None:
-    scene = Scene(PX4, arming, refuse(MavCommand.ARM_DISARM, 1, 1, 0)).run()
-    assert scene.handshake.done
-    assert scene.commands == [MavCommand.DO_SET_MODE] + [MavCommand.ARM_DISARM] * 3
-    times = [s for s, m in scene.asked if m.command == MavCommand.ARM_DISARM]
-    assert times[1] - times[0] == pytest.approx(1.0, abs=0.05)
-
-
-def test_a_temporary_refusal_that_does_not_pass_becomes_final() -> None:
-    scene = Scene(PX4, arming, refuse(MavCommand.ARM_DISARM, 1, words="Arming denied")).run()
-    assert isinstance(scene.handshake.failure, LinkRejected)
-    assert "MAV_RESULT_TEMPORARILY_REJECTED" in str(scene.handshake.failure)
-    assert str(scene.handshake.failure).count("Arming denied") == 1
-    assert scene.now - 100.0 - STREAM_S == pytest.approx(PATIENCE_S, abs=1.0)
-
-
 def test_a_lost_request_or_answer_is_made_up_for() -> None:
     lost = [True, True, False, True, False]
     scene = Scene(PX4, arming, lambda request: [] if lost.pop(0) else accept(request)).run()
     assert scene.handshake.done
     assert scene.commands == [MavCommand.DO_SET_MODE] * 3 + [MavCommand.ARM_DISARM] * 2
     assert [m.confirmation for _, m in scene.asked] == [0, 1, 2, 0, 1]
-
-
-def test_silence_is_given_up_after_some_tries() -> None:
-    scene = Scene(PX4, arming, lambda request: []).run()
-    assert isinstance(scene.handshake.failure, LinkLost)
-    assert "no answer to the request to enter OFFBOARD" in str(scene.handshake.failure)
-    assert scene.commands == [MavCommand.DO_SET_MODE] * TRIES
-    assert scene.now - 100.0 - STREAM_S == pytest.approx(TRIES * ANSWER_S, abs=0.2)
 
 
 def killing(autopilot: AutopilotAddress) -> Handshake:
@@ -307,14 +273,6 @@ def test_an_answer_before_the_question_is_not_one() -> None:
     scene.hear(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0, 0, 0, 245, 190))
     assert not scene.handshake.done
     assert not scene.run(0.1).handshake.done
-
-
-def test_work_in_progress_is_waited_for() -> None:
-    scene = Scene(PX4, disarming, refuse(MavCommand.ARM_DISARM, 5)).run(2.0)
-    assert scene.commands == [MavCommand.ARM_DISARM]
-    assert scene.handshake.failure is None
-    scene.hear(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0, 0, 0, 245, 190))
-    assert scene.run(0.1).handshake.done
 
 
 def test_disarming_waits_until_the_autopilot_believes_that_it_stands() -> None:

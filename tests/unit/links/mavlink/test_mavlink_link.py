@@ -17,8 +17,11 @@ from links.mavlink.protocol import (
     MavCommand,
     MavlinkCodec,
 )
-from links.mavlink.protocol.autopilot_state import STALE_NEWS_S
 from tests.loops import Scene, in_virtual_time, on_stage
+
+# By their numbers: a limit that the test took from the code would bear out any value.
+RIVAL_S = 3.0
+STALE_NEWS_S = 0.5
 
 HERE = ("127.0.0.1", 14540)
 D = MavlinkCodec(1, 1).dialect

@@ -21,7 +21,7 @@ from links.mavlink.protocol import (
     landing,
     landing_disarmed,
 )
-from links.mavlink.protocol.procedures import ReadAll, Wait, silence, stream
+from links.mavlink.protocol.procedures import ReadAll, Wait
 from tests.unit.links.mavlink.test_mavlink_link import D
 
 STEP_S = 0.002
@@ -106,8 +106,6 @@ def test_a_request_is_repeated_and_given_up_at_these_times(
         (landing, PX4, [(176, 1.0, 4.0, 6.0)]),
         (landing, ARDUPILOT, [(176, 1.0, 9.0, 0.0)]),
         (landing_disarmed, ARDUPILOT, [(176, 1.0, 9.0, 0.0)]),
-        (lambda one: stream(one, "ODOMETRY", 40.0), PX4, [(511, 331.0, 25_000.0, 0.0)]),
-        (lambda one: silence(one, "ODOMETRY"), PX4, [(511, 331.0, -1.0, 0.0)]),
     ],
 )
 def test_an_autopilot_is_asked_for_these_commands(make: Make, kind: int, requests: list[tuple[float, ...]]) -> None:

@@ -10,7 +10,9 @@ from hypothesis import given, settings, strategies as st
 from links.core import Command, Segment
 from links.rf import Arm, Channels, CrsfLinkConfig, DsmLinkConfig, End, FramePacer, Give, Stop
 from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
-from links.rf.pacer import AFTERLIFE_S
+
+# By their numbers: a limit that the test took from the code would bear out any value.
+AFTERLIFE_S = 3.0
 
 CONFIG = DsmLinkConfig(map=ChannelMap(arm=ArmSwitch(channel=5)), arm_low_s=0.2, arm_high_s=0.3)
 THRUST_MAX_N = 2.0

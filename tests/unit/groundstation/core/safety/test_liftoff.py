@@ -148,15 +148,16 @@ def test_a_vehicle_on_its_floor_neither_tips_nor_slides(
     assert at_rest.find_disturbance(moved, (0.0, 0.0, 0.0), light_s) is None, "the source has moved its origin"
 
 
-LOST, LIFTS, STANDS, HELD, THROWN = "lost", "lifts", "stands", "held", "thrown"
+LOST, LIFTS, STANDS, HELD, THROWN, CLIMBS = "lost", "lifts", "stands", "held", "thrown", "climbs"
 """What the poses of a spool-up show: none after a while, a true lift-off, the floor, an autopilot's
-estimate that rises for a moment, jumps of 0.2 m."""
+estimate that rises for a moment, jumps of 0.2 m, a speed of 0.3 m/s upwards that was there at rest already."""
 
 
 @pytest.mark.parametrize(
     ("shows", "ends_s", "says"),
     [
         (LIFTS, None, None),
+        (CLIMBS, 1.4, "the poses did not move"),
         (LOST, 0.76, "no pose for 26"),  # 0.25 s after the newest
         (STANDS, 1.40, "the poses did not move"),  # 0.3 s after thrust had 90 % of the weight
         (THROWN, None, "jumps"),
@@ -165,6 +166,8 @@ estimate that rises for a moment, jumps of 0.2 m."""
 )
 def test_a_spool_up_ends_for_these_reasons_at_these_times(shows: str, ends_s: float | None, says: str | None) -> None:
     at_rest = standing(climb_m_s=0.0 if shows == HELD else None)
+    if shows == CLIMBS:
+        at_rest.add(Pose(151, 3.0, 3.0, (0.0, 0.0, 0.0), LEVEL, velocity_ned=(0.0, 0.0, -0.3)))
     spool_up = SpoolUp(at_rest, Spool(1.0, 1.3, 1.0, 0.0, 3.0, 0.05), Vehicle(mass_kg=1.0 / G), 1.0, G, 0.0003)
     newest, since_s = Pose(200, 3.0, 3.0, (0.0, 0.0, 0.0), LEVEL), 0.0
     for k in range(1, 300):
@@ -175,6 +178,8 @@ def test_a_spool_up_ends_for_these_reasons_at_these_times(shows: str, ends_s: fl
         if shows == HELD:
             up_m, up_m_s = (0.004, 0.12) if 1.18 < since_s < 1.26 else (0.0, 0.0)
             velocity = (0.0, 0.0, -up_m_s)
+        if shows == CLIMBS:
+            velocity = (0.0, 0.0, -0.3)
         if shows == THROWN:
             up_m = 0.2 * (k % 8 < 4) if since_s > 1.05 else 0.0
         if shows != LOST or since_s <= 0.5:

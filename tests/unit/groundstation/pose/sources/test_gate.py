@@ -215,3 +215,35 @@ def test_an_outbreak_is_told_once_as_it_begins_and_once_as_it_is_over() -> None:
     assert [event.id for event in told] == ["pose.dropping", "pose.passed"]
     assert "hidden" in str(told[0])
     assert "41 dropped" in str(told[1])
+
+
+def look_on(*looks: tuple[float, PoseStatus, Pose | None]) -> list[tuple[float, str]]:
+    """When news comes of ``looks`` [s], and of what."""
+    outbreaks = Outbreaks(COAST_S)
+    return [(now_s, event.id) for now_s, status, newest in looks for event in outbreaks.look(now_s, status, newest)]
+
+
+def late(by_s: float) -> PoseStatus:
+    return PoseStatus(1, {}, late_s=by_s)
+
+
+def test_lateness_is_told_as_it_begins_as_it_doubles_and_once_it_has_been_over_for_two_seconds() -> None:
+    quiet = [(0.1 * k, late(0.0), None) for k in range(5, 40)]
+    told = look_on((0.0, late(0.0), None), (0.1, late(0.03), None), (0.2, late(0.06), None), (0.3, late(0.061), None),
+                   (0.4, late(0.1), None), *quiet)  # fmt: skip
+    assert [event for _, event in told] == ["pose.later", "pose.later", "pose.punctual"]
+    assert [now_s for now_s, _ in told] == pytest.approx([0.1, 0.3, 2.4])
+
+
+def test_poses_that_are_lost_and_come_back_are_told_after_the_limit() -> None:
+    newest = pose(0)  # of 0.0 s
+    status = PoseStatus(1, {})
+    told = look_on((0.25, status, newest), (0.26, status, newest), (0.5, status, newest), (0.51, status, pose(25)))
+    assert told == [(0.26, "pose.lost"), (0.51, "pose.back")]
+
+
+def test_drops_of_before_the_first_look_are_news_and_an_unsteady_clock_is_told_both_ways() -> None:
+    steady, unsteady = PoseStatus(0, {"jump": 1}), PoseStatus(0, {"jump": 1}, unsteady_clock=True)
+    told = look_on((0.0, steady, None), (1.9, unsteady, None), (2.1, steady, None), (4.2, steady, None))
+    assert told == [(0.0, "pose.dropping"), (1.9, "pose.unsteady_clock"), (2.1, "pose.steady_clock"),
+                    (2.1, "pose.passed")]  # fmt: skip
