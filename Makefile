@@ -27,13 +27,17 @@ COVERAGE := $(BIN)/uv run --quiet --no-sync --with 'coverage>=7.10' python -m co
 # What only computes yields to what may not be kept waiting; so far that it still gets on beside what else the machine does.
 YIELD := nice -n 5
 
-.PHONY: fly broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
+.PHONY: fly screenshot broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
     long-computed test-newer-pythons coverage soak bench evidence margins docs release setup lock clean firmware \
     test-firmware
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 	@$(BIN)/groundstation-sim fly $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
 
+screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
+	@rm -rf runs/screenshot
+	@$(BIN)/groundstation-sim fly gust_front --set 'sim.start_ned=[0.7,0.7,-1.0]' --out runs/screenshot > /dev/null
+	@$(BIN)/groundstation tui --screenshot docs/dashboard.svg --at 36 runs/screenshot/flight.mcap
 
 # Rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
 test: setup ## everything that must hold before a commit, in minutes

@@ -140,12 +140,15 @@ RADIO_BRIDGE: Arguments = {
     "--make-key": {"type": path, "metavar": "FILE", "help": "write a new key for both computers, and end"},
 }
 TUI: Arguments = {
-    "config": {"type": path, "nargs": "?", "metavar": "CONFIG.toml", "help": "with --rehearse: the flight to rehearse"},
+    **_recording("log", words="play this recording; with --rehearse, CONFIG.toml to fly"),
     **REHEARSE,
     **_vehicle("name of the vehicle in its config; without it, the one that runs"),
     **SOCKET,
     "--read-only": {"action": "store_true", "help": "nothing can be ordered from this screen"},
     "--browser": {"nargs": "?", "const": "", "metavar": "PORT", "help": "gone: `ssh -t HOST groundstation tui`"},
+    "--screenshot": {"type": path, "metavar": "FILE.svg", "help": "draw LOG.mcap into this file, and end"},
+    "--at": {"type": float, "metavar": "S", "help": "begin so many seconds after the recording's start"},
+    "--size": {"default": "120x36", "metavar": "COLSxROWS", "help": "of the screenshot (default 120x36)"},
     **THEME,
     "--fleet": {"metavar": "URL", "help": "all vehicles at this broker: mqtts://[USER@]HOST[:PORT][/PREFIX]"},
     **BROKER,
@@ -302,7 +305,7 @@ COMMANDS: Groups = {
     },
     "fly": {
         "fly": ("connect, ask, arm, fly the trajectory, land", FLY),
-        "tui": ("show the dashboard of a running flight", TUI),
+        "tui": ("show the dashboard of a running or a recorded flight", TUI),
         "request": ("send a request to a running ground station: land, hold, kill, ...", REQUEST),
         "stop-all": ("land every flight of this user on this machine, at once", _stop_all),
         "daemon": ("fly without a terminal, each flight armed by request; SIGTERM lands", DAEMON),

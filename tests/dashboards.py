@@ -30,8 +30,9 @@ Scene = Callable[[Pilot[None]], Coroutine[Any, Any, None]]
 class Fixed:
     """A feed of what is known beforehand; it is asked for nothing."""
 
-    def __init__(self, news: Sequence[News]) -> None:
+    def __init__(self, news: Sequence[News], *, live: bool = True) -> None:
         self.all = news
+        self.live = live
 
     async def news(self) -> AsyncIterator[News]:
         for one in self.all:

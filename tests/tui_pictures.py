@@ -1,7 +1,6 @@
 """The pictures of the dashboard that tests compare with: ``python -m tests.tui_pictures`` draws them anew."""
 
 import asyncio
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -9,7 +8,7 @@ from typing import NamedTuple
 import msgspec
 from textual.widgets import Input
 
-from groundstation.interfaces.tui.app import Dashboard
+from groundstation.interfaces.tui.app import Dashboard, normal
 from groundstation.interfaces.tui.model import Holder, News
 from groundstation.interfaces.tui.widgets import Banner
 from tests.dashboards import Fixed, flown, keep_fresh, on_ground, until
@@ -25,10 +24,9 @@ class Pictured(NamedTuple):
     size: tuple[int, int]
     theme: str = "dark"
     keys: tuple[str, ...] = ()
+    live: bool = True
 
 
-_ID = re.compile(r"terminal-\d+-")
-_FAR_FONT = re.compile(r',\s*url\("https?://[^"]*"\) format\("[^"]*"\)')
 YOURS = Holder("tui 7", yours=True)
 LOST = msgspec.structs.replace(sample(20.0).link, state="lost", dropped={"bad_checksum": 41})
 LATE = {"late_us": (180, 950, 2100), "late_octaves": (0, 0, 0, 0, 0, 0, 4, 90, 160, 41, 7, 1)}
@@ -40,7 +38,7 @@ PICTURES = {
     "link_lost_contrast": Pictured(flown(20.0, link=LOST, reason="nothing heard for 1.2 s"), (100, 30), "contrast"),
     "control": Pictured(flown(20.0), (80, 24), keys=("2",)),
     "links": Pictured(flown(20.0, **LATE), (80, 24), "light", keys=("3",)),
-    "log": Pictured(flown(20.0), (80, 24), keys=("5",)),
+    "recording": Pictured(flown(20.0), (80, 24), keys=("5",), live=False),
 }
 
 
@@ -50,7 +48,7 @@ def draw(name: str) -> str:
 
 
 async def _draw(wanted: Pictured) -> str:
-    feed = Fixed(wanted.news)
+    feed = Fixed(wanted.news, live=wanted.live)
     dashboard = Dashboard(feed)
     dashboard.theme = wanted.theme
     async with dashboard.run_test(size=wanted.size) as pilot:
@@ -63,11 +61,6 @@ async def _draw(wanted: Pictured) -> str:
         dashboard.draw()
         await pilot.pause(0.1)
         return normal(dashboard.export_screenshot())
-
-
-def normal(svg: str) -> str:
-    """``svg`` without the numbers that differ from run to run, and without fonts that would have to be fetched."""
-    return _FAR_FONT.sub("", _ID.sub("terminal-", svg))
 
 
 if __name__ == "__main__":

@@ -10,8 +10,9 @@ import pytest
 from groundstation import __main__ as program
 from groundstation.analysis import replay_command
 from groundstation.analysis.replay import replay_facts
-from groundstation.analysis.report import figures, read_columns
+from groundstation.analysis.report import figures
 from groundstation.config import ConfigError
+from groundstation.interfaces.tui.app import Tape
 from tests.recordings import recorded, rewrite
 
 MODULE = """import pathlib
@@ -60,7 +61,7 @@ def test_no_module_that_a_recording_names_is_imported_unasked(foreign: tuple[Pat
         assert error.value.key == "controller.kind"
         assert "--trust-modules" in str(error.value)
         assert str(path) in str(error.value)
-    assert read_columns(path).config["controller"]["kind"] == "custom"
+    Tape(path)
     assert not mark.exists()
 
 
@@ -82,7 +83,7 @@ def test_a_configuration_that_is_none_is_told_by_the_name_of_the_file(config: st
         replay_command(path, [], as_json=False)
     assert str(path) in str(error.value)
     assert "the configuration in it is no" in str(error.value)
-    assert read_columns(path).config == {}
+    Tape(path)
 
 
 def test_a_list_of_recordings_shows_letters_alone(

@@ -39,6 +39,7 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
         "{vehicle} is {state}. Without this screen the flight goes on; nobody is asked to land",
     ),
     NoticeTemplate("screen.left", "the flight of {vehicle} goes on ({state})"),
+    NoticeTemplate("screen.recording", "a recording can't be asked for anything"),
     NoticeTemplate(
         "screen.gain",
         "now {now:g}; one change goes from {least:g} to {most:g}. It gets there within "
@@ -78,13 +79,8 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
         "from another computer: `ssh -t HOST groundstation tui`",
     ),
     NoticeTemplate(
-        "screen.no_recording",
-        "the dashboard shows flights that are going on, and {path} is none",
-        "of a recording: `groundstation report {path}`, or `groundstation view {path}`",
-    ),
-    NoticeTemplate(
         "screen.nobody",
-        "no ground station runs here: `groundstation fly CONFIG --tui` starts one",
+        "no ground station runs here: `groundstation fly CONFIG --tui` starts one; or name a recording, LOG.mcap",
     ),
     NoticeTemplate("screen.silent_log", "it has said nothing"),
     # Requests and stop-all.

@@ -206,7 +206,7 @@ def radio_bridge(args: argparse.Namespace) -> Exit:
 
 
 def tui(args: argparse.Namespace) -> int:
-    """Watch and steer a running flight, or watch all vehicles at a broker."""
+    """Watch and steer a running flight, watch a recorded one, or all vehicles at a broker."""
     if args.fleet is not None:
         from groundstation.interfaces.mqtt import from_url
         from groundstation.interfaces.tui import run_fleet
@@ -216,12 +216,14 @@ def tui(args: argparse.Namespace) -> int:
     from groundstation.interfaces.tui import tui_command
 
     if args.rehearse:
-        if args.config is None:
+        if args.log is None:
             raise ConfigError("--rehearse", notice("rehearse.no_file"))
-        args.overrides, args.arm, args.tui, args.view = [], None, True, ""
+        args.config, args.log, args.overrides, args.arm, args.tui, args.view = args.log, None, [], None, True, ""
         if not asyncio.run(is_served(socket_path(StatusConfig(), REHEARSAL))):
             return fly(args)
-        args.config, args.vehicle = None, REHEARSAL
+        args.vehicle = REHEARSAL
+    if args.log is not None:
+        args.log = _find_recording(args.log)
     return tui_command(args)
 
 

@@ -3,41 +3,60 @@
 What is pressed is confirmed where it must be, asked of the feed, and answered in words. ``groundstation tui`` and
 ``groundstation fly --tui`` show it.
 
-Its feed is a running ground station, attached to again when it was lost.
+Its feed is a running ground station, attached to again when it was lost, or a recording, played back.
 """
 
 import argparse
 import asyncio
+import math
 import os
+import re
 import shlex
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
+from bisect import bisect_right
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
+import msgspec
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.command import CommandPalette
 from textual.css.query import NoMatches
 from textual.notifications import SeverityLevel
+from textual.pilot import Pilot
 from textual.screen import Screen
 
-from groundstation.config import ConfigError, refuse_io
+from groundstation.config import ConfigError, parse_toml, refuse_io
+from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
+    FLOWN,
+    GAIN,
     Ask,
+    Certificate,
+    Diagnostics,
+    DisturbanceMeter,
+    Notice,
+    PoseStatus,
     Reply,
     Request,
     Sentence,
+    Severity,
+    Snapshot,
+    SteadyError,
     notice,
 )
-from groundstation.core.mission import FINAL, ON_GROUND, REPEAT_S
+from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, REPEAT_S, State
+from groundstation.core.safety import LIVE, PREFIX
 from groundstation.interfaces.api import Control, OrderAnswer, StationClient, attach, stop_all
 from groundstation.interfaces.tui.drawing import flight_time
 from groundstation.interfaces.tui.model import (
     BY_ASK,
+    KEPT,
     ORDERS,
     SILENCE_S,
     Feed,
@@ -45,6 +64,7 @@ from groundstation.interfaces.tui.model import (
     FlightIdentity,
     GainRow,
     Holder,
+    Jump,
     News,
     OperatorOrder,
     Picture,
@@ -73,8 +93,12 @@ from groundstation.machine import (
     open_private,
     served_sockets,
     socket_path,
+    write_whole,
 )
+from groundstation.recording import Entry, Recording, refuse_recordings
+from groundstation.runtime import Exit
 from groundstation.settings import Config, is_rehearsal
+from links.core import LinkStatus
 from links.io import start_child
 from links.text import printable
 
@@ -88,6 +112,8 @@ class Attached:
 
     What is asked while nobody is there is not asked later.
     """
+
+    live = True
 
     def __init__(self, path: Path, pid: int | None = None, gone: Callable[[], str] = str) -> None:
         """For the socket at ``path``; it may come and go.
@@ -152,6 +178,283 @@ class Attached:
             client.close()
 
 
+SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+"""Speeds of a playback, as multiples of the flight's."""
+TURN_S = 0.1
+"""Period at which the player looks for snapshots to show [s]."""
+WIND_S = 5.0
+"""Step of one key through a recording [s]."""
+
+
+class Playback(Feed):
+    """A recording, played back."""
+
+    def __init__(self, hello: FlightIdentity, snapshots: Sequence[Snapshot]) -> None:
+        """Whom it is about, and the snapshots in their order; it begins at the first one, playing."""
+        self._hello, self._snapshots = hello, snapshots
+        self._times = [snapshot.time_s for snapshot in snapshots]
+        self._at_s = self._times[0] if snapshots else 0.0
+        self._speed = SPEEDS.index(1.0)
+        self._wound = asyncio.Event()
+        self.paused = False
+
+    async def news(self) -> AsyncIterator[News]:
+        """The snapshots as their time comes; where it was wound, also those before, for the plots."""
+        loop = asyncio.get_running_loop()
+        yield self._hello
+        shown, last_s = 0, loop.time()
+        while True:
+            now = loop.time()
+            if not self.paused:
+                self._at_s += SPEEDS[self._speed] * (now - last_s)
+            last_s = now
+            if self._times and self._at_s >= self._times[-1]:
+                self._at_s, self.paused = self._times[-1], True
+            until = bisect_right(self._times, self._at_s)
+            if self._wound.is_set():
+                self._wound.clear()
+                yield Jump()
+                shown = max(0, until - KEPT)
+            for snapshot in self._snapshots[shown:until]:
+                yield snapshot
+            shown = max(shown, until)
+            try:
+                async with asyncio.timeout(TURN_S):
+                    await self._wound.wait()
+            except TimeoutError:
+                pass
+
+    def steer(self, what: str) -> None:
+        """``pause`` (and on again), ``back``, ``on``, ``start``, ``slower`` or ``faster``."""
+        match what:
+            case "pause":
+                if self.paused and self._times and self._at_s >= self._times[-1]:
+                    self.seek(0.0)
+                self.paused = not self.paused
+            case "back" | "on":
+                self.seek(self.passed_s + (WIND_S if what == "on" else -WIND_S))
+            case "start":
+                self.seek(0.0)
+            case "slower" | "faster":
+                self._speed = max(0, min(len(SPEEDS) - 1, self._speed + (1 if what == "faster" else -1)))
+
+    def seek(self, passed_s: float) -> None:
+        """Go on from ``passed_s`` after its beginning [s]."""
+        if self._times:
+            self._at_s = max(self._times[0], min(self._times[-1], self._times[0] + passed_s))
+            self._wound.set()
+
+    @property
+    def passed_s(self) -> float:
+        """Time since its beginning [s]."""
+        return self._at_s - self._times[0] if self._times else 0.0
+
+    def where(self) -> str:
+        """For the operator: where it is, and how fast it goes."""
+        whole = self._times[-1] - self._times[0] if self._times else 0.0
+        pace = "stopped" if self.paused else f"×{SPEEDS[self._speed]:g}"
+        return f"RECORDING {self.passed_s:.1f}/{whole:.1f} s {pace}"
+
+
+STEP_S = 0.1
+"""Time between two snapshots [s]."""
+_TICK = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov")
+_TOPICS = (*_TICK, "/measured", "/mission", "/switch", "/request", "/lost", "/link", "/source")
+_LINK = LinkStatus(state="closed", sent=0, expired=0, received=0, dropped={}, text="")
+
+
+T = TypeVar("T", LinkStatus, PoseStatus)
+
+
+class Tape:
+    """One recording, read once. What is not recorded is missing: V is without b̃, pre-flight checks are events."""
+
+    def __init__(self, path: Path) -> None:
+        """Look at the beginning.
+
+        Raises:
+            NoRecording, OSError: see :class:`groundstation.recording.reader.Recording`.
+        """
+        self._recording = Recording(path)
+        about = self._recording.about
+        self.hello = FlightIdentity(about.get("vehicle", "?"), f"recording {path.name}", about.get("config", ""))
+        try:
+            config = parse_toml(self.hello.config)
+        except ValueError:
+            config = {}
+        vehicle = config.get("vehicle", {})
+        self._thrust_max_n = float(vehicle.get("thrust_max_n", math.nan))
+        limits = vehicle.get("rate_limits_deg_s", ())
+        self._floor_z_m = float(config.get("flight", {}).get("floor_z_m", 0.0))
+        self._disturbance = DisturbanceMeter(float(vehicle.get("mass_kg", math.nan)))
+        self._limits = _triple([math.radians(one) for one in limits]) if len(limits) == 3 else None
+        self._state = self._reason = ""
+        self._events: deque[Notice] = deque(maxlen=20)
+        self._parts: dict[str, bytes] = {}
+        self._arrivals: deque[float] = deque(maxlen=1000)
+        self._steady = SteadyError()
+        controller = config.get("controller", {})
+        named = {name: controller.get(name) for name in LIVE}
+        self._gains = {PREFIX + name: float(value) for name, value in named.items() if value is not None}
+
+    def snapshots(self) -> Iterator[Snapshot]:
+        """Yield the recording's snapshots to its end, or to its damage."""
+        shift: float | None = None
+        due = now = -math.inf
+        for entry in self._recording.entries(_TOPICS):
+            if shift is None:
+                told = entry.value()
+                shift = float(told.get("time_s", told.get("arrival_s", 0.0))) - 1e-9 * entry.stamp_ns
+            now = 1e-9 * entry.stamp_ns + shift
+            if now >= due:
+                if due > -math.inf:
+                    yield self._snapshot(now)
+                due = now + STEP_S
+            self._take(entry, now)
+        if due > -math.inf:
+            yield self._snapshot(now)
+
+    def _take(self, entry: Entry, now: float) -> None:
+        self._parts[entry.topic] = entry.data
+        match entry.topic:
+            case "/measured":
+                self._arrivals.append(now)
+            case "/errors" if self._state == State.TRACKING:
+                error = _number(self._part("/errors"), "error_m")
+                if math.isfinite(error):
+                    self._steady.add(_number(self._part("/command"), "flight_time_s"), error)
+            case "/adaptation" if self._state in FLOWN:
+                estimate, adaptation = self._part("/estimate"), self._part("/adaptation")
+                self._disturbance.add_parts(
+                    now,
+                    _quaternion(estimate),
+                    _number(estimate, "thrust_n"),
+                    _vector(adaptation, "d_hat_m_s2"),
+                    _number(adaptation, "effectiveness", 1.0),
+                    _number(adaptation, "effectiveness_deviation"),
+                )
+            case "/mission":
+                told = entry.value()
+                if told["state"] != self._state:
+                    self._state, self._reason = told["state"], told["text"]
+                grave = Severity.WARNING if told["state"] in ALARMING else Severity.INFO
+                self._events.append(Notice(now, told["state"], told["text"], "course", grave))
+            case "/switch":
+                told = entry.value()
+                if told["what"].startswith(GAIN):
+                    self._gains[PREFIX + told["what"].removeprefix(GAIN)] = told["values"][0]
+            case "/request":
+                told = entry.value()
+                self._events.append(Notice(now, self._state, f"asked to {told['what']}: {told['reason']}"))
+            case "/lost":
+                self._events.append(Notice(now, self._state, f"{entry.value()['count']} records are missing here"))
+
+    def _part(self, topic: str) -> dict[str, Any]:
+        data = self._parts.get(topic)
+        found: dict[str, Any] = {} if data is None else msgspec.json.decode(data)
+        return found
+
+    def _snapshot(self, now: float) -> Snapshot:
+        command, reference, estimate, errors, adaptation, lyapunov = (self._part(topic) for topic in _TICK)
+        measured = self._part("/measured")
+        here = estimate or measured
+        source = _status(self._part("/source"), PoseStatus(accepted=0, dropped={}))
+        while self._arrivals and self._arrivals[0] < now - 1.0:
+            self._arrivals.popleft()
+        return Snapshot(
+            vehicle=self.hello.vehicle,
+            state=self._state,
+            reason=self._reason,
+            time_s=now,
+            flight_time_s=_number(command, "flight_time_s", 0.0),
+            pose_id=int(measured.get("id", -1)),
+            pose_age_s=now - _number(measured, "time_s", now),
+            pose_rate_hz=float(len(self._arrivals)),
+            poses_dropped=source.dropped,
+            position_ned=_vector(here, "position_ned"),
+            velocity_ned=_vector(estimate, "velocity_ned"),
+            attitude=_quaternion(here),
+            reference_ned=_vector(reference or here, "position_ned"),
+            error_m=_number(errors, "error_m", 0.0),
+            rms_m=self._steady.rms_m or 0.0,
+            thrust_n=_number(command, "thrust_n", 0.0),
+            thrust_max_n=self._thrust_max_n,
+            rates_rad_s=_vector(command, "rates_rad_s"),
+            saturated=bool(command.get("saturated")),
+            diagnostics=_diagnostics(errors, adaptation, lyapunov) if errors else None,
+            link=_status(self._part("/link"), _LINK),
+            floor_z_m=self._floor_z_m,
+            events=tuple(self._events),
+            rate_limits_rad_s=self._limits,
+            thrust_effectiveness=_number(adaptation, "effectiveness", 1.0),
+            disturbance=self._disturbance.reading,
+            certificate=_certificate(lyapunov) if lyapunov else None,
+            pose_latency_s=source.latency_s,
+            pose_latency_max_s=source.latency_max_s,
+            pose_gaps=source.gaps,
+            pose_clock_steps=source.clock_steps + source.clock_restarts,
+            gains=dict(self._gains),
+        )
+
+
+def _diagnostics(errors: dict[str, Any], adaptation: dict[str, Any], lyapunov: dict[str, Any]) -> Diagnostics:
+    return Diagnostics(
+        z1=_vector(errors, "z1_m"),
+        z2=_vector(errors, "z2_m_s"),
+        z3=_vector(errors, "z3_m_s2"),
+        u_star=_vector(errors, "u_star_m_s2"),
+        b_hat=_vector(adaptation, "b_hat_m_s2"),
+        b_hat_dot=_vector(adaptation, "b_hat_dot_m_s3"),
+        disturbance=_vector(adaptation, "d_hat_m_s2"),
+        v_terms=_triple([_number(lyapunov, key) for key in ("v_sigma", "v_omega", "v_z3")]),
+        w_terms=_triple([_number(lyapunov, key) for key in ("w_sigma", "w_rho", "w_z3")]),
+        v_known=_number(lyapunov, "v_known"),
+        w=_number(lyapunov, "w"),
+        certificate=str(lyapunov.get("certificate", "none")),
+    )
+
+
+def _certificate(lyapunov: dict[str, Any]) -> Certificate:
+    return Certificate(
+        state=str(lyapunov["state"]),
+        bound=str(lyapunov["certificate"]),
+        v=_number(lyapunov, "v_known"),
+        excess=_number(lyapunov, "excess"),
+        violated_fraction=math.nan,
+        suspended_fraction=math.nan,
+        b_hat_fraction=None,
+    )
+
+
+def _status(part: dict[str, Any], otherwise: T) -> T:
+    try:
+        return msgspec.convert(part["status"], type(otherwise))
+    except (KeyError, msgspec.ValidationError):
+        return otherwise
+
+
+def _number(part: dict[str, Any], key: str, otherwise: float = math.nan) -> float:
+    """JSON knows no NaN: null is one."""
+    value = part.get(key, otherwise)
+    return math.nan if value is None else float(value)
+
+
+def _vector(part: dict[str, Any], key: str) -> Vec3:
+    value = part.get(key)
+    return (0.0, 0.0, 0.0) if value is None else _triple([_number(value, axis) for axis in "xyz"])
+
+
+def _quaternion(part: dict[str, Any]) -> Quat:
+    attitude = part.get("attitude", {})
+    w, x, y, z = (_number(attitude, key, default) for key, default in zip("wxyz", (1.0, 0, 0, 0), strict=True))
+    return w, x, y, z
+
+
+def _triple(values: list[float]) -> Vec3:
+    a, b, c = values
+    return a, b, c
+
+
 class Ordering:
     """One screen's orders."""
 
@@ -164,6 +467,7 @@ class Ordering:
         self._picture = picture
         self._draw = draw
         self._read_only = read_only
+        self._orders = feed.live and not read_only
         self._twice = Twice()
 
     def waits(self, now_s: float) -> bool:
@@ -173,7 +477,7 @@ class Ordering:
     def order(self, order: OperatorOrder) -> None:
         """Order it. What brings the vehicle down does not ask back."""
         now = asyncio.get_running_loop().time()
-        if self._read_only:
+        if not self._orders:
             self._only_looks()
         elif not order.always and now - self._picture.arrived_s > SILENCE_S:
             self._say(Reply.of(False, notice("screen.old", limit_s=SILENCE_S)))
@@ -218,7 +522,7 @@ class Ordering:
 
     def land_all(self) -> None:
         """Land this vehicle, and every other one that this user flies from this machine. It does not ask back."""
-        if self._read_only:
+        if not self._orders:
             self._only_looks()
             return
         self._ask(Ask.LAND)
@@ -233,10 +537,10 @@ class Ordering:
 
     def control(self) -> None:
         """Take control, or give it back."""
-        if self._read_only:
-            self._only_looks()
-        else:
+        if self._orders:
             self._later(lambda: self._feed.control(take=not self._picture.holder.yours))
+        else:
+            self._only_looks()
 
     async def take(self) -> None:
         """Take control."""
@@ -244,7 +548,7 @@ class Ordering:
 
     async def edit(self, gain: GainRow) -> None:
         """Ask for a new value of a gain, and pass it on."""
-        if self._read_only:
+        if not self._orders:
             self._only_looks()
             return
         if not self._picture.holder.yours:
@@ -261,7 +565,8 @@ class Ordering:
 
     def _only_looks(self) -> None:
         """Whoever tries to stop a vehicle from here must not wait for it."""
-        self._say(Reply.of(False, notice("screen.only_looks")))
+        if self._read_only:
+            self._say(Reply.of(False, notice("screen.only_looks")))
 
     def _later(self, work: Callable[[], Awaitable[Reply]]) -> None:
         """Do it beside the screen, which goes on being drawn, and say what came of it."""
@@ -303,6 +608,12 @@ class Dashboard(App[None]):
         Binding("ctrl+p", "command_palette", "more", priority=True),
         Binding("colon", "command_palette", show=False),
         Binding("c", "control", "control"),
+        Binding("space", "play('pause')", "pause"),
+        Binding("left", "play('back')", "back"),
+        Binding("right", "play('on')", "on"),
+        Binding("home", "play('start')", show=False),
+        Binding("minus", "play('slower')", show=False),
+        Binding("plus,equals_sign", "play('faster')", show=False),
         Binding("q", "quit", "quit"),
     ]
 
@@ -333,7 +644,7 @@ class Dashboard(App[None]):
         self.HORIZONTAL_BREAKPOINTS = [(0, "-small"), (SMALL, "-narrow"), (120, "-wide")]
         self.VERTICAL_BREAKPOINTS = [(0, "short"), (TALL, "tall")]
         self._feed = feed
-        self._orders = not read_only
+        self._orders = feed.live and not read_only
         self._read_only = read_only
         self._take_control = take_control and self._orders
         self._which = which
@@ -344,6 +655,10 @@ class Dashboard(App[None]):
         self.theme = THEMES[0].name
         for page in PAGE_TYPES:
             self.add_mode(page.NAME.lower(), partial(page, orders=self._orders))
+
+    @property
+    def _plays(self) -> bool:
+        return isinstance(self._feed, Playback)
 
     # ---- what comes in
 
@@ -375,6 +690,8 @@ class Dashboard(App[None]):
     def draw(self) -> None:
         """Draw what is new on the page, and on the dialog above it."""
         now, picture = asyncio.get_running_loop().time(), self.picture
+        if not self._feed.live:
+            picture.arrived_s = now
         newest = picture.newest
         frame = PageFrame(
             picture,
@@ -393,7 +710,9 @@ class Dashboard(App[None]):
                     knobs.show(None if newest is None else newest.state, frame.again)
 
     def _beside(self) -> str:
-        """Return the banner's last words: who holds control."""
+        """Return the banner's last words: the place in a recording, or who holds control."""
+        if isinstance(self._feed, Playback):
+            return self._feed.where()
         if self._read_only:
             return str(notice("screen.read_only"))
         holder = self.picture.holder
@@ -402,6 +721,13 @@ class Dashboard(App[None]):
         return str(notice("control.held", client=holder.name) if holder.name else notice("screen.control_free"))
 
     # ---- what goes out
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """No orders to a recording; a screen that may only look says so; nothing to play in a flight."""
+        del parameters
+        if action in ("order", "control", "land_all"):
+            return self._orders or self._read_only
+        return self._plays if action == "play" else True
 
     def action_order(self, ask: str) -> None:
         """Do what a key, a button or the palette says."""
@@ -426,6 +752,12 @@ class Dashboard(App[None]):
         self.switch_mode(name)
         self.call_after_refresh(self.draw)
 
+    def action_play(self, what: str) -> None:
+        """Steer a recording."""
+        if isinstance(self._feed, Playback):
+            self._feed.steer(what)
+            self.call_after_refresh(self.draw)
+
     def action_keys(self) -> None:
         """Show all keys."""
         self.push_screen(Help(list(self._keys()), orders=self._orders))
@@ -435,10 +767,13 @@ class Dashboard(App[None]):
             yield from ((order.shown, f"{order.label}: {order.says}") for order in ORDERS if order.key)
             yield "c", "take control, or give it back"
             yield "Enter", "on the page Control: change a gain"
+        if self._plays:
+            yield from (("space", "pause"), ("← →", "5 s back, 5 s on"), ("Home", "to the start"))
+            yield "- +", "slower, faster: 0.25 to 16 times"
         yield "1 to 5", f"pages: {', '.join(PAGES)}"
         yield "p", "on the page Fly: plots from above, or in time"
         yield "^P/:", "all commands, and the colours"
-        yield "q", "leave; what flies goes on flying"
+        yield "q", "leave" if self._plays else "leave; what flies goes on flying"
 
     def action_command_palette(self) -> None:
         """Show the palette; Textual's own has an id, which the next one must not share while it is still closing."""
@@ -464,7 +799,7 @@ class Dashboard(App[None]):
     async def action_quit(self) -> None:
         """Leave; what flies goes on, and the operator is told so."""
         newest = self.picture.newest
-        if newest is None or newest.state in NO_SCREEN:
+        if newest is None or not self._feed.live or newest.state in NO_SCREEN:
             self.left = True
             self.exit()
         elif not isinstance(self.screen, Dialog):
@@ -482,6 +817,30 @@ class Dashboard(App[None]):
             )
 
 
+SETTLE_S = 1.2
+"""Long enough for a few drawings [s]."""
+_ID = re.compile(r"terminal-\d+-")
+_FAR_FONT = re.compile(r',\s*url\("https?://[^"]*"\) format\("[^"]*"\)')
+
+
+def shoot(dashboard: Dashboard, size: tuple[int, int]) -> str:
+    """``dashboard`` on a terminal of so many columns and rows, as the text of an SVG."""
+    shots: list[str] = []
+
+    async def photograph(pilot: Pilot[object]) -> None:
+        await pilot.pause(SETTLE_S)
+        shots.append(normal(pilot.app.export_screenshot()))
+        pilot.app.exit()
+
+    dashboard.run(headless=True, size=size, auto_pilot=photograph)
+    return shots[0]
+
+
+def normal(svg: str) -> str:
+    """``svg`` without the numbers that differ from run to run, and without fonts that would have to be fetched."""
+    return _FAR_FONT.sub("", _ID.sub("terminal-", svg))
+
+
 NICE = 5
 """Nice value of the dashboard, below the flight: a key still gets through on a busy machine."""
 END_S = 20.0
@@ -491,11 +850,15 @@ AGAIN_S = 1.0
 
 
 def tui_command(args: argparse.Namespace) -> int:
-    """Show a flight that is going on."""
+    """Show a flight that is going on, or a recorded one; or make a picture of a recorded one."""
     if args.browser is not None:
         raise ConfigError("--browser", notice("screen.no_browser"))
-    if args.config is not None:
-        raise ConfigError("CONFIG.toml", notice("screen.no_recording", path=args.config))
+    if args.log is not None:
+        if args.screenshot is None:
+            require_terminal("--screenshot FILE.svg draws a picture of it")
+        return _show_recording(args.log, args.theme, args.at, args.screenshot, args.size)
+    if args.screenshot is not None or args.at is not None:
+        raise ConfigError("--screenshot, --at", notice("screen.needs_recording"))
     require_terminal("groundstation daemon health says in a line how the flight is")
     path = args.socket or served_socket(args.vehicle)
     which = _which(args.socket)
@@ -578,6 +941,33 @@ def _show(dashboard: Dashboard, theme: str) -> int:
     dashboard.theme = theme
     dashboard.run()
     return dashboard.return_code or 0
+
+
+def _show_recording(log: Path, theme: str, at: float | None, picture: Path | None, size: str) -> int:
+    with refuse_recordings():
+        tape = Tape(log)
+    playback = Playback(tape.hello, list(tape.snapshots()))
+    dashboard = Dashboard(playback)
+    if at is not None:
+        if not at >= 0.0:
+            raise ConfigError("--at", notice("screen.at", at_s=at))
+        playback.seek(at)
+    if picture is None:
+        return _run(dashboard, theme)
+    dashboard.theme = theme
+    playback.paused = True
+    columns, rows = _size(size)
+    with refuse_io("--screenshot", "file.unwritten", picture):
+        write_whole(picture, shoot(dashboard, (columns, rows)))
+    print(f"written: {picture}")
+    return Exit.DONE
+
+
+def _size(text: str) -> tuple[int, int]:
+    columns, _, rows = text.partition("x")
+    if not (columns.isdigit() and rows.isdigit() and 40 <= int(columns) <= 400 and 12 <= int(rows) <= 200):
+        raise ConfigError("--size", notice("screen.size", found=text))
+    return int(columns), int(rows)
 
 
 def served_socket(vehicle: str | None) -> Path:

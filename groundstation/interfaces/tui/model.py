@@ -20,7 +20,7 @@ class FlightIdentity(msgspec.Struct, frozen=True):
 
     vehicle: str
     origin: str
-    """Where the data come from, for the operator: ``process 1234, groundstation 0.1``."""
+    """Where the data come from, for the operator: ``process 1234, groundstation 0.1`` or the name of a recording."""
     config: str
     """The configuration in force, as TOML; empty where it is not known."""
 
@@ -39,23 +39,41 @@ class FeedTrouble(msgspec.Struct, frozen=True):
     text: str
 
 
-News = FlightIdentity | Snapshot | Holder | FeedTrouble
+class Jump(msgspec.Struct, frozen=True):
+    """Break in a recording, wound forward or back."""
+
+
+News = FlightIdentity | Snapshot | Holder | FeedTrouble | Jump
+
+
+NOBODY = Reply.of(False, notice("screen.recording"))
 
 
 class Feed(Protocol):
-    """A running ground station."""
+    """A running ground station, or a recording of one, which can't be asked for anything."""
+
+    @property
+    def live(self) -> bool:
+        """True where something flies that can be asked for something."""
+        return False
 
     def news(self) -> AsyncIterator[News]:
         """Everything that is to be shown, as it comes; it may end, but never raises. Iterated once."""
 
     async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
         """Ask for ``ask`` now or never: what can't be said at once is not said later. Arming names the ``vehicle``."""
+        del ask, why, vehicle
+        return NOBODY
 
     async def control(self, *, take: bool) -> Reply:
         """Take control, or give it back."""
+        del take
+        return NOBODY
 
     async def set_gain(self, key: str, value: float) -> Reply:
         """Change a gain in flight."""
+        del key, value
+        return NOBODY
 
 
 SILENCE_S = 1.5
@@ -311,6 +329,8 @@ class Picture:
                 self.holder = news
             case FeedTrouble(text):
                 self.trouble, self.holder = text, Holder("", yours=False)
+            case Jump():
+                self._begin_anew()
 
     def headline(self, now_s: float) -> BannerText:
         """Choose the most important fact of now."""

@@ -60,7 +60,7 @@ class PageFrame(msgspec.Struct, frozen=True):
     whose: str
     """Vehicle and time."""
     holder: str
-    """Holder of control."""
+    """Holder of control, or the place in a recording."""
 
 
 class Page(Screen[None]):
@@ -248,8 +248,9 @@ def law_rows(snapshot: Snapshot) -> list[Spans]:
     bad = seen.state == "violated"
     excess = f"{seen.state}!, {seen.excess:.3g} above its bound" if bad else seen.state
     rows.append(row("V", f"{seen.v:.4g}  {printable(excess)}", WARNING if bad else ""))
-    shares = (f"{100.0 * share:.1f} %" for share in (seen.violated_fraction, seen.suspended_fraction))
-    rows.append(row("", "violated {}  suspended {} of the time".format(*shares)))
+    if seen.violated_fraction >= 0.0:  # a recording does not tell
+        shares = (f"{100.0 * share:.1f} %" for share in (seen.violated_fraction, seen.suspended_fraction))
+        rows.append(row("", "violated {}  suspended {} of the time".format(*shares)))
     fraction = "-" if seen.b_hat_fraction is None else f"{100.0 * seen.b_hat_fraction:.0f} % of what it may be"
     return [*rows, row("b̂", fraction), row("bound", printable(seen.bound))]
 
