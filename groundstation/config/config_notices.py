@@ -3,9 +3,11 @@
 The rooms above have their own sentences in ``groundstation.core.messages``, whose table takes these rows in.
 """
 
+from groundstation.config.key_notices import KEY_NOTICES
 from links.text import NoticeTable, NoticeTemplate
 
 CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
+    *KEY_NOTICES,
     # Values of keys and arguments.
     NoticeTemplate("value.choice", "expected one of {choices}, got {found!r}"),
     NoticeTemplate("value.choices", "expected some of {choices}, got {found!r}"),

@@ -211,7 +211,7 @@ def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
     armed_us, disarmed_us = (1500.0 + half_us * position for position in (arm.armed, arm.disarmed))
     low_us, high_us = sorted((armed_us, disarmed_us))
     if not (low_us < 1300.0 and high_us >= 1700.0):
-        raise ValueError("link.map.arm: expected armed and disarmed on either side of the middle, far from it")
+        raise ValueError(notice("keys.arm"))
     meets[arm.channel] = (low_us, high_us)
     return ReceiverFacts(
         order=order,

@@ -279,9 +279,9 @@ class TlsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     def __post_init__(self) -> None:
         if bool(self.cert_file) != bool(self.key_file):
-            raise ValueError("cert_file and key_file: expected both, or none")
+            raise ValueError(notice("keys.certificate"))
         if not self.enabled and (self.ca_file or self.cert_file or not self.verify):
-            raise ValueError("enabled: expected true where any other key of TLS is set, got false")
+            raise ValueError(notice("keys.tls"))
 
 
 class ClientConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -311,12 +311,12 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     def __post_init__(self) -> None:
         if self.enabled and not self.clients:
-            raise ValueError("clients: expected at least one where enabled = true; or leave requests off")
+            raise ValueError(notice("keys.no_clients"))
         for name, client in self.clients.items():
             if "goto" in client.may and self.authority != "move":
-                raise ValueError(f"authority: expected move, as {name} may goto, got {self.authority!r}")
+                raise ValueError(notice("keys.authority", client=name, found=self.authority))
             if not is_name(name, CLIENT_LETTERS):
-                raise ValueError(f"clients: expected {describe_name(CLIENT_LETTERS)}, got {name!r}")
+                raise ValueError(notice("keys.client", form=describe_name(CLIENT_LETTERS), found=name))
 
 
 class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -353,12 +353,9 @@ class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def __post_init__(self) -> None:
         if self.enabled and not self.tls.enabled and not self.insecure and not is_loopback(self.host):
-            raise ValueError(
-                f"host: {self.host!r} is another machine, and nothing would be encrypted: "
-                "set mqtt.tls.enabled = true, or mqtt.insecure = true if everybody on the network may read it"
-            )
+            raise ValueError(notice("keys.unencrypted", host=self.host))
         if self.password_file and not self.username:
-            raise ValueError("username: expected a name beside password_file")
+            raise ValueError(notice("keys.username"))
 
     @property
     def tcp_port(self) -> int:
@@ -414,10 +411,7 @@ class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             ValueError: ``hold`` names nothing that can be held.
         """
         if self.hold and not _INPUT.fullmatch(self.hold) and not _CHANNEL.fullmatch(self.hold):
-            raise ValueError(
-                "operator.hold: expected a key, button or axis as evtest names it, such as BTN_TR, KEY_B or ABS_RZ, or "
-                f"rc:1 to rc:18, got {self.hold!r}"
-            )
+            raise ValueError(notice("keys.hold", found=self.hold))
 
     @property
     def channel(self) -> int | None:
@@ -538,26 +532,20 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         msgspec.structs.force_setattr(self, "controller", law)
         blind_s = self.flight.coast_s + self.guards.level_s
         if blind_s > 1.0:
-            raise ValueError(
-                f"guards.level_s: flight.coast_s and it make {blind_s:g} s, the limit is 1 s: commands would have "
-                "no valid pose for too long; set one of them lower"
-            )
+            raise ValueError(notice("keys.blind", blind_s=blind_s))
         if self.pose.by_autopilot and self.forwards is not None:
-            raise ValueError("link.forward.enabled: the poses are the autopilot's own, it must not get them as new")
+            raise ValueError(notice("keys.forward"))
         others = self.separation.others
         if others and not self.pose.shows_others:
-            raise ValueError(f"separation.others: poses of kind {self.pose.kind} show no other vehicle: leave it out")
+            raise ValueError(notice("keys.others_unseen", kind=self.pose.kind))
         if self.body in others or len(set(others)) < len(others):
-            raise ValueError("separation.others: expected each other vehicle once, and not this one's own object")
+            raise ValueError(notice("keys.others_twice"))
         self.operator.ensure_named()
         if self.operator.channel is not None and not self.link.has_autopilot:
-            raise ValueError("operator.hold: a channel of the transmitter is reported by link.kind mavlink alone")
+            raise ValueError(notice("keys.hold_channel"))
         full, most = self.full_thrust_n, self.vehicle.thrust_max_n
         if full < (1.0 - HOVER_TOLERANCE) * most:
-            raise ValueError(
-                f"vehicle.thrust_max_n: {most:.4g} N is more than the full signal gives, {full:.4g} N by mass_kg, "
-                f"hover_thrust and the thrust curve (f = {self.thrust_curve:g}): lower it, or correct one of these"
-            )
+            raise ValueError(notice("vehicle.full_thrust", most_n=most, full_n=full, curve=self.thrust_curve))
         self._ensure_thrusts_fit()
         if way_out := find_way_out(self):
             raise ValueError(way_out)
@@ -573,26 +561,28 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         key = "thrust_max_n" if vehicle.hover_thrust is None else "hover_thrust"
         if not LEAST_LIFT * weight_n <= most_n <= LARGEST_LIFT * weight_n:
             raise ValueError(
-                f"vehicle.{key}: full thrust of {most_n:.4g} N is {most_n / weight_n:.4g} times the weight, "
-                f"{weight_n:.4g} N by mass_kg = {vehicle.mass_kg:g}: expected {LEAST_LIFT:g} to {LARGEST_LIFT:g} "
-                "times; correct one of these (mass in kilograms, thrust in newtons)"
+                notice(
+                    "vehicle.lift",
+                    key=key,
+                    most_n=most_n,
+                    times=most_n / weight_n,
+                    weight_n=weight_n,
+                    mass_kg=vehicle.mass_kg,
+                    least=LEAST_LIFT,
+                    most=LARGEST_LIFT,
+                )
             )
         if vehicle.thrust_min_n >= weight_n:
+            found_n = vehicle.thrust_min_n
             raise ValueError(
-                f"vehicle.thrust_min_n: expected less than the weight, {weight_n:.4g} N by "
-                f"mass_kg = {vehicle.mass_kg:g}, got {vehicle.thrust_min_n:g}"
+                notice("vehicle.least_thrust", weight_n=weight_n, mass_kg=vehicle.mass_kg, found_n=found_n)
             )
         least, most = vehicle.hover_range
         if not least < 1.0 < most:
-            raise ValueError(
-                f"vehicle.hover_range: expected a share below 1 and one above 1, got {[least, most]}: "
-                "the weight itself would be outside"
-            )
+            raise ValueError(notice("vehicle.hover_range", found=[least, most]))
         if vehicle.hover_n is not None and not least * weight_n <= vehicle.hover_n <= most * weight_n:
-            raise ValueError(
-                f"vehicle.hover_n: expected {least * weight_n:.4g} to {most * weight_n:.4g} N, vehicle.hover_range "
-                f"of the weight, got {vehicle.hover_n:g}"
-            )
+            least_n, most_n = least * weight_n, most * weight_n
+            raise ValueError(notice("vehicle.hover", least_n=least_n, most_n=most_n, found_n=vehicle.hover_n))
 
     @property
     def body(self) -> str:

@@ -3,6 +3,8 @@
 import ipaddress
 from typing import Any
 
+from links.text import link_notice
+
 
 def parse_address(text: str, key: str = "") -> tuple[str, int]:
     """The host and the port of ``127.0.0.1:51001``, ``localhost:51001`` or ``[::1]:51001``.
@@ -23,18 +25,18 @@ def parse_address(text: str, key: str = "") -> tuple[str, int]:
     if bracketed:
         host = host[1:-1]
     if not colon:
-        raise _explain_refusal(text, "it has no port")
+        raise _explain_refusal(text, "address.no_port")
     if not host:
-        raise _explain_refusal(text, "it has no host")
+        raise _explain_refusal(text, "address.no_host")
     if not bracketed and (":" in host or "[" in text or "]" in text):
-        raise _explain_refusal(text, "an IPv6 host needs brackets")
+        raise _explain_refusal(text, "address.no_brackets")
     if bracketed and not _is_ipv6(host):
-        raise _explain_refusal(text, "only an IPv6 host takes brackets")
+        raise _explain_refusal(text, "address.brackets")
     if any(c.isspace() or c in "/@" for c in host):
-        raise _explain_refusal(text, "the host holds a character that no host name has")
+        raise _explain_refusal(text, "address.character")
     # isascii: isdigit alone also accepts the digits of other scripts.
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and 1 <= int(port) <= 65535):
-        raise _explain_refusal(text, "the port must be a whole number from 1 to 65535")
+        raise _explain_refusal(text, "address.port")
     return host, int(port)
 
 
@@ -72,5 +74,5 @@ def _is_ipv6(host: str) -> bool:
     return True
 
 
-def _explain_refusal(text: str, reason: str) -> ValueError:
-    return ValueError(f"{text!r} is not an address: {reason}; write host:port such as 127.0.0.1:14550 or [::1]:14550")
+def _explain_refusal(text: str, id: str) -> ValueError:
+    return ValueError(link_notice("address.none", found=text, why=link_notice(id)))

@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 from links.rf.codec import RfLinkConfig
 from links.rf.module_codec import DsmLinkConfig
+from links.text import link_notice
 
 
 class MspCommand(IntEnum):
@@ -162,7 +163,7 @@ def describe_pulses(config: RfLinkConfig) -> tuple[float, str]:
     named = config.map
     letters = {named.roll.channel: "A", named.pitch.channel: "E", named.thrust.channel: "T", named.yaw.channel: "R"}
     if max(letters) > 8:
-        raise ValueError("Betaflight takes thrust and rates from channels 1 to 8")
+        raise ValueError(link_notice("rf.betaflight_channels"))
     others = iter("1234")
     order = "".join(letters.get(channel) or next(others) for channel in range(1, 9))
     return (0.5 * (config.high - config.low) if isinstance(config, DsmLinkConfig) else 512.0), order

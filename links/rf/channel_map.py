@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 
 from links.core import signal, thrust
+from links.text import link_notice
 
 Channel = Annotated[int, msgspec.Meta(ge=1, le=16)]
 Position = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
@@ -41,7 +42,7 @@ class Throttle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     def __post_init__(self) -> None:
         if self.low == self.high:
-            raise ValueError("low and high are the same: the throttle would not move")
+            raise ValueError(link_notice("rf.no_travel"))
 
 
 class Stick(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -77,7 +78,7 @@ class ArmSwitch(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     def __post_init__(self) -> None:
         if self.armed == self.disarmed:
-            raise ValueError("armed and disarmed are the same: it could never disarm")
+            raise ValueError(link_notice("rf.never_disarms"))
 
 
 class Fixed(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -116,7 +117,7 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         numbers = self.channels
         twice = sorted({number for number in numbers if numbers.count(number) > 1})
         if twice:
-            raise ValueError(f"channel {twice[0]} is given to two things: give each its own")
+            raise ValueError(link_notice("rf.channel_twice", channel=twice[0]))
 
     @property
     def channels(self) -> list[int]:

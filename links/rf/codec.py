@@ -14,6 +14,7 @@ import msgspec
 
 from links.core import LinkKind
 from links.rf.channel_map import ChannelMap
+from links.text import link_notice, to_ms
 
 
 class Service(StrEnum):
@@ -179,14 +180,19 @@ class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
         codec = self.codec()
         highest = max(self.map.channels)
         if highest > codec.channels:
-            raise ValueError(f"map names channel {highest}, but these frames carry {codec.channels} channels")
+            raise ValueError(link_notice("rf.few_channels", channel=highest, count=codec.channels))
         if self.frame_s > 0.9 * self.period_s:
             raise ValueError(
-                f"a frame of {codec.frame_bytes} bytes takes {1e3 * self.frame_s:.2f} ms at {self.baud} baud, "
-                f"too long for a period of {1e3 * self.period_s:g} ms"
+                link_notice(
+                    "rf.long_frame",
+                    bytes=codec.frame_bytes,
+                    frame_ms=to_ms(self.frame_s),
+                    baud=self.baud,
+                    period_ms=to_ms(self.period_s),
+                )
             )
         if self.lead_s >= self.period_s:
-            raise ValueError("lead_s must be shorter than period_s")
+            raise ValueError(link_notice("rf.lead"))
 
     @property
     def way(self) -> str:

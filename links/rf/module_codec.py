@@ -43,6 +43,7 @@ from fastcrc import crc8
 from links.core import from_euler_zyx
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
 from links.rf.codec import RfDecoder, RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
+from links.text import link_notice
 
 
 class DsmFlag(IntFlag):
@@ -80,7 +81,7 @@ class DsmLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fiel
 
     def __post_init__(self) -> None:
         if self.low >= self.high:
-            raise ValueError("low must be smaller than high; reverse single channels in the map")
+            raise ValueError(link_notice("rf.reversed"))
         super().__post_init__()
 
     def codec(self) -> "DsmCodec":

@@ -3,9 +3,11 @@
 What a link reports to the operator is made here; the ground station's own table takes these rows in.
 """
 
+from links.text.key_notices import KEY_NOTICES
 from links.text.sentence import NoticeTable, NoticeTemplate
 
 LINK_NOTICES: tuple[NoticeTemplate, ...] = (
+    *KEY_NOTICES,
     # MAVLink: the way to the autopilot.
     NoticeTemplate(
         "mavlink.open",

@@ -8,6 +8,8 @@ COMMAND_NOTICES: tuple[NoticeTemplate, ...] = (
     # Requests to a flight.
     NoticeTemplate("request.not_one", "expected such as Request(Ask.LAND), got {found!r}"),
     NoticeTemplate("request.no_words", "takes nothing behind it, got {found!r}"),
+    NoticeTemplate("request.waypoint", "{name}: expected a number from {least:g} to {most:g}, got {found!r}"),
+    NoticeTemplate("request.only_goto", "points: expected 1 to {most} with goto, and none with anything else"),
     NoticeTemplate("request.points", "expected at most {most} points, got {count}"),
     NoticeTemplate("goto.numbers", "expected NORTH EAST DOWN [YAW], got {count} numbers"),
     NoticeTemplate("follow.one_file", "expected one FILE.csv, got {count} words"),

@@ -15,6 +15,7 @@ from typing import Annotated, Literal, NamedTuple, Protocol, TypeAlias
 import msgspec
 
 from groundstation.core.geometry import FARTHEST_M, Coordinate, Quat, Real, Vec3
+from groundstation.core.messages.notices import notice
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion
@@ -358,7 +359,7 @@ class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
             if name == "yaw_deg" and value is None:
                 continue
             if not (isinstance(value, int | float) and abs(value) <= limit):  # NaN is refused, too
-                raise ValueError(f"{name}: expected a number from {-limit:g} to {limit:g}, got {value!r}")
+                raise ValueError(notice("request.waypoint", name=name, least=-limit, most=limit, found=value))
 
     @property
     def place_ned(self) -> Vec3:
@@ -378,7 +379,7 @@ def ensure_points(ask: str | None, points: Sequence[Waypoint]) -> None:
         ValueError: there are none with ``goto``, or some with another request.
     """
     if (ask == Ask.GOTO) != bool(points):
-        raise ValueError(f"points: expected 1 to {MOST_POINTS} with goto, and none with anything else")
+        raise ValueError(notice("request.only_goto", most=MOST_POINTS))
 
 
 class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
+from groundstation.config import config_notice
 from groundstation.core.geometry import FARTHEST_M, Coordinate, Vec3
 from groundstation.core.messages import BODIES_MAX, MOST_POINTS, Others
 
@@ -54,7 +55,7 @@ class BoxFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
 
     def __post_init__(self) -> None:
         if not (self.north_m[0] < self.north_m[1] and self.east_m[0] < self.east_m[1]):
-            raise ValueError("north_m and east_m: expected the smaller number first")
+            raise ValueError(config_notice("fence.order"))
 
     def corners(self) -> tuple[Corner, ...]:
         """Clockwise from above."""
@@ -77,7 +78,7 @@ class ConvexFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True,
     def __post_init__(self) -> None:
         turns = [_turn(*three) for three in zip(self._from(0), self._from(1), self._from(2), strict=True)]
         if not (all(t > LEAST_TURN_M2 for t in turns) or all(t < -LEAST_TURN_M2 for t in turns)):
-            raise ValueError("corners_m: expected a convex polygon, its corners one after the other")
+            raise ValueError(config_notice("fence.convex"))
 
     def corners(self) -> tuple[Corner, ...]:
         """Clockwise from above."""

@@ -11,6 +11,7 @@ from typing import Annotated, NamedTuple, Protocol, TypeAlias
 
 import msgspec
 
+from groundstation.config import config_notice
 from groundstation.core.geometry import FARTHEST_M, ZERO, Coordinate, Vec3
 
 
@@ -114,7 +115,7 @@ class Paced:
             ValueError: both ramps together are longer than the way.
         """
         if length_s is not None and ramp_s > length_s:
-            raise ValueError(f"ramp_s: expected at most {length_s:.3g} s, all there is to fly, got {ramp_s:g}")
+            raise ValueError(config_notice("trajectory.ramp", length_s=length_s, ramp_s=ramp_s))
         self._curve = curve
         self._ramp = ramp_s
         self._length = length_s

@@ -258,11 +258,9 @@ class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     def __post_init__(self) -> None:
         if self.laps is not None and self.ramp_s == 0.0:
-            raise ValueError("laps: needs ramp_s above 0, or it would have to stop within no time at the end")
+            raise ValueError(config_notice("trajectory.no_ramp"))
         if self.laps is not None and self.ramp_s > self.laps * self.lap_s:
-            raise ValueError(
-                f"ramp_s: expected at most {self.laps * self.lap_s:.3g} s, the time of all laps, got {self.ramp_s:g}"
-            )
+            raise ValueError(config_notice("trajectory.ramp", length_s=self.laps * self.lap_s, ramp_s=self.ramp_s))
 
     @property
     def lap_s(self) -> float:
@@ -538,11 +536,11 @@ class ExcitationConfig(
 
     def __post_init__(self) -> None:
         if 0.0 < self.yaw_swing_deg < LEAST_SWING_DEG:
-            swing = f"0 or from {LEAST_SWING_DEG:g} to 90 [deg]"
-            raise ValueError(f"yaw_swing_deg: expected {swing}, got {self.yaw_swing_deg:g}: is it in radians?")
+            found_deg = self.yaw_swing_deg
+            raise ValueError(config_notice("trajectory.swing", least_deg=LEAST_SWING_DEG, found_deg=found_deg))
         if math.floor(self.highest_hz * self.period_s) - math.ceil(self.lowest_hz * self.period_s) < 7:
             needed = self.lowest_hz + 8.0 / self.period_s
-            raise ValueError(f"highest_hz: expected at least {needed:.3g} Hz with this lowest_hz and period_s")
+            raise ValueError(config_notice("trajectory.band", least_hz=needed))
 
     def build(self) -> Paced:
         """The trajectory of this config."""

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.config import FromFile
+from groundstation.config import FromFile, config_notice
 from groundstation.core.geometry import FARTHEST_M, Vec3
 from groundstation.core.trajectory.port import (
     FASTEST_M_S,
@@ -272,12 +272,11 @@ def parse_course(text: str, least: int = 2) -> dict[str, Any]:
             rows.append(_row(cells, names, line))
             if "t_s" in names and len(rows) > 1 and rows[-1]["t_s"] <= rows[-2]["t_s"]:
                 before, here = rows[-2]["t_s"], rows[-1]["t_s"]
-                raise ValueError(f"line {line}, column t_s: expected more than {before:g}, as before it, got {here:g}")
+                raise ValueError(config_notice("course.order", line=line, before_s=before, found_s=here))
     except csv.Error as error:
-        raise ValueError(f"line {reader.line_num}: {error}") from None
+        raise ValueError(config_notice("course.not_csv", line=reader.line_num, why=error)) from None
     if len(rows) < least:
-        lines = "one line" if least == 1 else f"{least} lines"
-        raise ValueError(f"expected a line of names, such as {EXAMPLE}, and at least {lines} of numbers")
+        raise ValueError(config_notice("course.few_lines", example=EXAMPLE, least=least))
     course: dict[str, Any] = {"points_ned": [_vector(row, _PLACE) for row in rows]}
     if "t_s" in names:
         course["times_s"] = [row["t_s"] for row in rows]
@@ -297,9 +296,9 @@ def with_course(table: dict[str, Any], text: str, *columns: str) -> dict[str, An
     course = parse_course(text)
     for key in course:
         if key not in columns:
-            raise ValueError(f"has {key}, which trajectory.kind = {table.get('kind')!r} can't use")
+            raise ValueError(config_notice("course.unusable", key=key, kind=table.get("kind")))
         if table.get(key) is not None:
-            raise ValueError(f"has {key} too: leave out trajectory.{key}, or the file")
+            raise ValueError(config_notice("course.both", key=key))
     return {**table, **course}
 
 
@@ -307,21 +306,22 @@ def _header(cells: list[str], line: int) -> list[str]:
     names = [_SHORT.get(cell.strip(), cell.strip()) for cell in cells]
     for cell, name in zip(cells, names, strict=True):
         if name not in _KNOWN:
-            raise ValueError(f"line {line}: expected names of columns, such as {EXAMPLE}, got {cell.strip()[:40]!r}")
+            found = cell.strip()[:40]
+            raise ValueError(config_notice("course.names", line=line, example=EXAMPLE, found=found))
         if names.count(name) > 1:
-            raise ValueError(f"line {line}: the column {name} is there twice")
+            raise ValueError(config_notice("course.twice", line=line, name=name))
     moving = any(name.startswith("v_") for name in names)
     for axis in (*_PLACE, *(_SPEED if moving else ())):
         there = [name for name in axis if name in names]
         if len(there) != 1:
-            problem = "only one of them" if there else "none of them is there"
-            raise ValueError(f"line {line}: expected a column {' or '.join(axis)}: {problem}")
+            id = "course.two_columns" if there else "course.no_column"
+            raise ValueError(config_notice(id, line=line, names=" or ".join(axis)))
     return names
 
 
 def _row(cells: list[str], names: list[str], line: int) -> dict[str, float]:
     if len(cells) != len(names):
-        raise ValueError(f"line {line}: expected {len(names)} values, got {len(cells)}")
+        raise ValueError(config_notice("course.values", line=line, count=len(names), found=len(cells)))
     row: dict[str, float] = {}
     for cell, name in zip(cells, names, strict=True):
         bound = _BOUNDS[name]
@@ -330,8 +330,8 @@ def _row(cells: list[str], names: list[str], line: int) -> dict[str, float]:
         except ValueError:
             value = math.nan
         if not abs(value) <= bound:
-            got = cell.strip()[:40]
-            raise ValueError(f"line {line}, column {name}: expected a number from -{bound:g} to {bound:g}, got {got!r}")
+            found = cell.strip()[:40]
+            raise ValueError(config_notice("course.number", line=line, name=name, bound=bound, found=found))
         row[name] = value
     return row
 
@@ -466,18 +466,16 @@ class WaypointsConfig(
 
     def __post_init__(self) -> None:
         if self.file is not None:
-            raise ValueError(
-                "file: only a configuration can name one: read it with groundstation.config.loader.from_dict"
-            )
+            raise ValueError(config_notice("file.in_python", keys="file"))
         check_lists(self.points_ned, self.times_s, yaws_deg=self.yaws_deg)
         if self.times_s is None:
             for i, (a, b) in enumerate(zip(self.points_ned, self.points_ned[1:], strict=False), start=1):
                 if math.dist(a, b) < 1e-6:
-                    raise ValueError(f"points_ned[{i}]: the same as the one before; leave it out, or give times_s")
+                    raise ValueError(config_notice("trajectory.same_point", index=i))
         if self.laps > 1 and math.dist(self.points_ned[0], self.points_ned[-1]) > 1e-9:
-            raise ValueError("laps: the last point must be the first one again")
+            raise ValueError(config_notice("trajectory.open"))
         if self.laps * len(self.points_ned) > MAX_POINTS:
-            raise ValueError(f"laps: at most {MAX_POINTS} points in all")
+            raise ValueError(config_notice("trajectory.points", most=MAX_POINTS))
 
     @classmethod
     def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
@@ -503,16 +501,15 @@ def check_lists(points: tuple[Vec3, ...], times_s: tuple[float, ...] | None, **l
     """
     for key, values in {"times_s": times_s, **lists}.items():
         if values is not None and len(values) != len(points):
-            raise ValueError(f"{key}: expected one for each of the {len(points)} points, got {len(values)}")
+            raise ValueError(config_notice("trajectory.lists", key=key, points=len(points), count=len(values)))
     for i, (before, here) in enumerate(zip(times_s or (), (times_s or ())[1:], strict=False), start=1):
         if here - before < 1e-3:
-            raise ValueError(f"times_s[{i}]: expected at least 1 ms after {before:g}, the one before it, got {here:g}")
+            raise ValueError(config_notice("trajectory.times", index=i, before_s=before, found_s=here))
     if times_s is not None:
         length_m, lasts_s = sum(map(math.dist, points, points[1:])), times_s[-1] - times_s[0]
         if length_m > STILL_M and length_m < SLOWEST_M_S * lasts_s:
             raise ValueError(
-                f"times_s: {length_m:.3g} m in {lasts_s:.6g} s is slower than {1e3 * SLOWEST_M_S:g} mm/s: "
-                "times count in seconds, points in metres"
+                config_notice("trajectory.unit", length_m=length_m, lasts_s=lasts_s, slowest_mm_s=1e3 * SLOWEST_M_S)
             )
 
 
@@ -589,13 +586,11 @@ class SamplesConfig(
 
     def __post_init__(self) -> None:
         if self.file is not None:
-            raise ValueError(
-                "file: only a configuration can name one: read it with groundstation.config.loader.from_dict"
-            )
+            raise ValueError(config_notice("file.in_python", keys="file"))
         check_lists(self.points_ned, self.times_s, velocities_ned=self.velocities_ned, yaws_deg=self.yaws_deg)
         length = self.times_s[-1] - self.times_s[0]
         if self.ramp_s > length:
-            raise ValueError(f"ramp_s: expected at most {length:.3g} s, the time of all samples, got {self.ramp_s:g}")
+            raise ValueError(config_notice("trajectory.ramp", length_s=length, ramp_s=self.ramp_s))
 
     @classmethod
     def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from groundstation.config import (
     VEHICLE_LETTERS,
     FromFile,
     Problem,
+    config_notice,
     convert,
     dotted_key,
     name_pattern,
@@ -187,9 +188,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             ValueError: one of them is given elsewhere.
         """
         if self.preset is not None or self.file is not None:
-            raise ValueError(
-                "preset and file are for configurations: read one with groundstation.config.loader.from_dict"
-            )
+            raise ValueError(config_notice("file.in_python", keys="preset, file"))
 
     @property
     def acting_delay_s(self) -> float:
@@ -225,18 +224,18 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             values = parse_toml(text)
             base = values.pop("preset", None)
             if "file" in values:
-                raise ValueError("file: a vehicle file can't name another; it may name a preset")
+                raise ValueError(config_notice("vehicle.nested_file"))
             if base is not None:
                 known = presets(cls)
                 if not isinstance(base, str) or base not in known:
-                    raise ValueError(f"preset: expected one of {list(known)}, got {base!r}")
+                    raise Problem(("preset",), config_notice("value.choice", choices=list(known), found=base))
                 values = {**parse_toml(known[base]), **values}
             convert(cls, values)
         except Problem as problem:
             raise ValueError(f"{dotted_key(problem.path)}: {problem.text}") from None
         missing = [key for key in cls.__struct_fields__ if key not in {*values, *_OPTIONAL}]
         if missing:
-            raise ValueError(f"missing: {', '.join(missing)}; say all of it, or name a preset to start from")
+            raise ValueError(config_notice("vehicle.missing", keys=", ".join(missing)))
         return {**values, **table}
 
 

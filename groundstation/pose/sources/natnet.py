@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, LabAlignment, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind
+from groundstation.core.messages import Others, Pose, PoseKind, notice
 from groundstation.pose.sources.datagram import cannot_listen, join
 from groundstation.pose.sources.intake import Intake, ReaderSource
 from groundstation.pose.sources.natnet_codec import NatNetReader
@@ -68,10 +68,10 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
             try:
                 address = ipaddress.IPv4Address(text)
             except ValueError:
-                raise ValueError(f"{key}: expected a numeric IPv4 address, got {text!r}") from None
+                raise ValueError(notice("keys.ipv4", key=key, found=text)) from None
             if address.is_multicast != (key == "group"):
-                wanted = "a multicast address, such as 239.255.42.99" if key == "group" else "no multicast address"
-                raise ValueError(f"{key}: expected {wanted}, got {text!r}")
+                id = "keys.multicast" if key == "group" else "keys.no_multicast"
+                raise ValueError(notice(id, key=key, found=text))
 
     @property
     def body_id(self) -> str:

@@ -7,6 +7,7 @@ import msgspec
 
 from links.core import LinkKind
 from links.io import beyond, is_loopback, parse_address
+from links.text import link_notice
 
 DEFAULT_LISTEN = "127.0.0.1:14540"
 """Where PX4 sends what it has for an offboard computer."""
@@ -174,20 +175,15 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
         ways = {"listen": self.listen, "remote": self.remote, "tcp": self.tcp, "serial": self.serial}
         given = [name for name, way in ways.items() if way is not None]
         if len(given) > 1:
-            raise ValueError(f"{' and '.join(given)} exclude each other: leave only one of them")
+            raise ValueError(link_notice("mavlink.exclusive", keys=" and ".join(given)))
         if self.local_port is not None and self.remote is None:
-            raise ValueError("local_port is the port from which `remote` is spoken to: give remote, or leave it out")
+            raise ValueError(link_notice("mavlink.local_port"))
         if self.bring_down == "land" and self.ardupilot_mode == "GUIDED_NOGPS":
-            raise ValueError(
-                "bring_down = 'land' needs a position estimate on board, and ardupilot_mode = 'GUIDED_NOGPS' says that "
-                "there is none: leave out one of them"
-            )
+            raise ValueError(link_notice("mavlink.no_estimate"))
         needed = ODOMETRY_BYTES * self.forward.rate_hz
         if self.serial is not None and self.forward.enabled and needed > FORWARD_SHARE * self.baud / 10.0:
-            raise ValueError(
-                f"forward.rate_hz: {self.forward.rate_hz:g} poses a second are {needed:.0f} bytes a second, too much "
-                f"beside commands at baud = {self.baud}: lower the rate, or use a faster port"
-            )
+            rate_hz = self.forward.rate_hz
+            raise ValueError(link_notice("mavlink.forward_rate", rate_hz=rate_hz, bytes_s=needed, baud=self.baud))
         if self.serial is None:
             parse_address(self.endpoint, self.way)
 

@@ -465,13 +465,14 @@ def encode(autopilot: int, value: float, kind: int) -> float:
         ValueError: such a parameter can't have this value.
     """
     if not math.isfinite(value):
-        raise ValueError(f"{value} is no value for a parameter")
+        raise ValueError(link_notice("parameter.no_value", found=value))
     if kind not in WHOLE_BITS:
         return value
     bits, signed = WHOLE_BITS[kind]
     low = -(1 << bits - 1) if signed else 0
     if value != int(value) or not low <= value < low + (1 << bits):
-        raise ValueError(f"expected a whole number from {low} to {low + (1 << bits) - 1}, got {value:g}")
+        high = low + (1 << bits) - 1
+        raise ValueError(link_notice("parameter.whole_number", least=low, most=high, found=value))
     if autopilot != PX4:
         return value
     data = int(value).to_bytes(bits // 8, "little", signed=signed)

@@ -35,8 +35,8 @@ def test_short_names_are_ned_and_columns_stand_in_any_order() -> None:
 
 
 REFUSED = [
-    ("", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and at least 2 lines of numbers"),
-    ("x,y,z\n1,2,3\n", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and at least 2 lines"),
+    ("", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and 2 or more lines of numbers"),
+    ("x,y,z\n1,2,3\n", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and 2 or more lines"),
     ("1,2,3\n4,5,6\n", "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got '1'"),
     ("x,y,height\n", "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got 'height'"),
     ("x,y\n", "line 1: expected a column down_m or up_m: none of them is there"),
@@ -141,7 +141,7 @@ def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
     (["follow", "turned.csv"], "turned.csv: point 2: yaw_deg: expected a number from -360 to 360, got 400.0"),
     (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
     (["follow", "huge.csv"], "huge.csv: longer than a file of 64 points can be"),
-    (["follow", "empty.csv"], "yaw_deg, and at least one line of numbers"),
+    (["follow", "empty.csv"], "yaw_deg, and 1 or more lines of numbers"),
     (["follow", "picture.csv"], "picture.csv: not UTF-8 text"),
     (["follow", "nan.csv"], "nan.csv: line 2, column north_m: expected a number from -100 to 100, got 'nan'"),
     (["follow", "many.csv"], "follow: expected at most 64 points, got 65"),
