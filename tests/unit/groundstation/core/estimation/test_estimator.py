@@ -10,6 +10,7 @@ from hypothesis import given, strategies as st
 
 from groundstation.core.control import Gains
 from groundstation.core.estimation import ModelEstimator
+from groundstation.core.estimation.estimator import find_direction, fourth_difference, part_along, split_noise
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, lead
@@ -156,3 +157,48 @@ def test_thrust_and_rates_begin_to_follow_a_command_each_after_its_own_delay(lat
     for name, delayed in (("thrust", late == "thrust"), ("rates", late == "rate")):
         expected = getattr(then if delayed else on_time, name)
         assert getattr(now, name) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("across_m2", "along_m2", "configured_s", "split"),
+    [
+        (1e-6, 2.1e-6, None, (1e-6, 1.1e-6 / 4.0)),  # more than twice as noisy along the motion: the stamps jitter
+        (1e-6, 1.9e-6, None, (3.9e-6 / 3.0, 0.0)),  # by chance
+        (1e-6, 9.0e-6, 0.0, (11e-6 / 3.0, 0.0)),  # told that there is none
+        (1e-6, 1.0e-6, 0.003, (1e-6, 9e-6)),  # told how large it is
+        (1e-8, 9.0e-6, None, (1e-7, 8.9e-6 / 4.0)),  # never less noise than the least one
+    ],
+)
+def test_noise_is_split_into_that_of_positions_and_the_jitter_of_stamps(
+    across_m2: float, along_m2: float, configured_s: float | None, split: tuple[float, float]
+) -> None:
+    mean_m2 = (2.0 * across_m2 + along_m2) / 3.0
+    assert split_noise(FLOATS, mean_m2, (along_m2, 4.0), 1e-7, configured_s) == pytest.approx(split, rel=1e-4)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_fourth_differences_show_noise_and_jitter_and_no_smooth_motion(uneven: bool) -> None:
+    draw, noise_m, jitter_s, speed_m_s = random.Random(3), 0.001, 0.002, 1.5
+    sums = [0.0, 0.0, 0.0]
+    for _ in range(4000):
+        times = [0.01 * k + (0.004 * (k % 2) if uneven else 0.0) for k in range(5)]
+        seen = [t + draw.gauss(0.0, jitter_s) for t in times]
+        places = [
+            (speed_m_s * t + 3.0 * t * t + draw.gauss(0.0, noise_m), 2.0 * t**3 + draw.gauss(0.0, noise_m),
+             draw.gauss(0.0, noise_m)) for t in seen
+        ]  # fmt: skip
+        for i, value in enumerate(fourth_difference(times, places)):
+            sums[i] += value / 4000.0
+    mean_m2, along_m2, way2 = sums
+    way_m = 0.04 * speed_m_s + 3.0 * 0.04**2
+    expected_m2 = noise_m**2 + (way_m / 0.04 * jitter_s) ** 2
+    assert way2 == pytest.approx(way_m**2, rel=0.02)
+    assert along_m2 == pytest.approx(expected_m2, rel=0.15)
+    assert mean_m2 == pytest.approx((2.0 * noise_m**2 + expected_m2) / 3.0, rel=0.15)
+
+
+def test_a_direction_is_a_unit_vector_and_none_at_rest() -> None:
+    axis, speed2 = find_direction(FLOATS, (1.0, -2.0, 2.0))
+    assert (axis, speed2) == (pytest.approx((1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0)), pytest.approx(9.0))
+    assert find_direction(FLOATS, (0.0, 0.0, 0.0)) == ((0.0, 0.0, 0.0), 0.0)
+    assert part_along((0.6, 0.8, 0.0), (1.0, 2.0, 3.0)) == pytest.approx((2.2 * 0.6, 2.2 * 0.8, 0.0))
