@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 from hypothesis import given, strategies as st
 
 from groundstation.core.control import plan_model_descent
@@ -100,3 +101,47 @@ def test_what_seems_to_lie_on_the_floor_may_hang_above_it_and_sinks_before_its_m
     assert off.thrust_n == 0.0
     assert all(part.thrust_n <= HOVER for part in parts)
     assert sum(part.duration_s for part in parts) < 0.8
+
+
+PLANS: list[tuple[dict[str, Vec3], float, Vec3, int, list[float], list[Vec3]]] = [
+    # hovering at 1 m
+    ({}, 1.0, (0.0, 0.0, 0.0), 20,
+     [0.4, 0.998, 1.0], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]),
+    # fast sideways, leaning against it
+    ({"velocity": (1.5, -1.0, 0.0), "euler": (-0.2, 0.3, 0.3)}, 1.5, (0.0, 0.0, 0.0), 27,
+     [0.4, 0.976, 1.079, 1.0], [(3.491, -0.858, 0.0), (-0.618, -0.31, 0.0)]),
+    # leaning along its velocity: thrust would accelerate it
+    ({"velocity": (1.5, 0.0, 0.0), "euler": (0.0, -0.9, 0.0)}, 1.5, (0.0, 0.0, 0.0), 17,
+     [0.2, 1.115], [(0.0, 3.491, 0.0), (0.0, 0.453, 0.0)]),
+    # the same, high
+    ({"velocity": (1.5, 0.0, 0.0), "euler": (0.0, -0.9, 0.0)}, 4.0, (0.0, 0.0, 0.0), 37,
+     [0.2, 1.115, 1.0, 1.0, 1.0], [(0.0, 3.491, 0.0), (0.0, 0.453, 0.0)]),
+    # sinking fast: braked for a while
+    ({"velocity": (0.0, 0.0, 2.5)}, 1.0, (0.0, 0.0, 0.0), 10,
+     [1.115, 1.0], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]),
+    # on its side
+    ({"euler": (1.4, 0.0, 0.0), "rates": (1.0, 0.5, -0.5)}, 2.0, (0.0, 0.0, 0.0), 15,
+     [0.025, 0.2], [(-3.491, -0.5, 0.5), (-3.474, -0.02, 0.0)]),
+    # in wind, heavier
+    ({}, 1.0, (1.0, -0.5, 1.5), 20,
+     [0.461, 1.182, 1.153], [(1.191, 2.383, 0.0), (-0.124, -0.249, 0.0)]),
+    # hardly above the floor
+    ({}, 0.1, (0.0, 0.0, 0.0), 9,
+     [0.4], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]),
+]  # fmt: skip
+"""State where it is not at hover, height [m], disturbance [m/s²]; and of the plan: the number of its parts, the thrust
+of each eighth as a share of what hovers [-], and the rates of the first and of the ninth [rad/s]."""
+
+
+@pytest.mark.parametrize(("state", "height_m", "disturbance", "count", "thrusts", "rates"), PLANS)
+def test_the_plan_has_these_numbers(
+    state: dict[str, Vec3], height_m: float, disturbance: Vec3, count: int, thrusts: list[float], rates: list[Vec3]
+) -> None:
+    at_rest = (0.0, 0.0, 0.0)
+    attitude = from_euler_zyx(*state.get("euler", at_rest))
+    motion = Motion(at_rest, state.get("velocity", at_rest), attitude, HOVER, state.get("rates", at_rest))
+    *parts, off = planned(motion, height_m, disturbance)
+    assert (len(parts) + 1, {part.duration_s for part in parts}) == (count, {0.05})
+    assert [part.thrust_n / HOVER for part in parts[::8]] == pytest.approx(thrusts, abs=6e-4)
+    assert [part.rates_rad_s for part in [*parts, off][:9:8]] == [pytest.approx(rate, abs=6e-4) for rate in rates]
+    assert (off.duration_s, off.thrust_n) == (0.15, 0.0)
