@@ -44,6 +44,7 @@ async def three_seconds(_: Stage) -> None:
     await asyncio.sleep(3.0)
 
 
+@pytest.mark.tried(3)  # each source once
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("source", ["vicon", "natnet", "json"])
 def test_each_autopilot_fuses_what_the_cameras_see(autopilot: str, source: str) -> None:

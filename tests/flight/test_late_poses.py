@@ -61,7 +61,7 @@ def text(told: list[str], word: str) -> str:
     return next((line for line in told if word in line), "")
 
 
-@pytest.mark.tried(3)  # sources
+@pytest.mark.tried(2)  # sources
 @pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize("late_s", [0.1, 0.2])
 def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(source: str, late_s: float) -> None:

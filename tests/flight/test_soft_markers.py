@@ -12,7 +12,7 @@ from tests.proving.faults.fault import Fault
 from tests.proving.faults.faults import shows
 from tests.proving.faults.pictures import Picture, Struck, _ours
 
-DAMPING, STEP_S = 0.05, 0.001
+DAMPING, STEP_S = 0.05, 0.002
 """Of their swinging, as a share of the critical one [-]; how finely that is reckoned [s]."""
 
 
