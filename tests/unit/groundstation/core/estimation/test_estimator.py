@@ -199,6 +199,6 @@ def test_fourth_differences_show_noise_and_jitter_and_no_smooth_motion(uneven: b
 
 def test_a_direction_is_a_unit_vector_and_none_at_rest() -> None:
     axis, speed2 = find_direction(FLOATS, (1.0, -2.0, 2.0))
-    assert (axis, speed2) == (pytest.approx((1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0)), pytest.approx(9.0))
+    assert (*axis, speed2) == pytest.approx((1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0, 9.0))
     assert find_direction(FLOATS, (0.0, 0.0, 0.0)) == ((0.0, 0.0, 0.0), 0.0)
     assert part_along((0.6, 0.8, 0.0), (1.0, 2.0, 3.0)) == pytest.approx((2.2 * 0.6, 2.2 * 0.8, 0.0))
