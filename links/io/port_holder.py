@@ -14,10 +14,6 @@ from pathlib import Path
 from links.text import link_notice, printable
 
 _TABLES = ("/proc/net/udp", "/proc/net/udp6")
-_ADDRESS_COLUMN = 1
-"""Column of a table with the local address, HEX:HEXPORT."""
-_INODE_COLUMN = 9
-"""Column of a table with the socket's inode."""
 LONGEST_COMMAND = 80
 """Shown length of a program's command line [characters]."""
 
@@ -50,7 +46,7 @@ def _find_inodes(port: int) -> set[str]:
     for table in _TABLES:
         with suppress(OSError):
             for line in Path(table).read_text("ascii").splitlines()[1:]:
-                columns = line.split()
-                if int(columns[_ADDRESS_COLUMN].rpartition(":")[2], 16) == port:
-                    found.add(columns[_INODE_COLUMN])
+                _, local, *_, inode = line.split()[:10]  # the local address is HEX:HEXPORT
+                if int(local.rpartition(":")[2], 16) == port:
+                    found.add(inode)
     return found

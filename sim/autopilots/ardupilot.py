@@ -37,8 +37,6 @@ PROGRAM = "build/sitl/bin/arducopter"
 """Program below the folder in which it was built."""
 SERVO_PORT = 9102
 """First UDP port of servo outputs; instance n sends to this + n."""
-STEP_S = 0.001
-"""Period of the states [s]: ArduCopter needs gyro samples at 1.8 times its loop rate of 400 Hz, so at 720 Hz."""
 BOOT_S = 12.0
 """Time from the first state to calibrated gyros and an aligned attitude [s]."""
 LOW_US = 1000.0
@@ -110,7 +108,8 @@ def find_program(folder: Path) -> Path:
 class ArduCopter(Firmware):
     """One ArduCopter."""
 
-    step_s = STEP_S
+    step_s = 0.001
+    """ArduCopter needs gyro samples at 1.8 times its loop rate of 400 Hz, so at 720 Hz."""
 
     def __init__(self, program: Path, folder: Path) -> None:
         """``program``: see :func:`find_program`."""
@@ -132,13 +131,13 @@ class ArduCopter(Firmware):
         words += ["--defaults", "ours.parm", f"-I{self._number}"]
         self.start([*map(str, words)], {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ})
         self._await_servos()
-        for _ in range(round(BOOT_S / STEP_S)):
+        for _ in range(round(BOOT_S / self.step_s)):
             self.step(truth, specific_force)
 
     def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
         """Send one state, and return the outputs that it answers with."""
         self._count += 1
-        self._wire.sendto(write_state(STEP_S * self._count, truth, specific_force), self._simulator)
+        self._wire.sendto(write_state(self.step_s * self._count, truth, specific_force), self._simulator)
         return self._await_servos().motors
 
     def _await_servos(self) -> Servos:

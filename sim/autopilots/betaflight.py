@@ -25,7 +25,6 @@ from typing import NamedTuple, Self
 from groundstation.config import ConfigError
 from groundstation.machine import sleep_until
 from links.rf import PROMPT, find_refusal
-from sim.autopilots.onboard import LIFTING_SHARE
 from sim.text import notice
 from sim.world import FourRotors, Quadrotor, TrueState
 
@@ -349,8 +348,6 @@ class FlightBoard:
     def _fly(self, now_s: float) -> None:
         motors = self.firmware.step(STEP_S, self._measure(self._plant.truth(now_s)), self._fresh).motors
         self._fresh = None
-        if self._plant.released_s is None and sum(motors) > 4.0 * LIFTING_SHARE:
-            self._plant.release(now_s)
         self._plant.drive_rotors(now_s, motors)
         if self.on_motors is not None:
             self.on_motors(now_s, motors)

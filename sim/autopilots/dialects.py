@@ -184,11 +184,15 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         return MavResult.ACCEPTED if self._streams.set(number, interval_us, now_s) else MavResult.DENIED, said
 
 
-OFFBOARD = (6, 0)
-"""PX4's main and sub mode, as the next three."""
-LOITER = (4, 3)
-PX4_LAND = (4, 6)
-POSCTL = (3, 0)
+class Px4Mode:
+    """Main and sub modes of PX4 that the simulated one has."""
+
+    OFFBOARD = (6, 0)
+    LOITER = (4, 3)
+    LAND = (4, 6)
+    POSCTL = (3, 0)
+
+
 STREAM_GAP_S = 0.5
 """Set-points further apart are no stream [s]: 2 Hz."""
 HOVER_MEMORY_S = 1.0
@@ -205,7 +209,7 @@ class Px4Autopilot(SimulatedAutopilot):
     kind: ClassVar[int] = PX4
     table: ClassVar[Mapping[str, tuple[float, int]]] = PX4_PARAMETERS
     hover_parameter: ClassVar[str] = "MPC_THR_HOVER"
-    land_mode: ClassVar[tuple[int, int]] = PX4_LAND
+    land_mode: ClassVar[tuple[int, int]] = Px4Mode.LAND
     tells_prearm_enabled: ClassVar[bool] = False
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
@@ -217,7 +221,7 @@ class Px4Autopilot(SimulatedAutopilot):
         "TIMESYNC": 10.0,
     }
 
-    _intended = LOITER
+    _intended = Px4Mode.LOITER
     _setpoint_s = -math.inf
     _stream_since_s = math.inf
     _learnt: float | None = None
@@ -230,7 +234,7 @@ class Px4Autopilot(SimulatedAutopilot):
     @property
     def mode(self) -> tuple[int, int]:
         """Main and sub mode that it is in."""
-        return PX4_LAND if self.failsafe else self._intended
+        return Px4Mode.LAND if self.failsafe else self._intended
 
     @property
     def custom_mode(self) -> int:
@@ -240,17 +244,17 @@ class Px4Autopilot(SimulatedAutopilot):
 
     @property
     def _disarms_by_landing(self) -> bool:
-        return self.mode in (PX4_LAND, POSCTL)  # COM_DISARM_LAND, as does a pilot
+        return self.mode in (Px4Mode.LAND, Px4Mode.POSCTL)  # COM_DISARM_LAND, as does a pilot
 
     def reboot(self, now_s: float) -> None:
         """Begin anew."""
         super().reboot(now_s)
-        self._intended = LOITER
+        self._intended = Px4Mode.LOITER
         self._setpoint_s, self._stream_since_s = -math.inf, math.inf
 
     def take_over(self, now_s: float) -> None:
         """A pilot takes it by the remote control, and lands it by hand."""
-        self._intended = POSCTL
+        self._intended = Px4Mode.POSCTL
         self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
 
     # ---- set-points
@@ -264,7 +268,7 @@ class Px4Autopilot(SimulatedAutopilot):
         if self.failsafe:
             self.failsafe = False
             frames += self._say(MavSeverity.INFO, "Offboard signal regained")
-        if self.armed and self._intended == OFFBOARD:
+        if self.armed and self._intended == Px4Mode.OFFBOARD:
             thrust = min(max(set_point.thrust or 0.0, 0.0), 1.0)
             attitude = set_point.attitude
             self._fly_by(HoldAttitude(attitude, thrust) if attitude is not None and any(attitude) else None, now_s)
@@ -283,7 +287,7 @@ class Px4Autopilot(SimulatedAutopilot):
 
     @property
     def _silence_due_s(self) -> float:
-        if not self.armed or self.failsafe or self._intended != OFFBOARD:
+        if not self.armed or self.failsafe or self._intended != Px4Mode.OFFBOARD:
             return math.inf
         return self._setpoint_s + self.parameters["COM_OF_LOSS_T"]
 
@@ -298,23 +302,23 @@ class Px4Autopilot(SimulatedAutopilot):
     # ---- commands
 
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
-        if mode not in (OFFBOARD, LOITER, PX4_LAND) or (mode == LOITER and self.armed):
+        if mode not in (Px4Mode.OFFBOARD, Px4Mode.LOITER, Px4Mode.LAND) or (mode == Px4Mode.LOITER and self.armed):
             return MavResult.DENIED, []
-        if mode == OFFBOARD and self.armed and not self._streaming(now_s):
+        if mode == Px4Mode.OFFBOARD and self.armed and not self._streaming(now_s):
             return MavResult.TEMPORARILY_REJECTED, []
         self._intended = mode
         self.failsafe = False
-        if mode == PX4_LAND and self.armed:
+        if mode == Px4Mode.LAND and self.armed:
             self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
         return MavResult.ACCEPTED, []
 
     def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
-        if self._intended != OFFBOARD or not self._streaming(now_s):
+        if self._intended != Px4Mode.OFFBOARD or not self._streaming(now_s):
             return MavResult.TEMPORARILY_REJECTED, "Arming denied: Resolve system health failures first"
         return MavResult.ACCEPTED, ""
 
     def _passes_checks(self, now_s: float) -> bool:
-        return super()._passes_checks(now_s) and (self._intended != OFFBOARD or self._streaming(now_s))
+        return super()._passes_checks(now_s) and (self._intended != Px4Mode.OFFBOARD or self._streaming(now_s))
 
     def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
         return (

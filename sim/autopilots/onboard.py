@@ -32,8 +32,6 @@ PATIENCE_S = 60.0
 
 Chosen: three times the 20 s that PX4 took to start on a busy machine.
 """
-LIFTING_SHARE = 0.2
-"""Mean motor output above which a held vehicle is released [-]. Chosen: above idling, which is below 0.1."""
 LEGS_M_S2 = 40.0
 """Largest specific force that the IMU measures at a touchdown [m/s²].
 
@@ -231,8 +229,6 @@ class OnboardFirmware(asyncio.DatagramProtocol):
         plant = self._plant
         truth = plant.truth(now_s)
         motors = self.firmware.step(truth, self._average_force(truth))
-        if plant.released_s is None and sum(motors) > 4.0 * LIFTING_SHARE:
-            plant.release(now_s)
         plant.drive_rotors(now_s, motors)
         if self.on_motors is not None:
             self.on_motors(now_s, motors)

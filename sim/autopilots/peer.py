@@ -186,10 +186,6 @@ class AutopilotPeer:
                 self._timer.cancel()
             self._transport.abort()
 
-    def silence(self) -> None:
-        """Let nothing leave any more, as a telemetry radio that dies; it still hears and flies."""
-        self._mute = True
-
     def cut(self, cut: bool, *, hears: bool = False, speaks: bool = False) -> None:
         """Let nothing pass but what it still ``hears`` or ``speaks``, or everything again; the rest is lost."""
         self._mute, self._deaf = cut and not speaks, cut and not hears

@@ -41,8 +41,6 @@ SIMULATOR_PORT = 4560
 """PX4 number n connects to this port + n."""
 OFFBOARD_PORT = 14540
 """And sends MAVLink to this one + n (px4-rc.mavlink)."""
-STEP_S = 0.004
-"""Period of HIL_SENSOR [s]: PX4's simulators give its IMU 250 times a second (IMU_INTEG_RATE of rcS)."""
 BOOT_S = 8.0
 """Its start script has ended, and its attitude is aligned, so long after the first HIL_SENSOR [s]."""
 BEGINS_US = 1_000_000
@@ -168,7 +166,8 @@ def find_program(folder: Path) -> Path:
 class Px4(Firmware):
     """One PX4."""
 
-    step_s = STEP_S
+    step_s = 0.004
+    """PX4's simulators give its IMU 250 times a second (IMU_INTEG_RATE of rcS)."""
 
     def __init__(self, program: Path, folder: Path, noise: Normals) -> None:
         """``program``: see :func:`find_program`."""
@@ -199,16 +198,16 @@ class Px4(Firmware):
             except TimeoutError:
                 raise EOFError(f"PX4 did not connect: see {self.folder / 'firmware.log'}") from None
         self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        for _ in range(round(BOOT_S / STEP_S)):
+        for _ in range(round(BOOT_S / self.step_s)):
             began = time.monotonic()
             self.step(truth, specific_force)
             # Its start script is a program that runs in real time.
-            time.sleep(max(0.0, 0.5 * STEP_S - (time.monotonic() - began)))
+            time.sleep(max(0.0, 0.5 * self.step_s - (time.monotonic() - began)))
 
     def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
         """One HIL_SENSOR, and the outputs that come of it."""
         assert self._wire is not None, "it has booted"
-        now_us = BEGINS_US + round(1e6 * STEP_S * self._count)
+        now_us = BEGINS_US + round(1e6 * self.step_s * self._count)
         message = self._codec.pack_sensors(now_us, truth, specific_force, next(self._noise), self._count)
         self._count += 1
         try:

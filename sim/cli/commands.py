@@ -62,8 +62,6 @@ from sim.text import notice
 from sim.world import World
 
 __all__ = ["advise_name"]  # called by groundstation.runtime, as in the commands of groundstation
-TEXT_COLUMNS = 118
-"""Width of the text below the table of equal margins [characters]. Chosen."""
 
 
 def load_proving(command: str, module: str) -> Any:
@@ -130,6 +128,7 @@ def compare(args: argparse.Namespace) -> Exit:
 def _at_equal_margins(args: argparse.Namespace) -> Exit:
     """Tune every law under the same robustness floors, and fly the best gains of each once more."""
     from sim.studies import SEARCHED_LAWS, TRIALS, compare_at_equal_margins, describe_terms, equal_margins_table
+    from sim.studies.tune import TEXT_COLUMNS
 
     require_package("optuna", "tune", "tune")
     for option, values in (("--scenarios", args.scenarios), ("--set", args.overrides), ("--plot", args.plot)):

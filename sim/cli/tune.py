@@ -20,6 +20,7 @@ from sim.runs import Flyers
 from sim.studies.tune import (
     AXES,
     SEARCH_SEED,
+    TEXT_COLUMNS,
     Evidence,
     Floors,
     Search,
@@ -57,7 +58,7 @@ def report(args: argparse.Namespace) -> Exit:
             measured(stage, flyers, seeds=args.seeds, duration_s=args.duration, on_done=lambda _: counter.step())
             for stage in stages
         ]
-    made = f"{markdown_table(reports)}\n\n{textwrap.fill(criterion(reports[0]), 118)}"
+    made = f"{markdown_table(reports)}\n\n{textwrap.fill(criterion(reports[0]), TEXT_COLUMNS)}"
     if args.write is not None:
         replace_between_markers(args.write, f"{made}\n\nMade by `{typed_command()}`.")
     print(json.dumps({"margins": msgspec.to_builtins(reports)}) if args.json else made)

@@ -18,14 +18,12 @@ from groundstation.core.control import Custom
 from groundstation.core.messages import STEADY_S
 from groundstation.core.trajectory import OwnTrajectoryConfig
 from groundstation.settings import Config, read_flown_config
-from sim.runs import fly
+from sim.runs import DURATION_S, fly
 from sim.scenarios import at_desk, world_from
 from sim.world import STILL, World
 
 LEAST_S = STEADY_S + 1.0
 """Shorter flights have no steady part and get no budget [s]."""
-LONGEST_S = 60.0
-"""Longest part of a flight that is flown again [s]."""
 LIFTED = 10.0
 """Limits that are switched off are so many times as high; far more would be refused as another unit."""
 Flown: TypeAlias = tuple[World, Config]
@@ -157,7 +155,7 @@ def error_budget(flight: FlightData | FlightColumns | Path | str) -> ErrorBudget
     about, times = flown.recording.about, flown.scalars["flight_time_s"][flown.tracking]
     # The last command was held for as long as the others.
     ended_s = float(times.max() + np.median(np.diff(times))) if len(times) > 1 else 0.0
-    duration_s = min(round(ended_s, 1), LONGEST_S)
+    duration_s = min(round(ended_s, 1), DURATION_S)
     if not about.get("config"):
         return ErrorBudget(of="No error budget: the recording holds no configuration.")
     if duration_s < LEAST_S:

@@ -29,6 +29,7 @@ from sim.runs import DURATION_S, LONGEST_S, FlightVerdict, Flyers, fly, lend_nam
 from sim.scenarios import SCENARIOS, overridden, prepare
 from sim.studies.tune import (
     DELAY,
+    IN_HAND,
     SEARCH_SEED,
     Floors,
     Key,
@@ -492,8 +493,6 @@ PUSHED = ("step_3", "step_5", "step_8", "push_6", "push_10")
 REFLOWN = ("paper", "fast", "adverse", "storm", "quad1kg", "rotors_mqx_radio")
 EFFORT_RAD_S = {"paper": 0.57, "adverse": 0.79}
 """Most that may be commanded, as ``effort_rad_s`` of ``fly --json`` has it: the median over the seeds."""
-SCATTER = 1.1
-"""Factor on the limit for a single flight in a search [-]."""
 ROTORS_CM = 1.0
 """Largest additional error on rotors [cm]."""
 ROTORS_SATURATED = 0.01
@@ -561,7 +560,7 @@ class EqualTerms:
         for name, outcome in plain.items():
             if outcome.rms_cm is None:
                 return _broken(number, gains, rms_cm, f"{name}: {outcome.why}", 10.0)
-            over = outcome.effort_rad_s / (SCATTER * EFFORT_RAD_S[name])
+            over = outcome.effort_rad_s / (IN_HAND * EFFORT_RAD_S[name])
             if over > 1.0:
                 return _broken(number, gains, rms_cm, f"{name}: effort {outcome.effort_rad_s:.2f} rad/s", over)
         if rms_cm >= self._best:

@@ -399,8 +399,6 @@ TICKS_PER_S = 10_000_000
 """Windows' performance counter."""
 FORGET_S = 5.0
 """A unicast client that has not been heard for so long is gone [s]."""
-MOST_CLIENTS = 16
-"""Most unicast clients at once."""
 
 
 class NatNetServer(asyncio.DatagramProtocol):
@@ -436,8 +434,7 @@ class NatNetServer(asyncio.DatagramProtocol):
             number, _ = natnet.split(data)
         except UnreadableNatNet:
             return
-        if addr in self._clients or len(self._clients) < MOST_CLIENTS:
-            self._clients[addr] = asyncio.get_running_loop().time()
+        self._clients[addr] = asyncio.get_running_loop().time()
         if number == natnet.NatNetMessage.CONNECT:
             self._answer(natnet.encode_server_info(self.info), addr)
         elif number == natnet.NatNetMessage.REQUEST_MODELDEF:

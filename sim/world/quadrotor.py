@@ -86,6 +86,8 @@ HOP_M = 0.005
 """Whoever was not higher than this above the floor has not left it [m]."""
 STANDS_RADII = 0.85
 """Height of the rotors of a standing vehicle above the floor, in rotor radii [-]."""
+LIFTING_SHARE = 0.2
+"""Mean signal of the rotors above which a held vehicle is released [-]. Chosen: above idling, which is below 0.1."""
 LEVELS_S = 0.02
 """Time constant with which the floor levels what comes down tilted [s]."""
 NOTICES_S = 0.15
@@ -353,11 +355,15 @@ class Quadrotor:
     def drive_rotors(self, time_s: float, signals: FourRotors) -> None:
         """Drive the rotors by signals (0..1) from ``time_s`` on, without a rate loop; see plant.py for their order.
 
+        A vehicle that is held is released once they lift.
+
         Raises:
             ValueError: ``sim.plant`` is not "rotors".
         """
         if self._rotors is None:
             raise ValueError('rotors are driven with sim.plant = "rotors" only')
+        if self.released_s is None and sum(signals) > 4.0 * LIFTING_SHARE:
+            self.release(time_s)
         self._settle(time_s)
         a, b, c, d = (min(max(signal, 0.0), 1.0) for signal in signals)
         self._rotors.signals = (a, b, c, d)

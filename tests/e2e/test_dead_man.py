@@ -87,7 +87,7 @@ async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterato
 
     stage.autopilot.receive = heard  # type: ignore[method-assign]  # read along on the wire
     if mute:
-        stage.peer.silence()
+        stage.peer.cut(True, hears=True)
     stage.plant.advance(loop.time())
 
     async def read() -> None:

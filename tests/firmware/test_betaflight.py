@@ -9,11 +9,11 @@ import pytest
 from groundstation.analysis.identify import identify, read_stretch
 from sim.autopilots import STEP_S, BetaflightFirmware, betaflight, configure, describe_settings, pack_pulses
 from sim.autopilots.betaflight import LISTENS_S
-from sim.autopilots.onboard import LIFTING_SHARE
 from sim.radio import FAILSAFE_S
 from sim.runs import RECORDING, Stage, fly, from_floor, simulate
 from sim.runs.flight import Result
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
+from sim.world.quadrotor import LIFTING_SHARE
 from tests.flight.flights import SHORT
 from tests.flight.test_missions import WAY
 from tests.proving.firmware import (

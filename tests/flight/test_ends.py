@@ -196,7 +196,7 @@ def test_an_autopilot_that_goes_silent_and_hears_us_still_is_landed() -> None:
 
     async def script(flight: Flight, stage: Stage) -> None:
         await flying(flight, 4.0)
-        stage.peer.silence()
+        stage.peer.cut(True, hears=True)
         while not (truth := stage.plant.truth(asyncio.get_running_loop().time())).on_ground:
             fastest.append(truth.velocity_ned[2])
             await asyncio.sleep(0.01)

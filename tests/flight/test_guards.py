@@ -9,7 +9,7 @@ from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.autopilots import Px4Autopilot
-from sim.autopilots.dialects import POSCTL
+from sim.autopilots.dialects import Px4Mode
 from sim.runs import MissionResult, Stage
 from sim.runs.flight import Script
 from tests.flight.flights import SHORT, mission as fly
@@ -145,7 +145,7 @@ def test_who_takes_over_between_two_heartbeats_keeps_it_although_the_vehicle_the
             await asyncio.sleep(0.005)
 
     flown = mission(script, "sim.own_estimate=true")
-    assert modes == {POSCTL}, "nobody asked it to land"
+    assert modes == {Px4Mode.POSCTL}, "nobody asked it to land"
     if not blind:
         assert states(flown)[-1] == "handed_over"
 

@@ -602,13 +602,11 @@ ARMING_DELAY_S = 2.5
 LAND_S = 10.0
 """Mode LAND must disarm a vehicle on the ground within this time [s]."""
 
-GUIDED_MODES = {"GUIDED": (1.0, 4.0), "GUIDED_NOGPS": (1.0, 20.0)}
-"""ArduPilot's modes that follow set-points: parameters of MavCommand.DO_SET_MODE."""
+FOLLOWING_MODES = {"OFFBOARD": (1.0, 6.0), "GUIDED": (1.0, 4.0), "GUIDED_NOGPS": (1.0, 20.0)}
+"""Modes that follow set-points, PX4's and ArduPilot's: parameters of MavCommand.DO_SET_MODE."""
 MULTIROTORS = {2: "quadrotor", 3: "coaxial", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
 """HEARTBEAT.type of vehicles that thrust and body rates fly."""
 
-_OFFBOARD = (1.0, 6.0)
-"""Mode as MavCommand.DO_SET_MODE takes it: custom mode enabled, PX4's main mode OFFBOARD."""
 _LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
 THRUST_AS_THRUST = 8
 """Bit of ArduCopter's GUID_OPTIONS: the thrust field is a thrust, no climb rate."""
@@ -626,15 +624,15 @@ def fitness(autopilot: AutopilotAddress) -> Handshake:
 def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
     """Into the mode that follows our set-points, then motors on; the caller streams set-points throughout.
 
-    ``guided`` is which of ``GUIDED_MODES`` that is on ArduPilot.
+    ``guided`` is which of ``FOLLOWING_MODES`` that is on ArduPilot.
 
     Raises:
         LinkRejected: the autopilot is neither PX4 nor ArduPilot, or the vehicle no multirotor.
     """
     steps: list[HandshakeStep] = [Wait(STREAM_S), *_musts(autopilot)]
-    mode, params = ("OFFBOARD", _OFFBOARD) if autopilot.kind == PX4 else (guided, GUIDED_MODES[guided])
+    mode = "OFFBOARD" if autopilot.kind == PX4 else guided
     hint = link_notice("hint.mode", mode=mode).text
-    steps.append(Exchange(autopilot, f"enter {mode}", MavCommand.DO_SET_MODE, params, hint))
+    steps.append(Exchange(autopilot, f"enter {mode}", MavCommand.DO_SET_MODE, FOLLOWING_MODES[mode], hint))
     hint = link_notice("hint.arm").text
     steps.append(Exchange(autopilot, "arm", MavCommand.ARM_DISARM, (1.0, 0.0), hint))
     if autopilot.kind == ARDUPILOT:

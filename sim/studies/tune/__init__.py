@@ -3,7 +3,9 @@
 from sim.studies.tune.tune import (
     AXES,
     DELAY,
+    IN_HAND,
     SEARCH_SEED,
+    TEXT_COLUMNS,
     Evidence,
     Floors,
     Key,

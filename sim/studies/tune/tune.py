@@ -501,7 +501,7 @@ def format_margin(margin: Margin) -> str:
 SEARCH_SEED = 100
 """The first seed of the flights that a search sees. Figures are verified on seeds from 0 to 99."""
 IN_HAND = 1.1
-"""A search keeps its floors with this factor, so that they also hold in flights that it has not seen."""
+"""Factor on floors and limits in a search [-], so that they also hold in flights that it has not seen."""
 PROBE_SEEDS = 2
 """Seeds that fly with something wrong, of those that fly with nothing wrong."""
 PROPOSALS = 1000
@@ -871,8 +871,8 @@ def _errors(figure: Figure) -> str:
     return f"{figure.rms_cm:.2f}, {figure.worst_cm:.2f}"
 
 
-COMMENT_COLUMNS = 116
-"""Width of the comments in a tuned configuration [characters]. Chosen."""
+TEXT_COLUMNS = 118
+"""Width of sentences below a table and in comments of a tuned configuration [characters]. Chosen."""
 
 
 def _number(value: float) -> str:
@@ -880,11 +880,11 @@ def _number(value: float) -> str:
 
 
 def _comment(text: str) -> list[str]:
-    if len(text) < COMMENT_COLUMNS:
+    if len(text) < TEXT_COLUMNS:
         return [f"# {text}".rstrip()]
     # A path that is broken at a hyphen can't be copied.
     wrapper = textwrap.TextWrapper(
-        COMMENT_COLUMNS,
+        TEXT_COLUMNS,
         initial_indent="# ",
         subsequent_indent="# ",
         break_long_words=False,

@@ -7,7 +7,7 @@ import pytest
 from groundstation.core.geometry import so3
 from links.mavlink.protocol import FORCE, MavCommand, MavlinkCodec
 from sim.autopilots import Px4Autopilot
-from sim.autopilots.dialects import OFFBOARD, PX4_LAND as LAND
+from sim.autopilots.dialects import Px4Mode
 from tests.airframe_double import Brick
 
 PERIOD_S = 0.02
@@ -96,7 +96,7 @@ def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:
     assert told(flight) == (0, prearm)
     assert flight.command(MavCommand.DO_SET_MODE, 1.0, 6.0) == 0
     flight.wait(1.1)
-    assert told(flight) == (0, 0)  # OFFBOARD wants a stream first
+    assert told(flight) == (0, 0)  # Px4Mode.OFFBOARD wants a stream first
     flight.stream(2.1)
     assert told(flight) == (0, prearm)
     flight.autopilot.lacks = "Preflight Fail: Compass Sensor 0 missing"
@@ -157,9 +157,9 @@ def test_the_last_set_point_is_held_for_a_second_and_then_it_lands_and_disarms()
     silent_s = flight.now - PERIOD_S
     acts = len(flight.airframe.acts)
     flight.until(silent_s + 0.999)
-    assert (len(flight.airframe.acts), flight.autopilot.mode) == (acts, OFFBOARD)
+    assert (len(flight.airframe.acts), flight.autopilot.mode) == (acts, Px4Mode.OFFBOARD)
     flight.until(silent_s + 1.001)
-    assert flight.autopilot.mode == LAND
+    assert flight.autopilot.mode == Px4Mode.LAND
     assert "Failsafe activated" in flight.words
     flight.wait(1.5)
     assert flight.messages("HEARTBEAT")[-1].custom_mode == 4 << 16 | 6 << 24
@@ -211,5 +211,5 @@ def test_mode_land_on_command_is_not_left_because_set_points_come() -> None:
     flight.stream(0.2)
     assert flight.command(MavCommand.DO_SET_MODE, 1.0, 4.0, 6.0) == 0
     flight.stream(8.0)
-    assert flight.autopilot.mode == LAND
+    assert flight.autopilot.mode == Px4Mode.LAND
     assert not flight.autopilot.armed
