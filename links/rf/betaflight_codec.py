@@ -20,11 +20,10 @@ Source: Betaflight 4.6, src/main/msp/msp.c, msp_serial.c, msp_box.c, and cli/cli
 import math
 import re
 import struct
-from collections import Counter
 from enum import IntEnum
 from typing import NamedTuple
 
-from links.rf.codec import RfLinkConfig
+from links.rf.codec import FrameReader, RfLinkConfig
 from links.rf.module_codec import DsmLinkConfig
 from links.text import link_notice
 
@@ -75,36 +74,22 @@ def encode_request(command: int, payload: bytes = b"") -> bytes:
     return _REQUEST + body + bytes((_xor(body),))
 
 
-class MspReader:
-    """Frames out of a stream; begins anew one byte later wherever a frame turns out to be none."""
+class MspReader(FrameReader[MspAnswer]):
+    """Finds a board's answers by their head, length and checksum."""
 
-    def __init__(self) -> None:
-        self.dropped: Counter[str] = Counter()
-        """Bytes that belong to no frame, by reason."""
-        self._rest = b""
+    def _find_end(self, data: bytes, at: int) -> int | str:
+        head = data[at : at + 3]
+        if not any(kind.startswith(head) for kind in _ANSWERS):
+            return "not_a_frame"
+        if at + 3 >= len(data):
+            return at + 4
+        end = at + _FRAME_BYTES + data[at + 3]
+        if end <= len(data) and _xor(data[at + 3 : end - 1]) != data[end - 1]:
+            return "bad_checksum"
+        return end
 
-    def feed(self, data: bytes) -> list[MspAnswer]:
-        """Take the next bytes, however they were cut; returns the answers that they complete."""
-        data, at = self._rest + data, 0
-        heard: list[MspAnswer] = []
-        while at < len(data):
-            head = data[at : at + 3]
-            if not any(kind.startswith(head) for kind in _ANSWERS):
-                self.dropped["not_a_frame"] += 1
-                at += 1
-                continue
-            end = at + _FRAME_BYTES + data[at + 3] if len(data) > at + 3 else len(data) + 1
-            if end > len(data):
-                break
-            body = data[at + 3 : end - 1]
-            if _xor(body) != data[end - 1]:
-                self.dropped["bad_checksum"] += 1
-                at += 1
-                continue
-            heard.append(MspAnswer(body[1], body[2:], head == _ANSWERS[0]))
-            at = end
-        self._rest = data[at:]
-        return heard
+    def _decode_frame(self, frame: bytes) -> MspAnswer:
+        return MspAnswer(frame[4], frame[5:-1], frame[:3] == _ANSWERS[0])
 
 
 def is_armed(status: bytes) -> bool:

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Annotated, NamedTuple, Protocol, Self
+from typing import Annotated, Generic, NamedTuple, Protocol, Self, TypeAlias, TypeVar
 
 import msgspec
 
@@ -60,23 +60,50 @@ class RfFrame(NamedTuple):
     """Telemetry in the frame, or None."""
 
 
-class RfDecoder(ABC):
-    """Bytes to frames; garbage is skipped, one byte at a time, and counted."""
+F = TypeVar("F")
+
+
+class FrameReader(ABC, Generic[F]):
+    """Frames out of a stream; begins anew one byte later wherever a frame turns out to be none."""
 
     def __init__(self) -> None:
-        self.dropped: dict[str, int] = Counter()
+        self.dropped: Counter[str] = Counter()
         """Bytes that belong to no frame, by reason."""
         self._rest = b""
 
     @abstractmethod
-    def feed(self, data: bytes) -> list[RfFrame]:
+    def _find_end(self, data: bytes, at: int) -> int | str:
+        """Return the end of the frame that begins at ``at``, beyond ``data`` where it is not whole; or why none does."""
+
+    @abstractmethod
+    def _decode_frame(self, frame: bytes) -> F:
+        """Decode a whole frame."""
+
+    def feed(self, data: bytes) -> list[F]:
         """Take the next bytes, however they were cut; returns the frames that they complete."""
+        data, at = self._rest + data, 0
+        heard: list[F] = []
+        while at < len(data):
+            end = self._find_end(data, at)
+            if isinstance(end, str):
+                self.dropped[end] += 1
+                at += 1
+            elif end > len(data):
+                break
+            else:
+                heard.append(self._decode_frame(data[at:end]))
+                at = end
+        self._rest = data[at:]
+        return heard
 
     def pause(self) -> None:
         """The wire was silent: whatever was begun will not be completed."""
         if self._rest:
             self.dropped["cut_short"] += len(self._rest)
             self._rest = b""
+
+
+RfDecoder: TypeAlias = FrameReader[RfFrame]
 
 
 class RfCodec(Protocol):

@@ -42,7 +42,7 @@ from fastcrc import crc8
 
 from links.core import from_euler_zyx
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
-from links.rf.codec import RfDecoder, RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
+from links.rf.codec import FrameReader, RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
 from links.text import link_notice
 
 
@@ -120,7 +120,7 @@ class DsmCodec:
         return DsmDecoder(self._config.low, self._config.high)
 
 
-class DsmDecoder(RfDecoder):
+class DsmDecoder(FrameReader[RfFrame]):
     """Finds frames by their shape, as they have neither a first byte of their own nor a checksum."""
 
     def __init__(self, low: int = 96, high: int = 928) -> None:
@@ -128,32 +128,18 @@ class DsmDecoder(RfDecoder):
         super().__init__()
         self._low, self._high = low, high
 
-    def feed(self, data: bytes) -> list[RfFrame]:
-        """Take the next bytes, however they were cut; returns the frames that they complete."""
-        data = self._rest + data
-        heard: list[RfFrame] = []
-        at = 0
-        while len(data) - at >= DsmCodec.frame_bytes:
-            if _is_frame(data, at):
-                heard.append(self._decode_frame(data, at))
-                at += DsmCodec.frame_bytes
-            else:
-                self.dropped["not_a_frame"] += 1
-                at += 1
-        self._rest = data[at:]
-        return heard
+    def _find_end(self, data: bytes, at: int) -> int | str:
+        end = at + DsmCodec.frame_bytes
+        if end > len(data):
+            return end
+        numbered = all(data[at + 2 + 2 * i] >> 2 == i for i in range(DsmCodec.channels))
+        return end if numbered and not data[at] & ~_KNOWN_FLAGS else "not_a_frame"
 
-    def _decode_frame(self, data: bytes, at: int) -> RfFrame:
-        low, high = self._low, self._high
-        found = [(data[k] & 3) << 8 | data[k + 1] for k in range(at + 2, at + DsmCodec.frame_bytes, 2)]
-        flags = data[at]
+    def _decode_frame(self, frame: bytes) -> RfFrame:
+        flags, model_id, *channels = frame
+        found = [(high & 3) << 8 | low for high, low in zip(channels[::2], channels[1::2], strict=True)]
         service = Service.BIND if flags & DsmFlag.BIND else Service.RANGE_CHECK if flags & DsmFlag.RANGE_CHECK else None
-        return RfFrame(tuple(position(count, low, high) for count in found), service, data[at + 1])
-
-
-def _is_frame(data: bytes, at: int) -> bool:
-    """Whether the flags are known ones and the channels are numbered 0 to 5."""
-    return not data[at] & ~_KNOWN_FLAGS and all(data[at + 2 + 2 * i] >> 2 == i for i in range(DsmCodec.channels))
+        return RfFrame(tuple(position(count, self._low, self._high) for count in found), service, model_id)
 
 
 class CrsfFrame(IntEnum):
@@ -283,36 +269,27 @@ class CrsfCodec:
         return CrsfDecoder(self._pitch)
 
 
-class CrsfDecoder(RfDecoder):
-    """Frames out of a stream; begins anew one byte later wherever a frame turns out to be none."""
+class CrsfDecoder(FrameReader[RfFrame]):
+    """Finds frames by their address, length and checksum."""
 
     def __init__(self, pitch: float) -> None:
         """``pitch``: 1 where the nose up counts up in attitudes, else -1."""
         super().__init__()
         self._pitch = pitch
 
-    def feed(self, data: bytes) -> list[RfFrame]:
-        """Take the next bytes, however they were cut; returns the frames that they complete."""
-        data = self._rest + data
-        heard: list[RfFrame] = []
-        at, end = 0, len(data)
-        while end - at >= 2:
-            size = data[at + 1]
-            if data[at] not in _ADDRESSES or not _SHORTEST <= size <= _LONGEST:
-                self.dropped["not_a_frame"] += 1
-                at += 1
-            elif end - at < 2 + size:
-                break
-            elif crc8.dvb_s2(data[at + 2 : at + 1 + size]) != data[at + 1 + size]:
-                self.dropped["bad_checksum"] += 1
-                at += 1
-            else:
-                heard.append(self._decode_frame(data[at + 2], data[at + 3 : at + 1 + size]))
-                at += 2 + size
-        self._rest = data[at:]
-        return heard
+    def _find_end(self, data: bytes, at: int) -> int | str:
+        if at + 2 > len(data):
+            return at + 2
+        size = data[at + 1]
+        if data[at] not in _ADDRESSES or not _SHORTEST <= size <= _LONGEST:
+            return "not_a_frame"
+        end = at + 2 + size
+        if end <= len(data) and crc8.dvb_s2(data[at + 2 : end - 1]) != data[end - 1]:
+            return "bad_checksum"
+        return end
 
-    def _decode_frame(self, kind: int, payload: bytes) -> RfFrame:
+    def _decode_frame(self, frame: bytes) -> RfFrame:
+        kind, payload = frame[2], frame[3:-1]
         if kind == CrsfFrame.RC_CHANNELS and len(payload) >= _CHANNEL_BYTES:
             packed = int.from_bytes(payload[:_CHANNEL_BYTES], "little")
             found = (packed >> (11 * i) & 0x7FF for i in range(CrsfCodec.channels))
