@@ -73,7 +73,7 @@ class FrameReader(ABC, Generic[F]):
 
     @abstractmethod
     def _find_end(self, data: bytes, at: int) -> int | str:
-        """Return the end of the frame that begins at ``at``, beyond ``data`` where it is not whole; or why none does."""
+        """Return the end of the frame at ``at``, beyond ``data`` if it is not whole; or why there is none."""
 
     @abstractmethod
     def _decode_frame(self, frame: bytes) -> F:

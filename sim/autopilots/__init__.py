@@ -17,8 +17,8 @@ from sim.autopilots.peer import (
     AUTOPILOTS,
     AutopilotPeer,
     OpenWire,
-    accept_at,
-    at_end_of,
-    wait_at,
+    open_far_end,
+    open_tcp,
+    open_udp,
 )
 from sim.autopilots.px4 import Px4, make_px4

@@ -8,7 +8,8 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import Awaitable, Callable
-from typing import Any, Protocol
+from functools import partial
+from typing import Any, Protocol, TypeAlias
 
 from sim.autopilots.autopilot import SimulatedAutopilot
 from sim.autopilots.dialects import ArduPilotAutopilot, Px4Autopilot
@@ -27,6 +28,8 @@ class Wire(Protocol):
 Hear = Callable[[bytes, Any], None]
 """Takes bytes and where they came from: whole frames, or pieces of a stream, which the autopilot's codec joins."""
 OpenWire = Callable[[Hear], Awaitable[Wire]]
+Address: TypeAlias = tuple[str, int]
+"""Host and port."""
 
 
 class UdpWire(asyncio.DatagramProtocol):
@@ -90,37 +93,18 @@ class AcceptingTcp(asyncio.Protocol):
             self._transport.abort()
 
 
-def speak_to(remote: tuple[str, int]) -> OpenWire:
-    """UDP to a ground station that listens at ``remote`` (host, port)."""
-
-    async def open_wire(hear: Hear) -> Wire:
-        loop = asyncio.get_running_loop()
-        _, wire = await loop.create_datagram_endpoint(lambda: UdpWire(hear, connected=True), remote_addr=remote)
-        return wire
-
-    return open_wire
+async def open_udp(hear: Hear, *, local: Address | None = None, remote: Address | None = None) -> Wire:
+    """Open UDP to a ground station that listens at ``remote``, or at ``local``, where it has to speak first."""
+    loop = asyncio.get_running_loop()
+    _, wire = await loop.create_datagram_endpoint(lambda: UdpWire(hear, connected=remote is not None), local, remote)
+    return wire
 
 
-def wait_at(address: tuple[str, int]) -> OpenWire:
-    """UDP at ``address`` (host, port): the ground station speaks first."""
-
-    async def open_wire(hear: Hear) -> Wire:
-        loop = asyncio.get_running_loop()
-        _, wire = await loop.create_datagram_endpoint(lambda: UdpWire(hear, connected=False), local_addr=address)
-        return wire
-
-    return open_wire
-
-
-def accept_at(address: tuple[str, int]) -> OpenWire:
-    """TCP at ``address`` (host, port)."""
-
-    async def open_wire(hear: Hear) -> Wire:
-        wire = AcceptingTcp(hear)
-        wire.server = await asyncio.get_running_loop().create_server(lambda: wire, *address)
-        return wire
-
-    return open_wire
+async def open_tcp(hear: Hear, *, address: Address) -> Wire:
+    """Accept TCP connections at ``address``."""
+    wire = AcceptingTcp(hear)
+    wire.server = await asyncio.get_running_loop().create_server(lambda: wire, *address)
+    return wire
 
 
 class FarEnd(Wire, Protocol):
@@ -130,14 +114,10 @@ class FarEnd(Wire, Protocol):
         """Call ``take`` with whatever is written to the port."""
 
 
-def at_end_of(port: FarEnd) -> OpenWire:
-    """The far end of a serial ``port``."""
-
-    async def open_wire(hear: Hear) -> Wire:
-        port.listen(lambda data: hear(data, None))
-        return port
-
-    return open_wire
+async def open_far_end(hear: Hear, *, port: FarEnd) -> Wire:
+    """Listen at the far end of a serial ``port``."""
+    port.listen(lambda data: hear(data, None))
+    return port
 
 
 class AutopilotPeer:
@@ -157,7 +137,7 @@ class AutopilotPeer:
         ``delay_s`` is how long what it says takes to leave, ``hearing_s`` how long what it is told takes to reach
         it, on top of what the network takes [s]. ``open_wire`` opens another wire instead of that UDP.
         """
-        self._open_wire = open_wire or speak_to(remote)
+        self._open_wire = open_wire or partial(open_udp, remote=remote)
         self._autopilot = autopilot
         self._delay_s = delay_s
         self.hearing_s = hearing_s

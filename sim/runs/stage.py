@@ -32,9 +32,9 @@ from sim.autopilots import (
     OnboardFirmware,
     OpenWire,
     SimulatedAutopilot,
-    accept_at,
-    at_end_of,
-    wait_at,
+    open_far_end,
+    open_tcp,
+    open_udp,
 )
 from sim.radio import PtyWire, PulseReceiver, Receiver, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
 from sim.scenarios import BETAFLIGHT
@@ -235,10 +235,10 @@ def _wire(link: MavlinkLinkConfig, pty: PtyWire | None) -> OpenWire | None:
     """Return the wire to an autopilot that does not speak first on UDP; None for one that does."""
     if link.serial is not None:
         assert pty is not None, "the caller has one for a serial port"
-        return at_end_of(pty)
+        return partial(open_far_end, port=pty)
     if link.tcp is not None:
-        return accept_at(parse_address(link.tcp))
-    return wait_at(parse_address(link.remote)) if link.remote is not None else None
+        return partial(open_tcp, address=parse_address(link.tcp))
+    return partial(open_udp, local=parse_address(link.remote)) if link.remote is not None else None
 
 
 def _signer(key_file: Path) -> Signer:
