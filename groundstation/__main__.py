@@ -14,7 +14,6 @@ from groundstation.runtime import (
     build_parser,
     path,
     seconds,
-    viewer,
 )
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
@@ -81,10 +80,7 @@ FLY: Arguments = {
     **REHEARSE,
     **ARM,
     "--tui": {"action": "store_true", "help": "fly in a process of its own, and steer it from the dashboard"},
-    "--view": {
-        "nargs": "?", "type": viewer, "choices": VIEWERS, "const": VIEWERS[0],
-        "help": "show it in space as it is recorded, in a process of its own (default: rerun)",
-    },
+    "--view": {"nargs": "?", "const": "", "metavar": "VIEWER", "help": "gone: `groundstation view`"},
     **THEME,
 }  # fmt: skip
 DAEMON: Arguments = {
@@ -191,7 +187,7 @@ LOGS: Arguments = {
 EXPORT: Arguments = {
     **_recording(),
     "--format": {
-        "choices": ["csv", "npz", "mat", "rrd", "foxglove", "mcap", "poses"],
+        "choices": ["csv", "npz", "mat", "foxglove", "mcap", "poses"],
         "default": "csv",
         "help": "default: csv",
     },

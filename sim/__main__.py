@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from groundstation.runtime import COMPLETION, VIEWERS, Arguments, Groups, Program, build_parser, path, seconds, viewer
+from groundstation.runtime import COMPLETION, Arguments, Groups, Program, build_parser, path, seconds
 from sim.cli import count, names, whole
 
 
@@ -91,10 +91,7 @@ FLY: Arguments = {
     **LINK,
     **_overrides("sim.KEY changes the truth, controller.KEY (vehicle., pose., …) what the controller is told"),
     "--out": {"type": path, "metavar": "DIR", "help": "write the run's folder"},
-    "--view": {
-        "nargs": "?", "type": viewer, "const": VIEWERS[0], "choices": VIEWERS,
-        "help": "with --out: then show it (default rerun)",
-    },
+    "--view": {"nargs": "?", "const": "", "metavar": "VIEWER", "help": "gone: `groundstation view DIR/flight.mcap`"},
     **_json("the summary"),
 }  # fmt: skip
 MISSION: Arguments = {

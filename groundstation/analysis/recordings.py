@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = {
-    "csv": "", "npz": ".npz", "mat": ".mat", "rrd": ".rrd",
+    "csv": "", "npz": ".npz", "mat": ".mat",
     "mcap": "-whole.mcap", "foxglove": "-foxglove.mcap",
 }  # fmt: skip
 """Suffix of each format behind the recording's name, by default."""
@@ -83,7 +83,7 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     if form != "csv" and target.exists():  # which is a folder
         raise ConfigError("--out", notice("file.exists", path=target))
     ending = Path(f"x{SUFFIXES[form]}").suffix
-    if form in ("mcap", "foxglove", "rrd") and target.suffix != ending:
+    if form in ("mcap", "foxglove") and target.suffix != ending:
         raise ConfigError("--out", notice("file.ending", ending=ending, found=target.name))
     with refuse_recordings():
         recording = Recording(path)
@@ -582,7 +582,7 @@ _TABLE_WRITERS: "dict[str, Callable[[Tables, Path], None]]" = {
     "npz": _write_npz,
     "mat": _write_mat,
 }
-FORMATS = (*_TABLE_WRITERS, "csv", "rrd")
+FORMATS = (*_TABLE_WRITERS, "csv")
 """Formats of channels by the ending of the file's name; csv makes a folder."""
 
 
@@ -593,10 +593,6 @@ def write_tables(recording: Recording, form: str, topics: Collection[str], targe
         ConfigError: the package for it is not installed.
         OSError: it can't be written.
     """
-    if form == "rrd":
-        from groundstation.analysis.viewers import write_rrd
-
-        return write_rrd(recording, topics, target)
     if form == "csv":
         return _write_csv_folder(recording, topics, target)
     tables = {

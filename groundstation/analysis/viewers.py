@@ -174,20 +174,19 @@ CURVES = {
     "Wind, estimated and true [m/s²]": ("adaptation/b_hat_m_s2", "truth/wind_m_s2"),
 }
 """Curves of Rerun's layout: channels and their fields."""
-SHOWN = frozenset(itertools.chain.from_iterable(CURVES.values()))
+SHOWN: dict[str, list[tuple[str, str]]] = {}
+for _path in itertools.chain.from_iterable(CURVES.values()):
+    SHOWN.setdefault(_path.partition("/")[0], []).append((_path, _path.partition("/")[2]))
+"""Topic → path and field of each of its curves."""
 
 
 class RerunScene:
-    """A recording's messages into a stream of Rerun's, gathered until :meth:`flush`: the scene, a curve a number."""
+    """A recording's messages into a stream of Rerun's, gathered until :meth:`flush`: the scene, and :data:`CURVES`."""
 
-    def __init__(self, stream: Any, *, live: bool = False) -> None:
-        """``stream`` is a rerun.RecordingStream; its layout and what never changes are sent now.
-
-        ``live``: only the curves of the layout, as each has its price, however short it is.
-        """
+    def __init__(self, stream: Any) -> None:
+        """``stream`` is a rerun.RecordingStream; its layout and what never changes are sent now."""
         import rerun as rr
 
-        self._live = live
         self._rr, self._stream, self._scene = rr, stream, RoomScene()
         self._began_ns: int | None = None
         self._rows: dict[str, list[tuple[float, dict[str, float]]]] = {}
@@ -226,15 +225,11 @@ class RerunScene:
         if entry.topic == "/log":
             told = entry.value()
             self._draw("log", time_s, rr.TextLog, text=told["message"], level="WARN" if told["level"] > 2 else "INFO")
-        elif not entry.topic.startswith(("/raw", "/tf", "/pose")):
+        for name, field in SHOWN.get(entry.topic.strip("/"), ()):
             from groundstation.analysis.recordings import flatten
 
-            topic, told = entry.topic.strip("/"), entry.value()
-            told.pop("time_s", None)
-            if self._live:
-                told = {name: told[name] for name in told if f"{topic}/{name}" in SHOWN}
-            row = {key: float(value) for key, value in flatten(told, "") if isinstance(value, int | float)}
-            self._rows.setdefault(topic, []).append((time_s, row))
+            row = {key: float(value) for key, value in flatten(entry.value().get(field), name) if value is not None}
+            self._rows.setdefault(name, []).append((time_s, row))
 
     def _draw(self, path: str, time_s: float, kind: Any, **parts: Any) -> None:
         _, times, columns = self._drawn.setdefault(path, (kind, [], {name: [] for name in parts}))
@@ -242,21 +237,19 @@ class RerunScene:
         for name, part in parts.items():
             columns[name].append(part)
 
-    def flush(self) -> dict[str, int]:
-        """Send what was gathered; returns of how many messages the curves are, by channel."""
+    def flush(self) -> None:
+        """Send what was gathered."""
         import numpy as np
 
         rr, rows, drawn = self._rr, self._rows, self._drawn
         self._rows, self._drawn = {}, {}
         for path, (kind, times, columns) in drawn.items():
             self._stream.send_columns(path, [rr.TimeColumn("time", duration=times)], kind.columns(**columns))
-        for topic, given in rows.items():
+        for given in rows.values():
             index = [rr.TimeColumn("time", duration=[time_s for time_s, _ in given])]
             for name in dict.fromkeys(itertools.chain.from_iterable(row for _, row in given)):
                 column = np.array([row.get(name, np.nan) for _, row in given])
-                path = f"{topic}/{name.replace('.', '/')}"
-                self._stream.send_columns(path, index, rr.Scalars.columns(scalars=column))
-        return {topic: len(given) for topic, given in rows.items()}
+                self._stream.send_columns(name.replace(".", "/"), index, rr.Scalars.columns(scalars=column))
 
 
 def _lay_out() -> Any:
@@ -274,28 +267,6 @@ def _lay_out() -> Any:
 
 def _vector(told: dict[str, float]) -> Vec3:
     return told["x"], told["y"], told["z"]
-
-
-def write_rrd(recording: Recording, topics: Collection[str], target: Path) -> dict[str, int]:
-    """Write what is on ``topics`` in Rerun's format, in space and as curves; how many messages each has.
-
-    Raises:
-        ConfigError: rerun-sdk is not installed.
-        OSError: it can't be written.
-    """
-    require_package("rerun", "--format", "view")
-    import rerun as rr
-
-    target.touch()  # rerun only warns where it can't write
-    stream = rr.RecordingStream("groundstation")
-    stream.save(target)
-    scene = RerunScene(stream)
-    for entry in recording.entries(topics):
-        scene.add(entry)
-    count = scene.flush()
-    stream.flush()
-    stream.disconnect()
-    return count
 
 
 PORTS = {"rerun": 9876, "foxglove": 8765}
@@ -331,7 +302,7 @@ async def _show_in_rerun(recording: Recording, host: str, port: int) -> None:
     print(f"{recording.path}: in Rerun, which listens at {host}:{port}", flush=True)
     stream = rr.RecordingStream("groundstation", recording_id=recording.path.stem)
     stream.connect_grpc(f"rerun+http://{host}:{port}/proxy")
-    scene = RerunScene(stream, live=is_being_written(recording.path))
+    scene = RerunScene(stream)
     loop, due_s = asyncio.get_running_loop(), 0.0
     for entry in recording.follow():
         if entry is not None:

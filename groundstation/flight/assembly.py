@@ -348,17 +348,15 @@ async def recorder(
     keep: Callable[[], bool] = lambda: True,
     *,
     describe_error: Callable[[], Sentence | None] = lambda: None,
-    view: str = "",
 ) -> AsyncIterator[Give | None]:
     """Record a flight in real time by a process of its own; None without ``recording.enabled``.
 
     Records are handed over in ``quiet`` slots. ``keep`` returns at the end whether the recording is kept. If the
     recorder has not told the flight's error, ``describe_error`` returns the sentence about it.
-    ``view`` names a viewer that the recorder opens on it.
     """
     process = None
     if config.recording.enabled:
-        process = RecorderProcess(config.recording, about(config), say, quiet, view=view)
+        process = RecorderProcess(config.recording, about(config), say, quiet)
     try:
         yield None if process is None else process.give
     finally:

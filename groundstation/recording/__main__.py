@@ -21,7 +21,6 @@ from groundstation.recording.headline import FlightHeadline
 from groundstation.recording.process import FORGET, RecorderSetup
 from groundstation.recording.records import Record
 from groundstation.recording.writer import FLUSH_S, FlightLog
-from links.io import start_child
 
 NICE = 5
 """Nice value of the recorder, below the flight (nice(2))."""
@@ -137,8 +136,6 @@ def _open_log(setup: RecorderSetup) -> FlightLog:
     # The event loop's clock is CLOCK_MONOTONIC, the same in every process of this machine.
     log = FlightLog(path, about, epoch_ns=time.time_ns() - time.monotonic_ns(), tell=_tell)
     _tell(notice("recording.begins", path=path))
-    if setup.view:  # in a process that stands back as far as this one does, and outlives it
-        start_child("groundstation", "view", str(path), "--in", setup.view, stdout=2)
     return log
 
 

@@ -33,8 +33,6 @@ class RecorderSetup(msgspec.Struct, frozen=True):
 
     recording: RecordingConfig
     about: About
-    view: str = ""
-    """The viewer that shows it as it is written, if any."""
 
 
 class RecorderProcess:
@@ -46,13 +44,8 @@ class RecorderProcess:
         about: About,
         say: Say,
         quiet: IdleSlots | None = None,
-        *,
-        view: str = "",
     ) -> None:
-        """Start the process; ``say`` takes what it tells the operator. Records are handed over when it is ``quiet``.
-
-        ``view`` names the viewer that it shall open on what it writes.
-        """
+        """Start the process; ``say`` takes what it tells the operator. Records are handed over when it is ``quiet``."""
         self._say = say
         self._quiet = quiet or IdleSlots()
         self._loop = asyncio.get_running_loop()
@@ -74,7 +67,7 @@ class RecorderProcess:
         with suppress(OSError):  # not allowed so much: the backlog has room
             fcntl.fcntl(self._in, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self._loop.add_reader(self._out, self._listen)
-        self._add(RecorderSetup(config, about, view))
+        self._add(RecorderSetup(config, about))
         self._hand_over()
 
     @property

@@ -14,7 +14,6 @@ from groundstation.runtime.entry import (
     require_package,
     run,
     seconds,
-    viewer,
 )
 from groundstation.runtime.packages import describe_install
 from groundstation.runtime.version import __version__

@@ -375,12 +375,3 @@ def seconds(text: str) -> float:
 
 
 VIEWERS = ("rerun", "foxglove")
-
-
-def viewer(text: str) -> str:
-    """Read an option that may name one of :data:`VIEWERS`; a file's name behind it is a mistake."""
-    if text not in VIEWERS:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is no viewer: expected rerun or foxglove, or --view at the very end"
-        )
-    return text

@@ -20,7 +20,6 @@ from typing import Any
 
 import msgspec
 
-from groundstation.analysis import view_command
 from groundstation.config import ConfigError, keys_of, load, read_toml
 from groundstation.core.messages import STEADY_S
 from groundstation.flight.preflight import ensure_flyable
@@ -33,7 +32,6 @@ from sim.autopilots import AUTOPILOTS, Parameters
 from sim.cli import ProgressBar, summary, typed_command
 from sim.runs import (
     DURATION_S,
-    RECORDING,
     FleetMission,
     Flyers,
     MissionResult,
@@ -312,9 +310,7 @@ def dev_states(args: argparse.Namespace) -> Exit:
 def fly(args: argparse.Namespace) -> Exit:
     """Fly one scenario in virtual time."""
     if args.view is not None:
-        if args.out is None:
-            raise ConfigError("--view", notice("view.no_out"))
-        require_package(args.view, "--view", "view")
+        raise ConfigError("--view", notice("view.by_itself"))
     with ProgressBar("flying", quiet=args.json, unit="s", digits=1) as bar:
         run = simulate(
             args.scenario,
@@ -331,8 +327,6 @@ def fly(args: argparse.Namespace) -> Exit:
             on_progress=bar.at,
         )
     print(json.dumps(run.facts) if args.json else summary(run.facts, args.out, paper=_is_papers(args, run)), flush=True)
-    if args.view is not None:
-        view_command(args.out / RECORDING, args.view, None)
     return Exit.DONE if run.completed else Exit.FAILED
 
 

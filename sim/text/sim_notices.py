@@ -47,7 +47,6 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
         'a process ended early: a script with several workers needs `if __name__ == "__main__":` above what it does, '
         "as each of them reads it, too; or memory ran out: take fewer",
     ),
-    NoticeTemplate("view.no_out", "shows what was recorded: expected --out DIR beside it"),
     # serve: the other side of a ground station.
     NoticeTemplate("serve.beside", "it has no effect beside {file}, whose file has it", "leave one of both out"),
     NoticeTemplate(

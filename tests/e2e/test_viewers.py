@@ -16,6 +16,7 @@ from tornado.websocket import websocket_connect
 
 from groundstation.analysis import view_command
 from groundstation.analysis.viewers import PORTS, FoxgloveScene
+from groundstation.machine import list_flights
 from groundstation.recording import CHANNELS
 from tests.e2e.stations import free_udp_port, served
 from tests.flight.test_viewers import components, needs_rerun
@@ -71,7 +72,7 @@ def test_rerun_is_shown_a_recording_where_its_window_listens_already(tmp_path: P
 def test_a_flight_is_shown_as_it_is_flown() -> None:
     port = PORTS["foxglove"]
     if listening(port):
-        pytest.skip(f"NOT TRIED: something else listens at port {port}, where fly --view serves Foxglove")
+        pytest.skip(f"NOT TRIED: something else listens at port {port}, where view serves Foxglove")
 
     async def look() -> Counter[str]:
         await until(lambda: listening(port))
@@ -79,12 +80,17 @@ def test_a_flight_is_shown_as_it_is_flown() -> None:
         return await subscribe(port)
 
     with served() as room:
-        words = room.station("fly", "--arm", "mqx", "--view", "foxglove", "--set", "flight.duration_s=2.0")
+        words = room.station("fly", "--arm", "mqx", "--set", "flight.duration_s=2.0")
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as station:
-            got = asyncio.run(look())
+            while not (found := list_flights(room.recordings)):
+                assert station.poll() is None
+            words = [sys.executable, "-m", "groundstation", "view", "--in", "foxglove", str(found[0])]
+            with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as viewer:
+                got = asyncio.run(look())
+                shown, _ = viewer.communicate(timeout=60)
             said, _ = station.communicate(timeout=60)
     assert station.returncode == 0, said
-    assert f"in Foxglove, Open connection, ws://127.0.0.1:{port}" in said
+    assert f"in Foxglove, Open connection, ws://127.0.0.1:{port}" in shown
     assert got["/tf"] > 100
     assert got["/scene/estimate"] > 5
     assert not any(topic.startswith("/raw") for topic in got)

@@ -204,7 +204,7 @@ def test_a_recording_that_was_cut_off_is_made_whole(tmp_path: Path, capsys: pyte
     assert sorted(map(str, held)) == sorted(str((topic, value)) for topic, _, value in made)
 
 
-@pytest.mark.parametrize("form", ["mcap", "npz", "mat", "rrd", "foxglove"])
+@pytest.mark.parametrize("form", ["mcap", "npz", "mat", "foxglove"])
 def test_an_export_replaces_no_file_that_is_there(form: str, tmp_path: Path) -> None:
     (mine := tmp_path / "mine").write_text("an hour's work")
     with pytest.raises(ConfigError, match=r"^--out: .*mine is there already: name another, or remove it$"):

@@ -13,6 +13,7 @@ from groundstation.analysis import export_command
 from groundstation.analysis.viewers import (
     FoxgloveScene,
     Placement,
+    RerunScene,
     RoomScene,
     Trail,
     WindArrow,
@@ -75,7 +76,15 @@ def components(rrd: Path) -> dict[str, set[str]]:
 
 @needs_rerun
 def test_a_flight_written_for_rerun_has_vehicle_trails_winds_and_curves(flight: Path, tmp_path: Path) -> None:
-    assert export_command(flight, "rrd", [], tmp_path / "flight.rrd") == 0
+    import rerun
+
+    stream = rerun.RecordingStream("groundstation")
+    stream.save(tmp_path / "flight.rrd")
+    scene = RerunScene(stream)
+    for entry in Recording(flight).entries():
+        scene.add(entry)
+    scene.flush()
+    stream.disconnect()
     columns = components(tmp_path / "flight.rrd")
     assert {"Transform3D:translation", "Transform3D:quaternion"} <= columns["/world/estimate"]
     assert "Ellipsoids3D:half_sizes" in columns["/world/truth/rotors"]

@@ -12,7 +12,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +47,7 @@ from groundstation.machine import (
     running_processes,
     socket_path,
 )
-from groundstation.runtime import Exit, Program, path, require_package
+from groundstation.runtime import Exit, Program, path
 from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served, rehearse
 from links.bridge import BridgeConfig
 from links.core import LinkError
@@ -87,13 +86,8 @@ def fly(args: argparse.Namespace) -> int:
     StepTimer.start()
     config = _load(args, require_flyable)
     ensure_named(args.arm, config)
-    if args.view:
-        if args.tui:
-            raise ConfigError("--view", notice("view.not_tui"))
-        if not config.recording.enabled:
-            raise ConfigError("--view", notice("view.not_recorded"))
-        if find_spec(args.view) is None:  # which imports nothing: the flight needs none of it
-            require_package(args.view, "--view", "view")
+    if args.view is not None:
+        raise ConfigError("--view", notice("view.by_itself"))
     if args.tui:
         from groundstation.interfaces.tui import fly_with_screen
 
@@ -101,9 +95,7 @@ def fly(args: argparse.Namespace) -> int:
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", notice("arm.no_terminal", vehicle=config.vehicle.name))
     say = _terminal_writer()
-    return fly_command(
-        config, partial(confirm_arming, config, args.arm), _mark_lines(say) if args.rehearse else say, args.view or ""
-    )
+    return fly_command(config, partial(confirm_arming, config, args.arm), _mark_lines(say) if args.rehearse else say)
 
 
 def _find_recording(name: Path | None) -> Path:
@@ -218,7 +210,7 @@ def tui(args: argparse.Namespace) -> int:
     if args.rehearse:
         if args.log is None:
             raise ConfigError("--rehearse", notice("rehearse.no_file"))
-        args.config, args.log, args.overrides, args.arm, args.tui, args.view = args.log, None, [], None, True, ""
+        args.config, args.log, args.overrides, args.arm, args.tui, args.view = args.log, None, [], None, True, None
         if not asyncio.run(is_served(socket_path(StatusConfig(), REHEARSAL))):
             return fly(args)
         args.vehicle = REHEARSAL

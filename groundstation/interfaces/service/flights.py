@@ -533,15 +533,13 @@ def obey(
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # one in the background would be stopped as it prints
 
 
-def fly_command(
-    config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None], view: str = ""
-) -> Exit:
-    """One flight, with the lock of its vehicle held; a viewer ``view`` shows its recording as it grows."""
+def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None]) -> Exit:
+    """One flight, with the lock of its vehicle held."""
     try:
         with hold_lock(socket_path(config.status, config.vehicle.name), config.vehicle.name):
             logging.getLogger().addHandler(LogHandler(2, Format.TEXT, journal=False))
             with registration(entry_of(config, "fly", os.getpid())):
-                return _run_precisely(_fly(config, confirm, write, view))
+                return _run_precisely(_fly(config, confirm, write))
     except Taken as error:
         print(f"groundstation: {error}", file=sys.stderr)
         return Exit.TAKEN
@@ -549,7 +547,7 @@ def fly_command(
         raise ConfigError("status.path", str(error)) from None
 
 
-async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None], view: str) -> Exit:
+async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None]) -> Exit:
     """Fly until landed or aborted, and land on the first signal."""
 
     def say(sentence: Sentence, /) -> None:
@@ -562,7 +560,7 @@ async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], write: Ca
     def describe_error() -> Sentence | None:
         return None if flight is None else flight.describe_error()
 
-    async with recorder(config, say, quiet, view=view, describe_error=describe_error) as give:
+    async with recorder(config, say, quiet, describe_error=describe_error) as give:
         subscribers = (tell_lines(write),)
         flight = make_flight(
             config, confirm=confirm, subscribers=subscribers, give=give, quiet=quiet, running=running_processes
