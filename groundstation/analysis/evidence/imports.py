@@ -14,7 +14,7 @@ import os
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from fnmatch import fnmatch
 from pathlib import Path
@@ -42,6 +42,7 @@ from groundstation.analysis.evidence.flight import (
 from groundstation.analysis.evidence.text_tables import (
     CsvLayout,
     Table,
+    list_few,
     read_csv_table,
     read_motive_tables,
     read_qtm_tables,
@@ -596,11 +597,6 @@ def _four(row: Column) -> Quat:
     return w, x, y, z
 
 
-def _few(names: Iterable[str]) -> str:
-    some = list(names)
-    return (", ".join(some[:12]) or "nothing") + (", …" if len(some) > 12 else "")
-
-
 Motion = tuple[Column, Column, Column, Column | None, Column]
 """Times (N,) [s], positions (N, 3), attitudes (N, 4), velocities (N, 3) or None, resets (N,)."""
 Commands = tuple[Column, Column, Column | None, Column | None, float | None]
@@ -643,12 +639,12 @@ class _MappingReader:
         ]
         fewest, name = min(missing, key=lambda one: len(one[0]), default=(None, ""))
         if fewest is None:
-            return notice("import.no_table", found=_few(sorted(self._tables))).text
+            return notice("import.no_table", found=list_few(sorted(self._tables))).text
         if self.unclear:
             return self.unclear[-1]
         table = self._tables[name]
         if fewest:
-            return notice("import.no_column", columns=", ".join(fewest), table=name, found=_few(table)).text
+            return notice("import.no_column", columns=", ".join(fewest), table=name, found=list_few(table)).text
         named = {column for part in parts for column in [part.time or self._mapping.time, *self._columns(part)]}
         empty = [column for column in table if column in named and not np.isfinite(table[column]).any()]
         if empty and len(table[empty[0]]):

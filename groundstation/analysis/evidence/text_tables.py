@@ -36,8 +36,6 @@ LOOK_ROWS = 100
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
 GZIP_BEGIN = b"\x1f\x8b"
 """First bytes of a file packed by gzip."""
-UTF_16_BEGINS = (b"\xff\xfe", b"\xfe\xff")
-"""First bytes of a text in UTF-16, as spreadsheets save it."""
 MOTIVE_BEGIN = "Format Version"
 """First words of a file of Motive."""
 QTM_BEGIN = "NO_OF_FRAMES"
@@ -62,16 +60,10 @@ class CsvLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 @contextmanager
 def open_text(path: Path) -> Iterator[TextIO]:
-    """Open a text file, packed by gzip or not; in UTF-8, or in UTF-16 where its first bytes say so.
-
-    Of UTF-16 without a mark, one of the first two bytes is zero: no text begins with a zero in UTF-8.
-    """
+    """Open a text file in UTF-8, packed by gzip or not."""
     with path.open("rb") as raw:
         begin = raw.read(2)
-    encoding = "utf-16" if begin in UTF_16_BEGINS else "utf-8-sig"
-    if len(begin) == 2 and 0 in begin:
-        encoding = "utf-16-le" if begin[1] == 0 else "utf-16-be"
-    with (gzip.open if begin == GZIP_BEGIN else open)(path, "rt", encoding=encoding, newline="") as text:
+    with (gzip.open if begin == GZIP_BEGIN else open)(path, "rt", encoding="utf-8-sig", newline="") as text:
         assert not isinstance(text, gzip.GzipFile)
         yield text
 
@@ -130,9 +122,8 @@ def _find_head(
         ConfigError: no line is a head, or several columns have the same name.
     """
     told = SEPARATORS.get(layout.separator)
-    first = next((k for k, line in enumerate(lines) if not line.startswith("#")), len(lines))
-    top = lines[first] if first < len(lines) else ""
     if layout.head_rows == 0:
+        first = next((k for k, line in enumerate(lines) if not line.startswith("#")), len(lines))
         # A program may write a warning among the rows: most of them say how the table is laid out.
         separator = told or next((one for one in ";\t, " if 2 * sum(one in row for row in lines) > len(lines)), ",")
         counts = Counter(len(row) for row in _split(lines, separator))
@@ -149,17 +140,8 @@ def _find_head(
         if twice := [name for name in names if name and names.count(name) > 1]:
             raise ConfigError("FILE", notice("import.same_names", name=twice[0], hint=_hint(lines)), str(path))
         return separator, names, lines[k + 1 :]
-    separator = told or max(",;\t", key=top.count)
-    if told is None and separator not in top:
-        separator = " "
-    names = _names(top, separator)
-    widths = Counter(len(row) for row in _split(lines[first + 1 :], separator))
-    is_table = not widths or widths.most_common(1)[0][0] == len(names)
-    if not is_table or not names or any(map(_is_number, names)) or len(set(names)) < len(names):
-        wanted = ", ".join(times)
-        problem = notice("import.no_head", rows=len(lines), names=wanted, hint=_hint(lines))
-        raise ConfigError("FILE", problem, str(path))
-    return separator, names, lines[first + 1 :]
+    problem = notice("import.no_head", rows=len(lines), names=", ".join(times), hint=_hint(lines))
+    raise ConfigError("FILE", problem, str(path))
 
 
 def _join_heads(lines: Sequence[str], separator: str) -> list[str]:
@@ -192,10 +174,6 @@ def _split(lines: Iterable[str], separator: str) -> Iterator[list[str]]:
     if separator == " ":
         return (line.split() for line in lines)
     return csv.reader(lines, delimiter=separator, skipinitialspace=True)
-
-
-def _is_number(cell: str) -> bool:
-    return not math.isnan(_number(cell))
 
 
 def _number(cell: str) -> float:
@@ -260,11 +238,7 @@ def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
         ValueError: it is no such file.
     """
     with open_text(path) as text:
-        top = text.readline()
-        # A spreadsheet writes it anew with the separator of its country, and with decimal commas.
-        separator = next((one for one in ";\t" if top.startswith(MOTIVE_BEGIN + one)), ",")
-        number = _number if separator == "," else _comma_number
-        rows = csv.reader(chain([top], text), delimiter=separator)
+        rows = csv.reader(text)
         first = next(rows, [])
         if not first or first[0].strip() != MOTIVE_BEGIN:
             raise ValueError(notice("import.no_version"))
@@ -278,16 +252,16 @@ def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
         _expect(path, "Coordinate Space", stated, is_global, "Global")
         whole = _find_motive_bodies(labels, kinds, axes)
         if not whole:
-            raise ConfigError("FILE", notice("import.no_body", found=_few(set(labels.get("Type", [])[2:]))), str(path))
+            raise ConfigError("FILE", notice("import.no_body", found=list_few(labels.get("Type", [])[2:])), str(path))
         times, cells = array("d"), {name: {key: array("d") for key in MOTIVE_COLUMNS} for name in whole}
         for row in rows:
             if len(row) < 2:
                 continue
-            times.append(number(row[1]))
+            times.append(_number(row[1]))
             for name, at in whole.items():
                 for key in MOTIVE_COLUMNS:
                     cell = row[at[key]] if at[key] < len(row) else ""
-                    cells[name][key].append(number(cell))
+                    cells[name][key].append(_number(cell))
     for name, body_cells in cells.items():
         columns = {key: np.array(column) for key, column in body_cells.items()}
         for key in ("x", "y", "z"):
@@ -345,7 +319,7 @@ def read_qtm_tables(path: Path) -> Iterator[tuple[str, Table]]:
         wanted = ("X", "Y", "Z", *(f"Rot[{k}]" for k in range(9)))
         whole = {name: at for name, at in bodies.items() if set(wanted) <= set(at)}
         if not whole:
-            raise ConfigError("FILE", notice("import.no_body", found=_few(head)), str(path))
+            raise ConfigError("FILE", notice("import.no_body", found=list_few(head)), str(path))
         frequency = _comma_number(stated.get("FREQUENCY", ""))
         if "Time" not in head and not frequency > 0.0:
             _expect(path, "FREQUENCY", stated, False, "the frames per second, or a column Time")
@@ -394,6 +368,7 @@ def _quaternion(matrix: NDArray[np.float64]) -> tuple[float, float, float, float
     return so3.normalize(so3.from_matrix(((a, b, c), (d, e, f), (g, h, i))))
 
 
-def _few(names: Iterable[str]) -> str:
-    some = sorted(set(filter(None, names)))
+def list_few(names: Iterable[str]) -> str:
+    """The first ``names``, in their order, for the operator."""
+    some = list(dict.fromkeys(filter(None, names)))
     return (", ".join(some[:8]) or "nothing") + (", …" if len(some) > 8 else "")

@@ -23,7 +23,6 @@ from groundstation.interfaces.tui.drawing import (
     WANTED,
     WARNING,
     Spans,
-    bar,
     battery,
     row,
     three,
@@ -255,10 +254,6 @@ def law_rows(snapshot: Snapshot) -> list[Spans]:
     return [*rows, row("b̂", fraction), row("bound", printable(seen.bound))]
 
 
-BINS = 8
-"""Most steps of a histogram."""
-
-
 class LinksPage(Page):
     """Links."""
 
@@ -325,7 +320,7 @@ def link_rows(snapshot: Snapshot) -> list[Spans]:
         row("battery", battery(status)),
         *_drops(status.dropped),
         row("says", printable(status.text) or "-"),
-        *lateness_rows(snapshot),
+        row("late", _lateness(snapshot)),
         row("mode", printable(status.mode) or "not told"),
         row("attitude", _angles(status.angles_rad)),
         row("hears us", _uplink(status)),
@@ -347,20 +342,12 @@ def _uplink(status: LinkStatus) -> str:
     return f"{share:.0f} % of frames   {status.uplink_dbm} dBm   {status.uplink_snr_db} dB over noise"
 
 
-def lateness_rows(snapshot: Snapshot) -> list[Spans]:
-    """Show the delays of commands after their frame or their pose."""
+def _lateness(snapshot: Snapshot) -> str:
+    """How long commands leave after their frame or their pose."""
     if snapshot.late_us is None:
-        return [row("late", "not known")]
+        return "not known"
     p50, p99, p999 = snapshot.late_us
-    counts = [(octave, count) for octave, count in enumerate(snapshot.late_octaves) if count]
-    top = max((count for _, count in counts), default=1)
-    return [
-        row("late", f"50 % {p50} µs   99 % {p99} µs   99.9 % {p999} µs"),
-        *(
-            [(f"  <{_micros(2**octave):>8} ", LABEL), (bar(count, top, 10), FLOWN), (f" {count}", "")]
-            for octave, count in counts[-BINS:]
-        ),
-    ]
+    return f"50 % {p50} µs   99 % {p99} µs   99.9 % {p999} µs"
 
 
 def _drops(dropped: dict[str, int]) -> list[Spans]:
@@ -368,10 +355,6 @@ def _drops(dropped: dict[str, int]) -> list[Spans]:
     if not found:
         return [row("dropped", "none")]
     return [row("dropped" if i == 0 else "", f"{count} {printable(reason)}") for i, (reason, count) in enumerate(found)]
-
-
-def _micros(value: int) -> str:
-    return f"{value} µs" if value < 1000 else f"{value / 1000:.3g} ms"
 
 
 class TextPage(Page):

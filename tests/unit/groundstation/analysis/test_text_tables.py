@@ -229,22 +229,6 @@ def test_a_file_without_a_head_says_so(text: str, hint: str, tmp_path: Path) -> 
     assert hint in str(told.value)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le"])
-@pytest.mark.parametrize("separator", [";", "\t"])
-@pytest.mark.parametrize("decimal", [".", ","])
-def test_motives_export_saved_again_by_a_spreadsheet_is_read(
-    encoding: str, separator: str, decimal: str, tmp_path: Path
-) -> None:
-    text = motive().replace('"Take, 1"', "Take 1").replace(",", separator).replace(".", decimal)
-    path = tmp_path / "take.csv"
-    path.write_bytes((("\ufeff" if encoding == "utf-16-le" else "") + text).encode(encoding))
-    got = poses(tmp_path, path, "motive", "quad")
-    assert len(got) == ROWS - 1
-    north, west, up = place(251)
-    at = got[250].position_ned
-    assert (at.x, at.y, at.z) == pytest.approx((north, -west, -up), abs=2e-6)
-
-
 def test_qtms_export_with_decimal_commas_or_without_any_time_is_read(tmp_path: Path) -> None:
     plain, commas = (
         dict(read_qtm_tables(write(tmp_path, name, text)))["quad"]
@@ -283,14 +267,6 @@ def test_a_warning_above_a_table_without_a_head_is_no_row(tmp_path: Path) -> Non
 
 def test_quoted_cells_may_have_a_blank_before_them(tmp_path: Path) -> None:
     assert columns(tmp_path, '"t", "x"\n"0", "1"\n"1", "2"\n') == {"t": [0.0, 1.0], "x": [1.0, 2.0]}
-
-
-@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
-def test_utf_16_without_a_mark_is_read(encoding: str, tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    path.write_bytes("t,x\n0,1\n".encode(encoding))
-    ((_, table),) = read_csv_table(path, CsvLayout(), ["t"], Counter())
-    assert table["x"].tolist() == [1.0]
 
 
 MAPPING = """title = "a lab"
