@@ -2,15 +2,16 @@
 
 import asyncio
 import math
+import struct
 from typing import Any
 
 import pytest
 
 from groundstation.config import ConfigError, from_dict
-from groundstation.core.geometry import so3
+from groundstation.core.geometry import frames_of, so3
 from groundstation.core.messages import Pose, Sentence
 from groundstation.flight.preflight import explain_drops
-from groundstation.pose.sources import GateConfig, GatedSource, NatNetConfig, natnet_codec
+from groundstation.pose.sources import GateConfig, GatedSource, Intake, NatNetConfig, NatNetReader, natnet_codec
 from groundstation.settings import Config
 from links.io import parse_address
 from sim.trackers import NatNetServer, TrackedBody
@@ -140,3 +141,34 @@ async def test_a_group_on_an_interface_that_is_not_ours_is_refused_in_words() ->
 def test_a_bad_setting_is_refused_in_words(settings: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         from_dict({"pose": {"kind": "natnet", **settings}}, Config)
+
+
+@pytest.mark.parametrize(
+    ("number", "reason"),
+    [
+        (3, None),  # an answer to a command of ours
+        (100, None),  # a server that does not know it
+        (7, "no_server_info"),  # a frame, which only the server's version lets us read
+        (5, "no_server_info"),  # names, likewise
+        (8, "unknown_message"),  # a text
+        (10, "unknown_message"),  # what a client says
+    ],
+)
+def test_messages_are_told_apart_by_natnets_numbers(number: int, reason: str | None) -> None:
+    reader = NatNetReader("quad", Intake(0.0, frames_of(NatNetConfig())))
+    assert not reader.read(struct.pack("<HH", number, 0), 0.0)
+    assert dict(reader.status.dropped) == ({} if reason is None else {reason: 1})
+
+
+def test_a_server_is_asked_for_its_stream_then_for_names_and_again_when_it_has_been_silent() -> None:
+    reader = NatNetReader("quad", Intake(0.0, frames_of(NatNetConfig())), keep_alive=True)
+    ping = bytes.fromhex("0000 0500") + b"Ping\0"
+    first = reader.due()
+    assert ping in first and {one[:2] for one in first} <= {b"\0\0", b"\2\0"}
+    server = NatNetServer(NatNetConfig(), (4, 1))
+    server.encode(0, 0.0, 0.0, [TrackedBody("quad", (1.0, 2.0, -3.0), so3.IDENTITY, True)])
+    reader.read(natnet_codec.encode_server_info(server.info), 0.0)
+    asked = [one[:2] for one in reader.due()]
+    assert b"\4\0" in asked, "the names"
+    reader.read(server.models(), 0.0)
+    assert [one[:2] for one in reader.due()] == [b"\x0a\0"], "nothing but the sign of life"
