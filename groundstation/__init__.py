@@ -119,9 +119,9 @@ if not TYPE_CHECKING:  # a type checker shall know a name that is not there
         except ModuleNotFoundError as error:
             if (error.name or "").partition(".")[0] != "sim":
                 raise
-            raise ImportError(
-                f"groundstation.{name} flies in the simulator, the package sim, which is not installed"
-            ) from None
+            from groundstation.config import config_notice
+
+            raise ImportError(config_notice("package.no_simulator", name=name)) from None
 
 
 def __dir__() -> list[str]:

@@ -323,7 +323,9 @@ class Channel(Mapping[str, "NDArray[Any]"]):
             return self._columns[name]
         parts = [column for key, column in self._columns.items() if key.rpartition(".")[0] == name]
         if not parts:
-            raise KeyError(f"{self.topic} has no column {name!r}, but {', '.join(self._columns)}")
+            raise KeyError(
+                str(notice("recording.no_column", topic=self.topic, name=name, columns=", ".join(self._columns)))
+            )
         return np.stack(parts, axis=-1)
 
     def __iter__(self) -> Iterator[str]:
@@ -456,7 +458,7 @@ class FlightData:
         """
         topic = f"/{str(channel).strip('/')}"
         if topic not in CHANNELS:
-            raise KeyError(f"expected one of {self.channels}, got {channel!r}")
+            raise KeyError(str(notice("value.choice", choices=self.channels, found=channel)))
         return Channel(topic, read_table(self._recording, (topic,))[topic])
 
     def to_pandas(self) -> "DataFrame":

@@ -21,6 +21,7 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     # Files.
     NoticeTemplate("file.missing", "{path} does not exist"),
     NoticeTemplate("file.no_folder", "{path} is no folder"),
+    NoticeTemplate("file.is_file", "it is a file, not a folder"),
     NoticeTemplate("file.empty", "empty: what wrote it may not have finished"),
     NoticeTemplate("file.exists", "{path} is there already", "name another, or remove it"),
     NoticeTemplate("file.unread", "cannot read {path}: {why}"),
@@ -34,6 +35,36 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("file.unusable", "cannot use {path}: {why}"),
     NoticeTemplate("file.mode", "{path} has mode {mode}, so others may read it", "change it, then chmod 600"),
     NoticeTemplate("file.markers", "{path} needs a line {begin} and below it a line {end}, once each"),
+    # Stations on this machine, and their sockets.
+    NoticeTemplate(
+        "station.nobody",
+        "nobody flies {whom} here (looked in {folder} and {services})",
+        "name it by --vehicle, or its socket by --socket",
+    ),
+    NoticeTemplate("station.several", "more than one could be meant: name one by --vehicle or --socket: {sockets}"),
+    NoticeTemplate(
+        "station.taken",
+        "{vehicle} is flown by another ground station already (process {pid}, lock {path})",
+        "stop that one, or give this one another vehicle.name or status.path",
+    ),
+    NoticeTemplate("socket.no_folder", "folder {folder} of the status socket: {why}"),
+    NoticeTemplate(
+        "socket.open_folder",
+        "folder {folder} of the status socket must be a folder that belongs to you and that nobody else may write to: "
+        "another program could take the socket's place; set status.path",
+    ),
+    NoticeTemplate(
+        "socket.long_path",
+        "status socket {path}: {length} bytes, more than the {limit} that a socket's path may have",
+        "set status.path to a shorter one",
+    ),
+    NoticeTemplate("socket.other_file", "status socket {path}: a file that is not a socket is there; move it away"),
+    NoticeTemplate(
+        "socket.taken",
+        "status socket {path}: another ground station is serving this vehicle; stop it, or give this one another "
+        "vehicle.name or status.path",
+    ),
+    NoticeTemplate("socket.failed", "status socket {path}: {why}"),
     # Configurations, and the code that they name.
     NoticeTemplate("config.unknown_name", "expected one of {choices}, got {found!r}{nearest}"),
     NoticeTemplate("config.override", "expected key=value, such as vehicle.mass_kg=0.08, got {text!r}"),
@@ -65,6 +96,10 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("trajectory.vectors", "{what}: expected vectors of three numbers in {found}"),
     NoticeTemplate("trajectory.not_finite", "{what} returned {found} at {time_s:g} s"),
+    NoticeTemplate(
+        "package.no_simulator",
+        "groundstation.{name} flies in the simulator, the package sim, which is not installed",
+    ),
     NoticeTemplate("package.needed", "needs {package}, which is not installed", "{command}{more}"),
 )
 

@@ -9,7 +9,7 @@ KEY_NOTICES: tuple[NoticeTemplate, ...] = (
     # Vehicles and fences.
     NoticeTemplate(
         "file.in_python",
-        "{keys}: only a configuration can name one",
+        "{key}: only a configuration can name one",
         "read it with groundstation.config.loader.from_dict",
     ),
     NoticeTemplate("vehicle.nested_file", "file: a vehicle file can't name another; it may name a preset"),

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.config import NAME
+from groundstation.config import NAME, config_notice
 from groundstation.machine.files import is_locked
 
 RECORDING = re.compile(rf"[0-9]{{8}}-[0-9]{{6}}-{NAME}\.mcap")
@@ -62,7 +62,7 @@ def make_folder(config: RecordingConfig) -> Path:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except FileExistsError:
-        raise NotADirectoryError(errno.ENOTDIR, "it is a file, not a folder", str(folder)) from None
+        raise NotADirectoryError(errno.ENOTDIR, str(config_notice("file.is_file")), str(folder)) from None
     if not config.folder:
         folder.chmod(0o700)
     return folder

@@ -16,6 +16,7 @@ from typing import Annotated
 
 import msgspec
 
+from groundstation.config import config_notice
 from groundstation.machine.files import is_locked
 
 FOLDER, FILE = stat.S_ISDIR, stat.S_ISREG
@@ -82,13 +83,10 @@ async def find_socket(vehicle: str | None, services: Path = SERVICES) -> Path:
     served = await served_sockets(vehicle, services)
     if not served:
         whom = "a vehicle" if vehicle is None else repr(vehicle)
-        raise ApiError(
-            f"nobody flies {whom} here (looked in {socket_folder()} and {services}): name it by --vehicle, "
-            "or its socket by --socket"
-        )
+        raise ApiError(config_notice("station.nobody", whom=whom, folder=socket_folder(), services=services))
     if len(served) > 1:
         several = ", ".join(str(path) for path in served)
-        raise ApiError(f"more than one could be meant: name one by --vehicle or --socket: {several}")
+        raise ApiError(config_notice("station.several", sockets=several))
     return served[0]
 
 
@@ -139,12 +137,9 @@ def own_directory(folder: Path) -> None:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         info = folder.lstat()
     except OSError as error:
-        raise ApiError(f"folder {folder} of the status socket: {error.strerror}") from error
+        raise ApiError(config_notice("socket.no_folder", folder=folder, why=error.strerror)) from error
     if not is_ours(info, FOLDER):
-        raise ApiError(
-            f"folder {folder} of the status socket must be a folder that belongs to you and that nobody else "
-            "may write to: another program could take the socket's place; set status.path"
-        )
+        raise ApiError(config_notice("socket.open_folder", folder=folder))
 
 
 async def claim_socket(path: Path) -> None:
@@ -154,27 +149,21 @@ async def claim_socket(path: Path) -> None:
         ApiError: another ground station serves there, or the path can't be used.
     """
     if (length := len(os.fsencode(path))) > SOCKET_PATH_BYTES:
-        raise ApiError(
-            f"status socket {path}: {length} bytes, more than the {SOCKET_PATH_BYTES} that a socket's path may have: "
-            "set status.path to a shorter one"
-        )
+        raise ApiError(config_notice("socket.long_path", path=path, length=length, limit=SOCKET_PATH_BYTES))
     own_directory(path.parent)
     if not path.is_socket():  # noqa: ASYNC240  # a local file, on the ground
         if os.path.lexists(path):  # noqa: ASYNC240  # as above
-            raise ApiError(f"status socket {path}: a file that is not a socket is there; move it away")
+            raise ApiError(config_notice("socket.other_file", path=path))
         return
     try:
         _, writer = await asyncio.open_unix_connection(path)
     except ConnectionRefusedError:
         os.unlink(path)  # noqa: PTH108  # a local file, on the ground
     except OSError as error:
-        raise ApiError(f"status socket {path}: {error.strerror}") from error
+        raise ApiError(config_notice("socket.failed", path=path, why=error.strerror)) from error
     else:
         writer.close()
-        raise ApiError(
-            f"status socket {path}: another ground station is serving this vehicle; stop it, "
-            "or give this one another vehicle.name or status.path"
-        )
+        raise ApiError(config_notice("socket.taken", path=path))
 
 
 class Taken(Exception):
@@ -199,10 +188,7 @@ def hold_lock(socket: Path, vehicle: str) -> Iterator[None]:
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             pid = os.read(number, 20).decode(errors="replace").strip()
-            raise Taken(
-                f"{vehicle} is flown by another ground station already (process {pid}, lock {path}): stop that one, "
-                "or give this one another vehicle.name or status.path"
-            ) from None
+            raise Taken(config_notice("station.taken", vehicle=vehicle, pid=pid, path=path)) from None
         os.ftruncate(number, 0)
         os.pwrite(number, f"{os.getpid()}\n".encode(), 0)
         yield

@@ -363,14 +363,20 @@ def path(text: str) -> "Path":
     return Path(text)
 
 
+DAY_S = 86400
+"""Longest length of time that an argument may state [s]: a day."""
+
+
 def seconds(text: str) -> float:
     """Read an argument that is a length of time [s], at most a day."""
     try:
         value = float(text)
     except ValueError:
         value = float("nan")  # refused below
-    if not 0.0 < value <= 86400.0:
-        raise argparse.ArgumentTypeError(f"expected seconds, more than 0 and at most 86400, got {text}")
+    if not 0.0 < value <= DAY_S:
+        from groundstation.config import config_notice
+
+        raise argparse.ArgumentTypeError(str(config_notice("value.seconds", above=0, most=DAY_S, found=text)))
     return value
 
 

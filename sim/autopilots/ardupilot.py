@@ -31,6 +31,7 @@ from sim.autopilots.onboard import (
     read_parameters,
     take_number,
 )
+from sim.text import notice
 from sim.world import FourRotors, TrueState
 
 PROGRAM = "build/sitl/bin/arducopter"
@@ -145,7 +146,7 @@ class ArduCopter(Firmware):
             try:
                 packet, self._simulator = self._wire.recvfrom(256)
             except TimeoutError:
-                raise EOFError(f"ArduCopter stands still: see {self.folder / 'firmware.log'}") from None
+                raise EOFError(notice("firmware.silent", name="ArduCopter", log=self.folder / "firmware.log")) from None
             if (servos := read_servos(packet)) is not None:
                 return servos
 

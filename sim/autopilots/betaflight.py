@@ -218,9 +218,9 @@ class BetaflightFirmware:
         except (BrokenPipeError, ConnectionResetError):
             heard = b""
         except TimeoutError:
-            raise EOFError("Betaflight's process stands still") from None
+            raise EOFError(notice("firmware.stands", name="Betaflight")) from None
         if len(heard) != _ANSWER.size:
-            raise EOFError("Betaflight's process has ended")
+            raise EOFError(notice("firmware.ended", name="Betaflight"))
         updates, port, _, *motors = _ANSWER.unpack(heard)
         a, b, c, d = motors
         return Answer(updates, port, (a, b, c, d))
@@ -260,7 +260,7 @@ class CommandLine:
         self._line.send(command.encode() + b"\n")
         answer = self._wait(PROMPT)
         if (why := find_refusal(answer)) is not None:
-            raise ValueError(f"Betaflight refuses `{command}`: {why}")
+            raise ValueError(notice("firmware.refused", command=command, why=why))
         return answer
 
     def save(self) -> bytes:
@@ -285,7 +285,7 @@ class CommandLine:
                 continue
             if heard.endswith(end.encode()):
                 return heard.decode(errors="replace")
-        raise EOFError(f"Betaflight's command line says nothing more after {heard[-200:]!r}")
+        raise EOFError(notice("firmware.no_prompt", heard=heard[-200:]))
 
 
 def configure(settings: Sequence[str]) -> bytes:

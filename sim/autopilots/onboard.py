@@ -62,7 +62,7 @@ def read_parameters(name: str) -> list[FirmwareParameter]:
             continue
         words = setting.split()
         if len(words) != 2 or not reason.strip():
-            raise ValueError(f"{name}: expected NAME VALUE # reason, got {line!r}")
+            raise ValueError(notice("firmware.no_reason", file=name, found=line))
         parameters.append(FirmwareParameter(words[0], words[1], reason.strip()))
     return parameters
 
@@ -97,7 +97,7 @@ def take_number(port: socket.socket, first: int) -> int:
                 raise
         else:
             return number
-    raise OSError(errno.EADDRINUSE, f"{MOST_AT_ONCE} of them run on this machine: ports from {first} on are taken")
+    raise OSError(errno.EADDRINUSE, str(notice("firmware.no_port", count=MOST_AT_ONCE, first=first)))
 
 
 class Firmware(ABC):

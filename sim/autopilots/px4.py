@@ -33,6 +33,7 @@ from sim.autopilots.onboard import (
     read_parameters,
     take_number,
 )
+from sim.text import notice
 from sim.world import FourRotors, TrueState
 
 PROGRAM = "build/px4_sitl_default/bin/px4"
@@ -196,7 +197,7 @@ class Px4(Firmware):
             try:
                 self._wire, _ = listener.accept()
             except TimeoutError:
-                raise EOFError(f"PX4 did not connect: see {self.folder / 'firmware.log'}") from None
+                raise EOFError(notice("firmware.not_connected", name="PX4", log=self.folder / "firmware.log")) from None
         self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for _ in range(round(BOOT_S / self.step_s)):
             began = time.monotonic()
@@ -214,7 +215,7 @@ class Px4(Firmware):
             self._wire.sendall(message)
             self._wait(now_us)
         except (BrokenPipeError, ConnectionResetError):
-            raise EOFError("PX4 has ended") from None
+            raise EOFError(notice("firmware.ended", name="PX4")) from None
         return self._outputs.motors
 
     def _wait(self, now_us: int) -> None:
@@ -225,7 +226,7 @@ class Px4(Firmware):
             ready, _, _ = select([self._wire], [], [], max(0.0, until - time.monotonic()))
             if not ready:
                 if self._outputs.armed:
-                    raise EOFError("PX4 stands still")
+                    raise EOFError(notice("firmware.stands", name="PX4"))
                 return
             data = self._wire.recv(65536)
             if not data:

@@ -810,7 +810,7 @@ def fly_batch(
     """
     for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity", "plant"):
         if any(getattr(world, name) != getattr(worlds[0], name) for world in worlds):
-            raise ValueError(f"all flights of a batch need the same sim.{name}")
+            raise ValueError(notice("batch.different", key=name))
     for world in worlds:
         require_batchable(world, config)
     batch = Batch(worlds, config, seeds, duration_s)

@@ -19,7 +19,9 @@ def _from(least: int, text: str) -> int:
     except ValueError:
         value = least - 1
     if value < least:
-        raise argparse.ArgumentTypeError(f"expected a whole number from {least} on, got {text}")
+        from sim.text import notice
+
+        raise argparse.ArgumentTypeError(str(notice("value.whole_number", least=least, found=text)))
     return value
 
 
@@ -27,5 +29,7 @@ def names(text: str) -> list[str]:
     """Names between commas, each once, and one at least."""
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
-        raise argparse.ArgumentTypeError(f"expected names between commas, got {text!r}")
+        from sim.text import notice
+
+        raise argparse.ArgumentTypeError(str(notice("value.names", found=text)))
     return found

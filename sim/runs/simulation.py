@@ -54,7 +54,7 @@ class Run(FlightData):
     def __getattr__(self, name: str) -> Any:
         if "path" in self.__dict__:
             raise AttributeError(f"a run has nothing of the name {name!r}")
-        raise AttributeError(f"this flight was not recorded, so its {name} is not known: fly it with record=True")
+        raise AttributeError(str(notice("sim.unknown", name=name)))
 
     def __repr__(self) -> str:
         """Scenario, controller, seed and error, for a notebook."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from groundstation.core.control import Law, LawState, backstep
 from groundstation.core.geometry import FLOATS, Vec3
+from sim.text import notice
 
 LIMIT = 1e-9
 """Largest allowed |a - e| / max(1, |e|)."""
@@ -38,11 +39,12 @@ def worst_disagreement(path: Path) -> tuple[float, int]:
         vectors = json.loads(path.read_bytes())["vectors"]
         pairs = [pair for vector in vectors for pair in _compare(vector)]
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a file of test vectors: not UTF-8 text (byte {error.start})") from None
+        why = notice("file.not_utf8", at=error.start)
+        raise ValueError(notice("vectors.unread", path=path, why=why)) from None
     except (KeyError, TypeError, json.JSONDecodeError) as error:
-        raise ValueError(f"{path}: not a file of test vectors: {type(error).__name__}: {error}") from None
+        raise ValueError(notice("vectors.unread", path=path, why=f"{type(error).__name__}: {error}")) from None
     if not pairs:
-        raise ValueError(f"{path}: holds no vectors")
+        raise ValueError(notice("vectors.none", path=path))
     # A NaN must not pass as agreement: it counts as infinitely wrong.
     errors = [abs(a - e) / max(1.0, abs(e)) for a, e in pairs]
     return max(math.inf if math.isnan(x) else x for x in errors), len(vectors)

@@ -29,10 +29,13 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
         "run `groundstation-sim serve --fleet FLEET.toml` and `groundstation fleet FLEET.toml`; "
         "`groundstation report` shows the lateness of each vehicle's commands",
     ),
+    # Arguments.
+    NoticeTemplate("value.names", "expected names between commas, got {found!r}"),
     # What is simulated, and with what.
     NoticeTemplate(
         "sim.not_recorded", "nothing is kept there of a flight that is not recorded", "leave it out, or record=False"
     ),
+    NoticeTemplate("sim.unknown", "this flight was not recorded, so its {name} is not known: fly it with record=True"),
     NoticeTemplate("sim.short", "flights are judged from {from_s:g} s on: expected more than that"),
     NoticeTemplate("sim.one_betaflight", "Betaflight flies one vehicle of a scenario"),
     NoticeTemplate("sim.betaflight_link", "expected crsf, dsm or rf_bridge: Betaflight flies behind a receiver"),
@@ -77,7 +80,19 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("firmware.not_compiled", "gcc refuses {path}: {why}"),
     NoticeTemplate("firmware.no_px4", "expected a folder in which `make px4_sitl` was run, but there is no {path}"),
     NoticeTemplate("firmware.no_ardupilot", "expected a folder in which ArduCopter was built, but there is no {path}"),
+    NoticeTemplate("firmware.no_reason", "{file}: expected NAME VALUE # reason, got {found!r}"),
+    NoticeTemplate("firmware.no_port", "{count} of them run on this machine: ports from {first} on are taken"),
+    NoticeTemplate("firmware.silent", "{name} stands still: see {log}"),
+    NoticeTemplate("firmware.not_connected", "{name} did not connect: see {log}"),
+    NoticeTemplate("firmware.ended", "{name} has ended"),
+    NoticeTemplate("firmware.stands", "{name} stands still"),
+    NoticeTemplate("firmware.no_prompt", "Betaflight's command line says nothing more after {heard!r}"),
+    NoticeTemplate("firmware.refused", "Betaflight refuses `{command}`: {why}"),
+    # Test vectors of the law.
+    NoticeTemplate("vectors.none", "{path}: holds no vectors"),
+    NoticeTemplate("vectors.unread", "{path}: not a file of test vectors: {why}"),
     # Batches and campaigns.
+    NoticeTemplate("batch.different", "all flights of a batch need the same sim.{key}"),
     NoticeTemplate("batch.controller", "a batch flies with the model's observer and provable adaptation only"),
     NoticeTemplate("batch.source", "a batch sees through 'vicon' only, got {found!r}"),
     NoticeTemplate("batch.delay", "the commands of a batch act at once; expected 0"),

@@ -32,7 +32,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     # Poses that do not respond to the commands (docs/explanation/trust.md).
     NoticeTemplate("pose.suspect", "the poses are suspect: small motions test whether they respond"),
     NoticeTemplate("pose.answers", "the poses respond again"),
-    NoticeTemplate("package.missing", "{what} needs {package}, which is not installed", "{command}"),
+    NoticeTemplate("package.missing", 'pose.kind = "{kind}" needs {package}, which is not installed', "{command}"),
     *as_warnings(
         NoticeTemplate(
             "pose.unsteady_clock",

@@ -70,6 +70,8 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("pose.origin_moved", "the source has moved its origin"),
     NoticeTemplate("pose.agreed", "all poses have agreed on it for {settle_s:g} s"),
     NoticeTemplate("pose.elsewhere", "poses are {far_m:.2f} m and {turn_deg:.0f}° from before: {why}"),
+    NoticeTemplate("qualisys.no_plain_xml", "the parameters are longer than QTM's, or are no plain XML"),
+    NoticeTemplate("qualisys.no_xml", "the parameters are no XML: {why}"),
     NoticeTemplate("pose.made_up", "mock makes bodies up: they never fly a vehicle"),
     NoticeTemplate("pose.no_link", "'mavlink' needs link.kind = 'mavlink'", "no other link brings poses"),
     NoticeTemplate("pose.passed", "{reason} is over: {count} dropped within {lasted_s:.2f} s"),

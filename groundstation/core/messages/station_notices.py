@@ -22,6 +22,17 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("key.lands", "{key}: landing"),
     NoticeTemplate("key.no_pause", "Ctrl-Z is ignored: nobody would fly the vehicle. Ctrl-C lands"),
     # Orders of clients, here and from afar.
+    NoticeTemplate("station.lost", "the connection is lost"),
+    NoticeTemplate("station.closed", "the ground station has closed the connection"),
+    NoticeTemplate("station.no_answer", "{path}: no answer within {limit_s:g} s"),
+    NoticeTemplate("station.no_greeting", "{path}: no greeting within {limit_s:g} s"),
+    NoticeTemplate("station.other_version", "no snapshot of this version at {path}: {why}"),
+    NoticeTemplate(
+        "station.other_user", "{path} is for user {user} alone", "do the same as that user, by sudo -u {user}"
+    ),
+    NoticeTemplate("station.unserved", "nobody serves at {path}: {why}"),
+    NoticeTemplate("order.not_one", "an order has exactly one of ask, control and set"),
+    NoticeTemplate("order.keys", "expected an object with one key"),
     NoticeTemplate("order.late", "it came {late_s:.1f} s too late: nothing was done; order it again"),
     NoticeTemplate("order.needs_control", "needs control, which {holder} holds", "take it first"),
     NoticeTemplate("order.other_vehicle", "arm must name the vehicle: expected {expected!r}, got {found!r}"),
@@ -39,6 +50,8 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("control.not_yours", "you do not hold control; {client} does"),
     NoticeTemplate("control.free", "nobody holds control now"),
     # MQTT.
+    NoticeTemplate("mqtt.closed", "the broker has closed the connection"),
+    NoticeTemplate("mqtt.broker_failed", "the broker {broker}: {why}"),
     NoticeTemplate("mqtt.publishing", "publishing to {broker}"),
     *as_warnings(
         # The recorder. A flight goes on without it.

@@ -466,7 +466,7 @@ class WaypointsConfig(
 
     def __post_init__(self) -> None:
         if self.file is not None:
-            raise ValueError(config_notice("file.in_python", keys="file"))
+            raise ValueError(config_notice("file.in_python", key="file"))
         check_lists(self.points_ned, self.times_s, yaws_deg=self.yaws_deg)
         if self.times_s is None:
             for i, (a, b) in enumerate(zip(self.points_ned, self.points_ned[1:], strict=False), start=1):
@@ -586,7 +586,7 @@ class SamplesConfig(
 
     def __post_init__(self) -> None:
         if self.file is not None:
-            raise ValueError(config_notice("file.in_python", keys="file"))
+            raise ValueError(config_notice("file.in_python", key="file"))
         check_lists(self.points_ned, self.times_s, velocities_ned=self.velocities_ned, yaws_deg=self.yaws_deg)
         length = self.times_s[-1] - self.times_s[0]
         if self.ramp_s > length:

@@ -188,7 +188,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             ValueError: one of them is given elsewhere.
         """
         if self.preset is not None or self.file is not None:
-            raise ValueError(config_notice("file.in_python", keys="preset, file"))
+            raise ValueError(config_notice("file.in_python", key="file" if self.preset is None else "preset"))
 
     @property
     def acting_delay_s(self) -> float:

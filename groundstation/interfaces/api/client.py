@@ -123,7 +123,7 @@ class StationClient:
         points: tuple[Waypoint, ...] = (),
     ) -> OrderAnswer:
         if self._over:
-            raise ApiError(f"{self._path}: {self._trouble or 'the connection is lost'}")
+            raise ApiError(notice("value.refused", value=self._path, why=self._trouble or notice("station.lost")))
         number, self._next_id = self._next_id, self._next_id + 1
         loop = asyncio.get_running_loop()
         order = ClientOrder(
@@ -143,7 +143,7 @@ class StationClient:
         try:
             return await asyncio.wait_for(future, ANSWER_S)
         except TimeoutError:
-            raise ApiError(f"{self._path}: no answer within {ANSWER_S:g} s") from None
+            raise ApiError(notice("station.no_answer", path=self._path, limit_s=ANSWER_S)) from None
         finally:
             self._answers.pop(number, None)
 
@@ -166,7 +166,7 @@ class StationClient:
                 try:
                     return cast("Snapshot", decode(line))
                 except ValueError as error:
-                    raise ApiError(f"no snapshot of this version at {self._path}: {error}") from error
+                    raise ApiError(notice("station.other_version", path=self._path, why=error)) from error
             if self._trouble:
                 raise ApiError(f"{self._trouble} ({self._path})")
             if self._over:
@@ -197,7 +197,7 @@ class StationClient:
         """Whoever waits hears of it."""
         self._writer.close()
         self._over = True
-        lost = ApiError(f"{self._trouble or 'the ground station has closed the connection'} ({self._path})")
+        lost = ApiError(f"{self._trouble or notice('station.closed')} ({self._path})")
         if not self.ready.done():
             self.ready.set_exception(lost)
         for future in self._answers.values():
@@ -244,13 +244,13 @@ async def attach(path: Path, name: str = "client") -> StationClient:
         client = StationClient(path, name, *await asyncio.open_unix_connection(path, limit=LINE_MAX_BYTES))
     except PermissionError:
         whose = owner(path)
-        raise ApiError(f"{path} is for user {whose} alone: do the same as that user, by sudo -u {whose}") from None
+        raise ApiError(notice("station.other_user", path=path, user=whose)) from None
     try:
         await asyncio.wait_for(client.ready, ANSWER_S)
     except BaseException as error:
         client.close()
         if isinstance(error, TimeoutError):
-            raise ApiError(f"{path}: no greeting within {ANSWER_S:g} s") from None
+            raise ApiError(notice("station.no_greeting", path=path, limit_s=ANSWER_S)) from None
         raise
     return client
 
@@ -314,7 +314,7 @@ async def _at_once(asked: Awaitable[OrderAnswer]) -> OrderAnswer:
         async with asyncio.timeout(STOP_ANSWER_S):
             return await asked
     except TimeoutError:
-        raise ApiError(str(notice("request.no_answer", limit_s=STOP_ANSWER_S))) from None
+        raise ApiError(notice("request.no_answer", limit_s=STOP_ANSWER_S)) from None
 
 
 def _find_flight(vehicle: str | None, socket: Path | None) -> Running | None:
@@ -347,13 +347,13 @@ async def ask_station(request: Request, vehicle: str | None = None, socket: Path
     try:
         client = await attach(path, "request")
     except (FileNotFoundError, ConnectionRefusedError):
-        raise ApiError(str(notice("request.nobody", path=path))) from None
+        raise ApiError(notice("request.nobody", path=path)) from None
     try:
         served = client.hello.vehicle
         if request.ask is Ask.ARM and vehicle is None:
-            raise ApiError(str(notice("request.name_it", vehicle=served)))
+            raise ApiError(notice("request.name_it", vehicle=served))
         if vehicle is not None and vehicle != served:
-            raise ApiError(str(notice("request.other_vehicle", path=path, found=served, wanted=vehicle)))
+            raise ApiError(notice("request.other_vehicle", path=path, found=served, wanted=vehicle))
         if request.ask not in ANYONE:
             taken = await client.take_control()
             if not taken.done:

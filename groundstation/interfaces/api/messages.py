@@ -79,7 +79,7 @@ class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
     def __post_init__(self) -> None:
         ensure_points(self.ask, self.points)
         if sum(one is not None for one in (self.ask, self.control, self.gains)) != 1:
-            raise ValueError("an order has exactly one of ask, control and set")
+            raise ValueError(notice("order.not_one"))
 
 
 class StationHello(msgspec.Struct, frozen=True):
@@ -170,7 +170,7 @@ def decode(line: bytes) -> Message | None:
     try:
         data = msgspec.json.decode(line)
         if not isinstance(data, dict) or len(data) != 1:
-            raise ValueError("expected an object with one key")
+            raise ValueError(notice("order.keys"))
         [(key, body)] = data.items()
         if key == "refused":
             return Refusal(str(body))

@@ -92,7 +92,7 @@ class Server:
                 self._talk, self.path, limit=ORDER_MAX_BYTES, start_serving=False, backlog=CLIENTS_MAX
             )
         except (OSError, ValueError) as error:
-            raise ApiError(f"status socket {self.path}: {error}") from error
+            raise ApiError(notice("socket.failed", path=self.path, why=error)) from error
         try:
             self.path.chmod(0o600)  # nobody can connect before it: not listening yet
             await server.start_serving()

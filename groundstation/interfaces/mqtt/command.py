@@ -105,7 +105,7 @@ async def request_by_mqtt(
         async with asyncio.timeout(PATIENCE_S), broker.client() as connection:
             return await asking.run(connection)
     except (aiomqtt.MqttError, msgspec.MsgspecError, ValueError, RecursionError) as error:
-        raise Unanswered(f"the broker {broker}: {describe_error(error)}") from None
+        raise Unanswered(notice("mqtt.broker_failed", broker=broker, why=describe_error(error))) from None
     except TimeoutError:
         raise Unanswered(asking.why_not()) from None
 
@@ -149,7 +149,7 @@ class _Asking:
                     answer = open_answer(message.payload, self._key, self._place)
                     if answer is not None and answer.client == self._client and answer.id in self._ids:
                         return answer
-        raise Unanswered("the broker has closed the connection")
+        raise Unanswered(notice("mqtt.closed"))
 
     async def _send(self, connection: "aiomqtt.Client", topic: str, payload: bytes) -> None:
         session = msgspec.json.decode(payload, type=SessionMessage).session

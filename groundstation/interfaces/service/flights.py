@@ -99,7 +99,7 @@ async def _look(vehicle: str | None, socket: Path | None) -> tuple[str, dict[str
     except (TimeoutError, ApiError) as error:
         return str(error) or f"{path}: no snapshot within {ALIVE_S:g} s", {}
     except OSError as error:
-        raise ApiError(f"nobody serves at {path}: {error.strerror}") from None
+        raise ApiError(notice("station.unserved", path=path, why=error.strerror)) from None
     return f"{path}: it has just ended", {}
 
 

@@ -132,7 +132,7 @@ class Attached:
                 self._client = await attach(self._path, NAME)
                 hello = self._client.hello
                 if self._pid not in (None, hello.pid):
-                    raise ApiError(str(notice("screen.other_station", path=self._path, pid=hello.pid)))
+                    raise ApiError(notice("screen.other_station", path=self._path, pid=hello.pid))
                 origin = f"process {hello.pid}, groundstation {hello.groundstation}"
                 yield FlightIdentity(hello.vehicle, origin, hello.config)
                 async for message in self._client:

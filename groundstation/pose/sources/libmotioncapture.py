@@ -113,7 +113,7 @@ class LibmotioncaptureSource(ReaderSource):
             raise SourceError(
                 notice(
                     "package.missing",
-                    what='pose.kind = "libmotioncapture"',
+                    kind="libmotioncapture",
                     package="motioncapture",
                     command=describe_install("motioncapture"),
                 )

@@ -84,7 +84,7 @@ class QualisysSource(ReaderSource):
             raise SourceError(
                 notice(
                     "package.missing",
-                    what='pose.kind = "qualisys"',
+                    kind="qualisys",
                     package="qtm-rt",
                     command=describe_install("qualisys"),
                 )

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from enum import IntEnum
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from groundstation.core.messages import Pose
+from groundstation.core.messages import Pose, notice
 from groundstation.pose.sources.intake import Intake, PoseReader
 
 
@@ -151,11 +151,11 @@ def body_names(xml: bytes) -> tuple[str, ...]:
     from xml.etree import ElementTree
 
     if len(xml) > MAX_PACKET or b"<!" in xml:  # QTM sends no document types, and entities are a way to fill a memory
-        raise ValueError("the parameters are longer than QTM's, or are no plain XML")
+        raise ValueError(notice("qualisys.no_plain_xml"))
     try:
         root = ElementTree.fromstring(xml.rstrip(b"\0"))  # noqa: S314  # no entities, bounded: just checked
     except (ElementTree.ParseError, LookupError) as error:
-        raise ValueError(f"the parameters are no XML: {error}") from None
+        raise ValueError(notice("qualisys.no_xml", why=error)) from None
     return tuple((body.findtext("Name") or "").strip() for body in root.iterfind("The_6D//Body"))
 
 

@@ -52,22 +52,22 @@ def test_the_old_option_of_the_scenario_still_names_it(capsys: pytest.CaptureFix
 
 
 FLY, SIM = flying_parser, simulating_parser
-SEED = "--seed: expected a whole number from 0 on, got"
+SEED = "--seed: expected a whole number, 0 or more, got"
 SECONDS = "expected seconds, more than 0 and at most 86400"
 
 
 @pytest.mark.parametrize(
     ("parser", "words", "complaint"),
     [
-        *((SIM, f"{command} --seed -1", f"{SEED} -1") for command in ("fly", "serve", "dev faults", "tune")),
-        (SIM, "mission --seed 1.5", f"{SEED} 1.5"),
-        (SIM, "fly --seed seven", f"{SEED} seven"),
-        (SIM, "campaign --first-seed -1", "--first-seed: expected a whole number from 0 on, got -1"),
-        (SIM, "campaign --flights none", "--flights: expected a whole number from 1 on, got none"),
-        (SIM, "fly --duration long", f"--duration: {SECONDS}, got long"),
+        *((SIM, f"{command} --seed -1", f"{SEED} '-1'") for command in ("fly", "serve", "dev faults", "tune")),
+        (SIM, "mission --seed 1.5", f"{SEED} '1.5'"),
+        (SIM, "fly --seed seven", f"{SEED} 'seven'"),
+        (SIM, "campaign --first-seed -1", "--first-seed: expected a whole number, 0 or more, got '-1'"),
+        (SIM, "campaign --flights none", "--flights: expected a whole number, 1 or more, got 'none'"),
+        (SIM, "fly --duration long", f"--duration: {SECONDS}, got 'long'"),
         (SIM, "compare --scenarios ,", "--scenarios: expected names between commas, got ','"),
-        (SIM, "tune --gain-margin much", "--gain-margin: expected a whole number from 0 on, got much"),
-        (FLY, "check lab.toml --seconds x", f"--seconds: {SECONDS}, got x"),
+        (SIM, "tune --gain-margin much", "--gain-margin: expected a whole number, 0 or more, got 'much'"),
+        (FLY, "check lab.toml --seconds x", f"--seconds: {SECONDS}, got 'x'"),
     ],
 )
 def test_what_is_no_value_of_an_option_is_refused_with_what_is_expected(
