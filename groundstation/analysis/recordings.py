@@ -42,7 +42,9 @@ from groundstation.recording import (
     add_channel,
     begin_mcap,
     describe_channels,
+    flatten,
     quick_headline,
+    read_table,
     refuse_recordings,
 )
 from groundstation.runtime import Exit, require_package
@@ -165,18 +167,6 @@ def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, in
             writers[entry.topic].writerow(dict(flatten(entry.value(), "")))
             rows[entry.topic] += 1
     return rows
-
-
-def flatten(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Nested objects and arrays as one row."""
-    if isinstance(value, dict):
-        for key, item in value.items():
-            yield from flatten(item, f"{name}.{key}" if name else key)
-    elif isinstance(value, list):
-        for index, item in enumerate(value):
-            yield from flatten(item, f"{name}.{index}")
-    else:
-        yield name, value
 
 
 def rewrite(
@@ -532,26 +522,6 @@ def load(path: Path | str) -> FlightData:
     if Path(path).is_dir():
         raise ConfigError("LOG", notice("recording.folder", path=path, example=Path(path) / "flight.mcap"))
     return FlightData(Path(path))
-
-
-def read_table(recording: Recording, topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
-    """The messages on each of ``topics`` as columns of equal length, named as ``rates_rad_s.x``.
-
-    Numbers are floats, what is left out NaN; columns of texts are of objects. A column that comes later has its place.
-    """
-    rows: dict[str, list[dict[str, Any]]] = {topic: [] for topic in topics}
-    names: dict[str, dict[str, None]] = {topic: {} for topic in topics}
-    for entry in recording.entries(topics):
-        row = dict(flatten(entry.value(), ""))
-        names[entry.topic].update(dict.fromkeys(row))
-        rows[entry.topic].append(row)
-    return {topic: {name: _column([row.get(name) for row in rows[topic]]) for name in names[topic]} for topic in topics}
-
-
-def _column(values: list[Any]) -> "NDArray[Any]":
-    if any(isinstance(value, str) for value in values):
-        return np.array(values, dtype=object)
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
 def _write_npz(tables: "Tables", target: Path) -> None:

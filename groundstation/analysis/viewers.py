@@ -19,7 +19,15 @@ from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import notice
 from groundstation.machine import is_being_written
-from groundstation.recording import CHANNELS, ChannelForm, Entry, Recording, describe_channels, refuse_recordings
+from groundstation.recording import (
+    CHANNELS,
+    ChannelForm,
+    Entry,
+    Recording,
+    describe_channels,
+    flatten,
+    refuse_recordings,
+)
 from groundstation.runtime import Exit, require_package
 from links.io import parse_address
 
@@ -226,8 +234,6 @@ class RerunScene:
             told = entry.value()
             self._draw("log", time_s, rr.TextLog, text=told["message"], level="WARN" if told["level"] > 2 else "INFO")
         for name, field in SHOWN.get(entry.topic.strip("/"), ()):
-            from groundstation.analysis.recordings import flatten
-
             row = {key: float(value) for key, value in flatten(entry.value().get(field), name) if value is not None}
             self._rows.setdefault(name, []).append((time_s, row))
 

@@ -23,7 +23,15 @@ from groundstation.recording.channels import (
 )
 from groundstation.recording.headline import FlightHeadline
 from groundstation.recording.process import END_S, RecorderProcess
-from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline, refuse_recordings
+from groundstation.recording.reader import (
+    Entry,
+    NoRecording,
+    Recording,
+    flatten,
+    quick_headline,
+    read_table,
+    refuse_recordings,
+)
 from groundstation.recording.records import (
     NO_PORT,
     About,

@@ -5,7 +5,7 @@ import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import msgspec
 from mcap.exceptions import McapError
@@ -19,6 +19,9 @@ from groundstation.machine import is_being_written
 from groundstation.recording.channels import CHANNELS
 from groundstation.recording.headline import TOPICS, FlightHeadline, HeadlineCounter
 from groundstation.recording.records import MAGIC
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _RECORD = struct.Struct("<BQ")
 """Head of a record: its kind, and its number of bytes."""
@@ -231,3 +234,36 @@ def _decompression_error() -> type[Exception]:
 
     error: type[Exception] = zstandard.ZstdError
     return error
+
+
+def flatten(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Nested objects and arrays as one row."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from flatten(item, f"{name}.{key}" if name else key)
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from flatten(item, f"{name}.{index}")
+    else:
+        yield name, value
+
+
+def read_table(recording: Recording, topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
+    """The messages on each of ``topics`` as columns of equal length, named as ``rates_rad_s.x``.
+
+    Numbers are floats, what is left out NaN; columns of texts are of objects. A column that comes later has its place.
+    """
+    import numpy as np  # the recorder needs none
+
+    def column(values: list[Any]) -> "NDArray[Any]":
+        if any(isinstance(value, str) for value in values):
+            return np.array(values, dtype=object)
+        return np.array([np.nan if value is None else value for value in values], dtype=float)
+
+    rows: dict[str, list[dict[str, Any]]] = {topic: [] for topic in topics}
+    names: dict[str, dict[str, None]] = {topic: {} for topic in topics}
+    for entry in recording.entries(topics):
+        row = dict(flatten(entry.value(), ""))
+        names[entry.topic].update(dict.fromkeys(row))
+        rows[entry.topic].append(row)
+    return {topic: {name: column([row.get(name) for row in rows[topic]]) for name in names[topic]} for topic in topics}

@@ -4,10 +4,11 @@ The numbers are what ``--json`` prints and the tables of the page show.
 """
 
 import base64
+import math
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from groundstation.core.messages import (
     notice,
 )
 from groundstation.core.mission import State
-from groundstation.recording import Recording
+from groundstation.recording import Recording, read_table
 
 Column = NDArray[np.float64]
 
@@ -69,21 +70,9 @@ VECTORS = {
 }
 """Channels and fields of vectors, three components each; an attitude has four: w, x, y, z."""
 _PARTS = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov", "/timing")
-"""Channels recorded with each command, in this order; in simulation the truth follows."""
+"""Channels recorded with each command; in simulation the truth follows."""
 _TRUTH = "/truth"
-_COLUMNS = {
-    part: [
-        *((name, key, "") for name, (topic, key) in SCALARS.items() if topic == part),
-        *(
-            (name, key, "wxyz" if key == "attitude" else "xyz")
-            for name, (topic, key) in VECTORS.items()
-            if topic == part
-        ),
-    ]
-    for part in (*_PARTS, _TRUTH)
-}
-"""Topic → its columns, each with its field and the components of that."""
-_OTHERS = ("/measured", "/mission", "/request", "/lost", "/link", "/source", "/raw/sent")
+_OTHERS = ("/measured", "/mission", "/request", "/lost", "/link", "/source", "/raw/sent", "/lyapunov")
 _ATTITUDE_TARGET = (82).to_bytes(3, "little")
 """MAVLink's SET_ATTITUDE_TARGET, bytes 7 to 9 of a MAVLink 2 frame: other frames leave by the same wire."""
 
@@ -168,16 +157,45 @@ def read_columns(path: Path) -> FlightColumns:
     """
     recording = Recording(path)
     flown = FlightColumns(path, recording)
-    commands = _CommandRows(by_mavlink=bool(recording.about.get("mavlink")))
+    tables = read_table(recording, (*_PARTS, _TRUTH))
+    count = min(len(tables[part].get("time_s", ())) for part in _PARTS)  # the last may be cut off
+    if not count:
+        raise NoCommand(notice("report.no_command", path=path).text)
+    time_s = tables["/command"]["time_s"][:count]
+    for name, (topic, key) in SCALARS.items():
+        flown.scalars[name] = _at_commands(tables[topic], key, time_s)
+    for name, (topic, key) in VECTORS.items():
+        components = "wxyz" if key == "attitude" else "xyz"
+        columns = [_at_commands(tables[topic], f"{key}.{part}", time_s) for part in components]
+        flown.vectors[name] = np.stack(columns, axis=1)
+    _read_others(flown, count)
+    on = np.flatnonzero(flown.tracking)
+    flown.begun_s = float(time_s[on[0]] - flown.scalars["flight_time_s"][on[0]] if len(on) else time_s[0])
+    flown.events = [(time_s - flown.begun_s, kind, text) for time_s, kind, text in flown.events]
+    return flown
+
+
+def _at_commands(table: Mapping[str, Column], key: str, time_s: Column) -> Column:
+    """The column ``key`` at the commands of ``time_s`` (N,) [s]; what was not recorded is NaN."""
+    if key not in table:
+        return np.full(len(time_s), np.nan)
+    at = np.clip(np.searchsorted(table["time_s"], time_s), 0, len(table["time_s"]) - 1)
+    return np.where(table["time_s"][at] == time_s, table[key][at], np.nan)
+
+
+def _read_others(flown: FlightColumns, count: int) -> None:
+    """Read what is no column: states, certificates, events, and when the bytes of ``count`` commands left."""
     arrivals: list[tuple[float, float]] = []
-    state = "idle"
-    for entry in recording.entries((*_PARTS, _TRUTH, *_OTHERS)):
-        topic, value = entry.topic, entry.value()
-        match topic:
+    compute: list[float] = []
+    by_mavlink = bool(flown.recording.about.get("mavlink"))
+    state, waiting_s = "idle", math.nan
+    for entry in flown.recording.entries(_OTHERS):
+        value = entry.value()
+        match entry.topic:
             case "/raw/sent":
-                commands.note_sent(value["time_s"], value["data"])
-            case "/truth":
-                commands.add_truth(value)
+                if not (by_mavlink and base64.b64decode(value["data"])[7:10] != _ATTITUDE_TARGET):
+                    compute.append(value["time_s"] - waiting_s)
+                    waiting_s = math.nan
             case "/measured":
                 arrivals.append((value["arrival_s"], value["arrival_s"] - value["time_s"]))
             case "/mission":
@@ -193,80 +211,12 @@ def read_columns(path: Path) -> FlightColumns:
             case "/source":
                 flown.source = value["status"]
             case _:
-                if whole := commands.add_part(topic, value):
+                if len(flown.states) < count:
                     flown.states.append(state)
-                    flown.certificates.append(whole["/lyapunov"]["state"])
-    if not commands.rows:
-        raise NoCommand(notice("report.no_command", path=path))
-    commands.fill(flown)
-    on = np.flatnonzero(flown.tracking)
-    clock, flight_time = flown.scalars["time_s"], flown.scalars["flight_time_s"]
-    flown.begun_s = float(clock[on[0]] - flight_time[on[0]] if len(on) else clock[0])
+                    flown.certificates.append(value["state"])
+                    waiting_s = value["time_s"]
+    flown.compute_s = drop_unknown(np.array(compute))
     flown.arrivals_s = np.array(arrivals).reshape(-1, 2)
-    flown.events = [(time_s - flown.begun_s, kind, text) for time_s, kind, text in flown.events]
-    return flown
-
-
-class _CommandRows:
-    """One row of numbers a command, put together from its messages."""
-
-    def __init__(self, *, by_mavlink: bool) -> None:
-        """``by_mavlink``: other frames leave by the same wire as commands."""
-        self.rows: list[list[float]] = []
-        self._by_mavlink = by_mavlink
-        self._parts: dict[str, dict[str, Any]] = {}
-        self._compute: list[float] = []
-        self._waiting = False
-        """Whether the newest command's bytes have yet to leave."""
-
-    def add_part(self, topic: str, value: dict[str, Any]) -> dict[str, dict[str, Any]]:
-        """One of ``_PARTS``, the last of which ends a command: returns all of it, where it is whole."""
-        self._parts[topic] = value
-        if topic != _PARTS[-1]:
-            return {}
-        whole, self._parts = self._parts, {}
-        if len(whole) < len(_PARTS):
-            return {}
-        self.rows.append([number for part in _PARTS for number in _row(part, whole[part])] + _row(_TRUTH, {}))
-        self._waiting = True
-        return whole
-
-    def add_truth(self, value: dict[str, Any]) -> None:
-        """The truth at the newest command."""
-        true = _row(_TRUTH, value)
-        if self.rows and self.rows[-1][0] == value["time_s"]:
-            self.rows[-1][-len(true) :] = true
-
-    def note_sent(self, time_s: float, data: str) -> None:
-        """Bytes have left."""
-        if self._waiting and (not self._by_mavlink or base64.b64decode(data)[7:10] == _ATTITUDE_TARGET):
-            self._waiting = False
-            self._compute.append(time_s - self.rows[-1][0])
-
-    def fill(self, flown: FlightColumns) -> None:
-        """Make the columns of ``flown``."""
-        table, at = np.array(self.rows), 0
-        for name, _, components in chain(*_COLUMNS.values()):
-            if components:
-                flown.vectors[name] = table[:, at : at + len(components)]
-            else:
-                flown.scalars[name] = table[:, at]
-            at += len(components) or 1
-        flown.compute_s = np.array(self._compute)
-
-
-def _row(topic: str, message: dict[str, Any]) -> list[float]:
-    """The numbers of a message that columns are made of; what it lacks is not known."""
-    row: list[float] = []
-    for _, key, components in _COLUMNS[topic]:
-        value = message.get(key)
-        row += [_number((value or {}).get(part)) for part in components] if components else [_number(value)]
-    return row
-
-
-def _number(value: float | None) -> float:
-    """JSON knows no NaN: null is one, and so is what is left out."""
-    return np.nan if value is None else float(value)
 
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
