@@ -5,12 +5,25 @@ import random
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from numpy.typing import NDArray
 
 from groundstation.core.control import Gains
 from groundstation.core.estimation import ModelEstimator
-from groundstation.core.estimation.estimator import find_direction, fourth_difference, part_along, split_noise
+from groundstation.core.estimation.estimator import (
+    Covariance,
+    Densities,
+    find_direction,
+    fourth_difference,
+    part_along,
+    predict_covariance,
+    split_noise,
+    update_covariance,
+    update_moving_covariance,
+    widen_covariance,
+)
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, lead
@@ -202,3 +215,36 @@ def test_a_direction_is_a_unit_vector_and_none_at_rest() -> None:
     assert (*axis, speed2) == pytest.approx((1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0, 9.0))
     assert find_direction(FLOATS, (0.0, 0.0, 0.0)) == ((0.0, 0.0, 0.0), 0.0)
     assert part_along((0.6, 0.8, 0.0), (1.0, 2.0, 3.0)) == pytest.approx((2.2 * 0.6, 2.2 * 0.8, 0.0))
+
+
+def matrix_of(upper: Covariance) -> NDArray[np.float64]:
+    found = np.zeros((4, 4))
+    found[np.triu_indices(4)] = upper
+    return found + np.triu(found, 1).T
+
+
+@pytest.mark.parametrize("h", [0.01, 0.3])
+def test_covariances_are_those_of_the_matrices(h: float) -> None:
+    """F Σ Fᵀ + Q of a chain of four integrators, and the updates by a position and by a velocity."""
+    root = np.array([[0.3, 0.0, 0.0, 0.0], [0.2, 0.5, 0.0, 0.0], [-0.4, 0.1, 0.6, 0.0], [0.1, -0.3, 0.2, 0.7]])
+    sigma = root @ root.T
+    upper: Covariance = tuple(sigma[np.triu_indices(4)].tolist())
+    step = np.array([[1.0, h, h**2 / 2, h**3 / 6], [0, 1.0, h, h**2 / 2], [0, 0, 1.0, h], [0, 0, 0, 1.0]])
+    densities = Densities(0.01, 0.02, 0.03, 0.04)
+    expected = step @ sigma @ step.T + h * np.diag(densities)
+    assert matrix_of(predict_covariance(upper, h, densities)) == pytest.approx(expected)
+    for update, measured in ((update_covariance, 0), (update_moving_covariance, 1)):
+        gain, after = update(upper, 0.05)
+        wanted = sigma[:, measured] / (sigma[measured, measured] + 0.05)
+        assert gain == pytest.approx(wanted.tolist())
+        assert matrix_of(after) == pytest.approx(sigma - np.outer(wanted, sigma[measured]))
+
+
+@pytest.mark.parametrize(("step_m", "factor"), [(0.2, 1.0), (0.6, 2.0), (3.0, 5.0)])
+def test_a_covariance_is_widened_until_it_explains_an_innovation_and_by_five_at_most(
+    step_m: float, factor: float
+) -> None:
+    upper: Covariance = (0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+    side_m = step_m / math.sqrt(3.0)  # 0.42 m is three times what is expected of three axes of 0.02 m²
+    widened = widen_covariance(FLOATS, upper, 0.01, (side_m, -side_m, side_m))
+    assert widened == pytest.approx([factor * one for one in upper])
