@@ -12,11 +12,10 @@ import msgspec
 
 from groundstation.config import ConfigError, refuse_io
 from groundstation.core.control import make_controller
-from groundstation.core.messages import STEADY_S
 from groundstation.machine import fill_markers, replace_between_markers, write_whole
 from groundstation.runtime import Exit, require_package
 from sim.cli.console import ProgressBar, typed_command
-from sim.runs import Flyers
+from sim.runs import LEAST_JUDGED_S, Flyers, check_duration
 from sim.studies.tune import (
     AXES,
     SEARCH_SEED,
@@ -143,8 +142,7 @@ def _check(args: argparse.Namespace) -> None:
 
 def _stages(args: argparse.Namespace, default: list[str]) -> list[Staged]:
     """The scenarios to fly, checked as far as that goes without flying."""
-    if args.duration <= STEADY_S + 1.0:
-        raise ConfigError("--duration", notice("sim.short", from_s=STEADY_S + 1.0))
+    check_duration(args.duration, LEAST_JUDGED_S)
     stages = stage_scenarios(args.scenarios or default, args.config, args.overrides)
     for stage in stages:
         make_controller(stage.config.controller, stage.config.vehicle)

@@ -4,6 +4,16 @@ from sim.runs.fleet import FleetMission, fly_fleet
 from sim.runs.flight import CONFIRM_S, MISSION_CONFIRM_S, MissionResult, confirm_at, fly, fly_mission, from_floor
 from sim.runs.referee import BACK_M, CRASH_M, Effort, FlightVerdict, sought
 from sim.runs.server import place_fleet, serve, serve_fleet
-from sim.runs.simulation import DURATION_S, LONGEST_S, RECORDING, Run, lend_name, run_beside, simulate
+from sim.runs.simulation import (
+    DURATION_S,
+    LEAST_JUDGED_S,
+    RECORDING,
+    Run,
+    check_duration,
+    check_whole,
+    lend_name,
+    run_beside,
+    simulate,
+)
 from sim.runs.stage import Stage
 from sim.runs.workers import Flyers, Workers

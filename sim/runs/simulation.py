@@ -20,7 +20,7 @@ import msgspec
 
 from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, dump, lend, name_object, refuse_io, several, without_frames
-from groundstation.core.messages import EndRecord, Sentence, TickRecord
+from groundstation.core.messages import STEADY_S, EndRecord, Sentence, TickRecord
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import about
 from groundstation.flight.preflight import ensure_flyable
@@ -36,6 +36,8 @@ DURATION_S = 60.0
 """Default duration of a flight [s]: what the figures of the scenarios are defined for."""
 LONGEST_S = 86400.0
 """Largest duration of a flight [s]: one day. Chosen; a typing error must not fill the disk."""
+LEAST_JUDGED_S = STEADY_S + 1.0
+"""Duration that a flight must exceed to be judged [s]: errors count from ``STEADY_S`` on."""
 T = TypeVar("T")
 
 
@@ -140,7 +142,8 @@ def simulate(
     if trajectory is not None:
         settings.append(f"trajectory.kind={lend_name(trajectory, own)}")
     chosen, link = choose(scenario, autopilot, link, source)
-    seed, duration = _check_numbers(seed, duration)
+    seed = check_whole("--seed", seed, 0)
+    duration = None if duration is None else check_duration(duration)
     ends = Ends(source, autopilot, link)
     with lend(own):
         plan = _plan(chosen, settings, kind, ends, seed, duration, None if config is None else Path(config))
@@ -179,13 +182,26 @@ class Plan(NamedTuple):
     """Demands of the trajectory on the vehicle."""
 
 
-def _check_numbers(seed: int, duration: float | None) -> tuple[int, float | None]:
-    """Check seed and duration [s], and make plain numbers of them: JSON takes no NumPy numbers."""
-    if duration is not None and not (isinstance(duration, Real) and 0.0 < duration <= LONGEST_S):
-        raise ConfigError("--duration", notice("value.seconds", above=0, most=LONGEST_S, found=duration))
-    if not (isinstance(seed, Integral) and seed >= 0):
-        raise ConfigError("--seed", notice("value.whole_number", least=0, found=seed))
-    return int(seed), None if duration is None else float(duration)
+def check_duration(duration_s: object, above_s: float = 0.0) -> float:
+    """Check the option ``--duration`` [s], and make a plain number of it: JSON takes no NumPy numbers.
+
+    Raises:
+        ConfigError: it is no number above ``above_s``, or more than a day.
+    """
+    if not (isinstance(duration_s, Real) and above_s < float(duration_s) <= LONGEST_S):
+        raise ConfigError("--duration", notice("value.seconds", above=above_s, most=LONGEST_S, found=duration_s))
+    return float(duration_s)
+
+
+def check_whole(option: str, number: object, least: int) -> int:
+    """Check the whole number of an ``option``, and make a plain number of it.
+
+    Raises:
+        ConfigError: it is no whole number of at least ``least``.
+    """
+    if not (isinstance(number, Integral) and int(number) >= least):
+        raise ConfigError(option, notice("value.whole_number", least=least, found=number))
+    return int(number)
 
 
 def _plan(

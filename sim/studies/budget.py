@@ -18,12 +18,10 @@ from groundstation.core.control import Custom
 from groundstation.core.messages import STEADY_S
 from groundstation.core.trajectory import OwnTrajectoryConfig
 from groundstation.settings import Config, read_flown_config
-from sim.runs import DURATION_S, fly
+from sim.runs import DURATION_S, LEAST_JUDGED_S, fly
 from sim.scenarios import at_desk, world_from
 from sim.world import STILL, World
 
-LEAST_S = STEADY_S + 1.0
-"""Shorter flights have no steady part and get no budget [s]."""
 LIFTED = 10.0
 """Limits that are switched off are so many times as high; far more would be refused as another unit."""
 Flown: TypeAlias = tuple[World, Config]
@@ -158,8 +156,8 @@ def error_budget(flight: FlightData | FlightColumns | Path | str) -> ErrorBudget
     duration_s = min(round(ended_s, 1), DURATION_S)
     if not about.get("config"):
         return ErrorBudget(of="No error budget: the recording holds no configuration.")
-    if duration_s < LEAST_S:
-        return ErrorBudget(of=f"No error budget: it flew less than {LEAST_S:g} s on the trajectory.")
+    if duration_s < LEAST_JUDGED_S:
+        return ErrorBudget(of=f"No error budget: it flew less than {LEAST_JUDGED_S:g} s on the trajectory.")
     try:
         config = read_flown_config(flown.recording.about, flown.recording.path).config
         if isinstance(config.controller, Custom) or isinstance(config.trajectory, OwnTrajectoryConfig):

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import chain, cycle
-from numbers import Integral, Real
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +24,17 @@ from groundstation.core.messages import STEADY_S
 from groundstation.core.vehicle import Vehicle
 from groundstation.machine import replace_between_markers
 from groundstation.runtime import require_package
-from sim.runs import DURATION_S, LONGEST_S, FlightVerdict, Flyers, fly, lend_name, run_beside
+from sim.runs import (
+    DURATION_S,
+    LEAST_JUDGED_S,
+    FlightVerdict,
+    Flyers,
+    check_duration,
+    check_whole,
+    fly,
+    lend_name,
+    run_beside,
+)
 from sim.scenarios import SCENARIOS, overridden, prepare
 from sim.studies.tune import (
     DELAY,
@@ -124,13 +133,8 @@ def compare(
         ConfigError: an unknown name or key, a bad value, or a flight that the vehicle can't fly.
         UserCodeFault: a controller of your own failed in flight; its cause shows where.
     """
-    if not (isinstance(duration, Real) and STEADY_S + 1.0 < duration <= LONGEST_S):
-        says = notice("value.seconds", above=STEADY_S + 1.0, most=LONGEST_S, found=duration)
-        raise ConfigError("--duration", says)
-    duration = float(duration)
-    for option, number in (("--seeds", seeds), ("--workers", workers)):
-        if not (isinstance(number, Integral) and number >= 1):
-            raise ConfigError(option, notice("value.whole_number", least=1, found=number))
+    duration = check_duration(duration, LEAST_JUDGED_S)
+    seeds, workers = check_whole("--seeds", seeds, 1), check_whole("--workers", workers, 1)
     plain = [name for name, scenario in SCENARIOS.items() if not scenario.variants]
     places = several(plain if scenarios is None else scenarios)
     unknown = [place for place in places if not isinstance(place, str) or place not in SCENARIOS]
@@ -151,7 +155,7 @@ def compare(
         count, done = len(work) * seeds, on_done or (lambda flown, of: None)
         done(0, count)
         here = not all(_can_be_imported(name, thing) for name, thing in own.items())
-        with Flyers(1 if here else int(workers)) as flyers:
+        with Flyers(1 if here else workers) as flyers:
             flights = fly_all(work, seeds, duration, flyers, on_done=lambda flown: done(flown, count))
             return ControllerComparison(flights)
 

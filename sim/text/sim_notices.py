@@ -36,7 +36,6 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
         "sim.not_recorded", "nothing is kept there of a flight that is not recorded", "leave it out, or record=False"
     ),
     NoticeTemplate("sim.unknown", "this flight was not recorded, so its {name} is not known: fly it with record=True"),
-    NoticeTemplate("sim.short", "flights are judged from {from_s:g} s on: expected more than that"),
     NoticeTemplate("sim.one_betaflight", "Betaflight flies one vehicle of a scenario"),
     NoticeTemplate("sim.betaflight_link", "expected crsf, dsm or rf_bridge: Betaflight flies behind a receiver"),
     NoticeTemplate("sim.own_source", "expected vicon with a configuration: the simulated cameras see its vehicle"),

@@ -146,7 +146,7 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["--duration", "15"], "--duration: flights are judged from 15 s on"),
+        (["--duration", "15"], "--duration: expected seconds, more than 15 and"),
         (["--set", "sim.thrust_gain=0.9"], "sim.thrust_gain: a campaign draws it"),
         (["--draw", "losses", "--set", "sim.outage_s=0.1"], "sim.outage_s: a campaign draws it, from 0 to 0.15"),
         (["--draw", "mass,luck"], "--draw: expected some of ['mass', 'lags'"),

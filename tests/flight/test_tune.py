@@ -61,7 +61,7 @@ def test_an_interrupted_search_says_how_to_go_on_and_ends_with_the_trials_it_has
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        ("--duration 16", "--duration: flights are judged from 16 s on"),
+        ("--duration 16", "--duration: expected seconds, more than 16 and"),
         ("--scenarios paper,quad1kg", "different vehicles"),
         ("--verify 101", "--verify: expected at most 100"),
         ("--write x.md", "--write: is for --report"),

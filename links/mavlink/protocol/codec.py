@@ -155,7 +155,7 @@ _RESULTS = {
 _DIALECT = "pymavlink.dialects.v20.ardupilotmega"
 
 MOST_SENDERS = 16
-"""So many addresses are remembered, and unfinished frames of each; of more, the oldest is forgotten."""
+"""Limit of the addresses that are remembered, each with its unfinished frame: of more, the oldest is forgotten."""
 
 
 def load_dialect() -> Any:

@@ -353,7 +353,7 @@ class AskMode(Repeated):
 
     period_s = 0.1
     tries = 15
-    """It is given up after 1.5 s: the bring-down goes on meanwhile."""
+    """Number of requests: 1.5 s of them, while the bring-down goes on."""
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
         super().__init__("tell its mode", lambda n: autopilot.message_request("HEARTBEAT", n))
@@ -375,7 +375,7 @@ class Kill(Repeated):
 
     period_s = 0.05
     tries = 100
-    """It is requested for 5 s."""
+    """Number of requests: 5 s of them."""
     acceptances = 2
     """Number that end the request: one alone may answer an order to arm that was under way."""
 

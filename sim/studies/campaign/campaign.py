@@ -31,7 +31,7 @@ from groundstation.machine import write_whole
 from groundstation.runtime import require_package
 from groundstation.settings import Config
 from sim.batch import Flights, fly_batch, require_batchable
-from sim.runs import Flyers
+from sim.runs import Flyers, check_duration
 from sim.text import notice
 from sim.world import World, generator
 
@@ -281,8 +281,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
                 or too short flights.
         """
         require_batchable(self.world, self.config)
-        if self.duration_s <= STEADY_S:
-            raise ConfigError("--duration", notice("sim.short", from_s=STEADY_S))
+        check_duration(self.duration_s, STEADY_S)
         for name in self.draws:
             if name not in DRAWS:
                 raise ConfigError("--draw", notice("value.choices", choices=list(DRAWS), found=name))
