@@ -299,12 +299,11 @@ COMMANDS: Groups = {
     }
 }
 
-NEW = ("dev states", "dev upsets")
-"""Commands that never had another spelling."""
-MOVED = {
-    name.removeprefix("dev "): name for name in COMMANDS["commands"] if name.startswith("dev ") and name not in NEW
-} | {"honest": "dev faults --kind honest", "bring-down": "dev faults --fault dropout"}
-"""Old spelling of a command → its name today."""
+MOVED = {name.removeprefix("dev "): name for name in COMMANDS["commands"] if name.startswith("dev ")} | {
+    "honest": "dev faults --kind honest",
+    "bring-down": "dev faults --fault dropout",
+}
+"""Spelling of a command without ``dev``, or of one that has gone → its name today."""
 
 
 def parser() -> Program:

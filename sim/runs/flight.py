@@ -9,7 +9,7 @@ import math
 import struct
 import time
 from collections.abc import Callable, Coroutine, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import msgspec
 
@@ -93,32 +93,8 @@ async def fly(
     ``autopilot`` is one of :data:`sim.autopilots.peer.AUTOPILOTS`; ``watch`` hears every event, ``on_pose`` every pose
     before the gate, ``give`` takes what is to be recorded, ``on_progress`` the seconds flown.
     """
-    begun_s, log = time.perf_counter(), WireLog()
     flight = FlightFromAir(world, config, seed, autopilot, watch, on_pose, give)
-    end = await flight.run(duration_s, log, on_progress)
-    return Result(
-        completed=end.complete,
-        why=end.why,
-        duration_s=end.flown_s,
-        verdict=flight.referee.verdict(flight.trajectory, end.started_s or 0.0),
-        warnings=tuple(flight.warnings),
-        log_sha256=log.sha256(),
-        datagrams=log.count,
-        wall_s=time.perf_counter() - begun_s,
-        track=flight.referee.track,
-    )
-
-
-class FlightEnd(NamedTuple):
-    """End of a flight from the air."""
-
-    complete: bool
-    why: str
-    """As a sentence."""
-    started_s: float | None
-    """When it was released, on the event loop's clock [s]."""
-    flown_s: float
-    """Time flown since then [s]."""
+    return await flight.run(duration_s, on_progress)
 
 
 class FlightFromAir:
@@ -135,16 +111,17 @@ class FlightFromAir:
         give: Give | None,
     ) -> None:
         """Set up both sides; the arguments are those of :func:`fly`."""
+        self._begun_s = time.perf_counter()
         self._world, self._watch, self._give = world, watch, give
-        self.referee = Referee(
+        self._referee = Referee(
             world, config.vehicle, config.controller.kb if isinstance(config.controller, Law) else None
         )
-        self.trajectory = config.trajectory.build()
-        self.warnings: list[str] = []
+        self._trajectory = config.trajectory.build()
+        self._warnings: list[str] = []
         """Warnings to the operator, the certificate's apart, with the time on the trajectory."""
         self._world_ended = False
         """Nothing that happens from then on, as the tasks are cancelled, is part of the flight."""
-        self._stage = Stage(world, config, seed, self.referee.track.step, autopilot=autopilot)
+        self._stage = Stage(world, config, seed, self._referee.track.step, autopilot=autopilot)
         self._flight = make_flight(
             config,
             confirm=confirm_at(CONFIRM_S),
@@ -156,18 +133,16 @@ class FlightFromAir:
         self._clock: asyncio.Task[None]
         """Ends with the flight's time; a crash cancels it."""
 
-    async def run(
-        self, duration_s: float, log: WireLog, on_progress: Callable[[float], None] | None = None
-    ) -> FlightEnd:
-        """Fly for ``duration_s`` [s] after the release; ``log`` takes the wire bytes of both ways."""
-        loop, flight = asyncio.get_running_loop(), self._flight
+    async def run(self, duration_s: float, on_progress: Callable[[float], None] | None) -> Result:
+        """Fly for ``duration_s`` [s] after the release."""
+        loop, flight, log = asyncio.get_running_loop(), self._flight, WireLog()
         assert isinstance(loop, VirtualTimeLoop)
         loop.tap = log
         stage_task = asyncio.create_task(self._stage.run())
         flight_task = asyncio.create_task(flight.run())
         self._clock = asyncio.create_task(_end_of(flight_task, lambda: flight.started_s, duration_s, on_progress))
         await asyncio.wait({stage_task, flight_task, self._clock}, return_when=asyncio.FIRST_COMPLETED)
-        started_s, now, crash = flight.started_s, loop.time(), self.referee.crash
+        started_s, now, crash = flight.started_s, loop.time(), self._referee.crash
         if started_s is not None and crash is None:
             # Nobody has asked for the last steps: the errors in them count too.
             self._stage.plant.advance(min(now, started_s + duration_s))
@@ -182,8 +157,17 @@ class FlightFromAir:
         complete = started_s is not None and crash is None and flown_s >= duration_s - 1e-6
         if isinstance(outcome, FlightOutcome) and outcome.state is State.LANDED:
             complete = True
-        why = "flown to the end" if complete else _why(crash, outcome, failure)
-        return FlightEnd(complete, why, started_s, flown_s)
+        return Result(
+            completed=complete,
+            why="flown to the end" if complete else _why(crash, outcome, failure),
+            duration_s=flown_s,
+            verdict=self._referee.verdict(self._trajectory, started_s or 0.0),
+            warnings=tuple(self._warnings),
+            log_sha256=log.sha256(),
+            datagrams=log.count,
+            wall_s=time.perf_counter() - self._begun_s,
+            track=self._referee.track,
+        )
 
     def _record(self, record: Record) -> None:
         if self._give is not None and not self._world_ended:
@@ -202,7 +186,7 @@ class FlightFromAir:
             and notice.kind not in ("certificate", "state")
             and not self._world_ended
         ):
-            self.warnings.append(f"{notice.time_s - (self._flight.started_s or 0.0):.2f} {notice.text}")
+            self._warnings.append(f"{notice.time_s - (self._flight.started_s or 0.0):.2f} {notice.text}")
 
     def _judge(self, tick: Tick) -> None:
         """Show the referee one command beside the truth; a crash ends the flight."""
@@ -210,10 +194,10 @@ class FlightFromAir:
         truth = self._stage.plant.truth(tick.time_s)
         released_s = self._stage.plant.released_s
         wind = self._stage.wind.at(tick.time_s - released_s) if released_s is not None else self._world.wind_mean
-        self.referee.tick(tick, wind, truth.velocity_ned)
+        self._referee.tick(tick, wind, truth.velocity_ned)
         if self._give is not None:
-            self._record(make_truth(truth, wind, self.trajectory, self._flight.started_s))
-        if self.referee.find_crash(truth.position_ned, lands=self._flight.state in DOWN):
+            self._record(make_truth(truth, wind, self._trajectory, self._flight.started_s))
+        if self._referee.find_crash(truth.position_ned, lands=self._flight.state in DOWN):
             self._clock.cancel()
 
 

@@ -31,7 +31,7 @@ from groundstation.pose.sources import ViconConfig
 from groundstation.runtime import __version__
 from groundstation.settings import Config
 from sim.runs import DURATION_S, Flyers, fly
-from sim.scenarios import SCENARIOS, by_side, prepare, prepare_own, timing
+from sim.scenarios import by_side, prepare, prepare_own, scenario_of, timing
 from sim.studies.campaign import program_sha256
 from sim.text import notice
 from sim.world import World
@@ -203,12 +203,10 @@ def stage_scenarios(names: Sequence[str], path: Path | None, overrides: Sequence
     """
     stages = []
     for name in names:
-        if name not in SCENARIOS:
-            raise ConfigError("--scenarios", notice("value.choices", choices=sorted(SCENARIOS), found=name))
         if has_own_vehicle(path, overrides):
-            world, config, _ = prepare_own(SCENARIOS[name], path, list(overrides))
+            world, config, _ = prepare_own(scenario_of(name), path, list(overrides))
         else:
-            world, config = prepare(SCENARIOS[name], list(overrides))
+            world, config = prepare(scenario_of(name), list(overrides))
         stages.append(Staged(scenario=name, world=world, config=config))
     return stages
 
