@@ -248,3 +248,44 @@ def test_a_covariance_is_widened_until_it_explains_an_innovation_and_by_five_at_
     side_m = step_m / math.sqrt(3.0)  # 0.42 m is three times what is expected of three axes of 0.02 m²
     widened = widen_covariance(FLOATS, upper, 0.01, (side_m, -side_m, side_m))
     assert widened == pytest.approx([factor * one for one in upper])
+
+
+def test_at_lift_off_the_hover_thrusts_error_is_shared_and_friction_forgotten_beside_wind() -> None:
+    estimator, _ = flown(CALM, 1.0, effectiveness_deviation=0.15)
+    estimator.frozen = estimator.lands = True
+    estimator.drive((3.0, 4.0, 2.0))
+    left = estimator.lift_off(0.4, 1.2)
+    # Thrust may be off by 0.15 g = 1.47 m/s², the disturbance by 1 m/s²: 68 % of the error are thrust's.
+    weight = 1.4715**2 / (1.4715**2 + 1.0)
+    share = 1.0 / (1.0 + 0.2 * weight)
+    # Of 5 m/s² aside 0.5 may be friction.
+    assert left == pytest.approx((2.7, 3.6, (1.2 * share - 1.0) * 9.81))
+    assert estimator.effectiveness == pytest.approx(share)
+    assert estimator.effectiveness_deviation == pytest.approx(0.15 * math.sqrt(1.0 - weight))
+    assert estimator.motion is not None and estimator.motion.velocity[2] == -0.4
+    assert not estimator.frozen and not estimator.lands
+    estimator.drive((0.3, 0.0, 0.0))
+    assert estimator.lift_off(0.4, 1.0) == pytest.approx((0.0, 0.0, 0.0)), "friction alone"
+
+
+def test_what_is_held_stays_until_the_poses_are_believed_again() -> None:
+    estimator, plant = flown(CALM, 1.0)
+    held = (0.5, -0.5, 1.0)
+    before = estimator.disturbance
+    estimator.hold(held, 0.9)
+    assert (estimator.holds, estimator.effectiveness, estimator.disturbance) == (True, 0.9, before)
+
+    def look(time_s: float) -> None:
+        truth = plant.truth(time_s)
+        estimator.update(Pose(99, time_s, time_s, truth.position_ned, truth.attitude))
+
+    look(1.02)
+    assert (estimator.disturbance, estimator.effectiveness) == (held, 0.9)
+    estimator.resume()
+    look(1.04)
+    assert not estimator.holds and estimator.disturbance != held
+    moved = Motion((1.0, 2.0, -3.0), (0.1, 0.2, 0.3), so3.IDENTITY, 1.0, (0.0, 0.0, 0.0))
+    estimator.believe(moved, (0.1, 0.0, 0.0), 1.1)
+    assert (estimator.motion, estimator.disturbance, estimator.effectiveness) == (moved, (0.1, 0.0, 0.0), 1.1)
+    estimator.reset_motion(moved)
+    assert not estimator.holds
