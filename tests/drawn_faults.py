@@ -19,11 +19,13 @@ from tests.seeded_faults import ROOT, catches, copy_checkout
 ROOMS = {
     "groundstation/core": "unit/groundstation/core property contract/test_controllers.py contract/test_trajectories.py",
     "groundstation/pose": "unit/groundstation/pose property/test_vicon_codec.py contract/test_poses.py",
-    "links/core": "unit/links/core property/test_mailbox.py contract/test_links.py",
+    "links/core": "unit/links/core contract/test_links.py",
     "links/mavlink": "unit/links/mavlink property/test_mavlink_codec.py contract/test_links.py",
-    "links/rf": "unit/links/rf property/test_rf_codecs.py contract/test_links.py",
+    "links/rf": "unit/links/rf property/test_rf_codecs.py property/test_mailbox.py contract/test_links.py",
 }
 """Tests of each room."""
+PAGES = ("tests/unit/test_reference.py", "tests/unit/groundstation/interfaces/mqtt/test_mqtt_schemas.py")
+"""Tests of every room: pages and schemas hold the default and the range of each key."""
 PAIRS = (("<", ">"), ("<=", ">="), ("==", "!="), ("+", "-"), ("*", "/"), ("and", "or"), ("is", "is not"))
 OPPOSITE = {one.encode(): other.encode() for pair in PAIRS for one, other in (pair, pair[::-1])}
 
@@ -49,7 +51,8 @@ def tests_of(room: str, module: Path) -> list[str]:
     """The tests of a room; first those that name the module."""
     folders = [ROOT / "tests" / told for told in ROOMS[room].split()]
     found = [path for folder in folders for path in ([folder] if folder.is_file() else folder.rglob("test_*.py"))]
-    return [str(one.relative_to(ROOT)) for one in sorted(found, key=lambda one: module.stem not in one.read_text())]
+    found.sort(key=lambda one: module.stem not in one.read_text())
+    return [*(str(one.relative_to(ROOT)) for one in found), *PAGES]
 
 
 def main() -> int:
