@@ -4,7 +4,7 @@ The rooms above have their own sentences in ``groundstation.core.messages``, who
 """
 
 from groundstation.config.key_notices import KEY_NOTICES
-from links.text import NoticeTable, NoticeTemplate
+from links.text import LINK_NOTICES, NoticeTable, NoticeTemplate
 
 CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     *KEY_NOTICES,
@@ -24,8 +24,6 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("file.is_file", "it is a file, not a folder"),
     NoticeTemplate("file.empty", "empty: what wrote it may not have finished"),
     NoticeTemplate("file.exists", "{path} is there already", "name another, or remove it"),
-    NoticeTemplate("file.unread", "cannot read {path}: {why}"),
-    NoticeTemplate("file.unwritten", "cannot write {path}: {why}"),
     NoticeTemplate("file.old_value_unwritten", "cannot keep the old value in {path}: {why}"),
     NoticeTemplate(
         "file.log_unwritten", "cannot write {path}, which the ground station behind the dashboard needs: {why}"
@@ -76,8 +74,7 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("code.no_attribute", "{module} has no attribute {name!r}"),
     NoticeTemplate("code.no_import", "can't import {module}"),
     NoticeTemplate("code.no_result", "{factory} failed"),
-    NoticeTemplate("code.failed", "{what}: {why}"),
-    NoticeTemplate("code.no_module", "{what}: {why} (is it installed, or its folder on PYTHONPATH?)"),
+    NoticeTemplate("code.no_module", "{value}: {why} (is it installed, or its folder on PYTHONPATH?)"),
     NoticeTemplate("code.returned", "{what} returned a {type}, not a {wanted}{hint}"),
     NoticeTemplate(
         "controller.not_callable",
@@ -103,5 +100,5 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("package.needed", "needs {package}, which is not installed", "{command}{more}"),
 )
 
-config_notice = NoticeTable(CONFIG_NOTICES).notice
-"""Makes a sentence of this table from the id of its row and its numbers."""
+config_notice = NoticeTable((*LINK_NOTICES, *CONFIG_NOTICES)).notice
+"""Makes a sentence of this table, or of the links', from the id of its row and its numbers."""

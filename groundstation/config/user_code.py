@@ -187,8 +187,8 @@ def _run_making(
         raise
     except BaseException as error:
         _strip_caller(error)
-        id = "code.no_module" if isinstance(error, ModuleNotFoundError) else "code.failed"
-        raise ConfigError(key, config_notice(id, what=failed, why=describe_error(error))) from error
+        id = "code.no_module" if isinstance(error, ModuleNotFoundError) else "value.refused"
+        raise ConfigError(key, config_notice(id, value=failed, why=describe_error(error))) from error
 
 
 def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter] | None:

@@ -96,7 +96,7 @@ def load_restore(path: Path) -> Restore:
     try:
         return msgspec.json.decode(path.read_bytes(), type=Restore)
     except OSError as error:
-        raise ValueError(notice("doctor.no_file", path=path, why=error.strerror)) from None
+        raise ValueError(notice("file.unread", path=path, why=error.strerror)) from None
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
         raise ValueError(notice("doctor.other_file", path=path, why=error)) from None
 
@@ -480,7 +480,7 @@ def _parse_fix(fix: str, visit: Visit) -> Setting:
     name, equals, text = fix.partition("=")
     rules = {known: advice.rule for advice in visit.advice for known in advice.names}
     if name not in rules:
-        raise ConfigError("--fix", notice("doctor.unknown_name", known=sorted(rules), name=name))
+        raise ConfigError("--fix", notice("value.choice", choices=sorted(rules), found=name))
     if name not in visit.parameters:
         raise ConfigError("--fix", notice("doctor.absent", autopilot=visit.autopilot, name=name))
     old, rule = visit.parameters[name], rules[name]

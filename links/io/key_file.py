@@ -23,19 +23,19 @@ def read_key(path: Path) -> bytes:
             owner = os.fstat(file.fileno())
             data = file.read(200)
     except OSError as error:
-        raise ValueError(link_notice("key_file.unread", path=path, why=error.strerror).text) from None
+        raise ValueError(link_notice("file.unread", path=path, why=error.strerror)) from None
     if not stat.S_ISREG(owner.st_mode):
-        raise ValueError(link_notice("key_file.no_file", path=path).text)
+        raise ValueError(link_notice("key_file.no_file", path=path))
     if owner.st_uid != os.getuid():
-        raise ValueError(link_notice("key_file.other_owner", path=path).text)
+        raise ValueError(link_notice("key_file.other_owner", path=path))
     if stat.S_IMODE(owner.st_mode) != 0o600:
         mode = stat.S_IMODE(owner.st_mode)
-        raise ValueError(link_notice("key_file.mode", path=path, mode=f"{mode:04o}").text)
+        raise ValueError(link_notice("key_file.mode", path=path, mode=f"{mode:04o}"))
     key = _decode(data)
     if key is None:
-        raise ValueError(link_notice("key_file.none", path=path, bytes=KEY_BYTES).text)
+        raise ValueError(link_notice("key_file.none", path=path, bytes=KEY_BYTES))
     if not any(key):
-        raise ValueError(link_notice("key_file.zeros", path=path).text)
+        raise ValueError(link_notice("key_file.zeros", path=path))
     return key
 
 
@@ -68,4 +68,4 @@ def make_key(path: Path) -> None:
             path.unlink()  # half a key is none
             raise
     except OSError as error:
-        raise ValueError(link_notice("key_file.unwritten", path=path, why=error.strerror).text) from None
+        raise ValueError(link_notice("file.unwritten", path=path, why=error.strerror)) from None

@@ -996,7 +996,7 @@ class StampFile:
         except FileNotFoundError:
             kept = 0
         except (OSError, ValueError) as error:
-            raise ValueError(link_notice("mavlink.stamp_unread", path=self._path, why=error).text) from None
+            raise ValueError(link_notice("mavlink.stamp_unread", path=self._path, why=error)) from None
         return max(now, kept + 1)
 
     def keep(self, stamp: int) -> None:
@@ -1010,7 +1010,7 @@ class StampFile:
             new.write_text(f"{stamp}\n", "ascii")
             new.replace(self._path)
         except OSError as error:
-            raise ValueError(link_notice("mavlink.stamp_unwritten", path=self._path, why=error.strerror).text) from None
+            raise ValueError(link_notice("mavlink.stamp_unwritten", path=self._path, why=error.strerror)) from None
 
 
 class Signing:

@@ -532,7 +532,7 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
         "take another adapter",
     ),
     NoticeTemplate(
-        "key_file.unread",
+        "file.unread",
         "cannot read {path}: {why}",
     ),
     NoticeTemplate(
@@ -557,7 +557,7 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
         "{path} holds only zeros, which is no key",
     ),
     NoticeTemplate(
-        "key_file.unwritten",
+        "file.unwritten",
         "cannot write {path}: {why}",
     ),
 )

@@ -597,7 +597,7 @@ def make_mistakes(world: World, room: Config, text: str) -> tuple[World, Config]
         name, equals, told = (word.strip() for word in part.partition("="))
         if name not in MISTAKES or not equals:
             known = ", ".join(f"{known}=…" for known in MISTAKES)
-            raise ConfigError("--wrong", notice("wrong.unknown", known=known, found=part))
+            raise ConfigError("--wrong", notice("value.choices", choices=known, found=part))
         unit, means, make = MISTAKES[name]
         try:
             value = float(told.removesuffix(unit)) if unit else float(told)

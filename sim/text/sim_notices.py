@@ -62,7 +62,6 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("serve.needs_config", "expected --config FILE.toml beside it, whose room and vehicle it is about"),
     NoticeTemplate("serve.no_parameters", "Betaflight has settings, and no parameters"),
     NoticeTemplate("serve.parameter", "expected NAME=VALUE, got {found!r}"),
-    NoticeTemplate("wrong.unknown", "expected some of {known}, got {found!r}"),
     NoticeTemplate("wrong.number", "{name}: expected a number of {unit} ({means}), got {found!r}"),
     NoticeTemplate("wrong.factor", "{name}: expected a factor from {least:g} to {most:g} ({means}), got {found!r}"),
     NoticeTemplate("wrong.latency", "latency: the file says {latency_ms:g} ms, got {added_ms:+g}ms to it"),

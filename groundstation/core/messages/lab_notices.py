@@ -137,7 +137,6 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "doctor.no_heartbeat", "no HEARTBEAT within {limit_s:g} s, so it is unknown whether the autopilot is armed"
         ),
-        NoticeTemplate("doctor.no_file", "cannot read {path}: {why}"),
         NoticeTemplate("doctor.other_file", "{path} is no file that --fix has written: {why}"),
         NoticeTemplate("doctor.link_kind", "expected mavlink, dsm or crsf: by the map there its settings are judged"),
         NoticeTemplate(
@@ -156,7 +155,6 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
         NoticeTemplate("doctor.restore_alone", "it puts one parameter back: leave out --fix"),
         NoticeTemplate("doctor.no_terminal", "without a terminal, confirm with --yes"),
         NoticeTemplate("doctor.twice", "{name} is named twice: say once what it should be"),
-        NoticeTemplate("doctor.unknown_name", "expected one of {known}, got {name!r}"),
         NoticeTemplate("doctor.absent", "this {autopilot} has no parameter {name}"),
         NoticeTemplate("doctor.other_kind", "this {autopilot} has no parameter {name} of that kind"),
         NoticeTemplate("doctor.no_number", "{name}: expected a number, got {text!r}"),

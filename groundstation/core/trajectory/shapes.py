@@ -115,7 +115,7 @@ class OwnTrajectory:
             raise
         except BaseException as error:
             failed = config_notice("trajectory.attribute", name=self._name, attribute=name)
-            raise ConfigError(KEY, config_notice("code.failed", what=failed, why=describe_error(error))) from error
+            raise ConfigError(KEY, config_notice("value.refused", value=failed, why=describe_error(error))) from error
 
     def _time_of(self, curve: Any, name: str) -> float | None:
         value = self._read(curve, name)
