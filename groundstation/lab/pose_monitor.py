@@ -113,7 +113,7 @@ async def open_ears(
 JSON_S = 5.0
 """Duration of a look for a program, where it gives none [s]."""
 REFRESH_S = 0.25
-"""Period of the shown summary [s]."""
+"""Period at which a summary is shown, and a move's progress looked at [s]."""
 
 
 def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit:
@@ -208,10 +208,6 @@ def _interrupt(loop: asyncio.AbstractEventLoop) -> Iterator[asyncio.Event]:
             loop.remove_signal_handler(signal.SIGINT)
 
 
-SHOWN_EVENTS = 5
-"""Newest events shown."""
-
-
 def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
     """Describe the stream in words."""
     lines = [
@@ -236,7 +232,7 @@ def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
         lines.append(("", notice("watch.nothing").text))
     if seen.bodies:
         lines.append(("bodies there", ", ".join(map(printable, seen.bodies))))
-    lines += [("", printable(event)) for event in seen.events[-SHOWN_EVENTS:]]
+    lines += [("", printable(event)) for event in seen.events]
     return lines
 
 
@@ -342,8 +338,6 @@ ATTITUDE_HZ = 100.0
 """The autopilot is asked for its attitude so often [1/s]."""
 PATIENCE_S = 120.0
 """Timeout of one move [s]."""
-LOOK_S = 0.1
-"""Period at which a move's progress is looked at [s]."""
 LATE_S = 0.002
 """A smaller error of the configured latency is none [s]."""
 
@@ -472,7 +466,7 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
             ended.clear()
             give_up_s = asyncio.get_running_loop().time() + PATIENCE_S
             while not ended.is_set():
-                await asyncio.sleep(LOOK_S)
+                await asyncio.sleep(REFRESH_S)
                 _require_disarmed(connection)
                 if asyncio.get_running_loop().time() > give_up_s:
                     raise CarryFailure("", _say_not_made(move.name, ears.source, deaf=has_autopilot and not felt))

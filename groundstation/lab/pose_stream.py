@@ -43,8 +43,8 @@ REST_M = 0.002
 """At rest, the means of the window's two halves differ by less than this plus the noise [m]."""
 REST_NOISE = 4.0
 """Multiple of one pose's noise that is added to it [-]."""
-KEPT_EVENTS = 20
-"""Newest events kept."""
+KEPT_EVENTS = 5
+"""Newest events kept: as many as are shown below the table."""
 
 
 class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,6 +1,15 @@
 """Machine services for a process of ours: clocks, sockets' places, locks, folders of recordings."""
 
-from groundstation.machine.clock import IdleSlots, cancel_task, precise_loop, sleep_until, to_the_end, wake, wall_ms
+from groundstation.machine.clock import (
+    NICE,
+    IdleSlots,
+    cancel_task,
+    precise_loop,
+    sleep_until,
+    to_the_end,
+    wake,
+    wall_ms,
+)
 from groundstation.machine.document import fill_markers, replace_between_markers
 from groundstation.machine.files import open_whole, write_whole
 from groundstation.machine.outlets import Latest, NonBlockingWriter

@@ -91,6 +91,8 @@ def wall_ms() -> int:
     return time.time_ns() // 1_000_000
 
 
+NICE = 5
+"""Nice value of programs beside a flight, below it (nice(2)): a key still gets through on a busy machine."""
 WITHIN_S = 0.05
 """Longest wait for an idle slot while no command leaves [s]."""
 

@@ -16,14 +16,11 @@ from pathlib import Path
 import msgspec
 
 from groundstation.core.messages import STEADY_S, Sentence, notice
-from groundstation.machine import free_name, make_folder, tidy
+from groundstation.machine import NICE, free_name, make_folder, tidy
 from groundstation.recording.headline import FlightHeadline
 from groundstation.recording.process import FORGET, RecorderSetup
 from groundstation.recording.records import Record
 from groundstation.recording.writer import FLUSH_S, FlightLog
-
-NICE = 5
-"""Nice value of the recorder, below the flight (nice(2))."""
 
 
 def stand_back() -> None:

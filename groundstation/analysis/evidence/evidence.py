@@ -33,6 +33,8 @@ from groundstation.analysis.evidence.flight import (
 from groundstation.analysis.evidence.imports import describe_import, load_mapping, read_flight
 from groundstation.analysis.identify import (
     LEAST_S,
+    POSE_GAP_S,
+    SETTLING_S,
     FlightStretch,
     StretchTooShort,
     find_noise,
@@ -61,10 +63,6 @@ BASE_S = 0.05
 """Constant velocity is the mean over this time [s]; constant acceleration takes twice as long."""
 GAP = 1.5
 """Poses that take this many times as long as usual have a gap between them [-]."""
-SETTLING_S = 0.5
-"""Settling time before the filter is judged [s]."""
-BREAK_S = 0.5
-"""After so long without a pose the filter begins anew [s]."""
 LEAST_JUDGED = 20
 """Fewer predictions tell nothing [-]."""
 LIFTED_M = 0.2
@@ -394,7 +392,7 @@ def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[
     estimator, newest_s, begun_s, k = ModelEstimator(config.vehicle, gains), -math.inf, -math.inf, 0
     for i in range(air.start, air.stop):
         pose, now = driven.poses[i], float(at_s[i])
-        if now - newest_s > BREAK_S:
+        if now - newest_s > POSE_GAP_S:
             estimator, begun_s, k = ModelEstimator(config.vehicle, gains), now, max(k - 1, 0)
         newest_s = now
         while k < len(driven.commands) and driven.commands[k][0] <= now:
@@ -527,7 +525,7 @@ def examine_flight(path: Path, config: Config | None = None, overrides: Sequence
     flight, air = driven.flight, driven.air
     at_s, place = driven.at_s[air], driven.place[air]
     spans = np.diff(at_s)
-    whole = spans[spans <= BREAK_S] if (spans <= BREAK_S).any() else spans
+    whole = spans[spans <= POSE_GAP_S] if (spans <= POSE_GAP_S).any() else spans
     noise = measure_pose_noise(at_s, place)
     facts: dict[str, Any] = {
         "name": path.stem,

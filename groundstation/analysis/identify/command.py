@@ -113,12 +113,9 @@ UNSEEN_FRAMES = 0.02
 """The recording does not know which frames were lost: so many would make every command this share of a period late."""
 MODEL = 0.005
 """No lag is quite of first order, no scale quite constant: nothing is known better than this share."""
-THRUST_SPREAD = 1.5
-"""Lag and delay of thrust stand for one another, and gusts are no random walk: counted over 200 flights in gusts, their
-deviations are so many times those of the fit."""
-RESPONSE_SPREAD = 1.5
-"""Factor on the deviation of the sum of a rate's lag and delay [-], counted over 100 flights on rotors: a loop of
-theirs has neither."""
+LAG_SPREAD = 1.5
+"""Factor on the deviations of a lag with its delay [-], counted over 200 flights in gusts and 100 on rotors: both stand
+for one another, gusts are no random walk, and a rotor's loop is no lag behind a delay."""
 DRAG_MODEL = 0.01
 """Model error of drag as a share of it [-]: drag acts along the measured attitude."""
 DRAG_LEAST = 0.0007
@@ -303,7 +300,7 @@ def _lags(
     thrust_delay, lag = pushed.fit.values[:2].tolist()
     both, both_spread = _combine(turned.fit.values[1:3], turned.fit.covariance[1:3, 1:3])
     spreads = dict(zip(TURN_NAMES, turned.fit.deviations.tolist(), strict=True))
-    thrust_spread, lag_spread = (THRUST_SPREAD * pushed.fit.deviations[:2]).tolist()
+    thrust_spread, lag_spread = (LAG_SPREAD * pushed.fit.deviations[:2]).tolist()
     frames = UNSEEN_FRAMES * vehicle.frame_period_s
     told, (rolled, pitched, yawed) = vehicle.rate_lag_s, moved.turned
     rates_told, thrust_told = (
@@ -316,7 +313,7 @@ def _lags(
         """Identify lag + delay from ``sums`` (k, 5) of the fit's parameters."""
         of = np.array(sums)
         value, deviation = _combine(of @ turned.fit.values, of @ turned.fit.covariance @ of.T)
-        spread = math.hypot(RESPONSE_SPREAD * deviation, frames, MODEL * value)
+        spread = math.hypot(LAG_SPREAD * deviation, frames, MODEL * value)
         enough, whole = max(0.01, 0.25 * value), told + rates_told
         return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=whole, note=RESPONSE)
 

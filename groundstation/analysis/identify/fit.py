@@ -512,8 +512,6 @@ DRAG, LEVER = THRUST_NAMES.index("drag_x"), THRUST_NAMES.index("c_x")
 SMOOTH_S = 0.06
 """Attitudes are smoothed over this time to either side [s]: their noise, which the controller answers, would pass for
 thrust."""
-UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Unit vectors along x, y and z."""
 
 
 Strength: TypeAlias = tuple[Noise, InnovationFilter]
@@ -542,7 +540,7 @@ class ThrustModel:
         since = angles(seen, values, self.times) - angles(seen, values, seen.at_s[:-1])[:, None]
         since = since + np.diff(turned.left + off, axis=0)[:, None] * share[:, None]
         attitude: Any = so3.rotate(components(seen.attitude), components(off))
-        self.axes = np.stack([np.stack(so3.to_world(attitude, unit), axis=-1) for unit in UNITS], axis=-1)
+        self.axes = np.moveaxis(np.array(so3.matrix(attitude)), -1, 0)
         started: Any = tuple(part[:-1, None] for part in attitude)
         turn: Any = tuple(np.moveaxis(since, -1, 0))
         down: Any = so3.third_column(so3.rotate(started, turn))

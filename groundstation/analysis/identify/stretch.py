@@ -23,11 +23,11 @@ Column = NDArray[np.float64]
 LEAST_S = 8.0
 """Shorter flights tell nothing [s]."""
 SETTLING_S = 0.5
-"""The first instants are left out [s]: what the actuators did before is not known as well."""
+"""The first instants are left out [s]: what the actuators did before is not known as well, and a filter settles."""
 COMMAND_GAP_S = 0.25
 """Where commands are further apart [s], the link may have brought the vehicle down by its own: the stretch ends."""
 POSE_GAP_S = 0.5
-"""Largest gap between poses within a stretch [s]."""
+"""Largest gap between poses within a stretch [s]; after a longer one a filter begins anew."""
 
 
 def components(rows: Column) -> Any:

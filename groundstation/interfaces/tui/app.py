@@ -56,8 +56,10 @@ from groundstation.interfaces.api import Control, OrderAnswer, StationClient, at
 from groundstation.interfaces.tui.drawing import flight_time
 from groundstation.interfaces.tui.model import (
     BY_ASK,
+    FRAME_S,
     KEPT,
     ORDERS,
+    RETRY_S,
     SILENCE_S,
     Feed,
     FeedTrouble,
@@ -84,6 +86,7 @@ from groundstation.interfaces.tui.pages import (
 from groundstation.interfaces.tui.terminal import TolerantDriver, find_multiplexer
 from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, Help, Knobs, Typed, require_terminal
 from groundstation.machine import (
+    NICE,
     ApiError,
     StatusConfig,
     find_socket,
@@ -102,8 +105,6 @@ from links.core import LinkStatus
 from links.io import start_child
 from links.text import printable
 
-RETRY_S = 0.5
-"""Time between two tries to attach [s]."""
 NAME = "tui"
 
 
@@ -581,8 +582,6 @@ class Ordering:
         self._app.notify(printable(answer.says), severity=severity, timeout=6.0, markup=False)
 
 
-FRAME_S = 0.2
-"""Time between two drawings [s]."""
 NOTICE_S = 20.0
 """Time for which the notice of a new dashboard is shown [s]."""
 PAGE_TYPES: tuple[type[Page], ...] = (FlyPage, ControlPage, LinksPage, ConfigPage, LogPage)
@@ -841,8 +840,6 @@ def normal(svg: str) -> str:
     return _FAR_FONT.sub("", _ID.sub("terminal-", svg))
 
 
-NICE = 5
-"""Nice value of the dashboard, below the flight: a key still gets through on a busy machine."""
 END_S = 20.0
 """Timeout for a ground station on the ground to end [s]."""
 AGAIN_S = 1.0

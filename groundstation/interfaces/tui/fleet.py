@@ -26,7 +26,7 @@ from groundstation.interfaces.mqtt import (
     describe_error,
     heed_cancellation,
 )
-from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText, headline
+from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, FRAME_S, RETRY_S, BannerText, headline
 from groundstation.interfaces.tui.terminal import TolerantDriver
 from groundstation.interfaces.tui.widgets import THEMES, Banner, require_terminal
 from links.text import printable
@@ -190,10 +190,6 @@ def _format_ned(vector: tuple[float, float, float]) -> str:
     return "({:.2f} {:.2f} {:.2f})".format(*vector)
 
 
-FRAME_S = 0.5
-"""Time between two drawings [s]."""
-RETRY_S = 1.0
-"""Time between two tries to connect [s]."""
 HEARD_QUEUE = 5000
 """Most messages that wait to be read; more are dropped."""
 STYLES = ("bold white on dark_red", "bold", "", "dim")
