@@ -272,7 +272,6 @@ AUTOPILOTS: Arguments = {
 REFERENCE: Arguments = {
     "--write": {"type": path, "metavar": "DIR", "help": "write them there instead of printing them"},
 }
-STATES = _write("put the diagram between the file's markers")
 
 
 COMMANDS: Groups = {
@@ -295,13 +294,13 @@ COMMANDS: Groups = {
         "dev firmware": ("fly Betaflight's own firmware: flights, strikes, rates", FIRMWARE),
         "dev autopilots": ("fly PX4's and ArduCopter's own firmware on our rotors, where it is built", AUTOPILOTS),
         "dev reference": ("make the reference pages of the documents from the code", REFERENCE),
-        "dev states": ("draw the states of a flight and the transitions between them", STATES),
     }
 }
 
 MOVED = {name.removeprefix("dev "): name for name in COMMANDS["commands"] if name.startswith("dev ")} | {
     "honest": "dev faults --kind honest",
     "bring-down": "dev faults --fault dropout",
+    "states": "dev reference",
 }
 """Spelling of a command without ``dev``, or of one that has gone → its name today."""
 

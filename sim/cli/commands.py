@@ -298,15 +298,6 @@ def dev_reference(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-def dev_states(args: argparse.Namespace) -> Exit:
-    """Draw the states of a flight."""
-    page = load_proving("dev states", "reference").states_page()
-    if args.write is not None:
-        replace_between_markers(args.write, page, "states")
-    print(page)
-    return Exit.DONE
-
-
 def fly(args: argparse.Namespace) -> Exit:
     """Fly one scenario in virtual time."""
     if args.view is not None:

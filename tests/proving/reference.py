@@ -370,7 +370,7 @@ def everywhere() -> str:
 
 def states_page() -> str:
     """The text that stands between the markers of docs/explanation/safety.md."""
-    command = "groundstation-sim dev states --write safety.md"
+    command = "groundstation-sim dev reference --write docs/reference"
     made = f"Made from the table in `groundstation/core/mission/mission.py` by `{command}`."
     return f"```mermaid\n{mermaid()}\n```\n\n{everywhere()}\n\n{made}"
 
@@ -406,7 +406,7 @@ def page(name: str) -> str:
 
 
 def reference_command(folder: Path | None) -> str:
-    """Write all pages and schemas into ``folder``, or return the pages as one text.
+    """Write all pages and schemas into ``folder``, and the states beside it, or return the pages as one text.
 
     Raises:
         ConfigError: a page can't be written.
@@ -422,5 +422,8 @@ def reference_command(folder: Path | None) -> str:
         (folder / SCHEMAS / name).write_text(schema_text(schema), "utf-8")
     if (folder / "mqtt.md").exists():  # written by hand but for its table
         replace_between_markers(folder / "mqtt.md", topics_table(), "mqtt-topics")
+    safety = folder.parent / "explanation" / "safety.md"
+    if safety.exists():  # likewise
+        replace_between_markers(safety, states_page(), "states")
     written = [*PAGES, *(f"{SCHEMAS}/{name}" for name in schemas())]
     return "\n".join(f"{folder / name} written" for name in written)

@@ -85,6 +85,6 @@ def test_a_request_is_read_from_json_and_anything_else_is_none() -> None:
 
 
 def test_the_page_shows_the_table_that_flies() -> None:
-    """If this fails: groundstation-sim dev states --write docs/explanation/safety.md."""
+    """If this fails: groundstation-sim dev reference --write docs/reference."""
     text = PAGE.read_text("utf-8")
     assert text[text.index(BEGIN) + len(BEGIN) : text.index(END)].strip() == markdown()
