@@ -97,7 +97,12 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
         "package.no_simulator",
         "groundstation.{name} flies in the simulator, the package sim, which is not installed",
     ),
-    NoticeTemplate("package.needed", "needs {package}, which is not installed", "{command}{more}"),
+    NoticeTemplate("package.needed", "needs {package}, which is not installed", "{command}"),
+    NoticeTemplate(
+        "package.needed_for_pictures",
+        "needs {package}, which is not installed",
+        "{command}; --json does without",
+    ),
 )
 
 config_notice = NoticeTable((*LINK_NOTICES, *CONFIG_NOTICES)).notice

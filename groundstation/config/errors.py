@@ -13,7 +13,10 @@ KeyPath = tuple[str, ...]
 
 
 class ConfigError(Exception):
-    """A bad configuration, as one line for the operator: ``source: key: problem``."""
+    """A bad configuration, as one line for the operator: ``source: key: problem``.
+
+    The problem is a row of a table: ``ConfigError("--out", notice("file.exists", path=path))``.
+    """
 
     def __init__(self, key: str, problem: str | Sentence, source: str = "") -> None:
         """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the override)."""

@@ -236,18 +236,18 @@ CODES: dict[str, dict[int, str]] = {
 usage in all of them."""
 
 
-def require_package(package: str, key: str, extra: str, more: str = "") -> None:
+def require_package(package: str, key: str, extra: str, id: str = "package.needed") -> None:
     """Require an optional package, before any work is done that needs it in the end.
 
     Raises:
-        ConfigError: it is not installed; by ``key``, with the ``extra`` that brings it and ``more`` words.
+        ConfigError: it is not installed; by ``key``; the sentence ``id`` tells the command that installs the ``extra``.
     """
     from groundstation.config import ConfigError, config_notice
 
     try:
         importlib.import_module(package)
     except ImportError:
-        says = config_notice("package.needed", package=package, command=describe_install(extra), more=more)
+        says = config_notice(id, package=package, command=describe_install(extra))
         raise ConfigError(key, says) from None
 
 

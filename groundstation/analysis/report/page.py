@@ -313,7 +313,7 @@ def report_command(
         if form not in FORMATS:
             raise ConfigError("--format", notice("value.choices", choices=list(FORMATS), found=form))
     if draw and set(formats) - {"csv"}:
-        require_package("matplotlib", "report", "plot", "; --json does without")
+        require_package("matplotlib", "report", "plot", "package.needed_for_pictures")
     from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
 
     with refuse_recordings(NoCommand):

@@ -1,6 +1,7 @@
 """Table of the sentences that an operator can read: id, severity, sentence with named numbers, remedy. Sans-IO.
 
-Code names the id and gives the numbers: ``notice("pose.late", age_ms=312.0, limit_ms=250.0)``.
+Code names the id and gives the numbers: ``notice("pose.late", age_ms=312.0, limit_ms=250.0)``. Rooms below this one
+have tables of their own, which it takes in: ``links/text`` and ``groundstation/config``; ``sim/text`` adds its own.
 A sentence states the fact, then the number and its limit; the remedy says what to do.
 """
 

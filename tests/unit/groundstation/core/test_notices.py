@@ -2,6 +2,7 @@
 
 import ast
 import math
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +24,18 @@ EVERY = NOTICES | {row.id: row for row in SIM_NOTICES}
 
 def test_every_id_is_named_after_a_room_and_a_fact() -> None:
     assert all(key == template.id and "." in key for key, template in EVERY.items())
+
+
+def test_an_id_has_one_row_in_all_tables() -> None:
+    ids = [
+        ast.unparse(node.args[0]).strip("'")
+        for room in HOUSES
+        for path in (ROOT / room).rglob("*notices.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Call) and name_error(node) == "NoticeTemplate" and node.args
+    ]
+    assert [id for id in EVERY if id not in ids and not id.startswith("drop.")] == []  # those are made by reason
+    assert [id for id, count in Counter(ids).items() if count > 1] == []
 
 
 def test_a_sentence_keeps_its_numbers_and_those_of_a_sentence_inside_it() -> None:
