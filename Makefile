@@ -98,12 +98,7 @@ soak: setup ## long runs: minutes to hours
 bench: setup ## measure the program's timing on this machine, in minutes
 	@$(BIN)/groundstation-sim bench
 
-evidence: setup firmware ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" are recordings of others that you have imported
-	@rm -rf build/evidence && mkdir -p build/evidence
-	@for name in px4_takeoff ardupilot_landing; do $(BIN)/groundstation logs import tests/golden/$$name.tlog \
-	    --map ardupilot-tlog --out build/evidence/$$name.mcap || exit 1; done
-	@$(BIN)/groundstation replay evidence build/evidence/*.mcap --write docs/evidence.md --part captures
-	@test -z "$(FLIGHTS)" || $(BIN)/groundstation replay evidence $(FLIGHTS) --write docs/evidence.md
+evidence: setup firmware ## the tables of Betaflight's firmware in docs/evidence.md once more
 	@$(BIN)/groundstation-sim dev firmware --write docs/evidence.md
 
 margins: setup ## every law tuned by one search under the same floors, in minutes

@@ -243,8 +243,6 @@ LOGS_IMPORT: Arguments = {
 }
 REPLAY_EVIDENCE: Arguments = {
     **_recording("files", "FLIGHT.mcap", f"imported, or our own; {RECORDING_HELP}", "*"),
-    "--write": {"type": path, "metavar": "FILE.md", "help": "put tables between the file's markers"},
-    "--part": {"default": "flights", "metavar": "NAME", "help": "the markers' name (default flights)"},
     **_json("the table"),
 }
 MAKE_KEY: Arguments = {"file": {"type": path, "metavar": "FILE"}}

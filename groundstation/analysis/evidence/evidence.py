@@ -47,7 +47,6 @@ from groundstation.core.estimation import NOISE_FLOOR_M2, Estimation, ModelEstim
 from groundstation.core.geometry import arrays, so3
 from groundstation.core.messages import Pose, notice
 from groundstation.core.vehicle import GRAVITY, ActuatorCommand
-from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.recording import MeasuredMessage, Recording, read_pose, refuse_recordings
 from groundstation.runtime import Exit
 from groundstation.settings import Config, read_flown_config
@@ -570,27 +569,19 @@ def _measure_velocity(poses: Sequence[Pose], at_s: Column, place: Column) -> flo
 
 def evidence_command(
     paths: Sequence[Path],
-    write: Path | None = None,
-    part: str = "",
     config: Config | None = None,
     overrides: Sequence[str] = (),
     *,
     as_json: bool,
 ) -> Exit:
-    """Print what the recordings at ``paths`` tell, or put it between the markers ``part`` of a page; returns 0.
+    """Print what the recordings at ``paths`` tell; returns 0.
 
     ``config`` describes a vehicle of others, else the recording itself with ``overrides``.
 
     Raises:
-        ConfigError: one of them is no recording of a flight, or the page can't be written.
+        ConfigError: one of them is no recording of a flight.
     """
-    if write is not None:
-        fill_markers(write, {part: ""})  # before minutes go by
     flights = [examine_flight(path, config, overrides) for path in paths]
-    if write is not None:
-        replace_between_markers(write, "\n".join(tabulate_flights(flights)), part)
-        print(f"{write} written")
-        return Exit.DONE
     print(json.dumps({"flights": flights}) if as_json else "\n\n".join(map(describe_flight, flights)))
     return Exit.DONE
 
@@ -626,29 +617,6 @@ def describe_flight(facts: dict[str, Any]) -> str:
             lines.append(f"  {name:22}{_interval(one)}")
     lines += [f"  not used as it stands, {reason}: {count}" for reason, count in facts["left_out"].items()]
     return "\n".join(lines)
-
-
-NAMES = ("rate_lag", "rate_delay", "thrust_lag", "thrust_scale", "drag")
-"""Identified parameters of a page's table."""
-
-
-def tabulate_flights(flights: Sequence[dict[str, Any]]) -> list[str]:
-    """Make two tables of a page: prediction, and identified parameters."""
-    heads = ["flight", "poses/s", "noise across, along, mm", "stamps off, ms", "NIS/3", f"at {AT_MS} ms, RMS mm: ours"]
-    heads += ["p + v t", "constant a", "told nothing: ours", "NIS/3"]
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    for one in flights:
-        row, untold = one["prediction"].get(str(AT_MS)) or {}, one["untold"]["prediction"].get(str(AT_MS)) or {}
-        noise = f"{one['noise_across_mm']:.3f}, {one['noise_along_mm']:.3f}"
-        cells = [f"{one['name']} ({one['source']})", f"{one['pose_hz']:.1f}", noise, f"{one['jitter_ms']:.2f}"]
-        cells += [_text(one["nis3"]), *(_text(row.get(key)) for key in ERRORS)]
-        lines.append(f"| {' | '.join([*cells, _text(untold.get('rms_mm')), _text(one['untold']['nis3'])])} |")
-    lines += ["", f"| identified (95 %) | {' | '.join(name.replace('_', ' ') for name in NAMES)} |"]
-    lines.append("|---" * (len(NAMES) + 1) + "|")
-    for one in flights:
-        cells = [_interval(one["identified"].get(name)) for name in NAMES]
-        lines.append(f"| {' | '.join([one['name'], *cells])} |")
-    return lines
 
 
 def _interval(found: dict[str, Any] | None) -> str:

@@ -420,9 +420,7 @@ def replay_evidence(args: argparse.Namespace) -> Exit:
     """Replay recorded flights against our estimator."""
     from groundstation.analysis.evidence import evidence_command
 
-    return evidence_command(
-        [_find_recording(name) for name in args.files or [None]], args.write, args.part, as_json=args.json
-    )
+    return evidence_command([_find_recording(name) for name in args.files or [None]], as_json=args.json)
 
 
 def config_show(args: argparse.Namespace) -> Exit:
