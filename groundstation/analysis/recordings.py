@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 import msgspec
 import numpy as np
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_io
 from groundstation.core.messages import notice
 from groundstation.machine import (
     RecordingConfig,
@@ -493,7 +493,7 @@ class FlightData:
         """
         target = Path(path)
         form = target.suffix.removeprefix(".").lower()
-        try:
+        with refuse_io("save", "file.unwritten", target):
             if form == "mcap":
                 import shutil
 
@@ -504,9 +504,6 @@ class FlightData:
             else:
                 endings = " or ".join(["mcap", *FORMATS])
                 raise ConfigError("save", notice("file.ending", ending=endings, found=target.name))
-        except OSError as error:
-            says = notice("file.unwritten", path=error.filename or target, why=error.strerror)
-            raise ConfigError("save", says) from None
         return target
 
 

@@ -54,11 +54,11 @@ def element_path(path: KeyPath, index: int) -> KeyPath:
 
 
 @contextmanager
-def refuse_io(key: str, id: str, path: Path, source: str = "") -> Iterator[None]:
+def refuse_io(key: str, id: str, path: Path | str, source: str = "") -> Iterator[None]:
     """Report by ``key`` why the block fails; ``id`` names the sentence about ``path``, such as ``file.unwritten``.
 
     Raises:
-        ConfigError: in the place of an OSError.
+        ConfigError: in the place of an OSError, as ssl.SSLError is one.
     """
     try:
         yield

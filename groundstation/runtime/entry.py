@@ -247,8 +247,7 @@ def require_package(package: str, key: str, extra: str, id: str = "package.neede
     try:
         importlib.import_module(package)
     except ImportError:
-        says = config_notice(id, package=package, command=describe_install(extra))
-        raise ConfigError(key, says) from None
+        raise ConfigError(key, config_notice(id, package=package, command=describe_install(extra))) from None
 
 
 Arguments = Mapping[str, Mapping[str, object]]

@@ -519,12 +519,9 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
             write_whole(out, text)
     shown = None
     if page is not None:
-        try:
+        with refuse_io("--page", "file.unwritten", page):
             page.mkdir(parents=True, exist_ok=True)
             shown = write_page(page, found, save_figures(page, FIGURES, found))
-        except OSError as error:
-            says = notice("file.unwritten", path=error.filename or page, why=error.strerror)
-            raise ConfigError("--page", says) from None
     if as_json:
         written = {"vehicle_file": str(out) if out else None, "page": str(shown) if shown else None}
         print(json.dumps({**facts(found), **written}))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from groundstation.analysis.report.figures import ReportFigure, flight_letters
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_io
 from groundstation.core.messages import SATURATION_FROM_S, STEADY_S, DisturbanceReading, notice
 from groundstation.machine import open_whole, write_whole
 from groundstation.recording import refuse_recordings
@@ -340,12 +340,9 @@ def _write_all(
     formats: Sequence[str], folder: Path, flights: "list[FlightColumns]", facts: list[dict[str, Any]]
 ) -> list[Path]:
     """Write the report in ``formats`` into ``folder``; returns the files."""
-    try:
+    with refuse_io("--out", "file.unwritten", folder):
         folder.mkdir(parents=True, exist_ok=True)
         return [path for form in formats for path in _write(form, folder, flights, facts)]
-    except OSError as error:
-        says = notice("file.unwritten", path=error.filename or folder, why=error.strerror)
-        raise ConfigError("--out", says) from None
 
 
 def _say_budget(flown: "FlightColumns") -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config import ConfigError, from_dict
+from groundstation.config import ConfigError, from_dict, refuse_io
 from groundstation.core.messages import notice
 from groundstation.settings import MqttConfig
 from links.io import is_loopback
@@ -169,19 +169,12 @@ def _context(config: MqttConfig, section: str) -> "ssl.SSLContext":
     import ssl
 
     tls = config.tls
-    try:
+    with refuse_io(f"{section}tls.ca_file", "file.unusable", tls.ca_file):
         context = ssl.create_default_context(cafile=tls.ca_file or None)
-    except (OSError, ssl.SSLError) as error:
-        says = notice("file.unusable", path=tls.ca_file, why=error.strerror or error)
-        raise ConfigError(f"{section}tls.ca_file", says) from None
     if not tls.verify:
         context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     if tls.cert_file:
-        try:
+        with refuse_io(f"{section}tls.cert_file", "file.unusable", f"{tls.cert_file} with {tls.key_file}"):
             _for_us_alone(Path(tls.key_file).stat(), Path(tls.key_file), f"{section}tls.key_file")
             context.load_cert_chain(tls.cert_file, tls.key_file)
-        except OSError as error:  # ssl.SSLError is one
-            files = f"{tls.cert_file} with {tls.key_file}"
-            says = notice("file.unusable", path=files, why=error.strerror or error)
-            raise ConfigError(f"{section}tls.cert_file", says) from None
     return context
