@@ -17,6 +17,6 @@ def test_it_is_asked_for_and_told_in_numbers_and_the_first_bytes_of_the_commit()
     assert (question.command, question.param1) == (MavCommand.REQUEST_MESSAGE, 148.0)
     commit = list(bytes.fromhex("0a1b2c3d4e5f6071"))
     none = [0] * 8
-    step.hear(D.MAVLink_autopilot_version_message(0, 0x01_10_02_40, 0, 0, 0, commit, none, none, 0, 0, 0), 0.1)
+    step.hear(D.MAVLink_autopilot_version_message(0, 0x01_11_03_FF, 0, 0, 0, commit, none, none, 0, 0, 0), 0.1)
     assert step.done
-    assert step.firmware == "PX4 1.16.2 alpha 0a1b2c3d4e5f6071"
+    assert step.firmware == "PX4 1.17.3 release 0a1b2c3d4e5f6071"

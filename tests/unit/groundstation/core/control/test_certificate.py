@@ -16,7 +16,10 @@ from groundstation.core.control.certificate import (
     VERTICAL,
     WITNESSES,
     DisturbanceWatch,
+    EnergySources,
+    Frame,
     Lasting,
+    Look,
     ThrustWatch,
     decrease,
     measure,
@@ -26,8 +29,8 @@ from groundstation.core.control.certificate import (
 )
 from groundstation.core.control.controllers import Pid
 from groundstation.core.geometry import ZERO, so3
-from groundstation.core.messages import Diagnostics
-from groundstation.core.vehicle import Motion, Vehicle
+from groundstation.core.messages import Decision, Diagnostics
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 LAW = Law(sigma_slope=3.0, rho_slope=1.0, sigma_bound=1.5, rho_bound=1.0, b_bound=5.0)
 SUP = virtual_control_sup(LAW)
@@ -147,6 +150,22 @@ def test_what_v_gains_in_a_frame_is_shared_among_its_sources(saturated: bool) ->
     expected[POSES] = total - sum(expected.values())
     found = terms(before, then, saturated, after, now, dt, total=total, mass=mass, pull=pull)
     assert found == pytest.approx(expected)
+
+
+def test_the_largest_source_is_named_and_the_next_where_it_is_half_as_large() -> None:
+    motion = Motion(ZERO, ZERO, so3.IDENTITY, 5.0, ZERO)
+    for sideways, told in ((0.3, "the next"), (0.1, "alone")):
+        sources = EnergySources(1.0)
+        then = Look(0.0, 0.0, 0.0, motion, decided(values(z3=(1.0, 0.0, 1.0))))
+        now = Look(0.1, 0.0, 0.0, motion, decided(values(z3=(1.0, 0.0, 1.0), disturbance=(sideways, 0.0, 0.4))))
+        sources.add(Frame(then, now, sideways + 0.4), 0.0)
+        said = sources.name_largest(sources.for_s)
+        assert said.startswith(f"{VERTICAL}, 4 m²/s³")
+        assert said.endswith(f"; then {SIDEWAYS}, 3" if told == "the next" else "m²/s³")
+
+
+def decided(diagnostics: Diagnostics) -> Decision:
+    return Decision(ActuatorCommand(5.0, ZERO), False, diagnostics)
 
 
 def lasting(watch: Lasting, from_s: float, for_s: float) -> list[float]:

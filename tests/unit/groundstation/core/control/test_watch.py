@@ -55,6 +55,8 @@ def test_a_v_that_only_stands_still_although_it_must_fall_is_told_once() -> None
     assert warning.startswith("Lyapunov: V has been above its bound for 0.5 s; largest term: poses contradict")
     assert warning.endswith("60 m²/s³")
     assert watch.look(4.1, HOVER, swinging).state == "violated"
+    reading = watch.reading()
+    assert reading is not None and reading.violated_fraction == pytest.approx(1.0 - 0.48 / 4.1, abs=0.01)
 
 
 def test_a_v_within_its_bound_is_not_told() -> None:

@@ -39,15 +39,20 @@ Distort = Callable[[float, list[Motion]], tuple[Vec3, Quat]]
 """The shown position and attitude, by the time [s] and the true motions at all poses so far."""
 
 
-def command(time_s: float) -> ActuatorCommand:
+def command(time_s: float, yaw_rad_s: float = 0.0) -> ActuatorCommand:
     """The command of a vehicle at ``time_s`` whose whole motion is asked for: three tones around the hover."""
     phases = [w * time_s for w in TONES_RAD_S]
     roll, pitch = TONE_RATE_RAD_S * sum(map(math.cos, phases)), TONE_RATE_RAD_S * sum(map(math.sin, phases))
-    return ActuatorCommand(HOVER_N * (1.0 + TONE_SHARE * sum(map(math.sin, phases))), (roll, pitch, 0.0))
+    return ActuatorCommand(HOVER_N * (1.0 + TONE_SHARE * sum(map(math.sin, phases))), (roll, pitch, yaw_rad_s))
 
 
 def fly(
-    distort: Distort, for_s: float = 3.0, *, agrees: bool | None = None, health: PoseHealth | None = None
+    distort: Distort,
+    for_s: float = 3.0,
+    *,
+    agrees: bool | None = None,
+    health: PoseHealth | None = None,
+    yaw_rad_s: float = 0.0,
 ) -> PoseHealth:
     """Fly for ``for_s`` [s], or until the poses fail; ``agrees`` is what the autopilot's own attitude says of them."""
     health = PoseHealth(VEHICLE.mass_kg, GRAVITY) if health is None else health
@@ -55,7 +60,7 @@ def fly(
     motions = [Motion((0.0, 0.0, -1.0), ZERO, IDENTITY, HOVER_N, ZERO)]
     for n in range(round(for_s / DT_S)):
         before, time_s = motions[-1], n * DT_S
-        drive = command(time_s)
+        drive = command(time_s, yaw_rad_s)
         response = integrate_actuators(FLOATS, begin_response(before), drive, DT_S, *LAGS)
         now = integrate(
             FLOATS, before, drive, DT_S,
@@ -153,10 +158,18 @@ def test_true_poses_are_confirmed_and_an_autopilot_that_agrees_clears_any_attitu
     health = fly(distort, agrees=True)
     assert (health.state, health.reason_id) == (HealthState.OK, "")
     assert health.alarm == pytest.approx(0.0, abs=1e-9)
+    assert not health.is_suspect
     assert health.is_confirmed is (distort is show_truth)
     assert health.is_attitude_usable and health.is_position_usable
     assert health.calm_s == pytest.approx(2.95)
     assert health.believed_until_s == pytest.approx(health.calm_s - BLOCKS[0] * BLOCK_S)
+
+
+@pytest.mark.parametrize("yaw_rad_s", [0.3, -0.3])
+def test_a_vehicle_that_turns_as_it_is_told_is_not_suspect(yaw_rad_s: float) -> None:
+    health = fly(show_truth, yaw_rad_s=yaw_rad_s)
+    assert health.state is HealthState.OK and health.is_confirmed
+    assert health.alarm < 0.01
 
 
 def test_a_weak_response_is_suspect_for_a_second_at_most() -> None:

@@ -9,6 +9,7 @@ import pytest
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose
 from groundstation.core.safety import Spool, SpoolUp, StandingPoses
+from groundstation.core.safety.takeoff import LiftOff, StandingWander
 from groundstation.core.vehicle import Vehicle
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -267,3 +268,20 @@ def test_only_what_an_autopilot_has_felt_is_waited_for_though_the_floor_holds_it
     assert spool_up.lift_off is None
     assert any("the poses did not move" in fault for fault in faults) is not felt
     assert max(told[-10:]) <= 1.3
+
+
+@pytest.mark.parametrize("hover_share", [0.8, 1.0, 1.2])
+def test_hover_thrust_and_climb_of_an_exact_motion_are_found(hover_share: float) -> None:
+    """At 1.5 of the weight from the first pose on, without lag: half of a t², a = g (1.5 / share - 1)."""
+    at_rest, wander = Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), LEVEL), StandingWander(0.0, 0.0, 0.0)
+    lift = LiftOff(at_rest, 0.0, 1.0, 0.0, G, wander, 0.0003)
+    lift.add_command(0.0, 1.5)
+    acceleration = G * (1.5 / hover_share - 1.0)
+    for k in range(1, 21):
+        time_s = 0.02 * k
+        lift.add_pose(Pose(k, time_s, time_s, (0.0, 0.0, -0.5 * acceleration * time_s**2), LEVEL))
+    assert lift.is_flying and not lift.has_jumped
+    assert lift.hover_share == pytest.approx(hover_share, rel=0.005)
+    assert lift.climb_m_s == pytest.approx(0.4 * acceleration, rel=0.01)
+    lead = 1.0 if 0.4 * acceleration > 1.0 else 1.1  # what rushes up gets no more than its hover thrust
+    assert lift.climbing_share == pytest.approx(lead * hover_share, rel=0.005)
