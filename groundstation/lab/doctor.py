@@ -91,14 +91,14 @@ def load_restore(path: Path) -> Restore:
     """The parameter in the file at ``path``.
 
     Raises:
-        ValueError: it can't be read or holds something else; the message says what.
+        ConfigError: it can't be read or holds something else.
     """
     try:
         return msgspec.json.decode(path.read_bytes(), type=Restore)
     except OSError as error:
-        raise ValueError(notice("file.unread", path=path, why=error.strerror)) from None
+        raise ConfigError("--restore", notice("file.unread", path=path, why=error.strerror)) from None
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise ValueError(notice("doctor.other_file", path=path, why=error)) from None
+        raise ConfigError("--restore", notice("doctor.other_file", path=path, why=error)) from None
 
 
 BEAT_S = 3.0
@@ -425,7 +425,7 @@ async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say:
         raise ConfigError("--restore", notice("doctor.restore_alone"))
     if (orders.fix or orders.restore) and ask is None and not orders.yes:
         raise ConfigError("--fix" if orders.fix else "--restore", notice("doctor.no_terminal"))
-    kept = _load_restore(orders.restore) if orders.restore is not None else None
+    kept = load_restore(orders.restore) if orders.restore is not None else None
     visit: Visit
     if config.link.has_autopilot:
         if orders.board is not None:
@@ -466,13 +466,6 @@ def _ensure_each_once(wanted: list[Setting]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ConfigError("--fix", notice("doctor.twice", name=name))
-
-
-def _load_restore(path: Path) -> Restore:
-    try:
-        return load_restore(path)
-    except ValueError as error:
-        raise ConfigError("--restore", str(error)) from None
 
 
 def _parse_fix(fix: str, visit: Visit) -> Setting:

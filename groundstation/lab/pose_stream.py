@@ -9,6 +9,7 @@ values: F. L. Markley, J. Astronautical Sciences 36 (1988).
 """
 
 import math
+import operator
 from collections import Counter, deque
 from itertools import pairwise
 from statistics import fmean, pstdev
@@ -309,14 +310,9 @@ def angle_deg(a: Quat, b: Quat) -> float:
 def mean_attitude(attitudes: list[Quat]) -> Quat:
     """Return the mean of attitudes that are near each other."""
     first = attitudes[0]
-    signed = [q if sum(a * b for a, b in zip(first, q, strict=True)) >= 0.0 else _negative(q) for q in attitudes]
-    w, x, y, z = (fmean(parts) for parts in zip(*signed, strict=True))
+    signs = [math.copysign(1.0, sum(map(operator.mul, first, q))) for q in attitudes]
+    w, x, y, z = (fmean(map(operator.mul, signs, parts)) for parts in zip(*attitudes, strict=True))
     return so3.normalize((w, x, y, z))
-
-
-def _negative(q: Quat) -> Quat:
-    w, x, y, z = q
-    return (-w, -x, -y, -z)
 
 
 def _is_still(recent: deque[Sample]) -> bool:

@@ -107,7 +107,10 @@ def read_stretch(path: Path) -> FlightStretch:
     length_s = float(chosen[-1, 0] - chosen[0, 0]) if len(chosen) else 0.0
     if length_s < LEAST_S:
         raise StretchTooShort(notice("identify.short", path=path, length_s=length_s, least_s=LEAST_S))
-    config = _config(recording)
+    try:
+        config = read_flown_config(recording.about, path).config
+    except ConfigError as error:
+        raise StretchTooShort(notice("identify.other_config", path=path, why=error)) from None
     parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
     late = None if config.pose.by_autopilot else vehicle.find_lateness()
     return FlightStretch(path, config, *parts, late, recording.about, recording.trouble)
@@ -173,10 +176,3 @@ def find_stretch(sent_s: Column, poses: Column) -> slice:
         first = int(np.searchsorted(at[best], at[best.start] + SETTLING_S))
         best = slice(best.start + first, best.stop)
     return best
-
-
-def _config(recording: Recording) -> Config:
-    try:
-        return read_flown_config(recording.about, recording.path).config
-    except ConfigError as error:
-        raise StretchTooShort(notice("identify.other_config", path=recording.path, why=error)) from None
