@@ -62,7 +62,6 @@ def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
     "words",
     [
         ("groundstation", "config", "show"),
-        ("sim", "dev", "states"),
         ("groundstation", "mqtt", "topics"),
         ("sim", "scenarios", "--json"),
         ("sim", "fly", "--duration", "1"),
