@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from groundstation.core.control import Gains
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.estimation.estimator import (
+    AlongTrack,
     Covariance,
     Densities,
     find_direction,
@@ -20,6 +21,7 @@ from groundstation.core.estimation.estimator import (
     part_along,
     predict_covariance,
     split_noise,
+    turn_track,
     update_covariance,
     update_moving_covariance,
     widen_covariance,
@@ -289,3 +291,15 @@ def test_what_is_held_stays_until_the_poses_are_believed_again() -> None:
     assert (estimator.motion, estimator.disturbance, estimator.effectiveness) == (moved, (0.1, 0.0, 0.0), 1.1)
     estimator.reset_motion(moved)
     assert not estimator.holds
+
+
+ONES: Covariance = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+FIVES: Covariance = (5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0)
+
+
+@pytest.mark.parametrize(("turned_deg", "across", "along"), [(0.0, 1.0, 5.0), (90.0, 3.0, 1.0), (45.0, 2.0, 3.0)])
+def test_covariances_turn_with_the_motion(turned_deg: float, across: float, along: float) -> None:
+    """Those of noise along the motion, 5, and across it, 1; across is the mean of both directions."""
+    angle = math.radians(turned_deg)
+    turned = turn_track(ONES, AlongTrack((1.0, 0.0, 0.0), FIVES), (math.cos(angle), 0.0, math.sin(angle)))
+    assert [{round(one, 9) for one in found} for found in turned] == [{across}, {along}]

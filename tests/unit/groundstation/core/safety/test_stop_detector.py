@@ -47,7 +47,8 @@ def test_so_slow_a_motion_may_end_without_being_a_stop(speed_m_s: float, push_m_
 
 
 @pytest.mark.parametrize(
-    ("push_m_s2", "stopped", "asked"), [(0.3, False, False), (1.0, False, True), (2.5, True, True)]
+    ("push_m_s2", "stopped", "asked"),
+    [(0.3, False, False), (1.0, False, True), (1.25, False, True), (1.4, True, True), (2.5, True, True)],
 )
 def test_a_place_that_stands_while_commands_push_is_asked_and_beyond_any_wind_accused(
     push_m_s2: float, stopped: bool, asked: bool
