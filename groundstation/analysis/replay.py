@@ -430,7 +430,10 @@ class _Replay:
         self._loop = loop
         self._link, self._source = make_ends(config)
         self._hears_link = config.pose.by_autopilot and config.link.has_autopilot
-        self._pilot = ObedientPilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
+        self._pilot = ObedientPilot(
+            config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m,
+            follows_poses=self._link.follows_poses,
+        )  # fmt: skip
         self._told = _RecordedReference()
         self._gate = Gate(config.gate)
         self._delivered: deque[Pose] = deque()
@@ -522,6 +525,7 @@ class _Replay:
         end, self._end = self._end, None
         command = self._pilot.idle(idle.time_s, idle.thrust_n) if end is None else end(idle.time_s)
         self.result.compare("idle", idle.time_s, read_command(idle), command)
+        self._pilot.state.check_response()
 
     def _switch(self, switch: ch.SwitchMessage) -> None:
         pilot, values = self._pilot, switch.values
@@ -561,6 +565,7 @@ class _Replay:
         was, command = read_command(recorded), tick.command
         if was != command:
             self._pilot.obey(recorded.time_s, was)
+        self._pilot.state.check_response()
         self.result.compare("command", recorded.time_s, was, command)
         self.result.commands.append(
             CommandPair(

@@ -100,7 +100,7 @@ class Flight:
         flight = config.flight
         self._pilot = Pilot(
             config.vehicle, config.controller, flight.coast_s, flight.floor_z_m, self._on_pilot_event, self._now,
-            monitors.health,
+            monitors.health, follows_poses=link.follows_poses,
         )  # fmt: skip
         self._suspicious = False
         self._shutdown = Shutdown(link, source, self.say, forwards=config.forwards is not None)

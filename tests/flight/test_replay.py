@@ -29,7 +29,7 @@ def edited(path: Path, target: Path, edit: Callable[[str, dict[str, Any]], dict[
     ("scenario", "overrides", "source"),
     [
         ("paper", (), "vicon"),
-        ("storm", (), "vicon"),
+        ("storm", ("link.pace=poses",), "vicon"),
         ("paper", (), "odometry"),
         ("adverse", ("controller.composite=raw",), "vicon"),
         ("paper", ("controller.kind=pid",), "odometry"),

@@ -68,12 +68,14 @@ class Pilot:
         tell: Callable[[FlightEvent | Tick], None] = ignore,
         clock: Callable[[], float] = lambda: 0.0,
         health: Callable[[float, float], PoseHealth] = PoseHealth,
+        *,
+        follows_poses: bool = False,
     ) -> None:
         """Take the configured vehicle, the controller's config, and the longest use of one pose ``coast_s`` [s].
 
         ``floor_z_m`` is the position of a vehicle at rest on the floor [m, NED]. ``tell`` is called with each input and
         output of the pilot, stamped by the event loop's ``clock`` [s]. ``health`` makes the monitor of the poses from
-        mass and g.
+        mass and g. ``follows_poses``: a command leaves at each pose (:class:`VehicleState`).
 
         Raises:
             ConfigError: a controller of the user's own can't be loaded.
@@ -89,7 +91,7 @@ class Pilot:
         self._gains = GainSchedule(config)
         self._profile = TRACKING
         self._limits = FlightLimits(vehicle, config)
-        self.state = VehicleState(vehicle, config, floor_z_m, health)
+        self.state = VehicleState(vehicle, config, floor_z_m, health, follows_poses=follows_poses)
         """State of the vehicle, and health of its poses."""
         self._is_climbing = False
         self._last_s: float | None = None

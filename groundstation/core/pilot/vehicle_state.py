@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 
@@ -12,7 +13,7 @@ from groundstation.core.control import (
     ExcitationTones,
 )
 from groundstation.core.estimation import Ahead, ModelEstimator, Reckoning, Trusted
-from groundstation.core.geometry import Quat, Vec3, heading, interpolate
+from groundstation.core.geometry import ZERO, Quat, Vec3, heading, interpolate
 from groundstation.core.messages import (
     Estimate,
     Pose,
@@ -93,12 +94,15 @@ class VehicleState:
         config: ControllerConfig,
         floor_z_m: float,
         health: Callable[[float, float], PoseHealth],
+        *,
+        follows_poses: bool,
     ) -> None:
         """Take the configured vehicle, the controller's config, and the position at rest on the floor [m, NED].
 
-        ``health`` makes the monitor of the poses from mass and g.
+        ``health`` makes the monitor of the poses from mass and g. ``follows_poses``: a command leaves at each pose. A
+        pose is compared with the commands only after its own has left, as long as nothing speaks against the poses.
         """
-        self._vehicle, self._floor = vehicle, floor_z_m
+        self._vehicle, self._floor, self._follows_poses = vehicle, floor_z_m, follows_poses
         self.estimator = ModelEstimator(vehicle, config)
         """Motion at the newest pose, and its prediction."""
         self.tones = ExcitationTones(vehicle, config.gravity)
@@ -121,6 +125,8 @@ class VehicleState:
         """Position of the reference at the newest command [m, NED]."""
         self._gate = PoseGate()
         self._has_climbed = False
+        self._due: Callable[[], None] | None = None
+        """Comparison of the newest pose with the commands that is still to be done; None without one."""
 
     @property
     def newest_pose(self) -> Pose | None:
@@ -164,6 +170,7 @@ class VehicleState:
 
         A pose that is not newer than the last, or that the gate rejects, is ignored.
         """
+        self.check_response()
         received, health = self.received, self.health
         if pose.time_s <= self.newest_s:
             return False
@@ -179,7 +186,9 @@ class VehicleState:
         else:
             self.estimator.update(pose, ahead)
         if before is not None and last is not None and self.is_released:
-            self._check_response(pose, before, pose.time_s - last.time_s)
+            self._prepare_check(pose, before, pose.time_s - last.time_s)
+            if not (self._follows_poses and health.is_calm):
+                self.check_response()
         if reckons and health.is_position_usable:
             self._reset_position(pose)
         return received.add(pose)
@@ -246,9 +255,9 @@ class VehicleState:
         assert motion is not None, "a flight has poses"
         self.reckoning.begin(Trusted(self.newest_s, motion, disturbance, self.estimator.effectiveness))
 
-    def _check_response(self, pose: Pose, before: Motion, dt: float) -> None:
-        """Compare one believed pose with the commands."""
-        estimator, health = self.estimator, self.health
+    def _prepare_check(self, pose: Pose, before: Motion, dt: float) -> None:
+        """Prepare the comparison of one believed pose with the commands until it."""
+        estimator = self.estimator
         response, motion = estimator.actuator_response, estimator.motion
         if response is None or motion is None:
             return
@@ -256,19 +265,39 @@ class VehicleState:
         is_high = height > NEAR_FLOOR_M or (self.descent is None and reference_m > 2.0 * NEAR_FLOOR_M)
         self._has_climbed = self._has_climbed or is_high
         moved, tilted = self.tones.advance(pose.time_s, heading(pose.attitude))
-        was_suspect = health.is_suspect
-        health.add_pose(
+        evaluate = partial(
+            self.health.add_pose,
             pose, before, response, moved, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
             counts=(is_high or not self._has_climbed) and not self.is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
+        has_turned = is_high and self.descent is None
+        now = Trusted(pose.time_s, motion, ZERO, estimator.effectiveness)
+        self._due = partial(self._check, evaluate, now, pose.attitude if has_turned else None, dt)
+
+    def check_response(self) -> None:
+        """Compare the newest pose with the commands, unless that is done."""
+        due, self._due = self._due, None
+        if due is not None:
+            due()
+
+    def _check(self, evaluate: Callable[[], None], now: Trusted, turned: Quat | None, dt: float) -> None:
+        """Compare one believed pose with the commands, and trust the state ``now`` if it is above suspicion.
+
+        Args:
+            evaluate: evaluates the health of the poses with it.
+            now: state at the pose, without the mean disturbance.
+            turned: its attitude, where that tells the latency of the turns.
+            dt: time since the pose before [s].
+        """
+        health, was_suspect = self.health, self.health.is_suspect
+        evaluate()
         if was_suspect and health.is_confirmed and not health.is_suspect:
             self.wind.confirm()
-        if is_high and self.descent is None:
-            self.response.add_pose(pose.attitude, health.turn, dt)
-        if health.calm_s == pose.time_s and not self.is_uplink_lost:
-            wind = self.wind.value or (0.0, 0.0, 0.0)
-            self.reckoning.trust(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
+        if turned is not None:
+            self.response.add_pose(turned, health.turn, dt)
+        if health.calm_s == now.time_s and not self.is_uplink_lost:
+            self.reckoning.trust(now._replace(disturbance=self.wind.value or ZERO))
 
     def trusted_before(self) -> Trusted:
         """Newest estimate from well before the poses were suspect."""

@@ -386,6 +386,11 @@ class PoseHealth:
         return self.state is HealthState.FAILED
 
     @property
+    def is_calm(self) -> bool:
+        """Whether nothing speaks against the poses."""
+        return self.state is HealthState.OK and max(self.alarm, self.push_alarm) < CALM_ALARM
+
+    @property
     def is_suspect(self) -> bool:
         """Whether the poses are suspect, so that tones are needed."""
         return self.state is HealthState.SUSPECT

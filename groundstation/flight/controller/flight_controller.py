@@ -219,7 +219,11 @@ class FlightController:
         return self._made.command
 
     def on_sent(self, now_s: float) -> None:
-        """Take that the command of the frame has left: judge it by the guards, and end its phase if it is over."""
+        """Take that the command of the frame has left: judge it by the guards, and end its phase if it is over.
+
+        The response of the newest pose is checked now, unless it was before.
+        """
+        self._pilot.state.check_response()
         if self._made is not None:
             self._listener.on_tick(self._made)
             self._judge(self._made)

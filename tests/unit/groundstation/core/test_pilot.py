@@ -10,6 +10,7 @@ from groundstation.core.geometry import IDENTITY, ZERO, Quat
 from groundstation.core.messages import Estimate, Pose, SwitchRecord
 from groundstation.core.pilot import Pilot
 from groundstation.core.pilot.vehicle_state import MeanDisturbance
+from groundstation.core.safety import PoseHealth
 from groundstation.core.trajectory import Hold
 from groundstation.core.vehicle import Motion, Vehicle
 
@@ -84,3 +85,43 @@ def test_the_mean_disturbance_goes_with_the_thrust_scale_of_now() -> None:
     for n in range(100):
         mean.add(blown(0.55 if n < 99 else 0.55 - 0.035 * G, 1.035 if n < 99 else 1.0), 0.01)
     assert mean.value == pytest.approx((0.0, 0.0, 0.55 - 0.035 * G), abs=1e-6)
+
+
+class WatchedHealth(PoseHealth):
+    """Health that notes the poses it is given."""
+
+    def __init__(self, mass_kg: float, gravity: float) -> None:
+        super().__init__(mass_kg, gravity)
+        self.compared: list[int] = []
+
+    def add_pose(self, pose: Pose, *args: Any, **told: Any) -> None:
+        self.compared.append(pose.id)
+        super().add_pose(pose, *args, **told)
+
+
+@pytest.mark.parametrize(
+    ("follows_poses", "is_suspect", "before"), [(True, False, []), (True, True, [1]), (False, False, [1])]
+)
+def test_only_a_calm_pose_that_a_command_follows_is_compared_after_that_command(
+    follows_poses: bool, is_suspect: bool, before: list[int]
+) -> None:
+    flies = Pilot(VEHICLE, Gains(), 0.25, 0.0, health=WatchedHealth, follows_poses=follows_poses)
+    health = flies.state.health
+    assert isinstance(health, WatchedHealth)
+
+    def come(number: int) -> None:
+        flies.estimate_state(Pose(number, 0.02 * number, 0.0, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0)))
+
+    come(0)
+    flies.follow(Hold((0.0, 0.0, -1.0), 0.0), 0.0)
+    if is_suspect:
+        health.suspect(0.0)
+    come(1)
+    assert health.compared == before
+    flies.compute_command(0.02)
+    flies.state.check_response()
+    flies.state.check_response()
+    assert health.compared == [1], "once, after the command"
+    come(2)
+    come(3)
+    assert health.compared[:2] == [1, 2], "where no command leaves, the next pose brings it"
