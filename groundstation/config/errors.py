@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Self
 
 import msgspec
 
@@ -25,6 +26,10 @@ class ConfigError(Exception):
         super().__init__(": ".join(part for part in (source, key, self.problem) if part))
         self.source = source
 
+    def __reduce__(self) -> tuple[type[Self], tuple[str, ...]]:
+        """Pickle the constructor's arguments: a worker process hands its errors to the one that started it."""
+        return type(self), (self.key, self.problem, self.source)
+
 
 class ArgumentError(ConfigError):
     """A bad argument of a function, by its name in Python; on the command line it is ``option``."""
@@ -32,6 +37,10 @@ class ArgumentError(ConfigError):
     def __init__(self, option: str, problem: str | Sentence) -> None:
         super().__init__("overrides" if option == "--set" else option.removeprefix("--"), problem)
         self.option = option
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, ...]]:
+        """See :meth:`ConfigError.__reduce__`."""
+        return type(self), (self.option, self.problem)
 
 
 class Problem(Exception):
@@ -41,6 +50,10 @@ class Problem(Exception):
         super().__init__(str(text))
         self.path = path
         self.text = str(text)
+
+    def __reduce__(self) -> tuple[type[Self], tuple[KeyPath, str]]:
+        """See :meth:`ConfigError.__reduce__`."""
+        return type(self), (self.path, self.text)
 
 
 def dotted_key(path: KeyPath) -> str:
