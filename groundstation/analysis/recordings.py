@@ -82,7 +82,9 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
             raise ConfigError("--channel", notice("value.choice", choices=list(CHANNELS), found=name))
     to_screen = form == "csv" and len(wanted) == 1 and out is None
     target = out or path.with_name(f"{path.stem}{SUFFIXES[form]}")
-    if form != "csv" and target.exists():  # which is a folder
+    if form == "csv" and target.is_file():
+        raise ConfigError("--out", notice("file.no_folder", path=target))
+    if form != "csv" and target.exists():
         raise ConfigError("--out", notice("file.exists", path=target))
     ending = Path(f"x{SUFFIXES[form]}").suffix
     if form in ("mcap", "foxglove") and target.suffix != ending:
@@ -154,7 +156,7 @@ def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, in
     names: dict[str, dict[str, None]] = {topic: {} for topic in files}
     rows = dict.fromkeys(files, 0)
     for entry in recording.entries(files):
-        names[entry.topic].update(dict.fromkeys(name for name, _ in flatten(entry.value(), "")))
+        names[entry.topic].update(dict.fromkeys(flatten(entry.value())))
     writers = {
         topic: csv.DictWriter(files[topic], list(some), extrasaction="ignore", lineterminator="\n")
         for topic, some in names.items()
@@ -164,7 +166,7 @@ def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, in
         writer.writeheader()
     for entry in recording.entries(files):
         if entry.topic in writers:  # else it has come since then, of a flight that goes on
-            writers[entry.topic].writerow(dict(flatten(entry.value(), "")))
+            writers[entry.topic].writerow(flatten(entry.value()))
             rows[entry.topic] += 1
     return rows
 

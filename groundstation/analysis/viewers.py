@@ -234,7 +234,8 @@ class RerunScene:
             told = entry.value()
             self._draw("log", time_s, rr.TextLog, text=told["message"], level="WARN" if told["level"] > 2 else "INFO")
         for name, field in SHOWN.get(entry.topic.strip("/"), ()):
-            row = {key: float(value) for key, value in flatten(entry.value().get(field), name) if value is not None}
+            leaves = flatten(entry.value().get(field), name)
+            row = {key: float(value) for key, value in leaves.items() if value is not None}
             self._rows.setdefault(name, []).append((time_s, row))
 
     def _draw(self, path: str, time_s: float, kind: Any, **parts: Any) -> None:

@@ -31,6 +31,7 @@ from groundstation.recording.reader import (
     quick_headline,
     read_table,
     refuse_recordings,
+    tabulate,
 )
 from groundstation.recording.records import (
     NO_PORT,

@@ -2,7 +2,7 @@
 
 import os
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -236,34 +236,44 @@ def _decompression_error() -> type[Exception]:
     return error
 
 
-def flatten(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Nested objects and arrays as one row."""
+def flatten(value: Any, name: str = "") -> dict[str, Any]:
+    """Return the leaves of nested objects and arrays by their dotted names, such as ``rates_rad_s.x``."""
     if isinstance(value, dict):
-        for key, item in value.items():
-            yield from flatten(item, f"{name}.{key}" if name else key)
+        parts = value.items()
     elif isinstance(value, list):
-        for index, item in enumerate(value):
-            yield from flatten(item, f"{name}.{index}")
+        parts = dict(enumerate(value)).items()
     else:
-        yield name, value
+        return {name: value}
+    leaves: dict[str, Any] = {}
+    for key, part in parts:
+        dotted = f"{name}.{key}" if name else str(key)
+        if isinstance(part, dict | list):
+            leaves |= flatten(part, dotted)
+        else:
+            leaves[dotted] = part
+    return leaves
 
 
 def read_table(recording: Recording, topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
-    """The messages on each of ``topics`` as columns of equal length, named as ``rates_rad_s.x``.
+    """Return the messages on each of ``topics`` as columns, see :func:`tabulate`."""
+    return tabulate(recording.entries(topics), topics)
+
+
+def tabulate(entries: Iterable[Entry], topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
+    """Return those of ``entries`` on each of ``topics`` as columns of equal length, named as ``rates_rad_s.x``.
 
     Numbers are floats, what is left out NaN; columns of texts are of objects. A column that comes later has its place.
     """
     import numpy as np  # the recorder needs none
 
     def column(values: list[Any]) -> "NDArray[Any]":
-        if any(isinstance(value, str) for value in values):
-            return np.array(values, dtype=object)
-        return np.array([np.nan if value is None else value for value in values], dtype=float)
+        return np.array(values, dtype=object if str in set(map(type, values)) else float)  # None is NaN as a float
 
     rows: dict[str, list[dict[str, Any]]] = {topic: [] for topic in topics}
     names: dict[str, dict[str, None]] = {topic: {} for topic in topics}
-    for entry in recording.entries(topics):
-        row = dict(flatten(entry.value(), ""))
-        names[entry.topic].update(dict.fromkeys(row))
-        rows[entry.topic].append(row)
+    for entry in entries:
+        if entry.topic in rows:
+            row = flatten(entry.value())
+            names[entry.topic].update(dict.fromkeys(row))
+            rows[entry.topic].append(row)
     return {topic: {name: column([row.get(name) for row in rows[topic]]) for name in names[topic]} for topic in topics}

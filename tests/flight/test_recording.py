@@ -212,6 +212,13 @@ def test_an_export_replaces_no_file_that_is_there(form: str, tmp_path: Path) -> 
     assert mine.read_text() == "an hour's work"
 
 
+def test_a_folder_of_tables_takes_the_place_of_no_file(tmp_path: Path) -> None:
+    (mine := tmp_path / "mine.csv").write_text("an hour's work")
+    with pytest.raises(ConfigError, match=r"^--out: .*mine\.csv is no folder$"):
+        export_command(recorded()[0], "csv", [], mine)
+    assert mine.read_text() == "an hour's work"
+
+
 @pytest.mark.parametrize("form", ["csv", "mcap", "npz"])
 def test_an_export_says_that_it_could_not_write_and_where(form: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")

@@ -28,7 +28,7 @@ from groundstation.core.messages import (
     notice,
 )
 from groundstation.core.mission import State
-from groundstation.recording import Recording, read_table
+from groundstation.recording import Entry, Recording, tabulate
 
 Column = NDArray[np.float64]
 
@@ -157,7 +157,8 @@ def read_columns(path: Path) -> FlightColumns:
     """
     recording = Recording(path)
     flown = FlightColumns(path, recording)
-    tables = read_table(recording, (*_PARTS, _TRUTH))
+    entries = list(recording.entries((*_PARTS, _TRUTH, *_OTHERS)))
+    tables = tabulate(entries, (*_PARTS, _TRUTH))
     count = min(len(tables[part].get("time_s", ())) for part in _PARTS)  # the last may be cut off
     if not count:
         raise NoCommand(notice("report.no_command", path=path).text)
@@ -168,7 +169,7 @@ def read_columns(path: Path) -> FlightColumns:
         components = "wxyz" if key == "attitude" else "xyz"
         columns = [_at_commands(tables[topic], f"{key}.{part}", time_s) for part in components]
         flown.vectors[name] = np.stack(columns, axis=1)
-    _read_others(flown, count)
+    _read_others(flown, entries, count)
     on = np.flatnonzero(flown.tracking)
     flown.begun_s = float(time_s[on[0]] - flown.scalars["flight_time_s"][on[0]] if len(on) else time_s[0])
     flown.events = [(time_s - flown.begun_s, kind, text) for time_s, kind, text in flown.events]
@@ -183,13 +184,15 @@ def _at_commands(table: Mapping[str, Column], key: str, time_s: Column) -> Colum
     return np.where(table["time_s"][at] == time_s, table[key][at], np.nan)
 
 
-def _read_others(flown: FlightColumns, count: int) -> None:
+def _read_others(flown: FlightColumns, entries: list[Entry], count: int) -> None:
     """Read what is no column: states, certificates, events, and when the bytes of ``count`` commands left."""
     arrivals: list[tuple[float, float]] = []
     compute: list[float] = []
     by_mavlink = bool(flown.recording.about.get("mavlink"))
     state, waiting_s = "idle", math.nan
-    for entry in flown.recording.entries(_OTHERS):
+    for entry in entries:
+        if entry.topic not in _OTHERS:
+            continue
         value = entry.value()
         match entry.topic:
             case "/raw/sent":
