@@ -8,6 +8,7 @@ import copy
 import importlib
 import inspect
 import re
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -87,9 +88,20 @@ class UserCodeFault(Exception):
     def __init__(self, what: str | Sentence, error: BaseException | None = None) -> None:
         """``what`` failed with ``error``, caught where the user's code was called; None: ``what`` is the whole text."""
         super().__init__(str(what) if error is None else f"{what} failed: {describe_error(error)}")
+        self._frames: str | None = None
         if error is not None:
             _strip_caller(error)
             self.__cause__ = error
+
+    def __reduce__(self) -> tuple[type["UserCodeFault"], tuple[str], dict[str, str]]:
+        """Pickle the sentence and the user's frames: a worker process hands its faults to the one that started it."""
+        return type(self), (str(self),), {"_frames": self.frames()}
+
+    def frames(self) -> str:
+        """Return the traceback of the user's code as lines, also of a worker process; empty where nothing raised."""
+        if self._frames is None:
+            self._frames = "".join(traceback.format_exception(self.__cause__)) if self.__cause__ else ""
+        return self._frames
 
 
 def _strip_caller(error: BaseException) -> None:

@@ -170,11 +170,7 @@ def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str,
         print(f"{parser.prog}: {says}", file=sys.stderr)
         return Exit.USAGE
     except UserCodeFault as fault:
-        if fault.__cause__ is not None:
-            import traceback
-
-            traceback.print_exception(fault.__cause__)
-        print(f"{parser.prog}: {fault}", file=sys.stderr)
+        print(f"{fault.frames()}{parser.prog}: {fault}", file=sys.stderr)
         return Exit.FAILED
     except KeyboardInterrupt:
         print(f"{parser.prog}: interrupted", file=sys.stderr)

@@ -5,7 +5,7 @@ import pickle
 
 import pytest
 
-from groundstation.config import errors
+from groundstation.config import UserCodeFault, errors
 from groundstation.config.config_notices import config_notice
 
 SENTENCE = config_notice("file.missing", path="lab.toml")
@@ -30,3 +30,21 @@ def test_an_error_is_the_same_after_it_was_pickled(error: Exception) -> None:
 def test_every_error_of_a_configuration_is_pickled_above() -> None:
     classes = {kind for _, kind in inspect.getmembers(errors, inspect.isclass) if issubclass(kind, Exception)}
     assert classes == {type(error) for error in RAISED}
+
+
+def test_a_fault_in_the_users_code_brings_the_users_frames_and_none_of_the_worker() -> None:
+    try:
+        raise RuntimeError("no gains for this vehicle")
+    except RuntimeError as error:
+        fault = UserCodeFault("controller mine:Bad", error)
+    again = pickle.loads(pickle.dumps(fault))
+    again.__cause__ = RuntimeError("frames of the pool of workers")
+    assert str(again) == "controller mine:Bad failed: RuntimeError: no gains for this vehicle"
+    assert again.frames() == fault.frames()
+    assert again.frames().endswith("RuntimeError: no gains for this vehicle\n")
+
+
+def test_a_wrong_value_of_the_users_code_brings_no_frames() -> None:
+    again = pickle.loads(pickle.dumps(UserCodeFault("controller mine:Bad returned 3")))
+    again.__cause__ = RuntimeError("frames of the pool of workers")
+    assert (str(again), again.frames()) == ("controller mine:Bad returned 3", "")
