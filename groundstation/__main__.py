@@ -80,7 +80,6 @@ FLY: Arguments = {
     **REHEARSE,
     **ARM,
     "--tui": {"action": "store_true", "help": "fly in a process of its own, and steer it from the dashboard"},
-    "--view": {"nargs": "?", "const": "", "metavar": "VIEWER", "help": "gone: `groundstation view`"},
     **THEME,
 }  # fmt: skip
 DAEMON: Arguments = {
@@ -141,7 +140,6 @@ TUI: Arguments = {
     **_vehicle("name of the vehicle in its config; without it, the one that runs"),
     **SOCKET,
     "--read-only": {"action": "store_true", "help": "nothing can be ordered from this screen"},
-    "--browser": {"nargs": "?", "const": "", "metavar": "PORT", "help": "gone: `ssh -t HOST groundstation tui`"},
     "--screenshot": {"type": path, "metavar": "FILE.svg", "help": "draw LOG.mcap into this file, and end"},
     "--at": {"type": float, "metavar": "S", "help": "begin so many seconds after the recording's start"},
     "--size": {"default": "120x36", "metavar": "COLSxROWS", "help": "of the screenshot (default 120x36)"},
@@ -187,7 +185,7 @@ LOGS: Arguments = {
 EXPORT: Arguments = {
     **_recording(),
     "--format": {
-        "choices": ["csv", "npz", "mat", "foxglove", "mcap", "poses"],
+        "choices": ["csv", "npz", "mat", "foxglove", "mcap"],
         "default": "csv",
         "help": "default: csv",
     },
@@ -343,6 +341,18 @@ MOVED = {
 }
 """Old spelling of a command → its name today."""
 
+GONE = {
+    "fly --view": "`groundstation view` shows the newest flight, also while it is flown",
+    "tui --browser": "from another computer `ssh -t HOST groundstation tui` shows the dashboard",
+    "export --format poses": "`--channel /measured` has the poses",
+    "export --format rrd": "`groundstation view` shows a recording in Rerun",
+    "export --format parquet": 'in Python `flight["errors"].to_pandas().to_parquet(…)` writes it',
+    "report --format tex": "`--format csv` has the table",
+    "replay evidence --write": "`--json` has the figures",
+    "replay evidence --part": "`--json` has the figures",
+}
+"""Words that a command line no longer has → what to do instead."""
+
 
 def parser() -> Program:
     """Make the parser of all commands and their arguments."""
@@ -354,7 +364,7 @@ def main() -> int:
     """Entry point; for the exit codes see groundstation/runtime/entry.py and docs/reference/exit-codes.md."""
     from groundstation.runtime import run
 
-    return run(parser, "groundstation.interfaces.cli.commands", MOVED)
+    return run(parser, "groundstation.interfaces.cli.commands", MOVED, GONE)
 
 
 if __name__ == "__main__":

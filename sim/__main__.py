@@ -91,7 +91,6 @@ FLY: Arguments = {
     **LINK,
     **_overrides("sim.KEY changes the truth, controller.KEY (vehicle., pose., …) what the controller is told"),
     "--out": {"type": path, "metavar": "DIR", "help": "write the run's folder"},
-    "--view": {"nargs": "?", "const": "", "metavar": "VIEWER", "help": "gone: `groundstation view DIR/flight.mcap`"},
     **_json("the summary"),
 }  # fmt: skip
 MISSION: Arguments = {
@@ -104,7 +103,6 @@ MISSION: Arguments = {
     **AUTOPILOT,
     **_overrides(),
     "--vehicles": {"type": count, "default": 1, "metavar": "N", "help": "so many side by side (default 1)"},
-    "--real-time": {"action": "store_true", "help": "gone: `serve --fleet` and `groundstation fleet` fly in real time"},
     **_json("the summary"),
 }  # fmt: skip
 SERVE: Arguments = {
@@ -133,7 +131,6 @@ SERVE: Arguments = {
     "--carried": {
         "action": "store_true", "help": "with --config: for each Enter here a hand makes the moves of `carry`",
     },
-    "--gcs": {"nargs": "?", "const": "14550", "metavar": "HOST:PORT", "help": "gone: put a MAVLink router between"},
     **_duration("stop after so many seconds"),
 }  # fmt: skip
 COMPARE: Arguments = {
@@ -148,7 +145,6 @@ COMPARE: Arguments = {
     "--trials": {"type": count, "metavar": "N", "help": "with it: sets of gains each (default 24)"},
     **WORKERS,
     **_json("the table"),
-    "--plot": {"type": path, "metavar": "FILE.png", "help": "gone: groundstation.compare(…).plot() draws it"},
     **_write(),
 }  # fmt: skip
 CAMPAIGN: Arguments = {
@@ -304,6 +300,29 @@ MOVED = {name.removeprefix("dev "): name for name in COMMANDS["commands"] if nam
 }
 """Spelling of a command without ``dev``, or of one that has gone → its name today."""
 
+_BENCH = "`bench` measures links alone"
+GONE = {
+    "fly --view": "`groundstation view DIR/flight.mcap` shows the flight that `--out DIR` wrote",
+    "mission --real-time": "`groundstation-sim serve --fleet FLEET.toml` and `groundstation fleet FLEET.toml` fly in "
+    "real time; `groundstation report` shows the lateness of each vehicle's commands",
+    "serve --gcs": "put a MAVLink router, such as mavlink-routerd, between autopilot and ground stations",
+    "compare --plot": "groundstation.compare(...).plot().savefig(FILE) draws it, as in examples/notebook.ipynb",
+    "compare --table": "`--write FILE.md` puts the table into a document",
+    "campaign --plot": "plot flights.csv, which `--out` writes",
+    "campaign --verify": "leave it out: the project's tests compare campaigns with flights through wire bytes",
+    "tune --timeout": "after Ctrl-C the same command goes on, and `--trials N` ends the search there",
+    "bench tick": _BENCH,
+    "bench flight": _BENCH,
+    "bench command": _BENCH,
+    "bench batch": _BENCH,
+    "bench --peers": _BENCH,
+    "dev faults --csv": "`--json` has every row",
+    "dev honest": "`dev faults SCENARIO --kind honest` flies the same rows",
+    "dev states": "`dev reference` draws its diagram with the other pages",
+    "dev bring-down": "`dev faults SCENARIO --fault dropout --set link.bring_down=rates` flies it in every state",
+}
+"""Words that a command line no longer has → what to do instead."""
+
 
 def parser() -> Program:
     """All commands and their arguments."""
@@ -315,7 +334,7 @@ def main() -> int:
     """Entry point; the exit code is 0 for done, 1 for a flight that failed, 2 for bad usage or config."""
     from groundstation.runtime import run
 
-    return run(parser, "sim.cli.commands", MOVED)
+    return run(parser, "sim.cli.commands", MOVED, GONE)
 
 
 if __name__ == "__main__":

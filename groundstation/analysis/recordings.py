@@ -74,8 +74,6 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     Raises:
         ConfigError: a file is no recording, a channel has another name, or the result can't be written.
     """
-    if form == "poses":
-        raise ConfigError("--format", notice("export.poses"))
     wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
     for name in wanted:
         if name not in CHANNELS:

@@ -45,18 +45,30 @@ class Exit(IntEnum):
 
 
 def run(
-    parser: Callable[[], argparse.ArgumentParser], commands: str, moved: Mapping[str, str] = MappingProxyType({})
+    parser: Callable[[], argparse.ArgumentParser],
+    commands: str,
+    moved: Mapping[str, str] = MappingProxyType({}),
+    gone: Mapping[str, str] = MappingProxyType({}),
 ) -> int:
     """Run the command of the command line, by the function of that name in the module ``commands``; the exit code.
 
     ``moved``: old spelling of a command → its name today; the old one works, with advice by ``advise_name`` there.
+    ``gone``: words that a command line no longer has, such as ``export --format rrd`` → what to do instead; the advice
+    follows the error about them.
     If the reader of the output has gone (``| head``), or the disk is full, it ends without a traceback.
     """
     _open_missing_streams()
     with _guard_output():
         try:
             try:
-                return _execute(parser(), commands, moved)
+                code = _execute(parser(), commands, moved)
+                if code == Exit.USAGE:
+                    _advise_gone(gone, moved)
+                return code
+            except SystemExit as left:  # argparse has refused the words
+                if left.code == Exit.USAGE:
+                    _advise_gone(gone, moved)
+                raise
             finally:  # after --help, too, which leaves by SystemExit
                 sys.stdout.flush()
         except OSError as error:
@@ -66,6 +78,18 @@ def run(
             if error.errno == errno.ENOSPC:
                 print(f"the output cannot be written: {error.strerror}", file=sys.stderr)
             return Exit.FAILED
+
+
+def _advise_gone(gone: Mapping[str, str], moved: Mapping[str, str]) -> None:
+    """Tell the operator what to do instead of the words of the command line that are among ``gone``."""
+    command, *rest = sys.argv[1:] or [""]
+    line = " ".join([moved.get(command, command), *rest])
+    words = set(line.replace("=", " ").replace(",", " ").split())
+    for spelling, instead in gone.items():
+        if words.issuperset(spelling.split()):
+            from groundstation.config import config_notice
+
+            print(config_notice("command.gone", words=spelling, instead=instead), file=sys.stderr)
 
 
 def _open_missing_streams() -> None:

@@ -100,8 +100,6 @@ def compare(args: argparse.Namespace) -> Exit:
         return _at_equal_margins(args)
     if args.trials is not None:
         raise ConfigError("--trials", notice("option.only_with", option="--equal-margins"))
-    if args.plot is not None:
-        raise ConfigError("--plot", notice("compare.plot"))
     with ProgressBar("flights", quiet=args.json) as bar:
         try:
             found = fly_side_by_side(
@@ -129,7 +127,7 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
     from sim.studies.tune import TEXT_COLUMNS
 
     require_package("optuna", "tune", "tune")
-    for option, values in (("--scenarios", args.scenarios), ("--set", args.overrides), ("--plot", args.plot)):
+    for option, values in (("--scenarios", args.scenarios), ("--set", args.overrides)):
         if values:
             raise ConfigError(option, notice("compare.told"))
     trials = args.trials or TRIALS
@@ -300,8 +298,6 @@ def dev_reference(args: argparse.Namespace) -> Exit:
 
 def fly(args: argparse.Namespace) -> Exit:
     """Fly one scenario in virtual time."""
-    if args.view is not None:
-        raise ConfigError("--view", notice("view.by_itself"))
     with ProgressBar("flying", quiet=args.json, unit="s", digits=1) as bar:
         run = simulate(
             args.scenario,
@@ -331,8 +327,6 @@ def _is_papers(args: argparse.Namespace, run: Run) -> bool:
 def mission(args: argparse.Namespace) -> Exit:
     """Fly one scenario from the floor to its trajectory and back, in virtual time."""
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
-    if args.real_time:
-        raise ConfigError("--real-time", notice("mission.real_time"))
     if args.autopilot == BETAFLIGHT and args.vehicles > 1:
         raise ConfigError("--vehicles", notice("sim.one_betaflight"))
     world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
@@ -419,8 +413,6 @@ def serve(args: argparse.Namespace) -> Exit:
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
             raise ConfigError(f"--{option}", notice("sim.one_betaflight"))
-    if args.gcs:
-        raise ConfigError("--gcs", notice("serve.gcs"))
     common: dict[str, Any] = {"seed": args.seed, "duration_s": args.duration, "autopilot": args.autopilot}
     if args.wrong and args.config is None:
         raise ConfigError("--wrong", notice("serve.needs_config"))

@@ -13,22 +13,6 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
-    NoticeTemplate(
-        "compare.plot",
-        "comparisons are drawn by Python alone",
-        "groundstation.compare(...).plot().savefig(FILE), as in examples/notebook.ipynb",
-    ),
-    NoticeTemplate(
-        "serve.gcs",
-        "a second ground station is no longer served",
-        "put a MAVLink router, such as mavlink-routerd, between autopilot and ground stations, as with a real one",
-    ),
-    NoticeTemplate(
-        "mission.real_time",
-        "fleets are no longer flown in real time by one command",
-        "run `groundstation-sim serve --fleet FLEET.toml` and `groundstation fleet FLEET.toml`; "
-        "`groundstation report` shows the lateness of each vehicle's commands",
-    ),
     # Arguments.
     NoticeTemplate("value.names", "expected names between commas, got {found!r}"),
     # What is simulated, and with what.

@@ -126,7 +126,7 @@ def test_what_the_other_side_plays_is_what_the_station_looks_for(tmp_path: Path)
         (["--wrong", "latency=soon"], "expected a number of ms"),
         (["--wrong", "latency=-500ms"], "got -500ms to it"),
         (["--wrong", "yaw=5,yaw=6"], "yaw: is told twice"),
-        (["--gcs"], "a second ground station is no longer served"),
+        (["--gcs"], "unrecognized arguments: --gcs"),
         (["--floor"], "--floor: it has no effect beside --config"),
         (["--source", "natnet"], "--source: it has no effect beside --config"),
         (["--fleet", "fleet.toml"], "--config: it has no effect beside --fleet"),

@@ -4,7 +4,6 @@ from links.text import NoticeTemplate
 
 ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     # Recordings, and their export.
-    NoticeTemplate("export.poses", "poses have no format of their own any more", "take --channel /measured"),
     NoticeTemplate(
         "recording.figures",
         "error {rms_cm:.2f} cm RMS, {max_cm:.2f} cm at most, from {from_s:g} s on of {flown_s:.1f} s on the "
@@ -40,9 +39,6 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     # Reports and viewers.
     NoticeTemplate(
         "logs.recording", "expected CONFIG.toml or a folder; of one flight `groundstation report {path}` tells"
-    ),
-    NoticeTemplate(
-        "view.by_itself", "a flight opens no viewer any more", "`groundstation view`, also while it is flown"
     ),
     NoticeTemplate("report.no_command", "{path} holds no command: nothing was flown, so there is nothing to report"),
     NoticeTemplate("view.no_rerun", "what listens at {address} takes nothing: it is no Rerun, or has just ended"),

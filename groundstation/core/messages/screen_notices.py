@@ -74,11 +74,6 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
         "the ground station has ended. {ended}\nWhat it said is in {log}",
     ),
     NoticeTemplate(
-        "screen.no_browser",
-        "the dashboard is no longer a page for browsers",
-        "from another computer: `ssh -t HOST groundstation tui`",
-    ),
-    NoticeTemplate(
         "screen.nobody",
         "no ground station runs here: `groundstation fly CONFIG --tui` starts one; or name a recording, LOG.mcap",
     ),

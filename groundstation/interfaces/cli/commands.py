@@ -86,8 +86,6 @@ def fly(args: argparse.Namespace) -> int:
     StepTimer.start()
     config = _load(args, require_flyable)
     ensure_named(args.arm, config)
-    if args.view is not None:
-        raise ConfigError("--view", notice("view.by_itself"))
     if args.tui:
         from groundstation.interfaces.tui import fly_with_screen
 
@@ -210,7 +208,7 @@ def tui(args: argparse.Namespace) -> int:
     if args.rehearse:
         if args.log is None:
             raise ConfigError("--rehearse", notice("rehearse.no_file"))
-        args.config, args.log, args.overrides, args.arm, args.tui, args.view = args.log, None, [], None, True, None
+        args.config, args.log, args.overrides, args.arm, args.tui = args.log, None, [], None, True
         if not asyncio.run(is_served(socket_path(StatusConfig(), REHEARSAL))):
             return fly(args)
         args.vehicle = REHEARSAL

@@ -848,8 +848,6 @@ AGAIN_S = 1.0
 
 def tui_command(args: argparse.Namespace) -> int:
     """Show a flight that is going on, or a recorded one; or make a picture of a recorded one."""
-    if args.browser is not None:
-        raise ConfigError("--browser", notice("screen.no_browser"))
     if args.log is not None:
         if args.screenshot is None:
             require_terminal("--screenshot FILE.svg draws a picture of it")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.__main__ import COMMANDS as FLYING, MOVED, main as flying_main, parser as flying_parser
+from groundstation.__main__ import COMMANDS as FLYING, GONE, MOVED, main as flying_main, parser as flying_parser
 from groundstation.config import ArgumentError, ConfigError, load
 from groundstation.interfaces.cli import commands as flying
 from groundstation.recording.records import MAGIC
@@ -16,6 +16,7 @@ from groundstation.runtime import Groups, build_parser
 from groundstation.settings import Config
 from sim.__main__ import (
     COMMANDS as SIMULATING,
+    GONE as SIM_GONE,
     MOVED as SIM_MOVED,
     main as simulating_main,
     parser as simulating_parser,
@@ -109,7 +110,6 @@ def test_a_word_too_many_or_too_few_is_told_beside_the_usage_of_its_command(
         (SIM, "serve --param FOO", "^--param: expected NAME=VALUE, got 'FOO'"),
         (SIM, "serve --param FOO=1", "^--param: expected one of "),
         (SIM, "serve --param COM_OBL_RC_ACT=much", "^--param: COM_OBL_RC_ACT=much: "),
-        (SIM, "fly --view", "^--view: a flight opens no viewer any more: `groundstation view`"),
         (FLY, "check examples/loopback.toml --seconds 3", "^--seconds: is for --watch"),
         (FLY, "logs --folder /nope", "^--folder: .*nope does not exist$"),
         (FLY, "logs --folder README.md", "^--folder: .*README.md is no folder$"),
@@ -127,6 +127,44 @@ def test_what_can_not_be_meant_is_refused_by_its_option_before_anything_starts(
     commands = flying if parser is flying_parser else simulating
     with pytest.raises(ConfigError, match=says):
         getattr(commands, words.split(maxsplit=1)[0])(args)
+
+
+@pytest.mark.parametrize(
+    ("program", "line", "advice"),
+    [
+        (flying_main, "export LOG.mcap --format rrd", "`groundstation view` shows a recording in Rerun"),
+        (flying_main, "evidence LOG.mcap --write page.md", "`--json` has the figures"),
+        (flying_main, "report README.md --format=html,tex", "`--format csv` has the table"),
+        (simulating_main, "fly paper --view", "`groundstation view DIR/flight.mcap` shows the flight"),
+        (simulating_main, "dev states", "`dev reference` draws its diagram"),
+    ],
+)
+def test_words_that_are_gone_are_followed_by_what_to_do_instead(
+    program: Callable[[], int],
+    line: str,
+    advice: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("sys.argv", ["program", *line.split()])
+    try:
+        code: object = program()
+    except SystemExit as left:
+        code = left.code
+    *_, last = capsys.readouterr().err.splitlines()
+    assert code == 2 and last.startswith("`") and f"` is gone: {advice}" in last
+
+
+@pytest.mark.parametrize(("parser", "gone"), [(FLY, GONE), (SIM, SIM_GONE)])
+def test_what_is_said_to_be_gone_is_gone(
+    parser: Callable[[], ArgumentParser], gone: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused_later = {"report --format tex"}  # a list of formats, which the command itself reads
+    for spelling in gone.keys() - refused_later:
+        with pytest.raises(SystemExit, match="2"):
+            parser().parse_args([*spelling.split(), "x"])
+        told = capsys.readouterr().err
+        assert "unrecognized arguments" in told or "invalid choice" in told
 
 
 def test_a_controller_that_there_is_not_is_blamed_on_the_option_that_named_it() -> None:
