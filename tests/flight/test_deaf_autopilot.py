@@ -73,7 +73,7 @@ def test_commands_that_come_too_late_end_gently_and_the_autopilot_comes_down_by_
             told.append(event.text)
 
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        row = runner.run(fly_here("late", Fault("commands come late", delay), state, seed=0, scenario="paper"))
+        row = runner.run(fly_here("late", Fault(delay), state, seed=0, scenario="paper"))
     # Late commands swing it: 600 ms on the figure is 1.6 times the limits of the fault table, and it comes down.
     assert row.worst <= 1.65
     assert (row.touchdown_m_s or 0.0) < 1.05

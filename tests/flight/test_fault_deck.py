@@ -166,7 +166,7 @@ def test_a_flight_is_flown_to_its_end_however_far_it_goes() -> None:
         await dropout(scene)
         scene.stage.wind.push = (12.0, 0.0, 0.0)
 
-    fault = Fault("no more poses, in a storm", storm_in_the_dark, poses=Poses.GONE)
+    fault = Fault(storm_in_the_dark, poses=Poses.GONE)
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         row = runner.run(fly_here("storm", fault, "hold", seed=0, scenario="paper"))
     assert not row.safe

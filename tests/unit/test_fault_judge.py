@@ -26,8 +26,8 @@ from tests.proving.faults import (
 from tests.proving.faults.faults import FAMILIES, FROM_START, OBEYING, dropout
 from tests.proving.faults.judge import Answer, Thrust, Truth, judge, judge_honest
 
-FALSE = Fault("made up", dropout, poses=Poses.FALSE)
-TRUE = Fault("made up", dropout)
+FALSE = Fault(dropout, poses=Poses.FALSE)
+TRUE = Fault(dropout)
 ANSWER = (0.4, "descent", "it does not obey")
 STRUCK_S = 0.1
 
@@ -151,7 +151,7 @@ def test_what_follows_its_course_goes_neither_up_nor_sideways() -> None:
     ],
 )
 def test_how_hard_it_may_meet_the_floor_depends_on_who_brings_it_down(link: str, poses: Poses, most_m_s: float) -> None:
-    fault = Fault("made up", dropout, link=link, poses=poses)
+    fault = Fault(dropout, link=link, poses=poses)
     assert verdict(fault, None, ANSWER, touchdown_m_s=most_m_s - 0.01).safe
     hard = verdict(fault, None, ANSWER, touchdown_m_s=most_m_s + 0.01)
     assert "it met the floor" in hard.why

@@ -170,8 +170,6 @@ Strike = Callable[[Scene], Coroutine[Any, Any, None]]
 class Fault(NamedTuple):
     """One case of a fault: a fault and the value that it is flown with."""
 
-    says: str
-    """Description for people."""
     strike: Strike
     """Lets it happen."""
     link: str = "mavlink"
