@@ -19,18 +19,18 @@ from groundstation.core.safety import HealthState, Monitors, PoseHealth
 from groundstation.flight import Flight
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.runtime import Exit
+from groundstation.settings import Config
 from sim.cli import ProgressBar
 from sim.runs import Flyers, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
 from sim.studies import FLOORS, ModelError
 from sim.text import notice
+from sim.world import World
 
 FLOORED = ("paper", "adverse")
 """Scenarios that are flown at the floors."""
 TAKES_OFF = ("takeoff.thrust_limit=1.74", "vehicle.hover_range=[0.5, 1.9]")
 """``--set`` of a take-off with a thrust that is configured wrong: it is not refused."""
-
-
 WRONGS = (
     *FLOORS,
     ModelError("noise of 4 mm", "pose_noise_m", 0.004),
@@ -132,20 +132,22 @@ class Watch(NamedTuple):
         """Scenario, and what is wrong in it."""
         return self.scenario if self.floor is None else f"{self.scenario}, {self.floor.name}"
 
-    def asked(self) -> list[str]:
-        """Return all ``--set`` of it."""
-        if self.floor is None:
-            return list(self.overrides)
-        world, config = prepare(SCENARIOS[self.scenario], list(self.overrides), link=self.link)
-        field, value = self.floor.field, self.floor.find_value(world, config.vehicle)
-        takes_off = TAKES_OFF if field == "thrust_gain" else ()
-        return [*takes_off, *self.overrides, f"sim.{field}={value:.6g}"]
+    def prepare(self) -> tuple[World, Config]:
+        """Return the truth of its flights, which begin on the floor, and what is configured."""
+        scenario, overrides = SCENARIOS[self.scenario], list(self.overrides)
+        if self.floor is not None:
+            world, config = prepare(scenario, overrides, link=self.link)
+            field, value = self.floor.field, self.floor.find_value(world, config.vehicle)
+            takes_off = TAKES_OFF if field == "thrust_gain" else ()
+            overrides = [*takes_off, *overrides, f"sim.{field}={value:.6g}"]
+        world, config = prepare(scenario, overrides, source=self.source, link=self.link)
+        return from_floor(world, config, self.figure_s)
 
 
-def watch_flight(watch: Watch, seed: int) -> WatchedFlight:
-    """Fly one mission from the floor, to its figure and back."""
-    world, config = prepare(SCENARIOS[watch.scenario], watch.asked(), source=watch.source, link=watch.link)
-    world, config = from_floor(world, config, watch.figure_s)
+def watch_flight(work: tuple[Watch, int]) -> WatchedFlight:
+    """Fly one mission from the floor, to its figure and back, with a seed."""
+    watch, seed = work
+    world, config = watch.prepare()
     seen, flights = list[WatchedHealth](), list[Flight]()
 
     def make_health(mass_kg: float, gravity: float) -> PoseHealth:
@@ -178,13 +180,9 @@ def watch_all(
     """Fly each of ``watches`` with each of ``seeds``; ``on_done`` hears how many are flown."""
     work = [(watch, seed) for watch in watches for seed in seeds]
     with Flyers(min(workers, len(work))) as flyers:
-        flown = flyers.each(_watch_one, work, on_done)
+        flown = flyers.each(watch_flight, work, on_done)
     each = len(seeds)
     return [Alarms(name=watch.name, flights=tuple(flown[i * each : (i + 1) * each])) for i, watch in enumerate(watches)]
-
-
-def _watch_one(work: tuple[Watch, int]) -> WatchedFlight:
-    return watch_flight(*work)
 
 
 def plan_floors(watch: Watch) -> list[Watch]:
@@ -201,18 +199,12 @@ def alarms(args: argparse.Namespace) -> Exit:
     """Fly true flights from the floor, and see whether their poses fail."""
     if args.floors and args.scenario is not None:
         raise ConfigError("SCENARIO", notice("dev.floors", names=", ".join(FLOORED)))
-    watch = Watch(
-        args.scenario or "adverse",
-        overrides=tuple(args.overrides),
-        source=args.source,
-        link=args.link,
-        figure_s=args.duration,
-    )
-    scenario_of(watch.scenario)
+    scenario = args.scenario or "adverse"
+    scenario_of(scenario)
+    watch = Watch(scenario, None, tuple(args.overrides), args.source, args.link, args.duration)
     watches = plan_floors(watch) if args.floors else [watch]
     for one in watches:  # what can't be flown is told before anything is
-        world, config = prepare(SCENARIOS[one.scenario], one.asked(), source=one.source, link=one.link)
-        ensure_flyable(from_floor(world, config, args.duration)[1])
+        ensure_flyable(one.prepare()[1])
     seeds = range(args.seed, args.seed + args.flights)
     with ProgressBar("flights", len(watches) * len(seeds), quiet=args.json) as counter:
         found = watch_all(watches, seeds, workers=args.workers or os.cpu_count() or 1, on_done=counter.at)

@@ -12,7 +12,8 @@ import asyncio
 import json
 import math
 import sys
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar, copy_context
 from pathlib import Path
 from statistics import median
@@ -85,32 +86,19 @@ async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
         await asyncio.gather(running, return_exceptions=True)
 
 
-class Workshop:
-    """A firmware whose parameters are as the doctor wants them. Use it in ``with``."""
-
-    def __init__(self, make: Make) -> None:
-        self.changes = list[Change]()
-        """Changes of the doctor, in order."""
-        self._make = make
-        self._kept = list[Airworthy]()
-
-    def __enter__(self) -> Airworthy:
-        folder = None
+@contextmanager
+def set_parameters(make: Make) -> Iterator[tuple[Airworthy, list[Change]]]:
+    """A firmware whose parameters are as the doctor wants them, and the doctor's changes in their order."""
+    changes, folder = list[Change](), None
+    with ExitStack() as kept:
         for _ in range(VISITS):
-            airworthy = self._keep(folder)
+            airworthy = kept.enter_context(Airworthy(make, folder))
             changed, folder = visit(airworthy)
             if not changed:
-                return airworthy
-            self.changes += changed
-        raise AssertionError(f"after {VISITS} restarts the doctor still asks for {self.changes[-1]}")
-
-    def _keep(self, prepared: Path | None) -> Airworthy:
-        self._kept.append(Airworthy(self._make, prepared))
-        return self._kept[-1]
-
-    def __exit__(self, *_: object) -> None:
-        for one in self._kept:
-            one.__exit__()
+                yield airworthy, changes
+                return
+            changes += changed
+        raise AssertionError(f"after {VISITS} restarts the doctor still asks for {changes[-1]}")
 
 
 ADVERSE = tuple(
@@ -222,7 +210,6 @@ class StrikeScene(NamedTuple):
 
     stage: Stage
     flight: Flight
-    running: "asyncio.Task[Any]"
     between: Meddler
 
     @property
@@ -239,7 +226,7 @@ async def kill(scene: StrikeScene) -> None:
 
 async def stop(scene: StrikeScene) -> None:
     """The process stands still, and wakes again: what came meanwhile is read at once."""
-    _loop().suspend(PROCESS)
+    await kill(scene)
     await asyncio.sleep(STOPPED_S)
     _loop().resume()
 
@@ -323,8 +310,7 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     stage.onboard.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
     path.clear()
     stage.plant.floor.hardest_m_s = None
-    scene = StrikeScene(stage, flight, flying, between)
-    await strike(scene)
+    await strike(StrikeScene(stage, flight, between))
     await asyncio.sleep(WATCHED_S)
     _loop().resume()
     state = str(flight.state)
@@ -356,23 +342,23 @@ class Facts(msgspec.Struct, frozen=True):
 
 def fly_all(kind: str, make: Make, take_offs: int) -> Facts:
     """Fly one firmware, of which ``make`` makes copies: all its flights, one after the other."""
-    told, workshop = TOLD[kind], Workshop(make)
+    told = TOLD[kind]
 
     def say(what: str) -> None:
         print(f"{NAMES[kind]}, {what}", file=sys.stderr, flush=True)
 
-    with workshop as airworthy:
+    with set_parameters(make) as (airworthy, changes):
         strikes: dict[str, list[StrikeResult]] = {}
         for name, (strike, _) in STRIKES.items():
             say(name)
-            strikes[name] = [strike_down(airworthy, told, strike, seed) for seed in SEEDS[:1]]
+            strikes[name] = [strike_down(airworthy, told, strike, SEEDS[0])]
         figures: dict[str, list[MissionResult]] = {}
         for name, (figure, _) in FLIGHTS.items():
             say(name)
             figures[name] = [fly_figure(airworthy, told, figure, seed) for seed in SEEDS]
         say(f"{take_offs} take-offs")
         starts = [take_off(airworthy, told, seed) for seed in range(take_offs)]
-    return Facts(workshop.changes, figures, starts, strikes)
+    return Facts(changes, figures, starts, strikes)
 
 
 def tables(facts: Mapping[str, Facts]) -> str:

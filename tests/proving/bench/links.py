@@ -15,7 +15,9 @@ import tempfile
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
+from subprocess import DEVNULL, PIPE
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,13 +75,23 @@ class Waiting:
         self.overtaken += max(answered - 1, 0)
 
 
+SHOWN = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999}
+"""Percentiles by the names of their figures."""
+
+
+def find_percentiles(values: Sequence[float]) -> dict[str, float]:
+    """Return the percentiles of :data:`SHOWN`, each one of ``values``."""
+    found = np.quantile(values, list(SHOWN.values()), method="higher")
+    return dict(zip(SHOWN, found.tolist(), strict=True))
+
+
 def figures_of(answers: Answers) -> dict[str, float]:
     """Percentiles [µs] of all that were answered, overtaken ones too; how many those were, and how many were not."""
     found = answers.latencies_s
     if not found:
         raise LatencyFailed("nothing came back")
     return {
-        **{name: round(1e6 * float(np.quantile(found, share, method="higher")), 1) for name, share in SHOWN.items()},
+        **{name: round(1e6 * latency_s, 1) for name, latency_s in find_percentiles(found).items()},
         "count": len(found),
         "overtaken": answers.overtaken,
         "unanswered": answers.sent - len(found),
@@ -88,14 +100,10 @@ def figures_of(answers: Answers) -> dict[str, float]:
 
 def together(several: Sequence[Answers]) -> Answers:
     """Those of several flights as of one."""
-    return Answers(
-        [latency for one in several for latency in one.latencies_s],
-        sum(one.sent for one in several),
-        sum(one.overtaken for one in several),
-    )
+    latencies_s, sent, overtaken = zip(*several, strict=True)
+    return Answers([*chain.from_iterable(latencies_s)], sum(sent), sum(overtaken))
 
 
-SHOWN = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999}
 RATES_HZ = (50, 100, 250)
 """Poses per second."""
 START_LIMIT_S = 20.0
@@ -153,11 +161,7 @@ def measure_latency(seconds: float) -> dict[str, Any]:
 
 
 async def fly_latency(rate_hz: int, seconds: float) -> tuple[Answers, Answers]:
-    """The answers of commands, and of echoes, of as many flights as ``seconds`` [s] take.
-
-    Raises:
-        LatencyFailed: nothing was armed, or flights ended again and again.
-    """
+    """The answers of commands, and of echoes, of as many flights as ``seconds`` [s] take."""
     flights: list[tuple[Answers, Answers]] = []
     for _ in range(MOST_FLIGHTS):
         flights.append(await _fly_once(rate_hz, seconds))
@@ -172,7 +176,7 @@ async def _fly_once(rate_hz: int, seconds: float) -> tuple[Answers, Answers]:
     """The answers of one flight, which may end before ``seconds`` [s] are over."""
     with tempfile.TemporaryDirectory(prefix="latency-") as name:
         folder = Path(name)
-        echo = await _process("tests.proving.bench.echo", stdout=asyncio.subprocess.PIPE)
+        echo = await _process("tests.proving.bench.echo", stdout=PIPE)
         config = await _config(rate_hz, folder)
         path = folder / "flight.toml"
         path.write_text(dump(config), "utf-8")
@@ -187,13 +191,9 @@ async def _fly_once(rate_hz: int, seconds: float) -> tuple[Answers, Answers]:
                 await process.wait()
 
 
-async def _process(module: str, *words: str, stdout: int = asyncio.subprocess.DEVNULL) -> asyncio.subprocess.Process:
-    return await asyncio.create_subprocess_exec(
-        *make_child_command(module, *words),
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=stdout,
-        stderr=asyncio.subprocess.DEVNULL,
-    )
+async def _process(module: str, *words: str, stdout: int = DEVNULL) -> asyncio.subprocess.Process:
+    command = make_child_command(module, *words)
+    return await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=stdout, stderr=DEVNULL)
 
 
 async def _config(rate_hz: int, folder: Path) -> Config:
@@ -276,17 +276,13 @@ HOGS_PER_CPU = 1.5
 """Processes that compute and never wait, for each processor."""
 
 
-def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
+async def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
     """``{"pacer": {p50_us, p99_us, p999_us, lost}, "floor": {…}, "fifo": bool}`` of ``seconds`` [s] at 22.5 ms.
 
     The pacer is armed and gets a new command for each frame. Its lateness is taken when the frame is written, the
     floor's when it wakes up. Both have the same scheduling policy: real-time where that is allowed, and ``fifo`` tells.
     With ``busy``, processes that never wait have every processor meanwhile.
     """
-    return asyncio.run(_measure(seconds, busy))
-
-
-async def _measure(seconds: float, busy: bool) -> dict[str, Any]:
     count = max(10, round(seconds / PERIOD_S))
     reports: list[PacerReport] = []
     came: list[bytes] = []
@@ -311,7 +307,7 @@ async def _measure(seconds: float, busy: bool) -> dict[str, Any]:
     last = reports[-1]
     return {
         "pacer": {**dict(zip(SHOWN, last.late_us, strict=True)), "lost": last.lost},
-        "floor": _pacer_figures(floor),
+        "floor": {**find_percentiles(floor), "lost": sum(late >= 1e6 * PERIOD_S for late in floor)},
         "fifo": fifo,
     }
 
@@ -336,14 +332,9 @@ async def _floor(folder: Path, count: int, priority: int) -> list[int]:
     build = await asyncio.create_subprocess_exec(compiler, "-O2", "-o", str(program), str(source))
     if await build.wait() != 0:
         raise RuntimeError(f"{compiler} does not compile {source}")
-    process = await asyncio.create_subprocess_exec(str(program), *words, stdout=subprocess.PIPE)
+    process = await asyncio.create_subprocess_exec(str(program), *words, stdout=PIPE)
     out, _ = await process.communicate()
     return [int(line) for line in out.split()]
-
-
-def _pacer_figures(late_us: list[int]) -> dict[str, int]:
-    shown = {name: int(np.quantile(late_us, share, method="higher")) for name, share in SHOWN.items()}
-    return {**shown, "lost": sum(late >= 1e6 * PERIOD_S for late in late_us)}
 
 
 @contextmanager
@@ -361,8 +352,7 @@ def _hogs(busy: bool) -> Iterator[None]:
 
 def measure(seconds: float) -> dict[str, Any]:
     """The pacer idle and with every processor busy, ``seconds`` [s] each; the latencies as long, all together."""
-    idle = measure_pacer(seconds, busy=False)
-    busy = measure_pacer(seconds, busy=True)
+    idle, busy = (asyncio.run(measure_pacer(seconds, busy=busy)) for busy in (False, True))
     latency = measure_latency(seconds / len(RATES_HZ))
     return {
         **busy,

@@ -43,15 +43,7 @@ from tests.proving.faults.fault import (
     stand_between,
 )
 from tests.proving.faults.faults import CASES, find_fault
-from tests.proving.faults.judge import (
-    JUDGED_S,
-    Row,
-    Thrust,
-    Truth,
-    WireJudge,
-    exemption_of,
-    judge,
-)
+from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, WireJudge, exemption_of, judge
 from tests.proving.faults.monitors import UNGUARDED, DeckMonitors
 
 LANDS = ("sim.own_estimate=true",)
@@ -96,7 +88,7 @@ class FlightCopy(NamedTuple):
 
     case: str
     watch: str = ""
-    """Monitor that it goes on with, as :func:`monitors.take_over` has it."""
+    """Monitor that it goes on with, as :meth:`monitors.DeckMonitors.go_on` has it."""
 
 
 def fly_cell(
@@ -160,12 +152,7 @@ async def fly_here(
     if fault.kind is Kind.HONEST:
         figure_s = HONEST_FIGURE_S
     world, config = from_floor(world, config, figure_s)
-    over: asyncio.Future[None] = loop.create_future()
     blind, aborted_m = False, math.inf
-
-    def decide() -> None:
-        if not over.done():
-            over.set_result(None)
 
     def newtons(time_s: float, signal: float) -> float:
         return thrust_of(signal, world.thrust_curve) * stage.plant.most_n(time_s)
@@ -174,9 +161,6 @@ async def fly_here(
     wire = WireJudge(config, pushing)
     loop.tap = wire.tap
     truth, moves = Truth(world.floor_z_m), Moves(loop.time)
-
-    def step(time_s: float, position: Vec3) -> None:
-        truth.step(time_s, position)
 
     def watch(event: FlightEvent) -> None:
         if isinstance(event, Notice) and event.kind == "state":
@@ -197,7 +181,10 @@ async def fly_here(
         blind = blind or (moves.struck and pilot.state.is_blind and not pilot.state.health.has_failed)
         misled = fault.poses is not Poses.TRUE and bool(moves.answers)
         ended = moves.state in (State.DESCENT, State.ABORTED, State.DISARMING)
-        truth.tick(event.tick, follows=not misled and not ended)
+        if not misled and not ended:
+            tick = event.tick
+            reference = tick.reference
+            truth.refer(tick.time_s, reference.position_ned, reference.velocity_ned, tick.estimate.time_s)
         if scene.controller_raises:
             raise _Broken("the controller broke")
 
@@ -222,7 +209,7 @@ async def fly_here(
         await sleep_until(begun_s + CONFIRM_S)
         return True
 
-    stage = Stage(world, config, seed, step, parameters=AUTOPILOT)
+    stage = Stage(world, config, seed, truth.step, parameters=AUTOPILOT)
     truth.plant = stage.plant
     stage.plant.advance(begun_s)
     meddler = stand_between(stage)
@@ -252,16 +239,15 @@ async def fly_here(
     monitors.go_on(flight._pilot, watch_as, struck_s + float(forced_s))
     exemption = exemption_of(fault, state)
     autopilot = _Autopilot(note_open_loop)
-    going_on = asyncio.ensure_future(fault.strike(scene))
-    watching = asyncio.ensure_future(autopilot.watch(stage))
-    homing = asyncio.ensure_future(_return(flight, moves)) if state == "moving" else over
-    timing: asyncio.Future[None] = over
+    tasks: list[asyncio.Future[Any]] = [turning, flying]
+    tasks += map(asyncio.ensure_future, (fault.strike(scene), autopilot.watch(stage)))
+    if state == "moving":
+        tasks.append(asyncio.ensure_future(_return(flight, moves)))
+    over: asyncio.Future[None] = loop.create_future()
     if fault.kind is Kind.HONEST:
-        timing = asyncio.ensure_future(_see_honest(stage, moves))
-        timing.add_done_callback(lambda _: decide())
+        over = asyncio.ensure_future(_see_honest(stage, moves))
     elif exemption is Exemption.NOT_OBSERVABLE:
-        timing = asyncio.ensure_future(_fly_on(stage, JUDGED_S))
-        timing.add_done_callback(lambda _: decide())
+        over = asyncio.ensure_future(_fly_on(stage, JUDGED_S))
     ends: set[asyncio.Future[Any]] = {turning, flying, over}
     await asyncio.wait(ends, timeout=LIMIT_S + figure_s, return_when=asyncio.FIRST_COMPLETED)
     rests = flying.done() and await _rests(stage, world, over)
@@ -272,10 +258,9 @@ async def fly_here(
     answers = [(time_s, str(after), reason) for time_s, after, reason in moves.answers]
     end = stage.plant.truth(loop.time()).position_ned
     wrong = _left_wrongly(fault, state, config, wire, pushing, struck_s)
-    tasks = (turning, flying, going_on, watching, timing, homing)
-    for task in tasks:
+    for task in (*tasks, over):
         task.cancel()
-    for result in await asyncio.gather(*tasks, return_exceptions=True):
+    for result in await asyncio.gather(*tasks, over, return_exceptions=True):
         if isinstance(result, Exception) and not isinstance(result, _Broken):
             raise result
     loop.tap = None

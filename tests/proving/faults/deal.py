@@ -40,7 +40,7 @@ class Planned(msgspec.Struct, frozen=True):
     scenario: str
     seed: int
     forced: str = ""
-    """Doubt that is forced upon it, as :func:`monitors.take_over` has it; empty for none."""
+    """Doubt that is forced upon it, as :meth:`monitors.DeckMonitors.go_on` has it; empty for none."""
 
     def copies(self) -> tuple[FlightCopy, ...]:
         """Return what is flown for its row: honest rows have the same flight without guards."""

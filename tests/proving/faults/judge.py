@@ -16,7 +16,7 @@ import msgspec
 from msgspec.structs import replace
 
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import IdleRecord, Tick, TickRecord
+from groundstation.core.messages import IdleRecord, TickRecord
 from groundstation.core.mission import State
 from groundstation.core.safety import Failure
 from groundstation.recording import Record
@@ -27,16 +27,7 @@ from links.rf import Channels, RfLinkConfig
 from sim.radio import MODULE
 from sim.time import Address
 from sim.world import Quadrotor
-from tests.proving.faults.fault import (
-    FALLS,
-    MOMENTS,
-    TUMBLES,
-    Exemption,
-    Fault,
-    Kind,
-    Poses,
-    name_of,
-)
+from tests.proving.faults.fault import FALLS, MOMENTS, TUMBLES, Exemption, Fault, Kind, Poses, name_of
 from tests.proving.faults.monitors import FAILED, NOT_BY_ATTITUDE
 
 OFF_FLOOR_M = 0.02
@@ -48,8 +39,8 @@ RECENT_S = 0.1
 class Truth:
     """One flight. Times are on the event loop's clock [s]."""
 
-    def __init__(self, floor_z_m: float, on_look: Callable[["Truth"], None] | None = None) -> None:
-        """The floor is at ``floor_z_m`` [m, NED]; ``on_look`` sees this after each step that counts."""
+    def __init__(self, floor_z_m: float) -> None:
+        """The floor is at ``floor_z_m`` [m, NED]."""
         self.plant: Quadrotor
         """To be set before the first step."""
         self.struck_s = math.inf
@@ -63,7 +54,6 @@ class Truth:
         self.fastest_m_s = 0.0
         """Fastest that it moved."""
         self._floor = floor_z_m
-        self._on_look = on_look
         self._over = False
         self._upright = 1.0
         self._referred_s = -math.inf
@@ -110,18 +100,11 @@ class Truth:
         self.fastest_m_s = max(self.fastest_m_s, math.hypot(*self.plant.velocity))
         self.highest_m = max(self.highest_m, self._top - position[2])
         self.sideways_m = max(self.sideways_m, math.dist(self._course[:2], position[:2]))
-        if self._on_look is not None:
-            self._on_look(self)
         if self._floor - position[2] < OFF_FLOOR_M:
             return
         if time_s - self._referred_s > RECENT_S:
             self._from = self._from or position
             self.off_m = max(self.off_m, math.dist(self._from[:2], position[:2]))
-
-    def tick(self, tick: Tick, *, follows: bool) -> None:
-        """One command; ``follows`` where there is a reference that it follows."""
-        if follows:
-            self.refer(tick.time_s, tick.reference.position_ned, tick.reference.velocity_ned, tick.estimate.time_s)
 
     def refer(self, time_s: float, position: Vec3, velocity: Vec3, at_s: float) -> None:
         """At ``time_s`` it is told to be at ``position`` with ``velocity`` at ``at_s``."""
@@ -247,32 +230,19 @@ GUARDED_M = 0.2
 """… and so much more [m]."""
 
 LIMITS = (
-    ("rises above where it was struck, or above its course", f"{STRICT.up_m:g} m"),
-    ("the same, where no lift-off is seen, so that the motors only stop", f"{SPOOL_M:g} m"),
-    ("goes sideways from where it was struck, carried along its course", f"{STRICT.aside_m:g} m"),
-    ("moves", f"{STRICT.speed_m_s:g} m/s"),
-    (
-        "known limits: up, sideways, speed",
-        f"{KNOWN.up_m:g} m, {KNOWN.aside_m:g} m, {KNOWN.speed_m_s:g} m/s",
-    ),
-    ("leans", f"{TILT_DEG:g}°"),
-    (
-        "meets the floor; behind a radio where the height failed; without a lift-off that was seen",
-        f"{TOUCHDOWN_M_S:g}; {RATES_TOUCHDOWN_M_S:g}; {SPOOL_M_S:g} m/s",
-    ),
-    (
-        "thrust in an open-loop descent, and above what hovers in all",
-        f"{MOST_SHARE:g}x what hovers, {OVER_HOVER_S:g} s",
-    ),
-    (
-        "commands lift after the answer",
-        f"height / {LIFT_SINK_M_S:g} m/s + {LIFT_MORE_S:g} s",
-    ),
-    ("flies on with false poses: distance from the course", f"{COURSE_M:g} m"),
-    (
-        "honest rows: speed and distance of the same flight without guards",
-        f"{GUARDED_SHARE:g}x + {GUARDED_M_S:g} m/s, {GUARDED_SHARE:g}x + {GUARDED_M:g} m",
-    ),
+    f"rises above where it was struck, or above its course: {STRICT.up_m:g} m",
+    f"the same, where no lift-off is seen, so that the motors only stop: {SPOOL_M:g} m",
+    f"goes sideways from where it was struck, carried along its course: {STRICT.aside_m:g} m",
+    f"moves: {STRICT.speed_m_s:g} m/s",
+    f"known limits: up, sideways, speed: {KNOWN.up_m:g} m, {KNOWN.aside_m:g} m, {KNOWN.speed_m_s:g} m/s",
+    f"leans: {TILT_DEG:g}°",
+    "meets the floor; behind a radio where the height failed; without a lift-off that was seen: "
+    f"{TOUCHDOWN_M_S:g}; {RATES_TOUCHDOWN_M_S:g}; {SPOOL_M_S:g} m/s",
+    f"thrust in an open-loop descent, and above what hovers in all: {MOST_SHARE:g}x what hovers, {OVER_HOVER_S:g} s",
+    f"commands lift after the answer: height / {LIFT_SINK_M_S:g} m/s + {LIFT_MORE_S:g} s",
+    f"flies on with false poses: distance from the course: {COURSE_M:g} m",
+    "honest rows: speed and distance of the same flight without guards: "
+    f"{GUARDED_SHARE:g}x + {GUARDED_M_S:g} m/s, {GUARDED_SHARE:g}x + {GUARDED_M:g} m",
 )
 """Limits and their values, for people."""
 
@@ -397,25 +367,12 @@ def judge(
     blind: bool = False,
     aborted_m: float = math.inf,
 ) -> Row:
-    """Return the row, safe where nothing is wrong: what the caller found, and how it moved.
+    """Return the row of ``fault`` in ``state``, safe where the caller found nothing ``wrong`` and no limit is broken.
 
-    Args:
-        name: the case.
-        fault: what struck it.
-        state: where it was struck.
-        truth: how it moved.
-        answers: what the fault led to, the first one first.
-        wrong: what the caller found; empty where nothing is wrong.
-        exemption: what can't be asked of it.
-        begun_s: when the flight began [s].
-        drift_m: from where it was struck to where it rests, sideways [m].
-        touchdown_m_s: hardest touchdown, where it left the floor [m/s].
-        thrust: what the commands pushed with, where that was seen.
-        land_s: when its autopilot took over landing, where it was asked to [s].
-        failure: why its poses failed, where they did.
-        scenario: what was flown.
-        blind: whether it came down without poses.
-        aborted_m: height above the floor at which commands ended [m].
+    ``answers`` begin with the first one. The flight began at ``begun_s`` and its autopilot, where it
+    was asked to land, did so from ``land_s`` on [s]; ``drift_m`` is the sideways distance from the
+    strike to the end, ``aborted_m`` the height above the floor at which commands ended [m].
+    ``blind``: it came down without poses.
     """
     measured = measure_motion(fault, state, truth, exemption)
     known = fault.kind is Kind.KNOWN_LIMIT
@@ -423,15 +380,14 @@ def judge(
         measured.append(_measure_touchdown(fault, state, truth, answers, touchdown_m_s))
     if thrust is not None and not known:
         measured += _measure_lift(fault, thrust)
-    found = [wrong]
-    if fault.kind is not Kind.HONEST:  # judged beside the same flight without guards
-        found += [
-            *(one.says for one in measured if not one.share <= 1.0),
-            "" if thrust is None or known else _judge_push(fault, thrust, land_s),
-            _flew_on(fault, truth, answers, exemption),
-            _find_false_alarm(fault, failure),
-        ]
-    wrong = next((one for one in found if one), "")
+    if fault.kind is not Kind.HONEST:  # an honest flight is judged beside the same one without guards
+        wrong = (
+            wrong
+            or next((one.says for one in measured if not one.share <= 1.0), "")
+            or ("" if thrust is None or known else _judge_push(fault, thrust, land_s))
+            or _flew_on(fault, truth, answers, exemption)
+            or _find_false_alarm(fault, failure)
+        )
     said = answers[0][2] if answers else ""
     answer_ms = round(1e3 * (answers[0][0] - truth.struck_s), 1) if answers else None
     return Row(
@@ -462,24 +418,12 @@ def judge(
     )
 
 
-ENDS = {
-    State.ABORTED: OPEN_LOOP,
-    State.DESCENT: "descends",
-    State.LANDING: "lands",
-    State.HOLD: "holds",
-}
+ENDS = {State.ABORTED: OPEN_LOOP, State.DESCENT: "descends", State.LANDING: "lands", State.HOLD: "holds"}
 """Ending by the states that answers lead to; the first one counts that is among the answers."""
 
 
 def name_end(answers: Sequence[Answer], *, blind: bool, lands: bool, aborted_m: float = math.inf) -> str:
-    """Return how a flight ends that answered so.
-
-    Args:
-        answers: what the fault led to.
-        blind: whether it came down without poses.
-        lands: whether its autopilot landed it as it was asked to.
-        aborted_m: height above the floor at which commands ended [m].
-    """
+    """Return how a flight ends that answered so; ``lands``: by its autopilot, which was asked to land."""
     states = [after for _, after, _ in answers]
     if not states:
         return "flies on"

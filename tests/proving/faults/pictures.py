@@ -312,6 +312,8 @@ def mix_angles(struck: Struck, change: Callable[[float, float], tuple[float, flo
     return _attitudes(mixed)
 
 
+# ---- ways of the frames
+
 Send = Callable[[int, float, Sequence[TrackedBody]], None]
 """Frame number, instant of its exposure [s], bodies."""
 Way = Callable[[Send, int, float, Sequence[TrackedBody]], None]

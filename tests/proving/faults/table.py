@@ -142,11 +142,10 @@ def page(rows: Sequence[Row], command: str) -> str:
         if some:
             lines.append(f"| **{says}** |{' |' * 10}")
             lines += map(_line, some)
-    limits = "; ".join(f"{what}: {most}" for what, most in LIMITS)
     exempt = "; ".join(f"*{word}*: {why}" for word, why in REASONS.items())
     parts = (
         "\n".join([HEAD, *lines]),
-        f"Limits: {limits}.",
+        f"Limits: {'; '.join(LIMITS)}.",
         f"Exempt: {exempt}.",
         f"{'; '.join(tell_kinds(rows))}. {len(FAULTS)} faults, {len(rows)} cells, by `{command}`.",
     )
