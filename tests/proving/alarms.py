@@ -96,13 +96,10 @@ class Alarms(msgspec.Struct, frozen=True, kw_only=True):
 class WatchedHealth(PoseHealth):
     """Pose health that keeps its largest alarm, and counts its doubts."""
 
-    def __init__(self, mass_kg: float, gravity: float) -> None:
-        """Begin as the real one."""
-        super().__init__(mass_kg, gravity)
-        self.largest = 0.0
-        """Largest alarm so far [-]."""
-        self.doubts = 0
-        """Number of times that the poses became suspect."""
+    largest = 0.0
+    """Largest alarm so far [-]."""
+    doubts = 0
+    """Number of times that the poses became suspect."""
 
     def add_pose(self, pose: Pose, *args: Any, **kwargs: Any) -> None:
         """Take one pose, as the real one does."""
@@ -148,17 +145,14 @@ def watch_flight(work: tuple[Watch, int]) -> WatchedFlight:
     """Fly one mission from the floor, to its figure and back, with a seed."""
     watch, seed = work
     world, config = watch.prepare()
-    seen, flights = list[WatchedHealth](), list[Flight]()
-
-    def make_health(mass_kg: float, gravity: float) -> PoseHealth:
-        seen.append(WatchedHealth(mass_kg, gravity))
-        return seen[0]
+    flights = list[Flight]()
 
     async def keep(flight: Flight, _: Stage) -> None:
         flights.append(flight)
 
-    flown = fly_mission(world, config, seed=seed, script=keep, monitors=Monitors(health=make_health))
-    health, failure = seen[0], flights[0].failure
+    flown = fly_mission(world, config, seed=seed, script=keep, monitors=Monitors(health=WatchedHealth))
+    health, failure = flights[0]._pilot.state.health, flights[0].failure
+    assert isinstance(health, WatchedHealth), "made by these monitors"
     return WatchedFlight(
         seed=seed,
         windows=health.windows,

@@ -6,6 +6,7 @@ and the network and spoils what they say, from the instant that it is told to.
 """
 
 import asyncio
+import math
 from collections.abc import Callable, Coroutine, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -96,23 +97,16 @@ FALLS = (Exemption.NO_LINK, Exemption.NO_MOTORS, Exemption.WEAK)
 TUMBLES = (Exemption.NO_LINK, Exemption.NO_MOTORS)
 """Exemptions of vehicles that need not stay upright either."""
 
-REASONS: dict[Exemption, str] = {
-    Exemption.NO_LINK: (
-        "the radio module's plug is out: no command reaches the vehicle any more, and its receiver holds the last "
-        "frame for 1 s and stops the motors; distance sideways, lean, speed and touchdown are not judged"
-    ),
-    Exemption.NO_MOTORS: (
-        "the autopilot restarts, which stops the motors: it falls whatever anybody does; "
-        "lean, speed and touchdown are not judged"
-    ),
-    Exemption.WEAK: (
-        "the rotors at their fullest give less than weight and wind pull: nobody could land it softly; "
-        "speed and touchdown are not judged"
-    ),
-    Exemption.NOT_OBSERVABLE: (
-        "poses alone can't tell it from a true flight; the row is judged as it is 5 s after the strike, or after "
-        "lift-off. What bounds it: telemetry that knows its own velocity, the fence, and the flight's time"
-    ),
+REASONS = {
+    Exemption.NO_LINK: "the radio module's plug is out: no command reaches the vehicle any more, and its receiver "
+    "holds the last frame for 1 s and stops the motors; distance sideways, lean, speed and touchdown are not judged",
+    Exemption.NO_MOTORS: "the autopilot restarts, which stops the motors: it falls whatever anybody does; "
+    "lean, speed and touchdown are not judged",
+    Exemption.WEAK: "the rotors at their fullest give less than weight and wind pull: nobody could land it softly; "
+    "speed and touchdown are not judged",
+    Exemption.NOT_OBSERVABLE: "poses alone can't tell it from a true flight; the row is judged as it is 5 s after "
+    "the strike, or after lift-off. What bounds it: telemetry that knows its own velocity, the fence, and the "
+    "flight's time",
 }
 """Where each holds, and which limits it lifts."""
 
@@ -129,15 +123,12 @@ class Poses(StrEnum):
 
 
 class Scene:
-    """One flight, and what may be broken in it."""
+    """One flight with a seed, and what may be broken in it."""
 
     def __init__(self, flight: Flight, stage: Stage, meddler: Meddler | None, seed: int = 0) -> None:
         """Nothing is broken; ``meddler`` stands behind the cameras, where there are any."""
-        self.flight = flight
-        self.stage = stage
+        self.flight, self.stage, self.seed = flight, stage, seed
         self._meddler = meddler
-        self.seed = seed
-        """Seed of the flight."""
         self.normals = rows(generator(seed, "fault").standard_normal, 6)
         """Rows of six standard normal numbers for what a fault draws."""
         self.controller_raises = False
@@ -209,28 +200,15 @@ CLIMBED_M = 0.3
 """Faults during take-off begin at this height above the floor [m]."""
 
 PLANNED = {
-    (State.IDLE, State.CONNECTING),
-    (State.CONNECTING, State.READY),
-    (State.READY, State.ARMING),
-    (State.ARMING, State.TAKEOFF),
-    (State.TAKEOFF, State.HOLD),
-    (State.HOLD, State.TRACKING),
-    (State.TRACKING, State.RETURNING),
-    (State.HOLD, State.MOVING),
-    (State.MOVING, State.HOLD),
-    (State.HOLD, State.RETURNING),
-    (State.LANDING, State.DISARMING),
-    (State.DESCENT, State.DISARMING),
-    (State.DISARMING, State.LANDED),
-}
+    (State.IDLE, State.CONNECTING), (State.CONNECTING, State.READY), (State.READY, State.ARMING),
+    (State.ARMING, State.TAKEOFF), (State.TAKEOFF, State.HOLD), (State.HOLD, State.TRACKING),
+    (State.TRACKING, State.RETURNING), (State.HOLD, State.MOVING), (State.MOVING, State.HOLD),
+    (State.HOLD, State.RETURNING), (State.LANDING, State.DISARMING),
+    (State.DESCENT, State.DISARMING), (State.DISARMING, State.LANDED),
+}  # fmt: skip
 """Moves that a flight makes by itself, or as the deck asks; onto a landing it moves by itself for one reason only."""
-LANDS_BY_ITSELF = "over the place of take-off"
-FELT = "the autopilot has detected touchdown and disarmed"
-
-
-def is_planned(before: State, after: State, reason: str) -> bool:
-    """Whether a move would have come without any fault."""
-    return (before, after) in PLANNED or reason in (LANDS_BY_ITSELF, FELT)
+PLANNED_REASONS = ("over the place of take-off", "the autopilot has detected touchdown and disarmed")
+"""Reasons of moves that would have come without any fault."""
 
 
 class Moves:
@@ -256,28 +234,25 @@ class Moves:
     def enter(self, state: State, reason: str) -> None:
         """A state has begun."""
         before, self.state, self.since_s, self.reason = self.state, state, self._now(), reason
-        if self.struck and not is_planned(before, state, reason):
+        if self.struck and (before, state) not in PLANNED and reason not in PLANNED_REASONS:
             self.answers.append((self.since_s, state, reason))
 
 
-class Moment:
-    """A place in the mission."""
+class Moment(NamedTuple):
+    """A place in the mission: so long after the begin of a state, and not below a height."""
 
-    def __init__(self, state: State, after_s: float, *, flying: bool = True, climbed_m: float | None = None) -> None:
-        """``after_s`` within ``state`` [s], or at a height of ``climbed_m`` [m]."""
-        self.state = state
-        self.after_s = after_s
-        self.flying = flying
-        """Whether it is in the air then."""
-        self.climbed_m = climbed_m
+    state: State
+    after_s: float
+    flying: bool = True
+    """Whether it is in the air then."""
+    climbed_m: float = -math.inf
 
     def is_now(self, moves: Moves, height_m: float) -> bool:
         """Whether it has come for a flight with ``moves``, ``height_m`` above the floor [m]."""
-        climbed = self.climbed_m is None or height_m >= self.climbed_m
-        return climbed and moves.lasts(self.state, self.after_s)
+        return height_m >= self.climbed_m and moves.lasts(self.state, self.after_s)
 
 
-MOMENTS: dict[str, Moment] = {
+MOMENTS = {
     "start": Moment(State.IDLE, 0.0, flying=False),
     "ready": Moment(State.READY, 0.3, flying=False),
     "arming": Moment(State.ARMING, 0.4, flying=False),

@@ -9,14 +9,7 @@ from typing import Any
 from groundstation.config import ConfigError
 from groundstation.core.messages import NOTICES, Pose
 from groundstation.core.pilot import Pilot
-from groundstation.core.safety import (
-    GuardFinding,
-    Guards,
-    HealthState,
-    Monitors,
-    PoseGate,
-    PoseHealth,
-)
+from groundstation.core.safety import GuardFinding, Guards, HealthState, Monitors, PoseGate, PoseHealth
 from links.core import LinkStatus
 from sim.text import notice
 
@@ -26,8 +19,6 @@ SUSPECT = "suspect"
 """Poses that are suspect."""
 FAILED = "failed:"
 """Poses that have failed, for the reason whose id follows."""
-
-
 NOT_BY_ATTITUDE = ("pose.attitude_no_answer", "pose.autopilot_disagrees", "pose.late")
 """Reasons after which the attitude of the poses is not flown by, either."""
 
@@ -47,12 +38,9 @@ def check_forced(doubt: str) -> None:
 class DeckHealth(PoseHealth):
     """Pose health that may be switched off, or forced to doubt, in flight."""
 
-    def __init__(self, mass_kg: float, gravity: float) -> None:
-        """Begin as the real one."""
-        super().__init__(mass_kg, gravity)
-        self._is_off = False
-        self._doubt = ""
-        self._doubt_s = math.inf
+    _is_off = False
+    _doubt = ""
+    _doubt_s = math.inf
 
     def switch_off(self) -> None:
         """Doubt nothing from now on."""
@@ -70,11 +58,10 @@ class DeckHealth(PoseHealth):
             self._believe()
         elif pose.time_s >= self._doubt_s:
             self._doubt_s = math.inf
-            reason = self._doubt.removeprefix(FAILED)
             if self._doubt == SUSPECT:
                 self.suspect(pose.time_s)
             else:
-                self.fail(reason, pose.time_s)
+                self.fail(self._doubt.removeprefix(FAILED), pose.time_s)
 
     def suspect(self, now_s: float) -> None:
         """Ask the poses, unless switched off."""
@@ -113,17 +100,16 @@ class DeckMonitors:
     """Monitors of one flight, and how it goes on with them."""
 
     def __init__(self) -> None:
-        self._health: DeckHealth | None = None
         self._guards: DeckGuards | None = None
 
     def factories(self) -> Monitors:
         """Return what :func:`groundstation.flight.make_flight` takes."""
-        return Monitors(health=self._make_health, guards=self._make_guards)
+        return Monitors(health=DeckHealth, guards=self._make_guards)
 
     def go_on(self, pilot: Pilot, watch: str, from_s: float) -> None:
         """Go on as ``watch`` says; a forced doubt begins at ``from_s`` [s]."""
-        health = self._health
-        assert health is not None, "the flight is made"
+        health = pilot.state.health
+        assert isinstance(health, DeckHealth), "made by these"
         if watch == UNGUARDED:
             health.switch_off()
             pilot.state._gate = OpenGate()
@@ -131,10 +117,6 @@ class DeckMonitors:
                 self._guards.is_off = True
         elif watch:
             health.force(watch, from_s)
-
-    def _make_health(self, mass_kg: float, gravity: float) -> PoseHealth:
-        self._health = DeckHealth(mass_kg, gravity)
-        return self._health
 
     def _make_guards(self, *args: Any, **kwargs: Any) -> Guards:
         self._guards = DeckGuards(*args, **kwargs)
