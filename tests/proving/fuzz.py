@@ -12,10 +12,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
+from fastcrc.crc8 import dvb_s2
+from fastcrc.crc16 import mcrf4xx
 
 from groundstation.core.geometry import frames_of, so3
 from groundstation.core.messages import Pose
+from groundstation.pose import TlogReader
 from groundstation.pose.sources import (
+    Framer,
     Intake,
     JsonConfig,
     JsonReader,
@@ -33,9 +37,19 @@ from groundstation.pose.sources import (
     VisionReader,
     natnet_codec,
 )
+from links.bridge import codec as bridge_codec
 from links.core import Command
 from links.mavlink.protocol import MavlinkCodec, Message, load_dialect
-from links.rf import RF_CODECS
+from links.rf import (
+    RF_CODECS,
+    MspReader,
+    Service,
+    describe_change,
+    encode_request,
+    find_refusal,
+    find_settings,
+    is_armed,
+)
 from sim.trackers import NatNetServer, QtmServer, TrackedBody, json_encoder, vicon_encoder, vision_encoder
 
 PERIOD_S = 0.01
@@ -169,7 +183,6 @@ class Subject(NamedTuple):
     """One decoder, with good datagrams to damage."""
 
     seeds: Sequence[bytes]
-    """Good datagrams, to be damaged."""
     feed: Callable[[bytes, float], int]
     """Decodes one datagram at a time [s]; returns how many events came of it."""
     drops: Callable[[], Mapping[str, int]]
@@ -204,16 +217,12 @@ def read_natnet(name: str, version: natnet_codec.Version) -> Subject:
 
 def _frame(pieces: Sequence[bytes]) -> tuple[list[bytes], bool]:
     """The packets of QTM's stream."""
-    from groundstation.pose.sources import Framer
-
     framer = Framer()
     return [packet for piece in pieces for packet in framer.feed(piece)], framer.broken
 
 
 def read_tlog() -> Subject:
     """Records of a .tlog: ODOMETRY behind its time."""
-    from groundstation.pose import TlogReader
-
     drops: Counter[str] = Counter()
 
     def feed(datagram: bytes, now_s: float) -> int:
@@ -234,8 +243,6 @@ def pieces_of(stream: bytes, cuts: Sequence[int]) -> list[bytes]:
 
 def repair_mavlink(frame: bytes) -> bytes:
     """A damaged MAVLink 2 frame with the length and the checksum of what it holds."""
-    from fastcrc.crc16 import mcrf4xx
-
     if len(frame) < 12:
         return frame
     number = int.from_bytes(frame[7:10], "little")
@@ -382,8 +389,6 @@ def read_rf(kind: str) -> Subject:
 
 def repair_crsf(frame: bytes) -> bytes:
     """A damaged frame of CRSF with its length and its checksum; other modules' frames have neither."""
-    from fastcrc.crc8 import dvb_s2
-
     if frame[:1] not in (b"\xee", b"\xc8", b"\xea") or not 4 <= len(frame) <= 64:
         return frame
     body = frame[2:-1]
@@ -392,13 +397,8 @@ def repair_crsf(frame: bytes) -> bytes:
 
 def read_board() -> Subject:
     """A flight controller's own port: answers of MSP and of its command line, by the documents."""
-    from links.rf import MspReader, describe_change, encode_request, find_refusal, find_settings, is_armed
-
     seeds = [b"$M>" + encode_request(command, bytes(range(command % 40)))[3:] for command in range(1, 200)]
-    seeds += [
-        b"get thr_expo\r\nthr_expo = 0\r\nAllowed range: 0 - 100\r\n\r\n# ",
-        b"aux 0 0 0 1700 2100 0 0\r\n",
-    ]
+    seeds += [b"get thr_expo\r\nthr_expo = 0\r\nAllowed range: 0 - 100\r\n\r\n# ", b"aux 0 0 0 1700 2100 0 0\r\n"]
     reader = MspReader()
 
     def feed(datagram: bytes, now_s: float) -> int:
@@ -422,24 +422,21 @@ def read_board() -> Subject:
 
 def read_bridge() -> Subject:
     """Fuzz a bridge's input; damage is sealed, or it would not be looked into."""
-    from links.bridge import codec
-    from links.rf import Service
-
-    nonces = (bytes(range(codec.NONCE_BYTES)), bytes(codec.NONCE_BYTES))
-    seal, theirs = (codec.session_seals(b"k" * 32, *nonces)[0] for _ in range(2))
+    nonces = (bytes(range(bridge_codec.NONCE_BYTES)), bytes(bridge_codec.NONCE_BYTES))
+    seal, theirs = (bridge_codec.session_seals(b"k" * 32, *nonces)[0] for _ in range(2))
     drops: Counter[str] = Counter()
     command = Command(0.8, (0.1, -0.2, 0.3), 7, 1.0, 1.1)
-    ups = [codec.Up(0.1 * n, 0.1 * n, 5.0, n, 0.2, False, command) for n in range(5)]
-    ups += [codec.Up(1.0, 1.0, 5.0, stopped=True), codec.Up(1.0, 1.0, 5.0, end=True)]
-    ups += [codec.Up(1.0, 1.0, 5.0, serve=(1, service, 2.0)) for service in Service]
+    ups = [bridge_codec.Up(0.1 * n, 0.1 * n, 5.0, n, 0.2, False, command) for n in range(5)]
+    ups += [bridge_codec.Up(1.0, 1.0, 5.0, stopped=True), bridge_codec.Up(1.0, 1.0, 5.0, end=True)]
+    ups += [bridge_codec.Up(1.0, 1.0, 5.0, serve=(1, service, 2.0)) for service in Service]
 
     def repair(datagram: bytes) -> bytes:
-        payload: Any = msgspec.Raw(datagram[21 : -codec.TAG_BYTES])  # in the next datagram of the session
+        payload: Any = msgspec.Raw(datagram[21 : -bridge_codec.TAG_BYTES])  # in the next datagram of the session
         return seal.close(payload)
 
     return Subject(
         [seal.close(up) for up in ups],
-        lambda data, now: int(theirs.open(data, codec.UPS, drops) is not None),
+        lambda data, now: int(theirs.open(data, bridge_codec.UPS, drops) is not None),
         lambda: drops,
         repair,
     )
