@@ -63,18 +63,8 @@ async def test_every_part_shows_the_newest_snapshot(pilot: Pilot[None], stage: S
         stage.latest.put(sample(11.0))
         await until(pilot, lambda: "11.0 s" in text(pilot, Banner))
         await pilot.pause(0.3)
-        assert "following the trajectory" in text(pilot, Banner)
-        assert "control is free" in text(pilot, Banner)
         north, east, down = sample(11.0).position_ned
         assert f"{north:+.3f}   {east:+.3f}   {-down:+.3f} m" in text(pilot, Numbers)
-        for words in (
-            "disturbed  +0.100   -0.050   +0.200",
-            "wind down +0.18 ±0.13  thrust 100 ±1 %",
-            "age 12 ms  50 Hz  drops 3",
-        ):
-            assert words in text(pilot, Numbers)
-        for words in ("armed  drops 1  sent 488", "Armed by us", "0.70 /1.37 N"):
-            assert words in text(pilot, Numbers)
         assert "●" in text(pilot, TopView)
         assert text(pilot, Curves).startswith("error ")
         assert "100.000 tracking: following the trajectory" in text(pilot, Events)

@@ -1,12 +1,13 @@
 """sim/autopilots/dialects.py behaves towards a ground station as PX4 does."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from groundstation.core.geometry import so3
+from groundstation.core.geometry import Vec3, so3
 from links.mavlink.protocol import FORCE, MavCommand, MavlinkCodec
-from sim.autopilots import Px4Autopilot
+from sim.autopilots import Px4Autopilot, SimulatedAutopilot
 from sim.autopilots.dialects import Px4Mode
 from tests.airframe_double import Brick
 
@@ -17,9 +18,11 @@ HOVER = 0.5
 class Flight:
     """A ground station's codec, the autopilot, its vehicle, and a clock."""
 
-    def __init__(self, airframe: Brick | None = None, **options: Any) -> None:
+    def __init__(
+        self, airframe: Brick | None = None, make: Callable[..., SimulatedAutopilot] = Px4Autopilot, **options: Any
+    ) -> None:
         self.airframe = airframe or Brick(2.0, held=True)
-        self.autopilot = Px4Autopilot(self.airframe, **{"parameters": {"COM_OF_LOSS_T": 1.0}, **options})
+        self.autopilot: Any = make(self.airframe, **{"parameters": {"COM_OF_LOSS_T": 1.0}, **options})
         self.codec = MavlinkCodec(245, 190)
         self.now = 50.0
         self.heard: list[tuple[float, Any]] = []
@@ -42,16 +45,16 @@ class Flight:
     def wait(self, duration_s: float) -> None:
         self.until(self.now + duration_s)
 
-    def target(self, thrust: float = HOVER, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+    def target(self, thrust: float = HOVER, rates: Vec3 = (0.0, 0.0, 0.0)) -> None:
         self.send(self.codec.attitude_target(self.now, 1, 1, thrust, rates))
 
     def send(self, frame: bytes) -> None:
         self.take(self.autopilot.receive(frame, self.now))
 
-    def stream(self, duration_s: float, thrust: float = HOVER) -> None:
+    def stream(self, duration_s: float, thrust: float = HOVER, rates: Vec3 = (0.0, 0.0, 0.0)) -> None:
         end = self.now + duration_s
         while self.now < end:
-            self.target(thrust)
+            self.target(thrust, rates)
             self.wait(PERIOD_S)
 
     def command(self, command: int, *params: float) -> int:

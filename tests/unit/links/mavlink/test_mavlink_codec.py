@@ -35,18 +35,6 @@ def test_a_frame_of_a_real_autopilot_is_read_to_the_last_number(g: Golden) -> No
     assert (codec.received, codec.dropped) == (1, {})
 
 
-def test_the_attitude_target_holds_thrust_and_rates_and_masks_the_attitude() -> None:
-    frame = MavlinkCodec(245, 190).attitude_target(12.3456, 1, 1, 0.625, (0.5, -0.25, 3.0))
-    message = read(frame)
-    assert message.get_type() == "SET_ATTITUDE_TARGET"
-    assert (message.get_srcSystem(), message.get_srcComponent()) == (245, 190)
-    assert (message.target_system, message.target_component, message.type_mask) == (1, 1, 128)
-    assert (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate) == (0.5, -0.25, 3.0)
-    assert message.thrust == 0.625
-    assert message.q == [1.0, 0.0, 0.0, 0.0]
-    assert message.time_boot_ms == 12345
-
-
 def test_the_attitude_target_equals_pymavlinks_own_byte_for_byte() -> None:
     codec = MavlinkCodec(245, 190)
     peer = mavlink.MAVLink(None, 245, 190)
@@ -83,13 +71,6 @@ def test_frames_are_numbered_one_after_the_other_across_all_kinds() -> None:
         codec.attitude_target(0.0, 1, 1, 0.5, (0.0, 0.0, 0.0)),
     ]
     assert [read(frame).get_seq() for frame in frames] == [0, 1, 2, 3, 4]
-
-
-def test_a_datagram_may_hold_several_frames() -> None:
-    codec = MavlinkCodec(245, 190)
-    messages = codec.feed(b"".join(g.frame for g in FRAMES))
-    assert [message.get_type() for message in messages] == [g.message for g in FRAMES]
-    assert codec.dropped == {}
 
 
 def test_a_signed_frame_is_read_its_signature_ignored() -> None:

@@ -12,6 +12,7 @@ from links.mavlink.protocol import (
     PX4,
     AutopilotAddress,
     Handshake,
+    HandshakeStep,
     Kill,
     MavCommand,
     MavlinkCodec,
@@ -26,9 +27,9 @@ Answer = Callable[[Any], list[Any]]
 
 
 class Scene:
-    """A handshake, an autopilot played by a function, and a clock."""
+    """A handshake or a step of one, an autopilot played by a function, and a clock."""
 
-    def __init__(self, kind: int, make: Callable[[AutopilotAddress], Handshake], answer: Answer) -> None:
+    def __init__(self, kind: int, make: Callable[[AutopilotAddress], HandshakeStep], answer: Answer) -> None:
         self.ours, self.theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
         self.words = Words()
         self.handshake = make(AutopilotAddress(self.ours, self.words, 1, 1, kind))
@@ -115,6 +116,7 @@ def test_what_is_given_up_while_ardupilots_rotors_stand_has_been_ordered() -> No
     ordered = []
     while not scene.handshake.done:
         scene.run(0.02)
+        assert isinstance(scene.handshake, Handshake)
         ordered.append((MavCommand.ARM_DISARM in scene.commands, scene.handshake.at_last_step))
     assert {orders for armed, orders in ordered if armed} == {True}
     assert not all(orders for _, orders in ordered)

@@ -14,18 +14,16 @@ from links.mavlink.protocol import (
     WHOLE_BITS,
     AutopilotAddress,
     AutopilotParameter,
-    MavlinkCodec,
     MavParamType,
     ReadAll,
-    Words,
     Write,
     decode,
     encode,
 )
+from tests.unit.links.mavlink.test_mavlink_handshake import D, Scene
 
 # By their numbers: a limit that the test took from the code would bear out any value.
 ASKED = 4
-AT_ONCE = 8
 
 INT8 = MavParamType.INT8
 INT32 = MavParamType.INT32
@@ -71,66 +69,49 @@ def test_what_a_whole_number_cannot_be_is_refused(value: float) -> None:
         encode(PX4, value, INT32)
 
 
-class Scene:
-    def __init__(self, kind: int = ARDUPILOT) -> None:
-        self.ours, self.theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
-        self.autopilot = AutopilotAddress(self.ours, Words(), 1, 1, kind)
-        self.now = 5.0
-        self.asked: list[str] = []
-
-    def tell(self, step: Any, name: str, value: float, kind: int = REAL32) -> None:
-        number = encode(self.autopilot.kind, value, kind)
-        message = self.ours.dialect.MAVLink_param_value_message(name.encode(), number, kind, 9, 0)
-        (heard,) = self.ours.feed(self.theirs.pack(message))
-        step.hear(heard, self.now)
-
-    def run(self, step: Any, has: dict[str, float], lose: int = 0) -> None:
-        for _ in range(400):
-            for frame in step.poll(self.now):
-                (request,) = self.theirs.feed(frame)
-                self.asked.append(request.param_id)
-                if lose > 0:
-                    lose -= 1
-                elif request.param_id in has:
-                    self.tell(step, request.param_id, has[request.param_id])
-            self.now += 0.05
-            if step.done or step.failure is not None:
-                return
-
-
 NAMES = [f"P{n}" for n in range(20)]
 
 
+def value(autopilot: int, name: str, number: float, kind: int = REAL32) -> Any:
+    return D.MAVLink_param_value_message(name.encode(), encode(autopilot, number, kind), kind, 9, 0)
+
+
 def test_many_are_read_and_those_that_it_does_not_have_are_given_up() -> None:
-    scene, has = Scene(), {name: float(n) for n, name in enumerate(NAMES) if n % 3}
-    reads = ReadAll(scene.autopilot, NAMES)
-    scene.run(reads, has, lose=5)
-    assert reads.done
-    assert {name: p.value for name, p in reads.found.items()} == has
-    assert scene.asked.count("P0") == ASKED
-    assert scene.now - 5.0 < 0.5 * ASKED + 1.0
+    has = {name: float(n) for n, name in enumerate(NAMES) if n % 3}
+    lost = iter([True] * 5)
+
+    def answer(request: Any) -> list[Any]:
+        name = request.param_id
+        return [value(ARDUPILOT, name, has[name])] if not next(lost, False) and name in has else []
+
+    reads: list[ReadAll] = []
+
+    def read(autopilot: AutopilotAddress) -> ReadAll:
+        reads.append(ReadAll(autopilot, NAMES))
+        return reads[0]
+
+    scene = Scene(ARDUPILOT, read, answer).run()
+    assert reads[0].done
+    assert {name: p.value for name, p in reads[0].found.items()} == has
+    assert [request.param_id for _, request in scene.asked].count("P0") == ASKED
+    assert scene.now - 100.0 < 0.5 * ASKED + 1.0
 
 
-def test_no_more_questions_wait_at_once_than_a_radio_can_take() -> None:
-    scene = Scene()
-    assert len(ReadAll(scene.autopilot, NAMES).poll(0.0)) == AT_ONCE
+def write(kind: int, parameter: AutopilotParameter, told: Any) -> Scene:
+    return Scene(kind, lambda autopilot: Write(autopilot, parameter), lambda _: [told]).run()
 
 
 def test_a_value_is_set_until_it_is_told_back() -> None:
-    scene = Scene(PX4)
-    write = Write(scene.autopilot, AutopilotParameter("COM_OBL_RC_ACT", 4.0, INT32))
-    (frame,) = write.poll(scene.now)
-    (request,) = scene.theirs.feed(frame)
+    told = value(PX4, "COM_OBL_RC_ACT", 4.0, INT32)
+    scene = write(PX4, AutopilotParameter("COM_OBL_RC_ACT", 4.0, INT32), told)
+    ((_, request),) = scene.asked
     assert (request.param_id, request.param_type) == ("COM_OBL_RC_ACT", INT32)
     assert struct.pack("<f", request.param_value) == b"\x04\0\0\0"
-    scene.tell(write, "COM_OBL_RC_ACT", 4.0, INT32)
-    assert write.done
+    assert scene.handshake.done
 
 
 def test_a_value_that_it_does_not_take_is_told_of() -> None:
-    scene = Scene()
-    write = Write(scene.autopilot, AutopilotParameter("GUID_TIMEOUT", 0.5, REAL32))
-    write.poll(scene.now)
-    scene.tell(write, "GUID_TIMEOUT", 3.0)
-    assert isinstance(write.failure, LinkRejected)
-    assert "keeps GUID_TIMEOUT at 3 instead of 0.5" in str(write.failure)
+    told = value(ARDUPILOT, "GUID_TIMEOUT", 3.0)
+    failure = write(ARDUPILOT, AutopilotParameter("GUID_TIMEOUT", 0.5, REAL32), told).handshake.failure
+    assert isinstance(failure, LinkRejected)
+    assert "keeps GUID_TIMEOUT at 3 instead of 0.5" in str(failure)

@@ -13,6 +13,7 @@ from links.mavlink.protocol import (
     AskMode,
     AutopilotAddress,
     Kill,
+    MavCommand,
     MavlinkCodec,
     ReadVersion,
     Words,
@@ -130,3 +131,48 @@ def test_of_many_parameters_eight_wait_at_once_and_those_that_were_asked_less_co
     theirs = MavlinkCodec(1, 1)
     asked = [[one.param_id for frame in reads.poll(at_s) for one in theirs.feed(frame)] for at_s in (0.0, 0.4, 0.5)]
     assert asked == [[f"P{n}" for n in range(8)], [], [*(f"P{n}" for n in range(8, 12)), *(f"P{n}" for n in range(4))]]
+
+
+# ---- who has it, and what it runs
+
+
+HEARTBEAT = D.MAVLink_heartbeat_message(2, PX4, 128, 6 << 16, 3, 3)
+ACK = D.MAVLink_command_ack_message(MavCommand.REQUEST_MESSAGE, 3, 0, 0, 245, 190)
+
+
+PX4_ADDRESS = AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4)
+
+
+def test_it_is_asked_until_both_its_answer_and_its_heartbeat_have_come() -> None:
+    step = AskMode(PX4_ADDRESS)
+    (frame,) = step.poll(0.0)
+    (message,) = MavlinkCodec(1, 1).feed(frame)
+    assert (message.command, message.param1) == (MavCommand.REQUEST_MESSAGE, D.MAVLINK_MSG_ID_HEARTBEAT)
+    assert step.poll(0.5 * AskMode.period_s) == []
+    step.hear(HEARTBEAT, 0.01)
+    assert not step.done, "it may have left before the question"
+    assert len(step.poll(AskMode.period_s)) == 1
+    step.hear(ACK, 0.12)
+    assert step.done, "also where it refuses: then the heartbeat that comes by itself has told"
+    assert step.poll(math.inf) == []
+
+
+def test_an_answer_to_another_station_s_question_is_none_to_ours() -> None:
+    step = AskMode(PX4_ADDRESS)
+    step.poll(0.0)
+    step.hear(HEARTBEAT, 0.01)
+    step.hear(D.MAVLink_command_ack_message(MavCommand.REQUEST_MESSAGE, 0, 0, 0, 255, 190), 0.02)
+    assert not step.done, "that heartbeat may have left before our question"
+    assert len(step.poll(AskMode.period_s)) == 1
+    step.hear(D.MAVLink_command_ack_message(MavCommand.REQUEST_MESSAGE, 0, 0, 0, 0, 0), 0.12)
+    assert step.done, "one that names nobody is an old autopilot's, and for all"
+
+
+def test_a_version_is_told_in_numbers_and_the_first_bytes_of_the_commit() -> None:
+    step = ReadVersion(PX4_ADDRESS)
+    (question,) = MavlinkCodec(1, 1).feed(*step.poll(0.0))
+    assert (question.command, question.param1) == (MavCommand.REQUEST_MESSAGE, 148.0)
+    commit, none = list(bytes.fromhex("0a1b2c3d4e5f6071")), [0] * 8
+    step.hear(D.MAVLink_autopilot_version_message(0, 0x01_11_03_FF, 0, 0, 0, commit, none, none, 0, 0, 0), 0.1)
+    assert step.done
+    assert step.firmware == "PX4 1.17.3 release 0a1b2c3d4e5f6071"

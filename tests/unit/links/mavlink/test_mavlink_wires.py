@@ -9,7 +9,6 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 from links.core import Command, LinkLost
@@ -237,17 +236,3 @@ async def test_a_tcp_connection_that_stalls_is_reset_and_what_waits_in_it_never_
     assert link.status.dropped["full"] > 0
     await link.close()
     await end.stop()
-
-
-@pytest.mark.parametrize(
-    ("ways", "complaint"),
-    [
-        ({"tcp": "a:1", "serial": "/dev/x"}, "tcp and serial exclude each other"),
-        ({"listen": "a:1", "tcp": "b:1"}, "listen and tcp exclude each other"),
-        ({"tcp": "nowhere"}, "is not an address"),
-        ({"bring_down": "land", "ardupilot_mode": "GUIDED_NOGPS"}, "needs a position estimate on board"),
-    ],
-)
-def test_what_excludes_each_other_is_refused(ways: dict[str, str], complaint: str) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        msgspec.convert(ways, MavlinkLinkConfig)

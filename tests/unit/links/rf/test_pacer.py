@@ -199,13 +199,6 @@ def test_an_arming_counts_only_once_all_before_is_over() -> None:
     assert lifting(bench.frame()), "it changes nothing"
 
 
-def test_a_stop_leaves_out_the_bring_down() -> None:
-    bench = Bench()
-    bench.arm()
-    bench.pacer.order(Stop(), bench.now)
-    assert all(map(is_disarm, bench.flown(1.0)))
-
-
 def test_a_frame_that_is_late_says_what_is_true_when_it_leaves() -> None:
     bench = Bench()
     bench.arm()

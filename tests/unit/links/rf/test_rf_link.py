@@ -81,16 +81,6 @@ async def test_a_kill_that_cannot_leave_says_who_has_to_act() -> None:
 
 
 @in_virtual_time
-async def test_silent_returns_when_the_bring_down_is_over() -> None:
-    loop = asyncio.get_running_loop()
-    async with room(armed=True) as it:
-        assert it.link.send(command(1.0))
-        begun = loop.time()
-        await it.link.silent()
-        assert loop.time() - begun == pytest.approx(0.75, abs=2 * CONFIG.period_s)
-
-
-@in_virtual_time
 async def test_an_unplugged_port_is_told_and_comes_back_disarmed() -> None:
     async with room(armed=True) as it:
         await it.stream(1.0, 0.5)

@@ -1,61 +1,28 @@
 """sim/autopilots/dialects.py behaves towards a ground station as ArduCopter does."""
 
 import math
-from typing import Any
 
 import pytest
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol import MavCommand, MavlinkCodec
+from links.mavlink.protocol import MavCommand
 from sim.autopilots.dialects import ARMING_DELAY_S, ArduPilotAutopilot, CopterMode
 from tests.airframe_double import Brick
+from tests.unit.links.mavlink.test_mavlink_autopilot import PERIOD_S, Flight
 
-PERIOD_S = 0.02
 
-
-class Flight:
-    """A ground station's codec, the autopilot, its vehicle, and a clock."""
+class CopterFlight(Flight):
+    """The same with ArduCopter."""
 
     def __init__(self, airframe: Brick | None = None, **parameters: float) -> None:
-        self.airframe = airframe or Brick(5.0, held=True)
-        self.autopilot = ArduPilotAutopilot(self.airframe, parameters=parameters)
-        self.codec = MavlinkCodec(245, 190)
-        self.now = 50.0
-        self.heard: list[Any] = []
-        self.take(self.autopilot.poll(self.now))
-
-    def take(self, frames: list[bytes]) -> None:
-        for frame in frames:
-            self.heard += self.codec.feed(frame)
-
-    def wait(self, duration_s: float) -> None:
-        end_s = self.now + duration_s
-        while (due := self.autopilot.next_due_s) <= end_s:
-            self.now = max(due, self.now)
-            self.take(self.autopilot.poll(self.now))
-        self.now = end_s
-
-    def send(self, frame: bytes) -> None:
-        self.take(self.autopilot.receive(frame, self.now))
-
-    def stream(self, duration_s: float, thrust: float = 0.5, rates: Any = (0.0, 0.0, 0.0)) -> None:
-        end = self.now + duration_s
-        while self.now < end:
-            self.send(self.codec.attitude_target(self.now, 1, 1, thrust, rates))
-            self.wait(PERIOD_S)
+        super().__init__(airframe or Brick(5.0, held=True), ArduPilotAutopilot, parameters=parameters)
 
     def masked(self, mask: int, thrust: float = 0.5) -> None:
         target = self.codec.dialect.MAVLink_set_attitude_target_message
         self.send(self.codec.pack(target(0, 1, 1, mask, (1.0, 0.0, 0.0, 0.0), 0.1, 0.2, 0.3, thrust)))
 
-    def command(self, command: int, *params: float) -> int:
-        self.heard.clear()
-        self.send(self.codec.command(1, 1, command, *params))
-        (ack,) = [m for m in self.heard if m.get_type() == "COMMAND_ACK"]
-        return int(ack.result)
-
-    def arm(self, mode: int = CopterMode.GUIDED) -> "Flight":
-        assert self.command(MavCommand.DO_SET_MODE, 1.0, float(mode)) == 0
+    def arm(self) -> "CopterFlight":
+        assert self.command(MavCommand.DO_SET_MODE, 1.0, float(CopterMode.GUIDED)) == 0
         assert self.command(MavCommand.ARM_DISARM, 1.0) == 0
         self.wait(ARMING_DELAY_S)
         return self
@@ -63,13 +30,9 @@ class Flight:
     def climb_m_s(self) -> float:
         return -self.airframe.truth(self.now).velocity_ned[2]
 
-    @property
-    def words(self) -> str:
-        return "".join(m.text for m in self.heard if m.get_type() == "STATUSTEXT")
-
 
 def test_it_arms_in_guided_without_a_stream_and_nowhere_else() -> None:
-    flight = Flight()
+    flight = CopterFlight()
     assert flight.command(MavCommand.ARM_DISARM, 1.0) == 4
     assert "RC not found" in flight.words
     assert flight.command(MavCommand.DO_SET_MODE, 1.0, float(CopterMode.LAND)) == 0
@@ -80,13 +43,13 @@ def test_it_arms_in_guided_without_a_stream_and_nowhere_else() -> None:
 
 @pytest.mark.parametrize(("thrust", "climb_m_s"), [(0.5, 0.0), (0.7, 1.0), (0.3, -1.0)])
 def test_without_the_option_thrust_is_a_climb_rate(thrust: float, climb_m_s: float) -> None:
-    flight = Flight(Brick(20.0, held=True), GUID_OPTIONS=0.0).arm()
+    flight = CopterFlight(Brick(20.0, held=True), GUID_OPTIONS=0.0).arm()
     flight.stream(3.0, thrust)
     assert flight.climb_m_s() == pytest.approx(climb_m_s, abs=0.1)
 
 
 def test_angle_boost_raises_the_thrust_of_a_leaning_vehicle() -> None:
-    flight = Flight(ATC_ANGLE_BOOST=1.0).arm()
+    flight = CopterFlight(ATC_ANGLE_BOOST=1.0).arm()
     flight.airframe.attitude = so3.from_euler_zyx(math.radians(60.0), 0.0, 0.0)
     flight.stream(PERIOD_S, 0.3)
     assert flight.airframe.acts[-1][1] == pytest.approx(0.6)
@@ -94,14 +57,14 @@ def test_angle_boost_raises_the_thrust_of_a_leaning_vehicle() -> None:
 
 @pytest.mark.parametrize("mask", [128 + 64, 128 + 1, 128 + 6, 128 + 7])
 def test_a_set_point_without_thrust_or_some_rates_is_none_and_it_hovers(mask: int) -> None:
-    flight = Flight().arm()
+    flight = CopterFlight().arm()
     flight.masked(mask, 0.9)
     flight.wait(2.0)
     assert abs(flight.climb_m_s()) < 0.05
 
 
 def test_set_points_that_stop_are_held_for_three_seconds_then_it_levels_and_says_nothing() -> None:
-    flight = Flight(Brick(30.0, held=True)).arm()
+    flight = CopterFlight(Brick(30.0, held=True)).arm()
     flight.stream(0.2, 0.5, (0.1, 0.0, 0.0))
     flight.heard.clear()
     acts = len(flight.airframe.acts)
@@ -112,14 +75,14 @@ def test_set_points_that_stop_are_held_for_three_seconds_then_it_levels_and_says
     assert (roll, pitch) == pytest.approx((0.0, 0.0), abs=0.02)
     assert abs(flight.climb_m_s()) < 0.1
     assert flight.words == ""
-    beats = [m for m in flight.heard if m.get_type() == "HEARTBEAT"]
+    beats = flight.messages("HEARTBEAT")
     assert {(m.custom_mode, m.system_status) for m in beats} == {(CopterMode.GUIDED, 4)}
     flight.stream(PERIOD_S, 0.6)
     assert flight.airframe.acts[-1][1] == pytest.approx(0.6)
 
 
 def test_armed_its_rotors_stand_for_two_seconds_and_then_spool_up_on_the_ground() -> None:
-    flight = Flight(Brick(0.0)).arm()
+    flight = CopterFlight(Brick(0.0)).arm()
     assert flight.command(MavCommand.ARM_DISARM, 0.0) == 0
     assert flight.command(MavCommand.ARM_DISARM, 1.0) == 0
     flight.stream(ARMING_DELAY_S - 0.1, 0.6)
@@ -131,7 +94,7 @@ def test_armed_its_rotors_stand_for_two_seconds_and_then_spool_up_on_the_ground(
 
 
 def test_after_a_flight_it_refuses_to_disarm_in_guided_and_mode_land_disarms() -> None:
-    flight = Flight(Brick(0.5, held=True)).arm()
+    flight = CopterFlight(Brick(0.5, held=True)).arm()
     flight.stream(1.5, 0.01)
     assert flight.airframe.truth(flight.now).on_ground
     assert flight.command(MavCommand.ARM_DISARM, 0.0) == 4
@@ -142,7 +105,7 @@ def test_after_a_flight_it_refuses_to_disarm_in_guided_and_mode_land_disarms() -
 
 
 def test_the_command_to_land_comes_down_slowly_and_set_points_do_not_stop_it() -> None:
-    flight = Flight(Brick(1.0, held=True)).arm()
+    flight = CopterFlight(Brick(1.0, held=True)).arm()
     flight.stream(0.2)
     assert flight.command(MavCommand.NAV_LAND) == 0
     flight.stream(6.0, 0.9)
@@ -150,10 +113,10 @@ def test_the_command_to_land_comes_down_slowly_and_set_points_do_not_stop_it() -
 
 
 def test_it_has_no_odometry_and_sends_nothing_faster_than_250_hz() -> None:
-    flight = Flight()
+    flight = CopterFlight()
     assert flight.command(MavCommand.SET_MESSAGE_INTERVAL, 331.0, 10_000.0) == 2
     assert flight.command(MavCommand.SET_MESSAGE_INTERVAL, 31.0, 1_000.0) == 0
     assert "250 Hz" in flight.words
     flight.heard.clear()
     flight.wait(1.0)
-    assert sum(m.get_type() == "ATTITUDE_QUATERNION" for m in flight.heard) == pytest.approx(250, abs=1)
+    assert len(flight.messages("ATTITUDE_QUATERNION")) == pytest.approx(250, abs=1)

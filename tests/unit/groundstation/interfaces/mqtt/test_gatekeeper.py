@@ -85,6 +85,7 @@ def test_a_sealed_request_is_done_and_its_answer_is_sealed(desk: Desk) -> None:
     opened = open_answer(answer, KEY, PLACE)
     assert opened is not None
     assert (opened.client, opened.id, opened.done) == ("tablet", 7, True)
+    assert opened.says == "land: too windy (tablet by MQTT)"
     assert open_answer(answer, OTHER_KEY, PLACE) is None
     assert open_answer(changed(answer, done=False), KEY, PLACE) is None
     assert desk.gate.counts == {"done": 1}
@@ -298,10 +299,6 @@ def test_the_kill_of_a_client_that_may_not_is_answered_and_not_obeyed() -> None:
     desk = Pair()
     assert desk.kill(key=KEY, client="tablet") == (False, "tablet may not ask for kill")
     assert desk.core.asked == []
-
-
-def test_the_reply_of_the_flight_reaches_the_client(desk: Desk) -> None:
-    assert desk.answer(sealed(why="now")) == (True, "land: now (tablet by MQTT)")
 
 
 @pytest.mark.parametrize("ask", list(Ask))

@@ -16,7 +16,6 @@ from groundstation.interfaces.tui.drawing import (
 from groundstation.interfaces.tui.model import (
     ALARM,
     BY_ASK,
-    FLYING,
     ORDERS,
     STOP_KEYS,
     FeedTrouble,
@@ -49,11 +48,6 @@ def test_north_is_up_and_east_is_to_the_right() -> None:
         rows, _ = top_view([PlotTrack(points=[(0.0, 0.0), point], style="x", head="o")], 30, 15)
         where = next((r, line.index("o")) for r, line in enumerate(plain(rows)) if "o" in line)
         assert (where[0] // 5, where[1] // 10) == (row, column), point
-
-
-def test_the_banner_shows_the_state_while_all_is_well() -> None:
-    shown = headline(sample(3.0), 0.2, "")
-    assert (shown.big, shown.tone, shown.detail) == ("tracking", FLYING, "following the trajectory")
 
 
 def test_silence_beats_every_state_but_the_last() -> None:

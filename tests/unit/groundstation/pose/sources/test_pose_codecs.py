@@ -170,10 +170,7 @@ def test_a_client_connects_then_asks_for_names_then_keeps_alive() -> None:
 def test_names_are_asked_for_again_where_the_models_change_and_poses_go_on() -> None:
     reader = NatNetReader("quad", Intake(0.0), keep_alive=False)
     heard(reader, "natnet 4.1", 0)
-    body = natnet_codec.RigidBody(2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    frame = natnet_codec.encode_frame(
-        natnet_codec.NatNetFrame(78, (body,), 10_000_100_000, 10_000_150_000, True), (4, 1)
-    )
+    frame = natnet_frame(OURS, models_changed=True)
     assert len(reader.read(frame, 0.01)) == 1
     assert ids(reader.due()) == [NatNetMessage.REQUEST_MODELDEF]
     assert ids(reader.due()) == [NatNetMessage.REQUEST_MODELDEF]
