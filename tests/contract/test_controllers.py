@@ -24,6 +24,7 @@ from sim.world import World
 from tests.flight.flights import ticks_to
 
 PAGE = Path(__file__).parents[2] / "docs/how-to/own-controller.md"
+(CODE,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text("utf-8"), re.M | re.S)
 EXAMPLE = "leaning:make"
 QUICK = ["sim.frame_period_s=0.01", "vehicle.frame_period_s=0.01", "sim.pose_rate_hz=100.0", "pose.rate_hz=100.0"]
 DURATION_S = 10.0
@@ -50,10 +51,8 @@ class Watched(NamedTuple):
 @pytest.fixture(autouse=True, scope="module")
 def example(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The code of the page, where Python finds it."""
-    code = re.search(r"^```python\n(.*?)^```$", PAGE.read_text("utf-8"), re.M | re.S)
-    assert code is not None
     folder = tmp_path_factory.mktemp("lab")
-    (folder / "leaning.py").write_text(code[1], "utf-8")
+    (folder / "leaning.py").write_text(CODE, "utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))
         yield
@@ -140,9 +139,7 @@ from groundstation.vehicle import Vehicle
 def test_a_controller_that_was_written_for_the_page_before_flies_the_same_and_is_told_what_to_write(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    code = re.search(r"^```python\n(.*?)^```$", PAGE.read_text("utf-8"), re.M | re.S)
-    assert code is not None
-    _, body = code[1].split("\n\n\n", 1)
+    _, body = CODE.split("\n\n\n", 1)
     (tmp_path / "leant.py").write_text(f"{BEFORE}\n\n{body.replace('InnerLoop', 'Outlet')}", "utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.warns(FutureWarning) as words:

@@ -316,6 +316,9 @@ def test_what_is_wrong_with_an_import_is_said_by_its_key(tmp_path: Path) -> None
         import_command([path], str(bad), tmp_path / "out.mcap")
     with pytest.raises(ConfigError, match=r"holds no poses as the mapping has them.*ours.csv"):
         import_command([path], "neural-fly", tmp_path / "out.mcap")
+    short = write_csv(tmp_path / "short.csv", [{"t": 0.0, "px": 0.0, "py": 0.0, "pz": 0.0}])
+    with pytest.raises(ConfigError, match="no column qx, qy, qz, qw"):
+        import_command([short], "nanobench", tmp_path / "out.mcap")
     (tmp_path / "there.mcap").write_bytes(b"")
     with pytest.raises(ConfigError, match="is there already"):
         import_command([path], "nanobench", tmp_path / "there.mcap")
@@ -336,32 +339,22 @@ def poses_only(folder: Path, change: Callable[[list[dict[str, Any]]], list[dict[
     return write_csv(folder / "poses.csv", change(rows))
 
 
-def without_a_second(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [row for row in rows if not 8.0 < row["t"] - rows[0]["t"] < 9.0]
+Rows = list[dict[str, Any]]
+LOGS: dict[str, Callable[[Rows], Rows]] = {
+    "a second is missing": lambda rows: [row for row in rows if not 8.0 < row["t"] - rows[0]["t"] < 9.0],
+    "the clock leaps": lambda rows: [row | {"t": row["t"] + (1e6 if n > 500 else 0.0)} for n, row in enumerate(rows)],
+    "holes": lambda rows: [row | ({"px": math.nan} if n % 25 == 3 else {}) for n, row in enumerate(rows)],
+    "each thrice": lambda rows: [row | {"t": row["t"] + 0.003 * k} for row in rows for k in range(3)],
+    # a quaternion and its negative are one attitude
+    "signs turned": lambda rows: [
+        row | {name: (-1) ** n * row[name] for name in ("qx", "qy", "qz", "qw")} for n, row in enumerate(rows)
+    ],
+}
 
 
-def after_a_leap_of_the_clock(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [row | {"t": row["t"] + (1e6 if n > 500 else 0.0)} for n, row in enumerate(rows)]
-
-
-def with_holes(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [row | ({"px": math.nan} if n % 25 == 3 else {}) for n, row in enumerate(rows)]
-
-
-def logged_thrice(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [row | {"t": row["t"] + 0.003 * k} for row in rows for k in range(3)]
-
-
-def signs_turned(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A quaternion and its negative are one attitude."""
-    return [row | {name: (-1) ** n * row[name] for name in ("qx", "qy", "qz", "qw")} for n, row in enumerate(rows)]
-
-
-@pytest.mark.parametrize(
-    "change", [without_a_second, after_a_leap_of_the_clock, with_holes, logged_thrice, signs_turned]
-)
+@pytest.mark.parametrize("change", LOGS.values(), ids=LOGS)
 def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
-    change: Callable[[list[dict[str, Any]]], list[dict[str, Any]]], tmp_path: Path
+    change: Callable[[Rows], Rows], tmp_path: Path
 ) -> None:
     facts = examine_flight(imported(tmp_path, poses_only(tmp_path, change), "nanobench"))
     row = facts["prediction"]["60"]
@@ -370,23 +363,19 @@ def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
     assert facts["identified"] == {}
 
 
-def test_a_file_without_a_column_is_told_which(tmp_path: Path) -> None:
-    path = write_csv(tmp_path / "short.csv", [{"t": 0.0, "px": 0.0, "py": 0.0, "pz": 0.0}])
-    with pytest.raises(ConfigError, match="no column qx, qy, qz, qw"):
-        import_command([path], "nanobench", tmp_path / "out.mcap")
-
-
-@pytest.mark.parametrize("factor", [1e3, 1e9, 1e-3])
-def test_stamps_of_another_unit_are_refused(factor: float, tmp_path: Path) -> None:
-    path = poses_only(tmp_path, lambda rows: [row | {"t": factor * row["t"]} for row in rows])
-    with pytest.raises(ConfigError, match=r"time_unit: by 's' a pose comes every .* of another unit"):
-        import_command([path], "nanobench", tmp_path / "out.mcap")
-
-
-def test_positions_in_millimetres_where_metres_are_stated_are_of_no_room(tmp_path: Path) -> None:
-    lengths = ("px", "py", "pz")
-    path = poses_only(tmp_path, lambda rows: [row | {name: 1e3 * row[name] for name in lengths} for row in rows])
-    with pytest.raises(ConfigError, match=r"spread over 1.61e\+03 m, limit 200 m, and move at .* check position_unit"):
+@pytest.mark.parametrize(
+    ("factors", "says"),
+    [
+        *(({"t": factor}, r"time_unit: by 's' a pose comes every .* of another unit") for factor in (1e3, 1e9, 1e-3)),
+        (
+            dict.fromkeys(("px", "py", "pz"), 1e3),
+            r"spread over 1.61e\+03 m, limit 200 m, and move at .* check position_unit",
+        ),
+    ],
+)
+def test_stamps_and_positions_of_another_unit_are_refused(factors: dict[str, float], says: str, tmp_path: Path) -> None:
+    path = poses_only(tmp_path, lambda rows: [row | {k: by * row[k] for k, by in factors.items()} for row in rows])
+    with pytest.raises(ConfigError, match=says):
         import_command([path], "nanobench", tmp_path / "out.mcap")
 
 

@@ -210,13 +210,11 @@ def test_controllers_are_compared_as_they_are_given() -> None:
     assert "Hover" in str(found)
 
 
-def test_a_recording_without_truth_says_that_its_error_is_against_the_estimate(tmp_path: Path) -> None:
+def test_a_recording_that_was_cut_off_tells_its_error_against_the_truth_all_the_same(tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
     data = recorded()[0].read_bytes()
     path.write_bytes(data[: len(data) // 8])  # cut off before the end, where the truth's figure stands
     assert gs.load(path).error_against == "truth"
-    with pytest.raises(ConfigError, match="LOG"):
-        gs.load(ROOT / "README.md")
 
 
 @pytest.mark.parametrize(("told", "says"), [

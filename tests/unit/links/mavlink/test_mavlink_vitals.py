@@ -1,5 +1,7 @@
 """What an autopilot tells of itself: mode names of both firmwares, its battery, and its pre-arm checks."""
 
+from typing import Any
+
 import pytest
 
 from links.mavlink.protocol import ARDUPILOT, PX4, MavlinkCodec, Vitals
@@ -24,10 +26,17 @@ def test_modes_have_the_names_of_their_firmware(autopilot: int, mode: int, name:
     assert mode_name(autopilot, mode) == name
 
 
-def heard(vitals: Vitals, mode: int, now_s: float) -> None:
-    codec = MavlinkCodec(1, 1)
-    for message in codec.feed(codec.pack(codec.dialect.MAVLink_heartbeat_message(2, PX4, 0x81, mode, 4, 3))):
+CODEC = MavlinkCodec(1, 1)
+D = CODEC.dialect
+
+
+def tell(vitals: Vitals, *messages: Any, now_s: float = 1.0) -> None:
+    for message in CODEC.feed(b"".join(map(CODEC.pack, messages))):
         vitals.hear(message, now_s)
+
+
+def heard(vitals: Vitals, mode: int, now_s: float) -> None:
+    tell(vitals, D.MAVLink_heartbeat_message(2, PX4, 0x81, mode, 4, 3), now_s=now_s)
 
 
 def test_a_mode_is_foreign_only_where_it_is_told_late_enough_and_does_not_follow_us() -> None:
@@ -47,26 +56,13 @@ def test_a_mode_is_foreign_only_where_it_is_told_late_enough_and_does_not_follow
 def test_the_battery_is_read_where_it_is_told(
     millivolts: int, percent: int, volts: float | None, share: float | None
 ) -> None:
-    codec, vitals = MavlinkCodec(1, 1), Vitals()
-    status = codec.dialect.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, 0, percent, 0, 0, 0, 0, 0, 0)
-    for message in codec.feed(codec.pack(status)):
-        vitals.hear(message, 1.0)
+    vitals = Vitals()
+    tell(vitals, D.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, 0, percent, 0, 0, 0, 0, 0, 0))
     assert vitals.battery_v == volts
     assert vitals.battery_share == (None if share is None else pytest.approx(share))
 
 
 PREARM = 0x10000000
-
-
-def after(vitals: Vitals, kind: int, mode: int, enabled: int, health: int) -> bool | None:
-    """What is known of readiness after a heartbeat and a SYS_STATUS with these bits."""
-    codec = MavlinkCodec(1, 1)
-    d = codec.dialect
-    beat = d.MAVLink_heartbeat_message(2, kind, 0x01, mode, 3, 3)
-    status = d.MAVLink_sys_status_message(enabled, enabled, health, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0)
-    for message in codec.feed(codec.pack(beat) + codec.pack(status)):
-        vitals.hear(message, 1.0)
-    return vitals.ready
 
 
 @pytest.mark.parametrize(
@@ -86,12 +82,13 @@ def after(vitals: Vitals, kind: int, mode: int, enabled: int, health: int) -> bo
 def test_pre_arm_checks_are_read_as_each_firmware_tells_them(
     kind: int, mode: int, enabled: int, health: int, ready: bool | None
 ) -> None:
-    assert after(Vitals(), kind, mode, enabled, health) is ready
+    vitals = Vitals()
+    heartbeat = D.MAVLink_heartbeat_message(2, kind, 0x01, mode, 3, 3)
+    tell(vitals, heartbeat, D.MAVLink_sys_status_message(enabled, enabled, health, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0))
+    assert vitals.ready is ready
 
 
 def test_of_an_autopilot_without_a_heartbeat_nobody_knows_whether_it_is_ready() -> None:
-    codec, vitals = MavlinkCodec(1, 1), Vitals()
-    status = codec.dialect.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0)
-    for message in codec.feed(codec.pack(status)):
-        vitals.hear(message, 1.0)
+    vitals = Vitals()
+    tell(vitals, D.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0))
     assert vitals.ready is None

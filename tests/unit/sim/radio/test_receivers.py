@@ -6,6 +6,7 @@ import pytest
 
 from links.rf import CrsfLinkConfig, DsmLinkConfig, RfLinkConfig, describe_pulses
 from sim.radio import FAILSAFE_S, Failsafe, PulseReceiver
+from tests.unit.links.rf.test_crsf_telemetry import frame
 
 CRSF_CENTRE = bytes.fromhex("EE1816E0031FF8C0073EF0810F7CE0031FF8C0073EF0810F7CAD")
 """16 channels of 992, packed by hand from the TBS document: 0x3E0 over and over, the lowest bits first."""
@@ -18,14 +19,8 @@ class Pulses:
 
 
 def crsf_of(counts: Sequence[int]) -> bytes:
-    """A frame by the document's own words, without our codec."""
-    packed = sum(count << 11 * i for i, count in enumerate(counts)).to_bytes(22, "little")
-    crc = 0
-    for byte in b"\x16" + packed:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc << 1 ^ 0xD5 if crc & 0x80 else crc << 1) & 0xFF
-    return b"\xee\x18\x16" + packed + bytes((crc,))
+    """A frame of channels by the document's own words, without our codec."""
+    return frame(0x16, sum(count << 11 * i for i, count in enumerate(counts)).to_bytes(22, "little"))
 
 
 def test_counts_of_crsf_are_the_pulses_of_its_document() -> None:

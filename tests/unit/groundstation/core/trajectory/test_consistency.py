@@ -83,14 +83,24 @@ def test_exact_derivatives_are_found_to_be_so(speed_m_s: float) -> None:
     assert report(Curve(lambda exact, t: exact, speed_m_s)).inconsistency is None
 
 
-def test_a_later_turn_that_is_not_what_it_declares_is_found() -> None:
+@pytest.mark.parametrize(
+    ("changes", "begins_s", "name", "within_s"),
+    [
+        (lambda exact: {"velocity_ned": ZERO}, 40.0, "velocity", 0.4),  # a later turn
+        (lambda exact: {"yaw_rad": exact.yaw_rad + 1.5}, 4.0, "yaw rate", 0.02),
+    ],
+    ids=["at rest", "a heading that jumps"],
+)
+def test_what_begins_later_and_is_not_what_it_declares_is_found(
+    changes: Callable[[Reference], dict[str, Any]], begins_s: float, name: str, within_s: float
+) -> None:
     def later(exact: Reference, t: float) -> Reference:
-        return msgspec.structs.replace(exact, velocity_ned=ZERO) if t > 40.0 else exact
+        return msgspec.structs.replace(exact, **changes(exact)) if t > begins_s else exact
 
     odd = report(Curve(later)).inconsistency
     assert odd is not None
-    assert (odd.name, odd.declared) == ("velocity", 0.0)
-    assert odd.time_s == pytest.approx(40.0, abs=0.4)
+    assert (odd.name, odd.of) == (name, "yaw" if name == "yaw rate" else "position")
+    assert odd.time_s == pytest.approx(begins_s, abs=within_s)
 
 
 def test_what_never_ends_and_turns_in_more_than_a_minute_is_looked_at_beyond_it() -> None:
@@ -209,13 +219,3 @@ def test_a_corner_that_is_flown_at_full_speed_is_found() -> None:
     straight = Curve(lambda exact, t: Reference((0.5 * t, 0.0, -1.5), (0.5, 0.0, 0.0)))
     straight.duration_s = straight.joints_s[-1]
     assert report(straight).inconsistency is None
-
-
-def test_a_heading_that_jumps_is_found() -> None:
-    def jumping(exact: Reference, t: float) -> Reference:
-        return msgspec.structs.replace(exact, yaw_rad=exact.yaw_rad + (1.5 if t > 4.0 else 0.0))
-
-    odd = report(Curve(jumping)).inconsistency
-    assert odd is not None
-    assert (odd.name, odd.of) == ("yaw rate", "yaw")
-    assert odd.time_s == pytest.approx(4.0, abs=0.02)

@@ -158,17 +158,3 @@ def test_messages_are_told_apart_by_natnets_numbers(number: int, reason: str | N
     reader = NatNetReader("quad", Intake(0.0, frames_of(NatNetConfig())))
     assert not reader.read(struct.pack("<HH", number, 0), 0.0)
     assert dict(reader.status.dropped) == ({} if reason is None else {reason: 1})
-
-
-def test_a_server_is_asked_for_its_stream_then_for_names_and_again_when_it_has_been_silent() -> None:
-    reader = NatNetReader("quad", Intake(0.0, frames_of(NatNetConfig())), keep_alive=True)
-    ping = bytes.fromhex("0000 0500") + b"Ping\0"
-    first = reader.due()
-    assert ping in first and {one[:2] for one in first} <= {b"\0\0", b"\2\0"}
-    server = NatNetServer(NatNetConfig(), (4, 1))
-    server.encode(0, 0.0, 0.0, [TrackedBody("quad", (1.0, 2.0, -3.0), so3.IDENTITY, True)])
-    reader.read(natnet_codec.encode_server_info(server.info), 0.0)
-    asked = [one[:2] for one in reader.due()]
-    assert b"\4\0" in asked, "the names"
-    reader.read(server.models(), 0.0)
-    assert [one[:2] for one in reader.due()] == [b"\x0a\0"], "nothing but the sign of life"
