@@ -36,6 +36,11 @@ def free_udp_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def children_of(process: int) -> list[int]:
+    """The processes that it has started."""
+    return [int(child) for child in Path(f"/proc/{process}/task/{process}/children").read_text("utf-8").split()]
+
+
 @dataclass
 class Room:
     """Where one vehicle, its cameras and its ground station meet."""

@@ -21,7 +21,7 @@ from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer_process import PacerProcess
 from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
-from tests.e2e.stations import free_udp_port
+from tests.e2e.stations import children_of, free_udp_port
 from tests.loops import in_real_time, until
 
 PERIOD_S = 0.02
@@ -32,10 +32,6 @@ AT_ONCE_S = 0.002
 """No two frames of one writer, and no three of two, are so near [s]."""
 GAP_S = 0.2
 """Longest time without a frame [s]: 60 ms, two looks, and what a busy machine adds."""
-
-
-def children(parent: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 
 
 def is_gone(process: int) -> bool:
@@ -68,7 +64,7 @@ class Flight:
         self._reader = await StampedReader.start(self.wire.fileno())
         self._reads = asyncio.create_task(self._read())
         self.standby = await self._connect()
-        (self.pacer,) = children(self.standby)
+        (self.pacer,) = children_of(self.standby)
         await self.link.arm(command)
         self._sends = asyncio.create_task(self._send())
 
@@ -152,7 +148,7 @@ class Bridged(Flight):
             stdout=asyncio.subprocess.PIPE,
         )
         await self.link.connect()
-        (standby,) = children(self.bridge.pid)
+        (standby,) = children_of(self.bridge.pid)
         return standby
 
     async def leave(self) -> None:
@@ -279,7 +275,7 @@ async def test_a_bridge_whose_pacer_lost_its_stand_by_says_so_and_starts_both_an
         it.fall_silent()
         await it.link.disarm()
         await until(lambda: it.link.status.state == "connected" and "stand-by" not in it.link.status.warning)
-        (standby,) = children(it.bridge.pid)
+        (standby,) = children_of(it.bridge.pid)
         assert standby != it.standby
         await it.link.arm(command)
     assert "warning: the pacer's stand-by is gone" in it.said

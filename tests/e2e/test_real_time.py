@@ -15,7 +15,7 @@ import pytest
 from groundstation.__main__ import main
 from groundstation.core.messages import Snapshot
 from groundstation.interfaces.api import snapshots
-from tests.e2e.stations import EXAMPLE, run_here, served
+from tests.e2e.stations import EXAMPLE, Room, run_here, served
 
 
 async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float = 60.0) -> Snapshot:
@@ -34,6 +34,13 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
             await asyncio.sleep(0.05)
 
 
+def flying(room: Room, *arguments: str) -> "subprocess.Popen[str]":
+    """Where a busy machine holds up the station for half a second, no flight ends by it: other tests look at that."""
+    command = room.station("fly", "--arm", "mqx", "--set", "flight.coast_s=0.7", *arguments)
+    null = subprocess.DEVNULL
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=null, stdin=null, text=True)
+
+
 def fly_without_terminal(config: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     """``groundstation fly CONFIG`` as a script would start it: nobody is there to ask."""
     return run_here(main, "fly", config, *arguments)
@@ -41,14 +48,8 @@ def fly_without_terminal(config: Path, *arguments: str) -> "subprocess.Completed
 
 def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
     with served() as room:
-        # So slowly that a landing is seen on a machine that keeps everybody waiting. Where that holds up the station
-        # for half a second, the flight is not to end by it: who stands still is looked at by other tests.
-        station = subprocess.Popen(
-            room.station("fly", "--arm", "mqx", "--set", "flight.descent_m_s=0.3", "--set", "flight.coast_s=0.7"),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            stdin=subprocess.DEVNULL,
-        )
+        # So slowly that a landing is seen on a machine that keeps everybody waiting.
+        station = flying(room, "--set", "flight.descent_m_s=0.3")
         closed_s: list[float] = []
 
         def is_landing(snapshot: Snapshot) -> bool:
@@ -73,13 +74,7 @@ def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
 @pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM])
 def test_ctrl_z_does_not_freeze_what_flies_and_signals_that_end_programs_land_it(number: signal.Signals) -> None:
     with served() as room:
-        station = subprocess.Popen(
-            room.station("fly", "--arm", "mqx", "--set", "flight.coast_s=0.7"),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            stdin=subprocess.DEVNULL,
-            text=True,
-        )
+        station = flying(room)
         frozen_s: list[float] = []
 
         def flies_on(snapshot: Snapshot) -> bool:

@@ -23,6 +23,7 @@ from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer import AFTERLIFE_S
 from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
+from tests.e2e.stations import children_of
 from tests.loops import in_real_time, until
 
 COAST_S, DOWN_S = 0.25, 0.3
@@ -277,14 +278,12 @@ async def test_a_port_in_use_is_not_shared() -> None:
     wire.close()
 
 
-def children(parent: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
-
-
 def pacer_of(parent: int) -> int:
     """The pacer that the process ``parent`` has started, by its stand-by."""
-    (standby,) = (c for c in children(parent) if b"links.rf.pacer_standby" in Path(f"/proc/{c}/cmdline").read_bytes())
-    (pacer,) = children(standby)
+    (standby,) = (
+        c for c in children_of(parent) if b"links.rf.pacer_standby" in Path(f"/proc/{c}/cmdline").read_bytes()
+    )
+    (pacer,) = children_of(standby)
     assert b"links.rf.pacer_child" in Path(f"/proc/{pacer}/cmdline").read_bytes()
     return pacer
 

@@ -13,7 +13,7 @@ from typing import IO, Any
 import pytest
 import tomli_w
 
-from tests.e2e.stations import free_udp_port
+from tests.e2e.stations import children_of, free_udp_port
 
 LAB: dict[str, Any] = {
     "pose": {"kind": "vicon"},
@@ -41,11 +41,6 @@ def fleet_file(folder: Path, names: Sequence[str] = ("ant", "bee")) -> Path:
         tomli_w.dumps({"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles}), "utf-8"
     )
     return folder / "fleet.toml"
-
-
-def children_of(process: int) -> list[int]:
-    """The processes that it has started."""
-    return [int(child) for child in Path(f"/proc/{process}/task/{process}/children").read_text("utf-8").split()]
 
 
 def core_of(supervisor: int, name: str) -> int:

@@ -27,6 +27,12 @@ class Scene:
     stage: Stage
     sent: list[tuple[float, bytes]]
 
+    @property
+    def thrusts(self) -> list[tuple[float, float]]:
+        """When each SET_ATTITUDE_TARGET left, and its thrust field [0..1]."""
+        frames = [(t, data.ljust(60, b"\0")) for t, data in self.sent if data[7:10] == b"\x52\x00\x00"]
+        return [(t, struct.unpack_from("<f", frame, 10 + 32)[0]) for t, frame in frames]
+
 
 def play(script: Script, world_changes: dict[str, Any], *overrides: str, arm: bool = True) -> Scene:
     """Fly in virtual time with ``script`` running beside."""
@@ -55,11 +61,6 @@ async def _play(scene: Scene, world: World, config: Config, script: Script, arm:
         await asyncio.gather(beside, return_exceptions=True)
 
 
-def thrust_share(frame: bytes) -> float:
-    """The thrust field of a SET_ATTITUDE_TARGET [0..1]."""
-    return float(struct.unpack_from("<f", frame.ljust(60, b"\0"), 10 + 32)[0])
-
-
 def test_poses_that_stop_are_answered_by_a_bring_down_within_the_coast_limit_and_then_by_silence() -> None:
     stopped: list[float] = []
 
@@ -73,8 +74,7 @@ def test_poses_that_stop_are_answered_by_a_bring_down_within_the_coast_limit_and
     assert scene.outcome.state is State.ABORTED
     assert "no pose for" in scene.outcome.reason
     assert "bring-down" in scene.outcome.reason
-    frames = [(t, thrust_share(data)) for t, data in scene.sent if data[7:10] == b"\x52\x00\x00"]
-    last, final = frames[-1]
+    last, final = scene.thrusts[-1]
     assert stopped[0] + 0.15 + 1.5 <= last <= stopped[0] + 0.25 + 2.0 + 1e-9
     assert final == 0.0
     # Nothing at all leaves afterwards, not even a heartbeat: the socket is closed.
@@ -91,7 +91,7 @@ def test_an_operator_who_does_not_confirm_moves_nothing() -> None:
     scene = play(nothing, {}, arm=False)
     assert scene.outcome.state is State.ABORTED
     assert "did not confirm" in scene.outcome.reason
-    assert not [data for _, data in scene.sent if data[7:10] == b"\x52\x00\x00"]
+    assert not scene.thrusts
     assert scene.stage.plant.released_s is None
 
 
@@ -175,8 +175,7 @@ def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
     scene = play(script, {})
     assert scene.outcome.state is State.ABORTED
     assert "the vehicle is disarmed" in scene.outcome.reason
-    last = max(t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00")
-    assert last < when[0] + 1.0 + 0.5 + 0.1  # its next heartbeat, our next look
+    assert scene.thrusts[-1][0] < when[0] + 1.0 + 0.5 + 0.1  # its next heartbeat, our next look
 
 
 def test_an_autopilot_that_disarms_by_itself_on_the_floor_has_landed_us() -> None:
@@ -220,7 +219,7 @@ def test_an_autopilot_that_neither_hears_nor_is_heard_ends_the_commands() -> Non
     scene = play(script, {})
     assert scene.outcome.state is State.ABORTED
     assert "the link is lost" in scene.outcome.reason
-    lifts = [t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00" and thrust_share(data) > 0.0]
+    lifts = [t for t, thrust in scene.thrusts if thrust > 0.0]
     assert max(lifts) < when[0] + 8.0  # its heartbeat missed, and the landing that the poses show
 
 
@@ -240,6 +239,5 @@ def test_a_request_to_land_ends_softly_on_the_floor_and_disarmed_and_frames_leav
     assert not scene.stage.autopilot.armed
     touchdown = scene.stage.plant.floor.touchdown_m_s
     assert touchdown is not None and touchdown < 0.5
-    frames = [t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00"]
-    gaps = [b - a for a, b in zip(frames, frames[1:], strict=False)]
+    gaps = [b - a for (a, _), (b, _) in zip(scene.thrusts, scene.thrusts[1:], strict=False)]
     assert sorted(gaps)[len(gaps) // 2] == pytest.approx(0.0225, abs=1e-9)

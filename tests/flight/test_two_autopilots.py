@@ -1,14 +1,14 @@
 """A second vehicle with the same system id sends to the port of a flight: before arming, and in flight."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
-from groundstation.core.messages import Check, Verdict, tell_lines
+from groundstation.core.messages import Verdict, tell_lines
 from groundstation.core.mission import State
-from groundstation.flight import FlightOutcome, make_flight
+from groundstation.flight import make_flight
 from groundstation.lab.pose_monitor import listen
-from groundstation.lab.pose_stream import PoseStreamSummary
+from groundstation.settings import Config
 from links.io import parse_address
 from links.mavlink.protocol import PX4, MavCommand, MavlinkCodec
 from sim.runs import Stage, confirm_at
@@ -42,54 +42,43 @@ class SecondVehicle(asyncio.DatagramProtocol):
         return [m.command for m in self.heard if m.get_type() == "COMMAND_LONG"]
 
 
-def flown(work: Callable[[Any], Any], begin_s: float, *overrides: str) -> tuple[Any, SecondVehicle, list[str]]:
-    """What ``work(flight)`` gives while a second vehicle begins to send after ``begin_s`` [s]."""
-    world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4", *overrides])
-    said: list[str] = []
+def beside(work: Callable[[Config], Awaitable[T]], begin_s: float, source: str = "vicon") -> tuple[T, list[int]]:
+    """What ``work`` gives while a second vehicle begins to send after ``begin_s`` [s], and the commands it was sent."""
+    world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4"], source=source)
     second = SecondVehicle()
 
-    async def main() -> Any:
+    async def main() -> T:
         other = asyncio.create_task(second.run(parse_address(config.link.endpoint), begin_s))
         async with running(Stage(world, config, 0)):
-            found = await work(make_flight(config, confirm=confirm_at(0.0), subscribers=(tell_lines(said.append),)))
+            found = await work(config)
         other.cancel()
         return found
 
-    return in_virtual_time(main)(), second, said
+    return in_virtual_time(main)(), second.commands
 
 
 def test_the_check_fails_and_names_both_addresses() -> None:
-    checks: list[Check]
-    checks, second, _ = flown(lambda flight: flight.check(), 0.3)
+    checks, commands = beside(lambda config: make_flight(config, confirm=confirm_at(0.0)).check(), 0.3)
     (frames,) = [one for one in checks if one.name == "frames"]
     assert frames.verdict is Verdict.FAIL
     assert frames.says.startswith("two autopilots with MAVLink system id 1 are heard")
     assert frames.says.count("127.0.0.1:") == 2
-    assert MavCommand.ARM_DISARM not in second.commands
+    assert MavCommand.ARM_DISARM not in commands
 
 
 def test_in_flight_it_is_told_once_and_the_flight_goes_on() -> None:
-    outcome: FlightOutcome
-    outcome, second, said = flown(lambda flight: flight.run(), 4.0)
+    said: list[str] = []
+    tells = (tell_lines(said.append),)
+    outcome, commands = beside(lambda one: make_flight(one, confirm=confirm_at(0.0), subscribers=tells).run(), 4.0)
     assert outcome.state is State.LANDED, outcome.reason
     told = [line for line in said if "two autopilots with MAVLink system id 1 are heard" in line]
     assert len(told) == 1
     assert any("during the flight" in line and "another address" in line for line in said)
-    assert MavCommand.ARM_DISARM not in second.commands
+    assert MavCommand.ARM_DISARM not in commands
 
 
 def test_a_look_at_the_autopilot_s_own_poses_names_both() -> None:
-    world, config = prepare(SCENARIOS["paper"], [], source="odometry")
-    second = SecondVehicle()
-
-    async def main() -> PoseStreamSummary:
-        other = asyncio.create_task(second.run(parse_address(config.link.endpoint), 0.3))
-        async with running(Stage(world, config, 0)):
-            seen = await listen(config, 4.0)
-        other.cancel()
-        return seen
-
-    seen = in_virtual_time(main)()
+    seen, _ = beside(lambda config: listen(config, 4.0), 0.3, source="odometry")
     assert seen.advice.startswith("two autopilots with MAVLink system id 1 are heard")
     assert seen.poses > 100
     assert not seen.ok

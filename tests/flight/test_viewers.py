@@ -12,11 +12,7 @@ from mcap.reader import make_reader
 from groundstation.analysis import export_command
 from groundstation.analysis.viewers import (
     FoxgloveScene,
-    Placement,
     RerunScene,
-    RoomScene,
-    Trail,
-    WindArrow,
 )
 from groundstation.recording import About, FlightLog, Recording
 from tests.recordings import recorded
@@ -37,11 +33,6 @@ def exported(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("viewers") / "flight-foxglove.mcap"
     assert export_command(flight, "foxglove", [], target) == 0
     return target
-
-
-def shapes(flight: Path) -> list[tuple[float, Placement | Trail | WindArrow]]:
-    scene = RoomScene()
-    return [(1e-9 * e.stamp_ns, shape) for e in Recording(flight).entries() for shape in scene.shapes(e)]
 
 
 def test_foxglove_reads_the_scene_as_protobuf_beside_all_messages_as_they_were(flight: Path, exported: Path) -> None:

@@ -54,12 +54,9 @@ def test_a_test_holds_until_something_changes_that_decides_how_motors_stop(overr
 
 def test_another_firmware_or_another_vehicle_needs_another_test() -> None:
     config = made()
-    assert str(explain_missing_proof(proof(config, firmware="PX4 1.15.0"), config, "PX4 1.16.0")).startswith(
-        "the test with the propellers off"
-    )
-    assert "PX4 1.15.0; this is PX4 1.16.0" in str(
-        explain_missing_proof(proof(config, firmware="PX4 1.15.0"), config, "PX4 1.16.0")
-    )
+    told = str(explain_missing_proof(proof(config, firmware="PX4 1.15.0"), config, "PX4 1.16.0"))
+    assert told.startswith("the test with the propellers off")
+    assert "PX4 1.15.0; this is PX4 1.16.0" in told
     assert "no test" in str(explain_missing_proof(proof(config, vehicle="another"), config, ""))
     assert "no test" in str(explain_missing_proof(None, config, ""))
 

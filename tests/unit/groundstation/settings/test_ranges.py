@@ -36,13 +36,20 @@ def test_gains_and_noises_that_are_a_thousand_times_too_large_are_refused(kind: 
         f"limits.max_tilt_deg={math.radians(45.0)}",
         f"gate.tilt_deg={math.radians(120.0)}",
         f"gate.rate_deg_s={math.radians(1000.0)}",
+        "link.forward.noise_deg=0.0087",
+        "vehicle.rate_limits_deg_s=[3.5,3.5,5.2]",
         # millimetres
         "controller.pose_noise_m=0.3",
+        "vehicle.size_m=300",
+        "link.forward.noise_m=5",
         "gate.jump_m=150",
+        "gate.speed_m_s=20000",
+        "gate.acceleration_m_s2=30000",
         "guards.error_m=1000",
         "separation.distance_m=600",
         "takeoff.height_m=1000",
         "flight.floor_z_m=150",
+        "flight.floor_z_m=1500",
         "pose.alignment.lab_origin_m=[0,900,0]",
         "pose.alignment.centre_of_mass_m=[0,0,15]",
         "fence.height_m=900",
@@ -50,7 +57,9 @@ def test_gains_and_noises_that_are_a_thousand_times_too_large_are_refused(kind: 
         "trajectory.scale_m=800",
         "trajectory.altitude_m=900",
         # milliseconds
-        "vehicle.thrust_lag_s=50",
+        *(f"vehicle.{key}" for key in ("thrust_lag_s=50", "rate_lag_s=106", "thrust_delay_s=13", "rate_delay_s=13")),
+        *("vehicle.command_delay_s=5", "vehicle.frame_period_s=22.5", "controller.pose_jitter_s=2"),
+        *("flight.pose_wait_s=5000", "flight.duration_s=120000"),
         "flight.coast_s=250",
         "gate.frozen_s=100",
         # seconds where a rate is meant, and the other way round
@@ -59,13 +68,18 @@ def test_gains_and_noises_that_are_a_thousand_times_too_large_are_refused(kind: 
         # g
         "controller.gravity=0.00981",
         "controller.gravity=1e-3",
+        "controller.gravity=981",
         "takeoff.transit_m_s2=0.001",
         # kilometres per second, as from a slip of the decimal point
         "flight.descent_m_s=0.0004",
         "takeoff.climb_m_s=0.0005",
-        # grams
+        # grams, millinewtons and percent
         "vehicle.mass_kg=800",
         "vehicle.mass_kg=8e-5",
+        *(f"vehicle.{key}" for key in ("thrust_max_n=13700", "thrust_min_n=13700", "hover_n=7848")),
+        *("vehicle.hover_range=[70,145]", "vehicle.drag_per_s=998"),
+        # beyond anything
+        *("controller.wind_noise=1e9", "gate.rate_deg_s=1e6"),
     ],
 )
 def test_a_number_in_another_unit_is_refused_with_what_is_accepted(override: str) -> None:
@@ -74,6 +88,22 @@ def test_a_number_in_another_unit_is_refused_with_what_is_accepted(override: str
     base = {"controller": {"kind": "pid"}, "link": {"forward": {}}, "fence": fence}
     with pytest.raises(ConfigError, match=rf"^--set: {key}(\[\d\])?: expected a number "):
         from_dict(base, Config, [override])
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        *((f"mass_kg={kg}", "times the weight, .* by mass_kg = ") for kg in (8, 80)),
+        *((f"thrust_max_n={force}", "times the weight, .* by mass_kg = ") for force in (137, 1370)),
+        ("hover_thrust=0.0045", "times the weight, .* by mass_kg = "),
+        ("thrust_min_n=20", "expected less than the weight"),
+        *((f"hover_n={force}", "expected 0.5494 to 1.138 N") for force in (80, 0.08)),
+        *((f"hover_range={ends}", "expected a share below 1 and one above 1") for ends in ("[1.45,0.7]", "[0.7,0.9]")),
+    ],
+)
+def test_a_figure_in_another_unit_is_refused_by_the_weight_that_it_does_not_fit(override: str, says: str) -> None:
+    with pytest.raises(ConfigError, match=rf"vehicle\..*: .*{says}"):
+        from_dict({}, Config, [f"vehicle.{override}"])
 
 
 def test_a_swing_of_the_heading_in_radians_is_refused_and_none_is_not() -> None:

@@ -20,7 +20,6 @@ from links.mavlink.protocol import (
 from tests.loops import Scene, in_virtual_time, on_stage
 
 # By their numbers: a limit that the test took from the code would bear out any value.
-RIVAL_S = 3.0
 STALE_NEWS_S = 0.5
 
 HERE = ("127.0.0.1", 14540)
