@@ -218,7 +218,7 @@ CARRY: Arguments = {
     "--dry-run": {"action": "store_true", "help": "write nothing into the configuration"},
 }
 REPORT: Arguments = {
-    **_recording("files", words=f"one or more to compare; {RECORDING_HELP}", nargs="*"),
+    **_recording("files", words=f"one, or several to overlay; {RECORDING_HELP}", nargs="*"),
     "--out": {"type": path, "metavar": "DIR", "help": "folder of page and figures (default: beside the first)"},
     "--format": {
         "default": "html", "metavar": "LIST",
@@ -309,7 +309,7 @@ COMMANDS: Groups = {
     "after the flight": {
         "logs": ("list the recorded flights with their headline numbers", _logs),
         "logs import": ("convert a flight that others recorded (CSV, ULog, .bin, .tlog)", LOGS_IMPORT),
-        "report": ("write a page with figures about one recorded flight, or compare several", _report),
+        "report": ("write a page with figures about a recorded flight, or overlay several", _report),
         "view": ("show a recorded or a running flight in Rerun or Foxglove", VIEW),
         "export": ("write a recording as CSV or for other programs, or repair one that was cut off", EXPORT),
         "identify": ("measure thrust, lags, delay and drag of the vehicle from a recording", IDENTIFY),

@@ -57,8 +57,8 @@ def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool, trust
     bit.
 
     Raises:
-        ConfigError: the file is no recording, an override is bad, or it was flown by a controller of somebody's own,
-            whose module nobody has said to be trusted.
+        ConfigError: the file is no recording of a flight of ours, an override is bad, or it was flown by a controller
+            of somebody's own, whose module nobody has said to be trusted.
     """
     facts = replay_facts(path, overrides, trust_modules=trust_modules)
     print(json.dumps(facts) if as_json else text_of(facts))
@@ -73,6 +73,8 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
     """
     with refuse_recordings():
         recording = Recording(path)
+        if "imported" in recording.about:
+            raise ConfigError("LOG", notice("replay.imported", path=path))
         config, left_out = read_flown_config(recording.about, recording.path, overrides)
         if not trust_modules and not {"controller.kind", "controller.factory"} & set(map(_key, overrides)):
             _ensure_own(config, path)

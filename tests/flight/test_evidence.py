@@ -29,6 +29,7 @@ from groundstation.analysis.evidence.evidence import (
 )
 from groundstation.analysis.evidence.flight import MEASURED, SETPOINT, Column
 from groundstation.analysis.evidence.imports import load_mapping, read_flight
+from groundstation.analysis.replay import replay_facts
 from groundstation.config import ConfigError, from_dict, shipped_texts
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording
@@ -203,6 +204,14 @@ def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str
             assert math.dist([ATTITUDE_P[name] * x for x in turn], rates) < 1e-4
         else:
             assert math.dist(told["rates_rad_s"].values(), rates) < 1e-5
+
+
+def test_a_flight_of_others_is_not_flown_again_but_examined(tmp_path: Path) -> None:
+    path = imported(tmp_path, nanobench(tmp_path), "nanobench")
+    with pytest.raises(
+        ConfigError, match=r"no command of ours: `groundstation replay evidence .*nanobench\.mcap`"
+    ):
+        replay_facts(path)
 
 
 def test_an_autopilot_that_tells_when_it_flies_is_judged_there_alone(tmp_path: Path) -> None:

@@ -65,6 +65,11 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "identify.other_config", "{path} was flown with a configuration that this version cannot read: {why}"
     ),
     # Replay.
+    NoticeTemplate(
+        "replay.imported",
+        "{path} was imported from another program's log, and holds no command of ours",
+        "`groundstation replay evidence {path}` examines its poses",
+    ),
     NoticeTemplate("replay.own_config", "a recording has its own configuration: change it with --set"),
     NoticeTemplate(
         "replay.foreign_code",
