@@ -3,8 +3,6 @@
 import argparse
 import json
 import os
-import shlex
-import sys
 from collections.abc import Collection, Sequence
 
 import msgspec
@@ -50,9 +48,7 @@ def faults(args: argparse.Namespace) -> Exit:
         flown = fly_all(plan, overrides=args.overrides, workers=workers, on_done=counter.at)
     rows = pick_worst([flown[i : i + len(work)] for i in range(0, len(flown), len(work))])
     if args.write is not None:
-        left_out = {"--json", "--workers", str(args.workers), str(args.write)}
-        words = [word for word in sys.argv[1:] if word not in left_out]
-        write(args.write, rows, shlex.join(["groundstation-sim", *words]))
+        write(args.write, rows)
     print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
     return Exit.DONE if is_within(rows) else Exit.FAILED
 

@@ -46,32 +46,28 @@ class StrikeOutcome(NamedTuple):
         return max(time_s for time_s, signals in self.motors if any(signals))
 
 
-def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutcome:
+@in_virtual_time
+async def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutcome:
     """Fly until tracking has lasted half a second, have ``strike`` fall, and look at the motors."""
-
-    @in_virtual_time
-    async def watch() -> StrikeOutcome:
-        motors: list[tuple[float, FourRotors]] = []
-        loop = asyncio.get_running_loop()
-        stage = Stage(world, config, 0, autopilot=BETAFLIGHT)
-        flight = make_flight(config, confirm=confirm_at(2.0), wires=stage.wires)
-        running = [asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())]
-        while flight.state is not State.TRACKING:  # noqa: ASYNC110  # no event tells it
-            await asyncio.sleep(0.001)
-        await asyncio.sleep(0.503)
-        assert stage.board is not None, "Betaflight flies it"
-        struck_s = loop.time()
-        stage.board.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
-        strike(stage)
-        await asyncio.sleep(WATCHED_S)
-        for task in running:
-            task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
-        return StrikeOutcome(motors, stage.plant.floor.hardest_m_s)
-
     world, config = prepare(by_betaflight(SCENARIOS["paper"]), list(SHORT), link=link)
     world, config = from_floor(world, config, 30.0)
-    return watch()
+    motors: list[tuple[float, FourRotors]] = []
+    loop = asyncio.get_running_loop()
+    stage = Stage(world, config, 0, autopilot=BETAFLIGHT)
+    flight = make_flight(config, confirm=confirm_at(2.0), wires=stage.wires)
+    running = [asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())]
+    while flight.state is not State.TRACKING:  # noqa: ASYNC110  # no event tells it
+        await asyncio.sleep(0.001)
+    await asyncio.sleep(0.503)
+    assert stage.board is not None, "Betaflight flies it"
+    struck_s = loop.time()
+    stage.board.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
+    strike(stage)
+    await asyncio.sleep(WATCHED_S)
+    for task in running:
+        task.cancel()
+    await asyncio.gather(*running, return_exceptions=True)
+    return StrikeOutcome(motors, stage.plant.floor.hardest_m_s)
 
 
 def _pacer_of(stage: Stage) -> InlinePacer:
@@ -185,10 +181,7 @@ def tables(facts: dict[str, Any]) -> str:
         f"| a step of wind of 1.5 m/s² in the hover | {peak:.1f} cm at most, under 5 cm after {back:.2f} s | 8, 1.5 s |"
     )
     lines += ["", *HEAD, *(describe(f"`{name}`", flown) for name, flown in facts["take_offs"].items())]
-    lines += [
-        "",
-        "| struck in flight | over | firmware's motors off after | met the floor at |\n|---|---|---|---|",
-    ]
+    lines += ["", "| struck in flight | over | firmware's motors off after | met the floor at |", "|---|---|---|---|"]
     for name, row in facts["strikes"].items():
         off = "never" if row["off_s"] > WATCHED_S - 0.1 else f"{row['off_s']:.2f} s"
         hit = "–" if row["hit_m_s"] is None else f"{row['hit_m_s']:.2f} m/s"

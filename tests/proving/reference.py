@@ -12,7 +12,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -76,30 +76,28 @@ def remarks(cls: type[Any]) -> dict[str, str]:
     """Field → its description, or the docstring below it, as one line; a base class's where that only points there."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
-        if base.__module__.split(".")[0] not in ("builtins", "msgspec"):
-            own = _below(base.__module__, base.__name__)
+        if base.__module__.split(".")[0] in HOUSES:
+            own = _below(base)
             found.update({field: text for field, text in own.items() if field not in found or text[:4] != "See "})
     if issubclass(cls, msgspec.Struct):
         found |= {key: one_line(text) for key, text in field_descriptions(cls).items()}
     return found
 
 
-@functools.cache
-def _below(module: str, name: str) -> dict[str, str]:
+def _below(cls: type[Any]) -> dict[str, str]:
+    """Return the docstrings below the fields of ``cls``, by field."""
     found: dict[str, str] = {}
-    for node in ast.walk(_tree(module)):
-        if isinstance(node, ast.ClassDef) and node.name == name:
-            for field, below in zip(node.body, node.body[1:], strict=False):
-                if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-                    text = _text(below)
-                    found.update({field.target.id: one_line(text)} if text is not None else {})
+    for pair in pairwise(_definition(cls).body):
+        match pair:
+            case ast.AnnAssign(ast.Name(field)), ast.Expr(ast.Constant(str(text))):
+                found[field] = one_line(text)
     return found
 
 
-def _text(node: ast.stmt) -> str | None:
-    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
-        return node.value.value
-    return None
+def _definition(of: Any) -> Any:
+    """Return the definition of a class or function in its module's source."""
+    (node,) = (one for one in _tree(of.__module__).body if getattr(one, "name", "") == of.__name__)
+    return node
 
 
 @functools.cache
@@ -276,16 +274,12 @@ def describe_helpers() -> str:
 
 def describe_asking() -> str:
     """Describe requests to a vehicle in flight."""
-    return (
-        _call(groundstation.ask_station, 3)
-        + "\n\n"
-        + describe_structs(groundstation.Request, groundstation.Waypoint, groundstation.OrderAnswer)
-    )
+    gs = groundstation
+    return "\n\n".join([_call(gs.ask_station, 3), describe_structs(gs.Request, gs.Waypoint, gs.OrderAnswer)])
 
 
 def _call(function: Callable[..., Any], level: int = 2) -> str:
-    (node,) = (one for one in _tree(function.__module__).body if getattr(one, "name", "") == function.__name__)
-    assert isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    node = _definition(function)
     lines = [f"    {line}," for line in re.split(r", (?![^\[]*\])", ast.unparse(node.args))]
     given = "" if node.returns is None else f" -> {ast.unparse(node.returns)}"
     shown = "\n".join([f"{function.__name__}(", *lines, f"){given}"])
@@ -321,8 +315,7 @@ class Plain(ast.NodeTransformer):
 def _fields(cls: type[Any], level: int) -> str:
     """The class, and a table of its fields."""
     said = remarks(cls)
-    (node,) = (one for one in _tree(cls.__module__).body if getattr(one, "name", "") == cls.__name__)
-    fields = [one for one in ast.walk(node) if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name)]
+    fields = [one for one in ast.walk(_definition(cls)) if isinstance(one, ast.AnnAssign)]
     types = {ast.unparse(one.target): ast.unparse(Plain().visit(one.annotation)).strip("'") for one in fields}
     types = {name: kind for name, kind in types.items() if "ClassVar" not in kind}
     rows = [f"| `{name}` | {kind.replace('|', BAR)} | {said[name]} |" for name, kind in types.items() if name in said]

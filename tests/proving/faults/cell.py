@@ -18,13 +18,12 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Ask, CommandSent, FlightEvent, Notice, Request, Waypoint
 from groundstation.core.mission import State
 from groundstation.flight import Flight, Give, make_flight
-from groundstation.machine import sleep_until
 from groundstation.recording import Record
 from groundstation.settings import Config
 from links.core import thrust as thrust_of
 from sim.autopilots import Px4Autopilot
 from sim.radio import FAILSAFE_S
-from sim.runs import Stage, from_floor
+from sim.runs import Stage, confirm_at, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World, generator
@@ -205,10 +204,6 @@ async def fly_here(
         """Whether commands in ``state`` follow no pose: without poses a failsafe descent follows none, too."""
         return state is State.ABORTED or (state is State.DESCENT and fault.poses is Poses.GONE)
 
-    async def confirm() -> bool:
-        await sleep_until(begun_s + CONFIRM_S)
-        return True
-
     stage = Stage(world, config, seed, truth.step, parameters=AUTOPILOT)
     truth.plant = stage.plant
     stage.plant.advance(begun_s)
@@ -216,7 +211,7 @@ async def fly_here(
     monitors = DeckMonitors()
     flight = make_flight(
         config,
-        confirm=confirm,
+        confirm=confirm_at(begun_s + CONFIRM_S),
         subscribers=(watch,),
         wires=stage.wires,
         give=give,

@@ -1,21 +1,8 @@
 """The faults by name: how each strikes, and the states and links that it is flown on.
 
-Every one is flown in every state, but for these:
-
-- What is so from the beginning (a wrong mass, another propeller, an estimate that wanders, a floor that holds) is one
-  flight: *start*.
-- A vehicle that stands can't be pushed, hang on a cable, or be taken out of the air: not in *ready* and *arming*.
-- The air under the rotors matters near the floor alone: its cushion is there from the start, or sets in while coming
-  down.
-- A coordinate that stands, and a position that is scaled, smoothed or late while the attitude is true, strike where
-  they are seen in time.
-- Another body at rest matters with a wrong thrust or mass before lift-off alone: in the air both are known.
-- Over a radio what is false meets something else than over MAVLink in the air alone, where nobody could land the
-  vehicle: not in *ready* and *arming*; and of what lies on the way down only the *descent*.
-- What needs processes of its own is flown where a process of its own makes a difference.
-
-*start* is before the first pose: the flight begins with the fault. It is flown with what an instrument may be set up
-with, and with another body's name.
+Every one is flown in every state, but where it makes no difference or can't happen: a wrong mass is there from
+the *start*, before the first pose; a vehicle that stands can't be pushed; ground effect matters near the floor
+alone; in the air thrust and mass are known; a coordinate that stands still strikes where it is seen in time.
 """
 
 import asyncio

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 from groundstation.config import refuse_io
 from groundstation.machine import fill_markers
-from tests.proving.faults.fault import REASONS, Exemption, Kind
+from sim.cli import typed_command
+from tests.proving.faults.fault import FALLS, REASONS, Kind
 from tests.proving.faults.faults import FAMILIES, FAULTS, LATE_LIFT_OFF
-from tests.proving.faults.judge import KNOWN_SHARE, LIMITS, NEAR_LIMIT, REQUIRED_SHARE, Row
+from tests.proving.faults.judge import KNOWN_SHARE, LIMITS, NEAR_LIMIT, OPEN_LOOP, REQUIRED_SHARE, Row
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "fault-table.md"
 """The page, with its words."""
@@ -56,8 +57,7 @@ def summarize(rows: Sequence[Row]) -> list[Summary]:
         some = [row for row in rows if row.family == name]
         if not some:
             continue
-        falls = {str(Exemption.NO_LINK), str(Exemption.NO_MOTORS), str(Exemption.WEAK)}
-        held = [row for row in some if row.exemption not in falls] or some
+        held = [row for row in some if row.exemption not in FALLS] or some
         beyond = sorted((row for row in some if not row.safe), key=lambda row: -row.worst)
         found.append(
             Summary(
@@ -71,7 +71,7 @@ def summarize(rows: Sequence[Row]) -> list[Summary]:
                 fastest_m_s=max(row.fastest_m_s for row in held),
                 hardest_m_s=max(row.touchdown_m_s or 0.0 for row in held),
                 fly_on=sum(row.ended == "flies on" for row in some),
-                open_loop=sum(row.ended == "open loop" for row in some),
+                open_loop=sum(row.ended == OPEN_LOOP for row in some),
                 beyond=tuple(beyond),
             )
         )
@@ -163,11 +163,11 @@ def _line(one: Summary) -> str:
     )
 
 
-def write(path: Path, rows: Sequence[Row], command: str) -> None:
-    """Write the page.
+def write(path: Path, rows: Sequence[Row]) -> None:
+    """Write the page, which says by what command it was made.
 
     Raises:
         ConfigError: the file can't be written.
     """
     with refuse_io("--write", "file.unwritten", path):
-        path.write_text(page(rows, command), "utf-8")
+        path.write_text(page(rows, typed_command()), "utf-8")
