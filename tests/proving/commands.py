@@ -3,7 +3,6 @@
 import argparse
 import json
 import os
-from collections.abc import Collection, Sequence
 
 import msgspec
 
@@ -31,10 +30,12 @@ from tests.proving.faults import (
 def faults(args: argparse.Namespace) -> Exit:
     """Break one thing in every state of a mission."""
     scenario_of(args.scenario)
-    known = {**CASES, **FAULTS}
-    _check_choice("--fault", args.fault, known)
-    _check_choice("--state", args.state, MOMENTS)
-    kinds = _read_kinds(args.kind)
+    kinds = set(args.kind or ())
+    choices = [("--fault", args.fault, list({**CASES, **FAULTS})), ("--state", args.state, list(MOMENTS))]
+    choices += [("--kind", kind, list(map(str, Kind))) for kind in args.kind or ()]
+    for option, given, known in choices:
+        if given is not None and given not in known:
+            raise ConfigError(option, notice("value.choice", choices=known, found=given))
     check_forced(args.forced)
     if args.forced and kinds != {Kind.HONEST}:
         raise ConfigError("--forced", notice("dev.forced"))
@@ -51,15 +52,3 @@ def faults(args: argparse.Namespace) -> Exit:
         write(args.write, rows)
     print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
     return Exit.DONE if is_within(rows) else Exit.FAILED
-
-
-def _check_choice(option: str, given: str | None, known: Collection[str]) -> None:
-    if given is not None and given not in known:
-        raise ConfigError(option, notice("value.choice", choices=list(known), found=given))
-
-
-def _read_kinds(given: Sequence[str] | None) -> set[str]:
-    """Return the kinds of rows that are asked for; empty for all."""
-    for kind in given or ():
-        _check_choice("--kind", kind, [str(one) for one in Kind])
-    return set(given or ())

@@ -379,6 +379,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "campaign-columns.md": {"columns": describe_columns},
     "guards.md": {"guards": describe_guards},
     "messages.md": {"messages": describe_messages},
+    "mqtt.md": {"mqtt-topics": topics_table},
     "python.md": {
         "calls": describe_calls,
         "given": lambda: describe_structs(*(getattr(groundstation, name) for name in GIVEN)),
@@ -413,10 +414,8 @@ def reference_command(folder: Path | None) -> str:
     (folder / SCHEMAS).mkdir(exist_ok=True)
     for name, schema in schemas().items():
         (folder / SCHEMAS / name).write_text(schema_text(schema), "utf-8")
-    if (folder / "mqtt.md").exists():  # written by hand but for its table
-        replace_between_markers(folder / "mqtt.md", topics_table(), "mqtt-topics")
     safety = folder.parent / "explanation" / "safety.md"
-    if safety.exists():  # likewise
+    if safety.exists():
         replace_between_markers(safety, states_page(), "states")
     written = [*PAGES, *(f"{SCHEMAS}/{name}" for name in schemas())]
     return "\n".join(f"{folder / name} written" for name in written)

@@ -382,7 +382,8 @@ def text(facts: dict[str, Any]) -> list[str]:
         lines.append(f"  {name:16} {'ratio':12} {_words(these['ratios'])}")
     lines.append("pose's datagram in to command's datagram out")
     for rate, ours in facts["pose_to_command"].items():
-        lines.append(f"  {rate + ' Hz':16} {'the program':12} {_figures(ours)}; {lost_words(ours)}")
+        lost = f"{ours['overtaken']} overtaken by a newer pose, {ours['unanswered']} unanswered"
+        lines.append(f"  {rate + ' Hz':16} {'the program':12} {_figures(ours)}; {lost}")
         lines.append(f"  {rate + ' Hz':16} {'a bare echo':12} {_figures(facts['echo'][rate])}")
         lines.append(f"  {rate + ' Hz':16} {'ratio':12} {_words(facts['latency_ratios'][rate])}")
     return lines
@@ -390,11 +391,6 @@ def text(facts: dict[str, Any]) -> list[str]:
 
 def _figures(these: dict[str, float]) -> str:
     return f"50 % within {these['p50_us']:.0f} µs, 99 % {these['p99_us']:.0f}, 99.9 % {these['p999_us']:.0f}"
-
-
-def lost_words(these: dict[str, float]) -> str:
-    """Describe the poses that had no command of their own."""
-    return f"{these['overtaken']} overtaken by a newer pose, {these['unanswered']} unanswered"
 
 
 def _words(ratios: dict[str, float]) -> str:

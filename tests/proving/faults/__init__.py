@@ -11,10 +11,9 @@ from tests.proving.faults.fault import (
     Meddler,
     Poses,
     Scene,
-    name_of,
     stand_between,
 )
-from tests.proving.faults.faults import BROKEN, CASES, FAULTS, STATES
+from tests.proving.faults.faults import CASES, FAULTS
 from tests.proving.faults.judge import STRICT, TOUCHDOWN_M_S, Row
 from tests.proving.faults.monitors import check_forced
 from tests.proving.faults.pictures import Struck, late, still

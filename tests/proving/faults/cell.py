@@ -392,37 +392,6 @@ class _CopiesFlown(Exception):
     """All copies have flown on."""
 
 
-class _Copies:
-    """Processes that fly on from one instant, one after the other, each with its own fault."""
-
-    def __init__(self, copies: Sequence[FlightCopy]) -> None:
-        self.rows: list[Row] = []
-        """Rows found so far, in their order."""
-        self.out: int | None = None
-        """Where a copy tells what it has found; None in the process that is none."""
-        self._copies = copies
-
-    def split(self) -> FlightCopy:
-        """In each copy, that copy."""
-        loop = asyncio.get_running_loop()
-        for copy in self._copies:
-            far, near = os.pipe()
-            number = os.fork()
-            if number == 0:
-                os.close(far)
-                asyncio._set_running_loop(loop)  # it is told by the process's number
-                self.out = near
-                return copy
-            os.close(near)
-            with os.fdopen(far, "rb") as told:
-                found = msgspec.msgpack.decode(told.read() or b"\xc0", type=Row | str | None)
-            os.waitpid(number, 0)
-            if not isinstance(found, Row):
-                raise RuntimeError(f"{copy.case}: {found or 'its process was killed'}")
-            self.rows.append(found)
-        raise _CopiesFlown
-
-
 def fly_together(
     copies: Sequence[FlightCopy],
     state: str,
@@ -433,22 +402,45 @@ def fly_together(
     overrides: tuple[str, ...] = (),
 ) -> list[Row]:
     """Return the rows of ``copies``, whose cases are set up alike: they strike one flight."""
-    flights = _Copies(copies)
     case = copies[0].case
+    rows: list[Row] = []
+    out: int | None = None  # where a copy writes its row; None in the process that is none
     found: Row | str
+
+    def split() -> FlightCopy:
+        """Fork a process for each copy, one after the other; return in each of them which it is."""
+        nonlocal out
+        loop = asyncio.get_running_loop()
+        for copy in copies:
+            far, near = os.pipe()
+            number = os.fork()
+            if number == 0:
+                os.close(far)
+                asyncio._set_running_loop(loop)  # it is told by the process's number
+                out = near
+                return copy
+            os.close(near)
+            with os.fdopen(far, "rb") as told:
+                row = msgspec.msgpack.decode(told.read() or b"\xc0", type=Row | str | None)
+            os.waitpid(number, 0)
+            if not isinstance(row, Row):
+                raise RuntimeError(f"{copy.case}: {row or 'its process was killed'}")
+            rows.append(row)
+        raise _CopiesFlown
+
     try:
         found = fly_cell(
             case, state,
-            link=link, seed=seed, scenario=scenario, overrides=overrides, split=flights.split,
+            link=link, seed=seed, scenario=scenario, overrides=overrides, split=split,
         )  # fmt: skip
     except _CopiesFlown:
-        return flights.rows
+        return rows
     except BaseException as error:
-        if flights.out is None:
+        if out is None:
             raise
         found = f"{type(error).__name__}: {error}"
-    if flights.out is not None:  # a copy ends here: what comes next is its original's to do
-        os.write(flights.out, msgspec.msgpack.encode(found))
+    if out is not None:  # a copy ends here: what comes next is its original's to do
+        os.write(out, msgspec.msgpack.encode(found))
         os._exit(0)
     assert isinstance(found, Row), "told by whoever has failed"
     never = found.why

@@ -517,22 +517,14 @@ def _find_false_alarm(fault: Fault, failure: Failure | None) -> str:
 
 SET_POINT = b"\x52\x00\x00"
 """SET_ATTITUDE_TARGET, in bytes 7 to 9 of a MAVLink 2 frame."""
-PAYLOAD = 10
-"""Place of the payload in a frame of MAVLink 2 [bytes]."""
+RATES_AT = 30
+"""Place of the body rates in it, with the thrust behind them [bytes]."""
 LONGEST_BYTES = 60
 """Length of the longest frame that is judged [bytes]; zeros at its end may be cut."""
 AGREES = 2e-6
 """32-bit floats agree so well with what they were made of [-]."""
 INSTANT_S = 2e-6
 """Timers fire up to a clock's tick early or late [s]."""
-
-
-def set_point(data: bytes) -> tuple[float, float, float, float] | None:
-    """Thrust as a share and body rates [rad/s] in a frame; None where it is no set-point."""
-    if data[7:10] != SET_POINT:
-        return None
-    p, q, r, thrust = struct.unpack_from("<4f", data.ljust(LONGEST_BYTES, b"\0"), PAYLOAD + 20)
-    return thrust, p, q, r
 
 
 class WireJudge:
@@ -569,13 +561,13 @@ class WireJudge:
         """Take one datagram of the simulated network."""
         if source[1] == self._port:
             self.last_s = time_s
-            told = set_point(data)
-            if told is not None:
-                self._frame(time_s, *told)
+            if data[7:10] == SET_POINT:
+                self._frame(time_s, *struct.unpack_from("<4f", data.ljust(LONGEST_BYTES, b"\0"), RATES_AT))
         elif self._sticks is not None and target == MODULE:
             self._radio(time_s, data)
 
-    def _frame(self, time_s: float, thrust: float, p: float, q: float, r: float) -> None:
+    def _frame(self, time_s: float, p: float, q: float, r: float, thrust: float) -> None:
+        """Take body rates [rad/s] and thrust (0..1) of a set-point."""
         if not math.isfinite(thrust + p + q + r):
             self._say(f"a number that is not finite left at {time_s:.3f} s")
         self._thrust.command(time_s, thrust)
