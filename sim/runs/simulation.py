@@ -189,7 +189,8 @@ def check_duration(duration_s: object, above_s: float = 0.0) -> float:
         ConfigError: it is no number above ``above_s``, or more than a day.
     """
     if not (isinstance(duration_s, Real) and above_s < float(duration_s) <= LONGEST_S):
-        raise ConfigError("--duration", notice("value.seconds", above=above_s, most=LONGEST_S, found=duration_s))
+        id = "value.seconds" if above_s == 0.0 else "sim.judged_seconds"
+        raise ConfigError("--duration", notice(id, above=above_s, most=LONGEST_S, found=duration_s))
     return float(duration_s)
 
 

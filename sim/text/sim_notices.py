@@ -14,6 +14,11 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
     # Arguments.
+    NoticeTemplate(
+        "sim.judged_seconds",
+        "expected seconds, more than {above:g} and at most {most:g}, got {found!r}",
+        "only what is flown after the start is judged",
+    ),
     NoticeTemplate("value.names", "expected names between commas, got {found!r}"),
     # What is simulated, and with what.
     NoticeTemplate(

@@ -208,9 +208,7 @@ def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str
 
 def test_a_flight_of_others_is_not_flown_again_but_examined(tmp_path: Path) -> None:
     path = imported(tmp_path, nanobench(tmp_path), "nanobench")
-    with pytest.raises(
-        ConfigError, match=r"no command of ours: `groundstation replay evidence .*nanobench\.mcap`"
-    ):
+    with pytest.raises(ConfigError, match=r"no command of ours: `groundstation replay evidence .*nanobench\.mcap`"):
         replay_facts(path)
 
 

@@ -104,6 +104,7 @@ def test_a_word_too_many_or_too_few_is_told_beside_the_usage_of_its_command(
     ("parser", "words", "says"),
     [
         (SIM, "compare --controllers bogus", r"^--controllers: expected one of \['adaptive', .* got 'bogus'$"),
+        (SIM, "tune --report --duration 16", r"^--duration: .* more than 16 .* got 16\.0: only what is flown after"),
         (SIM, "compare --trials 3", "^--trials: is for --equal-margins alone: leave it out$"),
         (SIM, "compare --equal-margins --scenarios paper", "^--scenarios: is told by --equal-margins itself"),
         (SIM, "compare --equal-margins --controllers mine:make", "^--controllers: expected some of"),
