@@ -1,14 +1,13 @@
 """Random and damaged bytes for every decoder of poses and links.
 
-Nothing may raise, and a stream that comes in pieces must say the same as one that comes whole. Each decoder has a
-subject with good datagrams to damage: for each pose source a reader as the source makes it, and the datagrams of a
-short flight for it.
+Nothing may raise, and a stream that comes in pieces must say the same as one that comes whole.
 """
 
 import random
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import msgspec
@@ -235,12 +234,6 @@ def read_tlog() -> Subject:
     return Subject(seeds, feed, lambda: drops, lambda data: data[:8] + repair_mavlink(data[8:]))
 
 
-def pieces_of(stream: bytes, cuts: Sequence[int]) -> list[bytes]:
-    """``stream``, cut at ``cuts`` (in order)."""
-    ends = [0, *cuts, len(stream)]
-    return [stream[a:b] for a, b in zip(ends, ends[1:], strict=False)]
-
-
 def repair_mavlink(frame: bytes) -> bytes:
     """A damaged MAVLink 2 frame with the length and the checksum of what it holds."""
     if len(frame) < 12:
@@ -298,7 +291,8 @@ def try_damaged(make: Callable[[], Subject], count: int, seed: int = 0) -> tuple
         if len(batch) == STREAM_PACKETS and (decode := subject.decode_stream) is not None:
             stream = b"".join(batch)
             cuts = sorted(chance.randrange(len(stream) + 1) for _ in range(chance.randrange(1, 12)))
-            assert decode([stream]) == decode(pieces_of(stream, cuts)), (stream.hex(), cuts)
+            pieces = [stream[begin:end] for begin, end in pairwise([0, *cuts, len(stream)])]
+            assert decode([stream]) == decode(pieces), (stream.hex(), cuts)
         if len(batch) == STREAM_PACKETS:
             batch = []
     return events, subject.drops()

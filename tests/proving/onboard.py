@@ -1,10 +1,8 @@
 """PX4's and ArduCopter's own firmware on our rotors, in a lab's own wiring: ``groundstation-sim dev autopilots``.
 
-The rotor-level plant of ``rotors_quad1kg`` is the firmware's simulator. Poses come from the
-simulated tracker alone, and go on to the autopilot by ``link.forward``; there is no GPS. Of its
-parameters, airframe, mixer, rate gains and arming without a transmitter come from
-sim/autopilots/px4.params or ardupilot.parm, and all others are what ``groundstation doctor`` asks
-for. Time is the plant's; errors are the truth's.
+The rotor-level plant of ``rotors_quad1kg`` is the firmware's simulator. Poses come from the simulated tracker alone,
+and go on to the autopilot by ``link.forward``; there is no GPS. Parameters that are not in sim/autopilots/px4.params
+or ardupilot.parm are what ``groundstation doctor`` asks for. Time is the plant's; errors are the truth's.
 """
 
 import argparse
@@ -12,19 +10,18 @@ import asyncio
 import json
 import math
 import sys
-from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar, copy_context
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
-from groundstation.flight import Flight, make_flight
+from groundstation.flight import make_flight
 from groundstation.lab import DoctorOrders, run_doctor
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit
@@ -35,8 +32,8 @@ from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.text import notice
 from sim.time import VirtualTimeLoop, in_virtual_time
-from sim.world import FourRotors, World, generator, rows
-from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Meddler, Struck as StruckPose, late, stand_between, still
+from sim.world import FourRotors, World
+from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Scene, Strike, comes_late, shows, stand_between, still
 from tests.proving.takeoff_start import HEAD, TakeOff, describe, fly_take_off
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduCopter"}
@@ -205,54 +202,31 @@ PROCESS: ContextVar[bool] = ContextVar("process", default=False)
 """True in what belongs to the ground station's process."""
 
 
-class StrikeScene(NamedTuple):
-    """Parts that a strike may break."""
-
-    stage: Stage
-    flight: Flight
-    between: Meddler
-
-    @property
-    def firmware(self) -> OnboardFirmware:
-        """On the vehicle."""
-        assert self.stage.onboard is not None, "real firmware"
-        return self.stage.onboard
-
-
-async def kill(scene: StrikeScene) -> None:
+async def kill(scene: Scene) -> None:
     """Nothing of the process is left: neither commands nor poses."""
     _loop().suspend(PROCESS)
 
 
-async def stop(scene: StrikeScene) -> None:
+async def stop(scene: Scene) -> None:
     """The process stands still, and wakes again: what came meanwhile is read at once."""
     await kill(scene)
     await asyncio.sleep(STOPPED_S)
     _loop().resume()
 
 
-async def interrupt(scene: StrikeScene) -> None:
+async def interrupt(scene: Scene) -> None:
     """Ctrl-C, once."""
     scene.flight.stop("Ctrl-C")
 
 
-async def freeze(scene: StrikeScene) -> None:
-    """Frames go on, the picture stands still but for noise."""
-    shown, loop = scene.between.shown, asyncio.get_running_loop()
-    assert shown is not None, "something was shown"
-    noise = rows(generator(0, "frozen").standard_normal, 6)
-    struck = StruckPose(loop.time(), shown.position_ned, shown.attitude, noise)
-    scene.between.picture = still(struck)
-
-
-async def delay(scene: StrikeScene) -> None:
-    """Poses come later than before."""
-    scene.between.way = late(lambda _: LATE_S, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
-
-
-async def stop_forwarding(scene: StrikeScene) -> None:
+async def stop_forwarding(scene: Scene) -> None:
     """No pose reaches the autopilot any more; commands do."""
-    scene.firmware.passes = lambda datagram: datagram[7:10] != ODOMETRY_NUMBER
+    _firmware(scene).passes = lambda datagram: datagram[7:10] != ODOMETRY_NUMBER
+
+
+def _firmware(scene: Scene) -> OnboardFirmware:
+    assert scene.stage.onboard is not None, "real firmware"
+    return scene.stage.onboard
 
 
 def _loop() -> VirtualTimeLoop:
@@ -261,23 +235,23 @@ def _loop() -> VirtualTimeLoop:
     return loop
 
 
-async def take_over(scene: StrikeScene) -> None:
+async def take_over(scene: Scene) -> None:
     """A pilot's ground station sets a mode in which the autopilot stops (PX4: hold, ArduCopter: BRAKE)."""
     codec = MavlinkCodec(250, 190)
-    modes = (4.0, 3.0) if isinstance(scene.firmware.firmware, Px4) else (17.0, 0.0)
+    firmware = _firmware(scene).firmware
+    modes = (4.0, 3.0) if isinstance(firmware, Px4) else (17.0, 0.0)
     message = codec.dialect.MAVLink_command_long_message(
         1, 1, MavCommand.DO_SET_MODE, 0, 1.0, *modes, 0.0, 0.0, 0.0, 0.0
     )
-    scene.firmware.firmware.say(codec.pack(message))
+    firmware.say(codec.pack(message))
 
 
-Strike: TypeAlias = Callable[[StrikeScene], Coroutine[Any, Any, None]]
 STRIKES: Mapping[str, tuple[Strike, bool]] = {
     "kill -9": (kill, True),
     "SIGSTOP for 1.5 s": (stop, True),
     "Ctrl-C": (interrupt, True),
-    "poses frozen": (freeze, True),
-    "poses 200 ms late": (delay, True),
+    "poses frozen": (shows(still), True),
+    "poses 200 ms late": (comes_late(LATE_S, fresh=False), True),
     "forwarder dead": (stop_forwarding, False),
     "a pilot takes over": (take_over, False),
 }
@@ -296,7 +270,6 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     stage = Stage(world, config, seed, lambda time_s, at: path.append((time_s, at)), autopilot=airworthy)
     assert stage.onboard is not None
     between = stand_between(stage)
-    assert between is not None, "it has cameras"
     flight = make_flight(config, confirm=confirm_at(ALIGNED_S), wires=stage.wires)
     context = copy_context()
     context.run(PROCESS.set, True)
@@ -310,7 +283,7 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     stage.onboard.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
     path.clear()
     stage.plant.floor.hardest_m_s = None
-    await strike(StrikeScene(stage, flight, between))
+    await strike(Scene(flight, stage, between, seed))
     await asyncio.sleep(WATCHED_S)
     _loop().resume()
     state = str(flight.state)

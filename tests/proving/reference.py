@@ -1,8 +1,6 @@
 """Pages of docs/reference from the code: ``groundstation-sim dev reference --write docs/reference``.
 
 The words of a page stand in the page, and between its markers what is made here.
-Every key of a configuration, every command of both programs with its arguments, every channel of a recording with its
-fields, every column of a campaign's table, and the rooms: the folders of the project.
 """
 
 import argparse

@@ -11,10 +11,11 @@ from tests.proving.faults.fault import (
     Meddler,
     Poses,
     Scene,
+    Strike,
     stand_between,
 )
-from tests.proving.faults.faults import CASES, FAULTS
+from tests.proving.faults.faults import CASES, FAULTS, comes_late, shows
 from tests.proving.faults.judge import STRICT, TOUCHDOWN_M_S, Row
 from tests.proving.faults.monitors import check_forced
-from tests.proving.faults.pictures import Struck, late, still
+from tests.proving.faults.pictures import still
 from tests.proving.faults.table import is_within, text, write

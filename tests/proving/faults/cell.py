@@ -48,8 +48,7 @@ from tests.proving.faults.monitors import UNGUARDED, DeckMonitors
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
 AUTOPILOT = {"COM_OF_LOSS_T": 0.3}
-"""Time for which PX4 holds the last set-point [s]; its default is 1 s, docs/how-to/px4.md asks for
-0.2 to 1."""
+"""Time for which PX4 holds the last set-point [s]; its default is 1 s, docs/how-to/px4.md asks for 0.2 to 1."""
 CONFIRM_S = 3.0
 """When arming is confirmed, in virtual time [s]."""
 FIGURE_S = 5.0
@@ -219,7 +218,7 @@ async def fly_here(
     )
     scene = Scene(flight, stage, meddler, seed)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
-    striking = asyncio.ensure_future(_strike(scene, state, moves, truth))
+    striking = asyncio.ensure_future(_reach(MOMENTS[state], scene, moves, truth))
     await asyncio.wait({turning, flying, striking}, return_when=asyncio.FIRST_COMPLETED)
     if not striking.done():
         turning.cancel(), flying.cancel(), striking.cancel()
@@ -281,29 +280,25 @@ async def fly_here(
     return replace(row, seed=seed, forced="" if watch_as == UNGUARDED else watch_as)
 
 
-async def _strike(scene: Scene, name: str, moves: Moves, truth: Truth) -> tuple[float, Vec3]:
-    """Wait for the moment; when and where it is."""
-    await reach(MOMENTS[name], scene.flight, scene.stage, moves)
-    now = scene.now_s
-    moves.struck = True
-    return now, truth.strike(now)
+async def _reach(moment: Moment, scene: Scene, moves: Moves, truth: Truth) -> tuple[float, Vec3]:
+    """Return when and where ``moment`` is, and judge from then on.
 
-
-async def reach(moment: Moment, flight: Flight, stage: Stage, moves: Moves) -> None:
-    """Return at ``moment``; a point to go to, or a failsafe descent, is asked for: no flight comes to it by itself."""
-    loop = asyncio.get_running_loop()
+    A point to go to, or a failsafe descent, is asked for: no flight comes to it by itself.
+    """
+    flight, stage = scene.flight, scene.stage
     while True:
         if moves.state is State.TRACKING and flight.started_s is not None:
             moves.since_s = flight.started_s  # the figure, not the way onto it
         if moment.state is State.DESCENT and moves.lasts(State.TRACKING, DESCENT_AFTER_S):
             flight.ask(Request(Ask.DESCEND, "the deck"))
         if moment.state is State.MOVING and moves.lasts(State.HOLD, MOVES_AFTER_S):
-            place = stage.plant.truth(loop.time()).position_ned
+            place = stage.plant.truth(scene.now_s).position_ned
             point = Waypoint(*(here + by for here, by in zip(place, MOVES_BY, strict=True)))
             flight.ask(Request(Ask.GOTO, "the deck", (point,)))
-        height_m = stage.world.floor_z_m - stage.plant.truth(loop.time()).position_ned[2]
+        height_m = stage.world.floor_z_m - stage.plant.truth(scene.now_s).position_ned[2]
         if moment.is_now(moves, height_m):
-            return
+            moves.struck = True
+            return scene.now_s, truth.strike(scene.now_s)
         await asyncio.sleep(LOOK_S)
 
 

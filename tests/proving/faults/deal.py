@@ -16,8 +16,7 @@ from tests.proving.faults.judge import Row, judge_honest
 from tests.proving.faults.monitors import FAILED, UNGUARDED
 
 TOGETHER = 12
-"""At most this many cells are flown together by one process, so that all processes have enough to
-do."""
+"""At most this many cells are flown together by one process, so that all processes have enough to do."""
 
 
 class Cell(msgspec.Struct, frozen=True):

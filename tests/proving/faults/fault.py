@@ -1,8 +1,6 @@
 """Fault: how it strikes, at which moment of a mission, and what its judge must know of it.
 
-Moments are the states in which something moves, or is about to, and the instant within. What can't be asked of a
-vehicle after a fault is a closed list of words; everything else is asked of all. The meddler stands between the cameras
-and the network and spoils what they say, from the instant that it is told to.
+What can't be asked of a vehicle after a fault is a closed list of words; everything else is asked of all.
 """
 
 import asyncio
@@ -20,7 +18,7 @@ from tests.proving.faults.pictures import Picture, Struck, Way
 
 
 class Meddler:
-    """Implements :class:`sim.trackers.trackers.Tracker` around another one."""
+    """Tracker around another one: stands between the cameras and the network, and spoils what they say."""
 
     def __init__(self, tracker: Tracker) -> None:
         self.picture: Picture | None = None

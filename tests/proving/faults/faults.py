@@ -30,9 +30,9 @@ from tests.proving.faults.fault import (
 from tests.proving.faults.pictures import Picture, Way, late
 
 SAG_STEP_S = 0.1
-"""Time between its steps [s]."""
+"""Time between the steps of a battery's collapse [s]."""
 FULL_V = 3.9
-"""Cell voltage before the collapse [V]."""
+"""Cell voltage before that collapse [V]."""
 EMPTY_V = 3.1
 """Cell voltage after it [V]."""
 GUST_M_S2 = (3.0, 2.0, 1.0)
@@ -46,13 +46,13 @@ GRASP_MOST_M_S2 = 60.0
 STEP_S = 0.01
 """Step of what moves a vehicle, or its heading, little by little [s]."""
 TETHER_PER_S2 = 40.0
-"""Stiffness of that cable per mass [1/s²]: 3.2 N/m at 80 g."""
+"""Stiffness of a cable per mass [1/s²]: 3.2 N/m at 80 g."""
 ROTOR_M = 0.05
 """Rotor radius in the ground effect's model [m]."""
 LED_TILT_DEG = 20.0
-"""Tilt in that hand [deg]."""
+"""Tilt of a vehicle in the hand that takes it out of the air [deg]."""
 GRIP_S = 0.3
-"""Time constant of the hand's grip [s]."""
+"""Time constant of that hand's grip [s]."""
 
 LONG_HOLD = ("takeoff.hold_s=30",)
 """``--set`` of a hold that lasts."""
@@ -540,16 +540,12 @@ HONEST_HOLD = ("takeoff.hold_s=12",)
 """``--set`` of a hold that lasts longer than an honest flight is looked at."""
 
 
-def _flies_on(must: bool) -> tuple[str, ...]:
-    return HONEST_STATES if must else ()
-
-
 _HONEST: dict[str, Fault] = {
     **{
         f"push: {peak} for {duration:g} s": Fault(
             push_along("aside", peak, duration),
             states=("spool-up", *FLYING) if (peak, duration) == (4, 1.0) else HONEST_STATES,
-            flies_on=_flies_on(peak <= FLIES_ON_M_S2),
+            flies_on=HONEST_STATES if peak <= FLIES_ON_M_S2 else (),
         )
         for duration in (1.0, 0.4)
         for peak in PUSHES_M_S2
@@ -558,14 +554,16 @@ _HONEST: dict[str, Fault] = {
         f"push: {where} {peak} for 1 s": Fault(
             push_along(where, peak, 1.0),
             states=HONEST_STATES,
-            flies_on=_flies_on(where == "down" or peak < FLIES_ON_M_S2),
+            flies_on=HONEST_STATES if where == "down" or peak < FLIES_ON_M_S2 else (),
         )
         for peak in LIFTS_M_S2
         for where in ("up", "down")
     },
     **{
         f"wind step: {step}": Fault(
-            step_wind(step), states=HONEST_STATES, flies_on=_flies_on(step <= STEP_FLIES_ON_M_S2)
+            step_wind(step),
+            states=HONEST_STATES,
+            flies_on=HONEST_STATES if step <= STEP_FLIES_ON_M_S2 else (),
         )
         for step in WIND_STEPS_M_S2
     },

@@ -1,9 +1,8 @@
 """Judge: what came of one fault in one state, and whether that was safe.
 
-Three look on: at the vehicle by the simulated truth; at what the station's commands push with once a fault was
-answered, held against the thrust that hovers; and at the bytes that left: every number finite, nothing past its
-deadline. Each frame is held against the commands that the controller made: it must be the newest of them (or the one
-before, in the instant in which the newest is made) before its deadline, or the part of its bring-down whose time it is.
+``Truth`` sees how the vehicle moves, ``Thrust`` what the commands push with once a fault was answered, and
+``WireJudge`` each frame that leaves: it must be the newest command (or the one before, in the instant in which the
+newest is made) before its deadline, or the part of its bring-down whose time it is.
 """
 
 import math

@@ -1,8 +1,4 @@
-"""Pictures and ways: what cameras show that is not so, and frames that do not come as they should.
-
-A wrong picture of our body shows from the instant on at which it sets in; a way has frames come late, seldom, several
-times, or with stamps that are not true.
-"""
+"""Pictures that cameras show and that are not so; ways of frames: late, seldom, repeated, with wrong stamps."""
 
 import asyncio
 import math

@@ -1,6 +1,6 @@
 """The fault deck as text: a line a cell for a terminal, and a page with a line a family."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,27 +78,30 @@ def summarize(rows: Sequence[Row]) -> list[Summary]:
     return found
 
 
+def count_kinds(rows: Sequence[Row]) -> Iterator[tuple[Kind, int, int, int]]:
+    """For each kind among ``rows``: its cells, those within their limits, and those beyond NEAR_LIMIT times them."""
+    for kind in Kind:
+        some = [row for row in rows if row.kind == kind]
+        if some:
+            far = sum(not row.safe and row.worst > NEAR_LIMIT for row in some)
+            yield kind, len(some), sum(row.safe for row in some), far
+
+
 def tell_kinds(rows: Sequence[Row]) -> list[str]:
     """Return for each kind among ``rows`` how many cells are within their limits."""
-    found = []
-    for kind in dict.fromkeys(kind for kind in Kind if any(row.kind == kind for row in rows)):
-        some = [row for row in rows if row.kind == kind]
-        within, far = sum(row.safe for row in some), sum(not row.safe and row.worst > NEAR_LIMIT for row in some)
-        share = f"{100.0 * within / len(some):.1f} %"
-        found.append(f"{kind}: {within} of {len(some)} within ({share}), {far} beyond {NEAR_LIMIT:g}x")
-    return found
+    return [
+        f"{kind}: {within} of {cells} within ({100.0 * within / cells:.1f} %), {far} beyond {NEAR_LIMIT:g}x"
+        for kind, cells, within, far in count_kinds(rows)
+    ]
 
 
 def is_within(rows: Sequence[Row]) -> bool:
     """Return whether ``rows`` as a whole are within what is asked of each kind."""
     shares = {Kind.REQUIRED: REQUIRED_SHARE, Kind.KNOWN_LIMIT: KNOWN_SHARE}
-    for kind in Kind:
-        some = [row for row in rows if row.kind == kind]
-        bad = [row for row in some if not row.safe]
-        far = kind is Kind.REQUIRED and any(row.worst > NEAR_LIMIT for row in bad)
-        if far or len(some) - len(bad) < shares.get(kind, 1.0) * len(some):
-            return False
-    return True
+    return all(
+        within >= shares.get(kind, 1.0) * cells and not (far and kind is Kind.REQUIRED)
+        for kind, cells, within, far in count_kinds(rows)
+    )
 
 
 def name_cell(row: Row) -> str:
