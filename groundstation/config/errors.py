@@ -70,13 +70,16 @@ def element_path(path: KeyPath, index: int) -> KeyPath:
 def refuse_io(key: str, id: str, path: Path | str, source: str = "") -> Iterator[None]:
     """Report by ``key`` why the block fails; ``id`` names the sentence about ``path``, such as ``file.unwritten``.
 
+    Where ``path`` is a folder, the sentence is about the file in it that the system names.
+
     Raises:
         ConfigError: in the place of an OSError, as ssl.SSLError is one.
     """
     try:
         yield
     except OSError as error:
-        raise ConfigError(key, config_notice(id, path=path, why=error.strerror or error), source) from None
+        named = error.filename if error.filename is not None and Path(path).is_dir() else path
+        raise ConfigError(key, config_notice(id, path=named, why=error.strerror or error), source) from None
 
 
 def locate(error: msgspec.ValidationError) -> tuple[str, str]:

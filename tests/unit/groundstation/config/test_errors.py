@@ -1,7 +1,8 @@
-"""Errors of a configuration, on their way from a worker process to the one that started it."""
+"""Errors of a configuration: on their way from a worker process to the one that started it, and of files."""
 
 import inspect
 import pickle
+from pathlib import Path
 
 import pytest
 
@@ -48,3 +49,12 @@ def test_a_wrong_value_of_the_users_code_brings_no_frames() -> None:
     again = pickle.loads(pickle.dumps(UserCodeFault("controller mine:Bad returned 3")))
     again.__cause__ = RuntimeError("frames of the pool of workers")
     assert (str(again), again.frames()) == ("controller mine:Bad returned 3", "")
+
+
+def test_a_file_of_a_folder_that_can_not_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "results.csv").mkdir()
+    with (
+        pytest.raises(errors.ConfigError, match=r"^--out: cannot write .*results\.csv: Is a directory$"),
+        errors.refuse_io("--out", "file.unwritten", tmp_path),
+    ):
+        (tmp_path / "results.csv").write_text("a table")
