@@ -123,7 +123,6 @@ STRIKES: tuple[tuple[str, Callable[[Stage], None], str], ...] = (
     ("the same, receiver holds its last pulses", hold_for_ever, "dsm"),
 )
 
-
 FLIGHTS: tuple[tuple[str, str, Sequence[str], float, str], ...] = (
     ("hover", "paper", ["trajectory.kind=hold"], 30.0, "0.25"),
     ("eight, 0.5 m/s", "paper", ["sim.speed_m_s=0.5"], 40.0, "0.35"),

@@ -16,39 +16,11 @@ from fastcrc.crc16 import mcrf4xx
 
 from groundstation.core.geometry import frames_of, so3
 from groundstation.core.messages import Pose
-from groundstation.pose import TlogReader
-from groundstation.pose.sources import (
-    Framer,
-    Intake,
-    JsonConfig,
-    JsonReader,
-    LocalPositionDecoder,
-    NatNetConfig,
-    NatNetReader,
-    OdometryDecoder,
-    PoseDecoder,
-    PoseReader,
-    QualisysConfig,
-    QualisysReader,
-    ViconConfig,
-    ViconReader,
-    VisionConfig,
-    VisionReader,
-    natnet_codec,
-)
+from groundstation.pose import TlogReader, sources
+from links import rf
 from links.bridge import codec as bridge_codec
 from links.core import Command
 from links.mavlink.protocol import MavlinkCodec, Message, load_dialect
-from links.rf import (
-    RF_CODECS,
-    MspReader,
-    Service,
-    describe_change,
-    encode_request,
-    find_refusal,
-    find_settings,
-    is_armed,
-)
 from sim.trackers import NatNetServer, QtmServer, TrackedBody, json_encoder, vicon_encoder, vision_encoder
 
 PERIOD_S = 0.01
@@ -58,7 +30,7 @@ PERIOD_S = 0.01
 class PoseFlight(NamedTuple):
     """One source's reader and what it is to read."""
 
-    reader: PoseReader
+    reader: sources.PoseReader
     datagrams: list[bytes]
     """One every ``PERIOD_S``; handshakes come before."""
 
@@ -72,58 +44,59 @@ def _bodies(frame: int) -> list[TrackedBody]:
 
 def vicon(frames: int) -> PoseFlight:
     """Vicon's UDP Object Stream."""
-    config = ViconConfig()
+    config = sources.ViconConfig()
     encode = vicon_encoder(config)
-    reader = ViconReader(config.object, Intake(0.0, frames_of(config), frame_s=PERIOD_S))
+    reader = sources.ViconReader(config.object, sources.Intake(0.0, frames_of(config), frame_s=PERIOD_S))
     return PoseFlight(reader, [encode(n, 0.0, _bodies(n)) for n in range(frames)])
 
 
-def natnet(frames: int, version: natnet_codec.Version = (4, 1)) -> PoseFlight:
+def natnet(frames: int, version: sources.natnet_codec.Version = (4, 1)) -> PoseFlight:
     """OptiTrack's NatNet, from the server's description on."""
-    config = NatNetConfig()
+    config = sources.NatNetConfig()
     server = NatNetServer(config, version)
     data = [server.encode(n, n * PERIOD_S, n * PERIOD_S + 0.005, _bodies(n)) for n in range(frames)]
-    reader = NatNetReader(config.name, Intake(0.0, frames_of(config)))
+    reader = sources.NatNetReader(config.name, sources.Intake(0.0, frames_of(config)))
     for message in natnet_handshake(version):
         reader.read(message, 0.0)
     return PoseFlight(reader, data)
 
 
-def natnet_handshake(version: natnet_codec.Version) -> list[bytes]:
+def natnet_handshake(version: sources.natnet_codec.Version) -> list[bytes]:
     """Return a server's messages before its first usable frame."""
-    server = NatNetServer(NatNetConfig(), version)
+    server = NatNetServer(sources.NatNetConfig(), version)
     server.encode(0, 0.0, 0.0, _bodies(0))
-    return [natnet_codec.encode_server_info(server.info), server.models()]
+    return [sources.natnet_codec.encode_server_info(server.info), server.models()]
 
 
 def qualisys(frames: int) -> PoseFlight:
     """The contents of QTM's data packets, as qtm-rt hands them over."""
-    config = QualisysConfig()
+    config = sources.QualisysConfig()
     server = QtmServer(config)
-    reader = QualisysReader(config.name, Intake(0.0, frames_of(config)))
+    reader = sources.QualisysReader(config.name, sources.Intake(0.0, frames_of(config)))
     reader.names = tuple(seen.name for seen in _bodies(0))
     return PoseFlight(reader, [server.encode(n, n * PERIOD_S, _bodies(n))[8:] for n in range(frames)])
 
 
 def json(frames: int) -> PoseFlight:
     """JSON poses."""
-    config = JsonConfig()
+    config = sources.JsonConfig()
     encode = json_encoder(config)
-    intakes = [Intake(0.0, frames_of(config), frame_s=s) for s in (None, PERIOD_S)]
-    reader = JsonReader(config.name, *intakes)
+    intakes = [sources.Intake(0.0, frames_of(config), frame_s=s) for s in (None, PERIOD_S)]
+    reader = sources.JsonReader(config.name, *intakes)
     return PoseFlight(reader, [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
 
 
 def vision(frames: int) -> PoseFlight:
     """VISION_POSITION_ESTIMATE."""
-    encode = vision_encoder(VisionConfig())
-    return PoseFlight(VisionReader(Intake(0.0)), [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
+    encode = vision_encoder(sources.VisionConfig())
+    reader = sources.VisionReader(sources.Intake(0.0))
+    return PoseFlight(reader, [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
 
 
-class MessageReader(PoseReader):
+class MessageReader(sources.PoseReader):
     """A decoder of MAVLink messages behind the link's codec, as a reader of datagrams."""
 
-    def __init__(self, decoder: PoseDecoder) -> None:
+    def __init__(self, decoder: sources.PoseDecoder) -> None:
         """Count frames that are none beside what ``decoder`` drops."""
         super().__init__(decoder.intake)
         self._decoder = decoder
@@ -148,7 +121,7 @@ def odometry(frames: int) -> PoseFlight:
             stamp_us, 1, 1, *position, attitude, *motion, nothing, nothing, 0, 8, 0
         )
 
-    return PoseFlight(MessageReader(OdometryDecoder(0.0)), [codec.pack(message(n)) for n in range(frames)])
+    return PoseFlight(MessageReader(sources.OdometryDecoder(0.0)), [codec.pack(message(n)) for n in range(frames)])
 
 
 def local_position(frames: int) -> PoseFlight:
@@ -162,7 +135,7 @@ def local_position(frames: int) -> PoseFlight:
         turned = d.MAVLink_attitude_quaternion_message(stamp_ms, *attitude, 0.0, 0.0, 0.0)
         placed = d.MAVLink_local_position_ned_message(stamp_ms, *position, 0.5, 0.0, 0.0)
         datagrams.append(codec.pack(turned) + codec.pack(placed))
-    return PoseFlight(MessageReader(LocalPositionDecoder(0.0)), datagrams)
+    return PoseFlight(MessageReader(sources.LocalPositionDecoder(0.0)), datagrams)
 
 
 FLIGHTS: dict[str, Callable[[int], PoseFlight]] = {
@@ -204,7 +177,7 @@ def read_poses(
     )
 
 
-def read_natnet(name: str, version: natnet_codec.Version) -> Subject:
+def read_natnet(name: str, version: sources.natnet_codec.Version) -> Subject:
     """Messages of the handshake among the frames: damaged ones are believed, and good ones must come again."""
 
     def repair(datagram: bytes) -> bytes:
@@ -216,7 +189,7 @@ def read_natnet(name: str, version: natnet_codec.Version) -> Subject:
 
 def _frame(pieces: Sequence[bytes]) -> tuple[list[bytes], bool]:
     """The packets of QTM's stream."""
-    framer = Framer()
+    framer = sources.Framer()
     return [packet for piece in pieces for packet in framer.feed(piece)], framer.broken
 
 
@@ -258,7 +231,6 @@ SOURCES: dict[str, Callable[[], Subject]] = {
     "tlog": read_tlog,
 }
 """Decoders of pose sources; a new source adds its own here."""
-
 
 LONGEST = 2000
 """Longest random datagram [bytes]."""
@@ -362,7 +334,7 @@ CRSF_TELLS = (
 
 def read_rf(kind: str) -> Subject:
     """Frames of a serial RF module with every channel, from end to end, and each service, as a module takes them."""
-    codec = RF_CODECS[kind]().codec()
+    codec = rf.RF_CODECS[kind]().codec()
     decoder = codec.decoder()
     seeds = [codec.encode([0.1 * n - 1.0] * codec.channels) for n in range(21)]
     seeds += [codec.encode([0.0] * codec.channels, service) for service in codec.services]
@@ -391,24 +363,24 @@ def repair_crsf(frame: bytes) -> bytes:
 
 def read_board() -> Subject:
     """A flight controller's own port: answers of MSP and of its command line, by the documents."""
-    seeds = [b"$M>" + encode_request(command, bytes(range(command % 40)))[3:] for command in range(1, 200)]
+    seeds = [b"$M>" + rf.encode_request(command, bytes(range(command % 40)))[3:] for command in range(1, 200)]
     seeds += [b"get thr_expo\r\nthr_expo = 0\r\nAllowed range: 0 - 100\r\n\r\n# ", b"aux 0 0 0 1700 2100 0 0\r\n"]
-    reader = MspReader()
+    reader = rf.MspReader()
 
     def feed(datagram: bytes, now_s: float) -> int:
         answers = reader.feed(datagram)
         for answer in answers:
             if len(answer.payload) >= 10:
-                is_armed(answer.payload)
+                rf.is_armed(answer.payload)
         said = datagram.decode("ascii", "replace")
-        find_refusal(said)
-        return len(answers) + len([describe_change(name, value) for name, value in find_settings(said).items()])
+        rf.find_refusal(said)
+        return len(answers) + len([rf.describe_change(name, value) for name, value in rf.find_settings(said).items()])
 
     def repair(datagram: bytes) -> bytes:
-        return b"$M>" + encode_request(datagram[4] if len(datagram) > 4 else 0, datagram[5:-1][:255])[3:]
+        return b"$M>" + rf.encode_request(datagram[4] if len(datagram) > 4 else 0, datagram[5:-1][:255])[3:]
 
     def decode_stream(pieces: Sequence[bytes]) -> object:
-        fresh = MspReader()
+        fresh = rf.MspReader()
         return [answer for piece in pieces for answer in fresh.feed(piece)]
 
     return Subject(seeds, feed, lambda: reader.dropped, repair, decode_stream)
@@ -422,7 +394,7 @@ def read_bridge() -> Subject:
     command = Command(0.8, (0.1, -0.2, 0.3), 7, 1.0, 1.1)
     ups = [bridge_codec.Up(0.1 * n, 0.1 * n, 5.0, n, 0.2, False, command) for n in range(5)]
     ups += [bridge_codec.Up(1.0, 1.0, 5.0, stopped=True), bridge_codec.Up(1.0, 1.0, 5.0, end=True)]
-    ups += [bridge_codec.Up(1.0, 1.0, 5.0, serve=(1, service, 2.0)) for service in Service]
+    ups += [bridge_codec.Up(1.0, 1.0, 5.0, serve=(1, service, 2.0)) for service in rf.Service]
 
     def repair(datagram: bytes) -> bytes:
         payload: Any = msgspec.Raw(datagram[21 : -bridge_codec.TAG_BYTES])  # in the next datagram of the session

@@ -27,20 +27,7 @@ from sim.runs import Stage, confirm_at, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World, generator
-from tests.proving.faults.fault import (
-    DESCENT_AFTER_S,
-    MOMENTS,
-    MOVES_AFTER_S,
-    MOVES_BY,
-    Exemption,
-    Fault,
-    Kind,
-    Moment,
-    Moves,
-    Poses,
-    Scene,
-    stand_between,
-)
+from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Kind, Moment, Moves, Poses, Scene, stand_between
 from tests.proving.faults.faults import CASES, find_fault
 from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, WireJudge, exemption_of, judge
 from tests.proving.faults.monitors import UNGUARDED, DeckMonitors
@@ -55,6 +42,12 @@ FIGURE_S = 5.0
 """Duration of the figure where nothing ends it early [s]."""
 NEAR = ("trajectory.centre_ned=[0.093,-1.507,0]",)
 """The figure begins 1 m above the place at which the scenario's vehicle holds after its take-off: a short way."""
+DESCENT_AFTER_S = 1.0
+"""The failsafe descent is asked for after so long on the figure [s]."""
+MOVES_AFTER_S = 0.5
+"""A point is asked for after so long in the first hold, and the way back after so long in the next one [s]."""
+MOVES_BY = (0.9, 0.6, -0.3)
+"""Where that point is from where it holds [m, NED]."""
 LOOK_S = 0.005
 """Period at which the moment of the strike is looked for [s]."""
 HONEST_FIGURE_S = 9.0
@@ -131,7 +124,6 @@ async def fly_here(
     seed: int,
     scenario: str,
     overrides: tuple[str, ...] = (),
-    figure_s: float = FIGURE_S,
     keep: Give | None = None,
     split: Callable[[], FlightCopy] | None = None,
 ) -> Row:
@@ -147,8 +139,7 @@ async def fly_here(
     begun_s = loop.time()
     asked = [*(LANDS if fault.link == "mavlink" else ()), *fault.overrides, *overrides]
     world, config = prepare(SCENARIOS[scenario], asked, source=fault.source, link=fault.link)
-    if fault.kind is Kind.HONEST:
-        figure_s = HONEST_FIGURE_S
+    figure_s = HONEST_FIGURE_S if fault.kind is Kind.HONEST else FIGURE_S
     world, config = from_floor(world, config, figure_s)
     blind, aborted_m = False, math.inf
 

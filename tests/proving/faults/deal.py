@@ -78,7 +78,7 @@ def fly_all(
     *,
     overrides: Sequence[str],
     workers: int,
-    on_done: Callable[[int], None] | None = None,
+    on_done: Callable[[int], None] = lambda count: None,
 ) -> list[Row]:
     """Return the rows of ``work``, in its order; ``on_done`` hears how many are flown."""
     rows: dict[Planned, Row] = {}
@@ -92,8 +92,7 @@ def fly_all(
         futures = {pool.submit(_fly_job, job, tuple(overrides)): job for job in jobs}
         for future in cf.as_completed(futures):
             rows |= zip(futures[future], future.result(), strict=True)
-            if on_done is not None:
-                on_done(len(rows))
+            on_done(len(rows))
     return [rows[planned] for planned in work]
 
 

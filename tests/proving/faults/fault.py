@@ -186,12 +186,6 @@ class Fault(NamedTuple):
     """States in which the mission must go on as planned."""
 
 
-DESCENT_AFTER_S = 1.0
-"""The failsafe descent is asked for after so long on the figure [s]."""
-MOVES_AFTER_S = 0.5
-"""A point is asked for after so long in the first hold, and the way back after so long in the next one [s]."""
-MOVES_BY = (0.9, 0.6, -0.3)
-"""Where that point is from where it holds [m, NED]."""
 LIFTED_M = 0.1
 """Faults at lift-off begin at this height above the floor [m]."""
 CLIMBED_M = 0.3
@@ -264,5 +258,4 @@ MOMENTS = {
     "landing": Moment(State.LANDING, 0.7),
     "descent": Moment(State.DESCENT, 0.3),
 }
-"""Moments by the names in the deck. ``start`` is before the first pose; ``spool-up``, ``lift-off``
-and ``take-off`` are parts of one state."""
+"""Moments by the names in the deck: ``spool-up``, ``lift-off`` and ``take-off`` are parts of one state."""

@@ -17,16 +17,7 @@ from groundstation.core.mission import Interrupts
 from sim.autopilots import Px4Autopilot
 from sim.world import Body, Wind, generator, rows
 from tests.proving.faults import pictures
-from tests.proving.faults.fault import (
-    MOMENTS,
-    Exemption,
-    Fault,
-    Kind,
-    Poses,
-    Scene,
-    Strike,
-    name_of,
-)
+from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Kind, Poses, Scene, Strike, name_of
 from tests.proving.faults.pictures import Picture, Way, late
 
 SAG_STEP_S = 0.1
@@ -56,7 +47,6 @@ GRIP_S = 0.3
 
 LONG_HOLD = ("takeoff.hold_s=30",)
 """``--set`` of a hold that lasts."""
-
 
 P = ParamSpec("P")
 
@@ -119,12 +109,8 @@ async def jitter_stamps(scene: Scene, sigma_s: float) -> None:
 @takes
 async def scatter(scene: Scene, most_s: float) -> None:
     """Poses over a wireless network: none is lost or overtakes another, each is up to so much late [s]."""
-    normals = scene.normals
-
-    def delay_s(_: float) -> float:
-        return most_s * min(abs(next(normals)[0]) / 3.0, 1.0)
-
-    scene.between.way = late(delay_s, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
+    period_s = 1.0 / scene.stage.world.pose_rate_hz
+    scene.between.way = late(lambda _: most_s * min(abs(next(scene.normals)[0]) / 3.0, 1.0), period_s, fresh=False)
 
 
 @takes
@@ -241,7 +227,7 @@ def _aside(seed: int) -> Vec3:
 
 @takes
 async def push_along(scene: Scene, where: str, peak_m_s2: float, duration_s: float) -> None:
-    """Return a half sine of acceleration, "aside", "up" or "down"."""
+    """A push whose acceleration is a half sine, "aside", "up" or "down"."""
     upright: dict[str, Vec3] = {"up": (0.0, 0.0, -1.0), "down": (0.0, 0.0, 1.0)}
     north, east, down = upright.get(where) or _aside(scene.seed)
     steps = round(duration_s / STEP_S)
@@ -254,7 +240,7 @@ async def push_along(scene: Scene, where: str, peak_m_s2: float, duration_s: flo
 
 @takes
 async def step_wind(scene: Scene, step_m_s2: float) -> None:
-    """Return a wind that steps sideways and stays."""
+    """A wind that steps sideways and stays."""
     north, east, _ = _aside(scene.seed)
     scene.stage.wind.push = (north * step_m_s2, east * step_m_s2, 0.0)
 
@@ -370,7 +356,6 @@ SEEN_IN_TIME = ("lift-off", "take-off", "hold", "tracking", "moving", "returning
 DOWN_FROZEN = ("start", "ready", "arming", "spool-up", "take-off", "returning")
 """Where a frozen height is flown."""
 
-
 BROKEN: dict[str, Fault] = {
     "freeze": Fault(shows(pictures.freeze), poses=Poses.GONE),
     "dropout": Fault(dropout, poses=Poses.GONE, also={"dsm": STATES}),
@@ -410,7 +395,6 @@ MIRROR: dict[str, tuple[Vec3, Vec3, Vec3]] = {
 }
 """Matrices that give one coordinate the other sign: north is south, east is west, up is down."""
 SWAP_NORTH_EAST: tuple[Vec3, Vec3, Vec3] = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-
 
 _LYING: dict[str, Fault] = {
     "frozen: but for a nanometre": Fault(shows(pictures.flicker)),
@@ -539,7 +523,6 @@ STEP_FLIES_ON_M_S2 = 5
 HONEST_HOLD = ("takeoff.hold_s=12",)
 """``--set`` of a hold that lasts longer than an honest flight is looked at."""
 
-
 _HONEST: dict[str, Fault] = {
     **{
         f"push: {peak} for {duration:g} s": Fault(
@@ -630,11 +613,9 @@ FAMILIES: tuple[tuple[str, Kind, tuple[str, ...]], ...] = (
     ("wind steps", Kind.HONEST, ("wind step",)),
     ("cable, tether, hand", Kind.HONEST, ("tether", "cable picked up", "hand holds")),
     ("not observable", Kind.OTHER, ("partner", "drift")),
-    (
-        "timing of true poses",
-        Kind.OTHER,
-        ("duplicates", "reorder", "clock step", "latency step", "few frames", "stamps off", "wireless"),
-    ),
+    ("timing of true poses", Kind.OTHER, (
+        "duplicates", "reorder", "clock step", "latency step", "few frames", "stamps off", "wireless",
+    )),
     ("vehicle and air", Kind.OTHER, (
         "motors", "battery sag", "wind, up and down", "gust", "mass told wrong", "thrust told wrong",
         "load dropped", "ground effect", "taken out of the air", "late floor",
@@ -652,7 +633,6 @@ LATE_LIFT_OFF = "late radio, lift-off"
 LIFTING = ("start", "spool-up", "lift-off", "take-off")
 """States before and in a climb."""
 _FAMILY_OF = {name: (family, kind) for family, kind, faults in FAMILIES for name in faults}
-
 
 CASES: dict[str, Fault] = {}
 """Every case by its name: the fault, and behind a colon the value that it is flown with."""

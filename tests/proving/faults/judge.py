@@ -136,8 +136,7 @@ class Thrust:
         A signal (0..1) counts until the next one, or for as long as it is held: ``held_s`` [s].
         """
         self.answered_s = math.inf
-        """Time from which on it counts [s]: a descent in open loop, and commands then under way
-        have left."""
+        """Time from which on it counts [s]: in open loop, and no older command is under way."""
         self.decided_s = math.inf
         """When the first answer came."""
         self.decided_height_m = 0.0
