@@ -264,6 +264,8 @@ class Response:
         """
         rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / time_s)
         is_excited = rms >= TONES_LEAST * self._least
+        # Where tones have ended, a long window holds their last moments alone, and the scatter of a calmer time.
+        is_excited &= is_excited[0]
         if not is_excited.any():
             return np.zeros_like(rms), is_excited
         errors = self._find_errors(found, 0, time_s, self._memory_s, noise, model2)

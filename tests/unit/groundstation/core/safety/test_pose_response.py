@@ -168,3 +168,16 @@ def test_windows_that_became_too_short_say_nothing_any_more() -> None:
         plane.add((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 1e-4)
         alarm = plane.look(NOISE_M)
     assert alarm == Alarm(0.0, 0.0, False)
+
+
+def test_tones_that_have_ended_convict_nobody_by_the_scatter_of_a_calmer_time() -> None:
+    plane, draw, largest = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(3), 0.0
+    for n in range(round(4.0 / DT_S)):
+        time_s = n * DT_S
+        u = swing(time_s) if time_s < 1.0 else (0.0, 0.0)
+        gust = 0.003 * math.sin(20.0 * time_s) if 0.7 < time_s < 1.0 else 0.0  # the end of a push
+        plane.add((gust + draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)), u, (0.0, 0.0), DT_S)
+        if (n + 1) % round(BLOCK_S / DT_S) == 0:
+            alarm = plane.look(NOISE_M)
+            largest = max(largest, alarm.tones if time_s > 1.7 else 0.0)
+    assert largest == 0.0
