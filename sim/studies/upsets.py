@@ -28,9 +28,9 @@ HOLD = ("trajectory.kind=hold", "trajectory.position_ned=[0.8,-0.8,-1.0]")
 PHASES: dict[str, tuple[str, ...]] = {"figure": (), "hold": HOLD}
 BATCHES = len(LAWS) * (len(PHASES) + 1)
 """Batches that one vehicle is flown in [-]."""
-UPSET_AT_S = 5.0
-"""The wind steps so long after the release [s]: every law has settled."""
-PUSHED_S = 10.0
+UPSET_AT_S = 30.0
+"""The wind steps so long after the release [s], as in the scenarios with steps: laws and estimates have settled."""
+PUSHED_S = UPSET_AT_S + 5.0
 """Length of these flights [s]."""
 STATES_S = 6.0
 """Length of the flights from a drawn start [s]."""

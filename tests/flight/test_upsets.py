@@ -31,7 +31,8 @@ ONE = "step 5"
 
 def test_a_step_of_five_is_held_closer_on_the_figure_than_in_a_calm_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(upsets, "list_upsets", lambda: {ONE: list_upsets()[ONE][:1]})
-    monkeypatch.setattr(upsets, "PUSHED_S", 7.0)
+    for name, duration_s in (("UPSET_AT_S", 5.0), ("PUSHED_S", 7.0)):
+        monkeypatch.setattr(upsets, name, duration_s)
     done: list[None] = []
     (figure,), (hold,) = (
         fly_upsets("paper", phase, seeds=1, laws=laws, on_done=lambda: done.append(None))
