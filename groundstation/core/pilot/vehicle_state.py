@@ -231,6 +231,7 @@ class VehicleState:
 
     def set_uplink_lost(self, is_lost: bool) -> None:
         """Hold disturbance and thrust scale while commands may not arrive."""
+        self.check_response()
         self.is_uplink_lost = is_lost
         if not is_lost:
             self.estimator.resume()

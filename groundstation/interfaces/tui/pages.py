@@ -343,7 +343,7 @@ def _uplink(status: LinkStatus) -> str:
 
 
 def _lateness(snapshot: Snapshot) -> str:
-    """How long commands leave after their frame or their pose."""
+    """Delay of commands behind their frame or their pose."""
     if snapshot.late_us is None:
         return "not known"
     p50, p99, p999 = snapshot.late_us
