@@ -177,7 +177,6 @@ def asked(**changes: Any) -> argparse.Namespace:
         ({"controllers": ["nosuchlab:make"]}, r"--controllers: can't import nosuchlab"),
         ({"duration": 15.0}, r"^duration: expected seconds, more than 16 "),
         ({"write": Path("no/such.md")}, r"--write: cannot read no/such\.md"),
-        ({"plot": Path("x.png")}, r"--plot: comparisons are drawn by Python alone"),
         ({"overrides": ["sim.masss=1"]}, r"sim\.masss: unknown key"),
     ],
 )
