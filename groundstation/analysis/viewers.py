@@ -47,7 +47,10 @@ ROTORS = tuple((x * ARM_M, y * ARM_M, 0.0) for x in (1.0, -1.0) for y in (1.0, -
 """Where they are, body FRD [m]."""
 COLOURS = {"estimate": (0.0, 0.45, 0.7), "reference": (0.5, 0.5, 0.5), "truth": (0.84, 0.37, 0.0)}
 """Red, green, blue; told apart by everybody."""
-DISPLAY, WORLD = "world", "world_ned"
+DISPLAY = "world"
+"""Frame in which the viewers draw."""
+WORLD = "world_ned"
+"""Frame of the recorded values."""
 
 
 class Placement(NamedTuple):

@@ -12,8 +12,10 @@ from tests.proving.faults.fault import Fault
 from tests.proving.faults.faults import shows
 from tests.proving.faults.pictures import Picture, Struck, _ours
 
-DAMPING, STEP_S = 0.05, 0.002
-"""Of their swinging, as a share of the critical one [-]; how finely that is reckoned [s]."""
+DAMPING = 0.05
+"""Damping of the markers' swinging, as a share of the critical one [-]."""
+STEP_S = 0.002
+"""Step of its integration [s]."""
 
 
 def hang(struck: Struck, swings_hz: float) -> Picture:

@@ -43,7 +43,7 @@ class SecondVehicle(asyncio.DatagramProtocol):
 
 
 def beside(work: Callable[[Config], Awaitable[T]], begin_s: float, source: str = "vicon") -> tuple[T, list[int]]:
-    """What ``work`` gives while a second vehicle begins to send after ``begin_s`` [s], and the commands it was sent."""
+    """Return what ``work`` returns beside a second vehicle that sends after ``begin_s`` [s], and its commands."""
     world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4"], source=source)
     second = SecondVehicle()
 

@@ -54,7 +54,7 @@ def test_odometry_is_preferred_where_it_is_there() -> None:
 
 
 def test_a_file_is_a_tlog_by_the_share_of_its_records() -> None:
-    """From 90 % on in any case; from half on where what is left is not frames without stamps."""
+    """Records that fill 90 % of a file make it one; half do where the rest is not frames without stamps."""
     records, size = tlog(*((n, golden("HEARTBEAT").frame) for n in range(100))), 29
     for garbage_share, fits in ((0.0, True), (0.09, True), (0.45, True), (0.55, False)):
         garbage = round(garbage_share * size * 100 / (1.0 - garbage_share))

@@ -28,7 +28,11 @@ from tests.unit.links.mavlink.test_mavlink_link import D
 STEP_S = 0.002
 LIMIT_S = 11.0
 """Procedures that are not over by then go on."""
-TEMPORARILY_REJECTED, DENIED, IN_PROGRESS = 1, 2, 5
+TEMPORARILY_REJECTED = 1
+"""MAV_RESULT."""
+DENIED = 2
+"""MAV_RESULT."""
+IN_PROGRESS = 5
 """MAV_RESULT."""
 
 Make = Callable[[AutopilotAddress], Any]

@@ -12,7 +12,7 @@ from tests.unit.links.mavlink.test_mavlink_autopilot import PERIOD_S, Flight
 
 
 class CopterFlight(Flight):
-    """The same with ArduCopter."""
+    """Flight of a simulated ArduCopter."""
 
     def __init__(self, airframe: Brick | None = None, **parameters: float) -> None:
         super().__init__(airframe or Brick(5.0, held=True), ArduPilotAutopilot, parameters=parameters)

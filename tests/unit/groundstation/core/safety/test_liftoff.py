@@ -149,9 +149,18 @@ def test_a_vehicle_on_its_floor_neither_tips_nor_slides(
     assert at_rest.find_disturbance(moved, (0.0, 0.0, 0.0), light_s) is None, "the source has moved its origin"
 
 
-LOST, LIFTS, STANDS, HELD, THROWN, CLIMBS = "lost", "lifts", "stands", "held", "thrown", "climbs"
-"""What the poses of a spool-up show: none after a while, a true lift-off, the floor, an autopilot's
-estimate that rises for a moment, jumps of 0.2 m, a speed of 0.3 m/s upwards that was there at rest already."""
+LOST = "lost"
+"""After a while the spool-up has no poses."""
+LIFTS = "lifts"
+"""Its poses show a true lift-off."""
+STANDS = "stands"
+"""They show the floor."""
+HELD = "held"
+"""An autopilot's estimate rises for a moment."""
+THROWN = "thrown"
+"""They jump by 0.2 m."""
+CLIMBS = "climbs"
+"""Their speed is 0.3 m/s upwards, at rest already."""
 
 
 @pytest.mark.parametrize(
