@@ -6,7 +6,6 @@ import time
 
 from groundstation.runtime import (
     COMPLETION,
-    VIEWERS,
     Arguments,
     Groups,
     Program,
@@ -196,11 +195,9 @@ EXPORT: Arguments = {
 }  # fmt: skip
 VIEW: Arguments = {
     **_recording("log", words=f"also one that is being recorded now; {RECORDING_HELP}"),
-    "--in": {"dest": "viewer", "choices": VIEWERS, "default": VIEWERS[0], "help": "default: rerun"},
     "--listen": {
         "metavar": "HOST:PORT",
-        "help": "where the viewer or its server listens (default: this machine alone, 127.0.0.1:9876, of Foxglove "
-        "8765)",
+        "help": "where Foxglove finds it (default: this machine alone, 127.0.0.1:8765)",
     },
 }
 CHECK: Arguments = {
@@ -310,7 +307,7 @@ COMMANDS: Groups = {
         "logs": ("list the recorded flights with their headline numbers", _logs),
         "logs import": ("convert a flight that others recorded (CSV, ULog, .bin, .tlog)", LOGS_IMPORT),
         "report": ("write a page with figures about a recorded flight, or overlay several", _report),
-        "view": ("show a recorded or a running flight in Rerun or Foxglove", VIEW),
+        "view": ("show a recorded or a running flight in Foxglove", VIEW),
         "export": ("write a recording as CSV or for other programs, or repair one that was cut off", EXPORT),
         "identify": ("measure thrust, lags, delay and drag of the vehicle from a recording", IDENTIFY),
         "replay": ("compute a recorded flight again, compare to the last bit; examine a .tlog", REPLAY),
@@ -345,8 +342,9 @@ GONE = {
     "fly --view": "`groundstation view` shows the newest flight, also while it is flown",
     "tui --browser": "from another computer `ssh -t HOST groundstation tui` shows the dashboard",
     "export --format poses": "`--channel /measured` has the poses",
-    "export --format rrd": "`groundstation view` shows a recording in Rerun",
+    "export --format rrd": "`groundstation view` shows a recording in Foxglove",
     "export --format parquet": 'in Python `flight["errors"].to_pandas().to_parquet(…)` writes it',
+    "view --in": "`groundstation view` shows it in Foxglove, the only viewer",
     "report --format tex": "`--format csv` has the table",
     "replay evidence --write": "`--json` has the figures",
     "replay evidence --part": "`--json` has the figures",

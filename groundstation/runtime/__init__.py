@@ -2,7 +2,6 @@
 
 from groundstation.runtime.entry import (
     COMPLETION,
-    VIEWERS,
     Arguments,
     Exit,
     Groups,

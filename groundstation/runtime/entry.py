@@ -397,6 +397,3 @@ def seconds(text: str) -> float:
 
         raise argparse.ArgumentTypeError(str(config_notice("value.seconds", above=0, most=DAY_S, found=text)))
     return value
-
-
-VIEWERS = ("rerun", "foxglove")

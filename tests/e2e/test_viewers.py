@@ -1,9 +1,7 @@
-"""Viewers as programs: Foxglove's server and Rerun's window beside a recording that grows, and beside a flight."""
+"""Viewer as a program: Foxglove's server beside a flight."""
 
 import asyncio
 import json
-import os
-import signal
 import struct
 import subprocess
 import sys
@@ -14,14 +12,11 @@ from pathlib import Path
 import pytest
 from tornado.websocket import websocket_connect
 
-from groundstation.analysis import view_command
-from groundstation.analysis.viewers import PORTS, FoxgloveScene
+from groundstation.analysis.viewers import LISTEN, FoxgloveScene
 from groundstation.machine import list_flights
 from groundstation.recording import CHANNELS
-from tests.e2e.stations import free_udp_port, served
-from tests.flight.test_viewers import components, needs_rerun
+from tests.e2e.stations import served
 from tests.loops import until
-from tests.recordings import recorded
 
 
 async def subscribe(port: int) -> Counter[str]:
@@ -49,28 +44,8 @@ def listening(port: int) -> set[str]:
     return {address for address, number in places if int(number, 16) == port}
 
 
-@needs_rerun
-def test_rerun_is_shown_a_recording_where_its_window_listens_already(tmp_path: Path) -> None:
-    flight = recorded(duration_s=17.0)[0]
-    port = free_udp_port()
-    words = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
-    window = subprocess.Popen(
-        [*words, "--save", str(tmp_path / "seen.rrd")], stderr=subprocess.DEVNULL, start_new_session=True
-    )
-    try:
-        while not listening(port):
-            assert window.poll() is None
-        assert view_command(flight, "rerun", f"127.0.0.1:{port}") == 0
-        wanted = {"/world/estimate", "/world/trail/truth", "/errors/error_m"}
-        while not wanted <= components(tmp_path / "seen.rrd").keys():
-            assert window.poll() is None
-    finally:
-        os.killpg(window.pid, signal.SIGTERM)  # it is a program that Rerun's own script has started
-        window.wait(20.0)
-
-
 def test_a_flight_is_shown_as_it_is_flown() -> None:
-    port = PORTS["foxglove"]
+    port = int(LISTEN.rpartition(":")[2])
     if listening(port):
         pytest.skip(f"NOT TRIED: something else listens at port {port}, where view serves Foxglove")
 
@@ -84,7 +59,7 @@ def test_a_flight_is_shown_as_it_is_flown() -> None:
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as station:
             while not (found := list_flights(room.recordings)):
                 assert station.poll() is None
-            words = [sys.executable, "-m", "groundstation", "view", "--in", "foxglove", str(found[0])]
+            words = [sys.executable, "-m", "groundstation", "view", str(found[0])]
             with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as viewer:
                 got = asyncio.run(look())
                 shown, _ = viewer.communicate(timeout=60)

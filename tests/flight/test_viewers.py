@@ -1,26 +1,15 @@
-"""groundstation/analysis/viewers: what Foxglove and Rerun are given of a flight, as a file and while it is recorded."""
+"""groundstation/analysis/viewers: what Foxglove is given of a flight, as a file and while it is recorded."""
 
-import subprocess
-import sys
 from collections import Counter
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 
 from groundstation.analysis import export_command
-from groundstation.analysis.viewers import (
-    FoxgloveScene,
-    RerunScene,
-)
+from groundstation.analysis.viewers import FoxgloveScene
 from groundstation.recording import About, FlightLog, Recording
 from tests.recordings import recorded
-
-needs_rerun = pytest.mark.skipif(
-    find_spec("rerun") is None,
-    reason="NOT TRIED: rerun-sdk is not installed, so nobody has read in Rerun what we write (uv sync --extra view)",
-)
 
 
 @pytest.fixture(scope="module")
@@ -45,45 +34,6 @@ def test_foxglove_reads_the_scene_as_protobuf_beside_all_messages_as_they_were(f
     assert own == before
     assert list(Recording(exported).entries()) == list(Recording(flight).entries())
     assert Recording(exported).headline() == Recording(flight).headline()
-
-
-def _rerun(*words: str) -> str:
-    """What Rerun's own program says."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rerun", *words], capture_output=True, text=True, check=True, timeout=120
-    )
-    return done.stdout
-
-
-def components(rrd: Path) -> dict[str, set[str]]:
-    """Of each entity, the components that it has."""
-    found: dict[str, set[str]] = {}
-    for line in _rerun("rrd", "print", str(rrd)).splitlines():
-        if line.startswith("Chunk(") and " - data columns: [" in line:
-            entity = line.split(" - ")[1].strip()
-            found.setdefault(entity, set()).update(line.rpartition("[")[2].rstrip("]").split())
-    return found
-
-
-@needs_rerun
-def test_a_flight_written_for_rerun_has_vehicle_trails_winds_and_curves(flight: Path, tmp_path: Path) -> None:
-    import rerun
-
-    stream = rerun.RecordingStream("groundstation")
-    stream.save(tmp_path / "flight.rrd")
-    scene = RerunScene(stream)
-    for entry in Recording(flight).entries():
-        scene.add(entry)
-    scene.flush()
-    stream.disconnect()
-    columns = components(tmp_path / "flight.rrd")
-    assert {"Transform3D:translation", "Transform3D:quaternion"} <= columns["/world/estimate"]
-    assert "Ellipsoids3D:half_sizes" in columns["/world/truth/rotors"]
-    for name in ("estimate", "reference", "truth"):
-        assert "LineStrips3D:strips" in columns[f"/world/trail/{name}"]
-    for name in ("estimate", "truth"):
-        assert "Arrows3D:vectors" in columns[f"/world/wind/{name}"]
-    assert "Scalars:scalars" in columns["/errors/error_m"]
 
 
 def begin(path: Path) -> FlightLog:

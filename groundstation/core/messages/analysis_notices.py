@@ -41,17 +41,6 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "logs.recording", "expected CONFIG.toml or a folder; of one flight `groundstation report {path}` tells"
     ),
     NoticeTemplate("report.no_command", "{path} holds no command: nothing was flown, so there is nothing to report"),
-    NoticeTemplate("view.no_rerun", "what listens at {address} takes nothing: it is no Rerun, or has just ended"),
-    NoticeTemplate(
-        "view.no_screen",
-        "no screen to open Rerun's window on (DISPLAY is not set)",
-        "look by --in foxglove, or take the recording to where there is one",
-    ),
-    NoticeTemplate(
-        "view.no_window",
-        "Rerun's window can't be opened here",
-        "look by --in foxglove, or take the recording to where there is one",
-    ),
     # Identification of a vehicle.
     NoticeTemplate("identify.nothing_to_write", "nothing to write: thrust, lags and delay are {why}"),
     NoticeTemplate("identify.no_vehicle", "what was identified is no vehicle: {why}"),

@@ -378,10 +378,10 @@ def export(args: argparse.Namespace) -> Exit:
 
 
 def view(args: argparse.Namespace) -> Exit:
-    """A recording in Rerun or Foxglove."""
+    """A recording in Foxglove."""
     from groundstation.analysis import view_command
 
-    return view_command(_find_recording(args.log), args.viewer, args.listen)
+    return view_command(_find_recording(args.log), args.listen)
 
 
 def report(args: argparse.Namespace) -> Exit:

@@ -34,8 +34,7 @@ def test_a_module_of_the_users_with_the_name_of_ours_is_not_run(
 
 def test_no_program_of_ours_is_started_in_any_other_way() -> None:
     texts = {str(file.relative_to(ROOT)): file.read_text("utf-8") for file in SOURCES}
-    # Rerun's own program, and the advice that names pip
-    theirs = {"groundstation/analysis/viewers.py", "groundstation/runtime/packages.py"}
+    theirs = {"groundstation/runtime/packages.py"}  # the advice that names pip
     assert {name for name, text in texts.items() if '"-m"' in text} - theirs == {"links/io/child.py"}
     starts = re.compile(r"(Popen|subprocess_exec)\(\s*(\*?make_child_command|command\b)")
     assert [name for name, text in texts.items() if starts.search(text)] == ["links/io/child.py"]

@@ -133,7 +133,7 @@ def test_what_can_not_be_meant_is_refused_by_its_option_before_anything_starts(
 @pytest.mark.parametrize(
     ("program", "line", "advice"),
     [
-        (flying_main, "export LOG.mcap --format rrd", "`groundstation view` shows a recording in Rerun"),
+        (flying_main, "export LOG.mcap --format rrd", "`groundstation view` shows a recording in Foxglove"),
         (flying_main, "evidence LOG.mcap --write page.md", "`--json` has the figures"),
         (flying_main, "report README.md --format=html,tex", "`--format csv` has the table"),
         (simulating_main, "fly paper --view", "`groundstation view DIR/flight.mcap` shows the flight"),
