@@ -3,8 +3,11 @@
 import asyncio
 import gc
 import inspect
-from collections.abc import Awaitable, Callable, Coroutine
+from collections import deque
+from collections.abc import Awaitable, Callable, Coroutine, MutableSequence
+from contextvars import Context, ContextVar
 from functools import wraps
+from heapq import heapify, heappush
 from typing import Any, ParamSpec, TypeVar
 
 import pytest
@@ -96,3 +99,54 @@ async def free_address() -> str:
     transport.close()
     await asyncio.sleep(0)
     return f"{host}:{port}"
+
+
+H = TypeVar("H", bound=asyncio.Handle)
+
+
+def _move(which: Callable[[H], bool], source: MutableSequence[H], target: list[H]) -> None:
+    """Move the handles for which ``which`` is true from ``source`` to the end of ``target``."""
+    for handle in [handle for handle in source if which(handle)]:
+        source.remove(handle)
+        target.append(handle)
+
+
+class SuspendableLoop(VirtualTimeLoop):
+    """Loop of virtual time on which what belongs to one process may stand still while the rest goes on."""
+
+    _ready: deque[asyncio.Handle]  # asyncio's own, of which typeshed does not tell
+    _scheduled: list[asyncio.TimerHandle]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._suspended: ContextVar[bool] | None = None
+        self._held: list[asyncio.Handle] = []
+        self._held_timers: list[asyncio.TimerHandle] = []
+
+    def suspend(self, process: ContextVar[bool]) -> None:
+        """Run nothing in whose context ``process`` is true, until :meth:`resume`: its timers and datagrams wait."""
+        self._suspended = process
+
+    def resume(self) -> None:
+        """Let what was suspended go on: all that has waited is due now, in its order."""
+        self._suspended = None
+        self._ready.extend(self._held)
+        for timer in self._held_timers:
+            heappush(self._scheduled, timer)
+        self._held, self._held_timers = [], []
+
+    def _run_once(self) -> None:
+        if self._suspended is not None:
+            _move(self._is_suspended, self._ready, self._held)
+            _move(self._is_suspended, self._scheduled, self._held_timers)
+            heapify(self._scheduled)
+        super()._run_once()  # type: ignore[misc]  # asyncio's own, of which typeshed does not tell
+
+    def _is_suspended(self, handle: asyncio.Handle) -> bool:
+        context: Context = handle._context  # type: ignore[attr-defined]  # as above
+        return self._suspended is not None and context.get(self._suspended, False)
+
+
+def in_suspendable_time(work: Callable[P, Coroutine[Any, Any, T]]) -> Callable[P, T]:
+    """Return ``work`` as a plain function that runs on a :class:`SuspendableLoop`."""
+    return in_virtual_time(work, SuspendableLoop)

@@ -72,7 +72,8 @@ class _Open(selectors.BaseSelector):
 class OpenLoop(VirtualTimeLoop):
     """Serves what is outside, too; see above."""
 
-    _selector: selectors.BaseSelector
+    _selector: selectors.BaseSelector  # asyncio's own, as the next, of which typeshed does not tell
+    _scheduled: list[TimerHandle]
 
     def __init__(self) -> None:
         super().__init__()

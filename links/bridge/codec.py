@@ -20,6 +20,7 @@ import hmac
 import math
 import struct
 from collections import Counter
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Any, TypeVar
 
@@ -46,10 +47,10 @@ LARGEST_BYTES = 8192
 """Size limit of a datagram [B]; a command with its bring-down takes about 400."""
 _MAGIC = b"RFB1"
 _HEAD = struct.Struct(">4sB8sQ")
-_NAME = slice(5, 13)
-"""Place of the session's name in a datagram."""
 
 T = TypeVar("T")
+Nonce = Callable[[int], bytes]
+"""Makes a random number of so many bytes."""
 
 
 class BridgeHello(msgspec.Struct, frozen=True, array_like=True):
@@ -122,7 +123,7 @@ class Seal:
     def open(self, data: bytes, decoder: "msgspec.msgpack.Decoder[T]", dropped: "Counter[str]") -> T | None:
         """Open a datagram; None where it is not for us, not sealed, not new or malformed, counted by reason."""
         body, tag = data[:-TAG_BYTES], data[-TAG_BYTES:]
-        if kind_of(data) != self._kind or data[_NAME] != self.name:
+        if kind_of(data) != self._kind or name_of(data) != self.name:
             dropped["other_session"] += 1
             return None
         if not hmac.compare_digest(tag, self._tag(body)):
@@ -155,7 +156,8 @@ def kind_of(data: bytes) -> int | None:
 
 def name_of(data: bytes) -> bytes:
     """The session that it claims to belong to, 8 bytes."""
-    return data[_NAME]
+    name: bytes = _HEAD.unpack_from(data)[2]
+    return name
 
 
 def first_seal(key: bytes, kind: int, station_nonce: bytes) -> Seal:

@@ -9,7 +9,6 @@ import asyncio
 import math
 import os
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,6 +20,7 @@ from links.bridge.codec import (
     BridgeHello,
     DatagramKind,
     Down,
+    Nonce,
     StationEnd,
     Up,
     Welcome,
@@ -29,7 +29,7 @@ from links.bridge.codec import (
 )
 from links.core import Command, LinkKind, LinkLost, LinkRejected, signal
 from links.io import NETWORK, Datagrams, beyond, parse_address, read_key
-from links.rf import Arm, End, Give, Hear, Manner, Order, PacedLink, PacerReport, Serve, Service, Stop
+from links.rf import Arm, DsmLinkConfig, End, Give, Hear, Order, PacedLink, PacerReport, Serve, Service, Stop
 from links.text import link_notice
 
 BEAT_S = 0.1
@@ -39,12 +39,8 @@ AGAIN_S = 0.02
 MUTE_S = 0.8
 """A bridge that says nothing for so long is asked for a new session: it may have been started anew [s]."""
 
-UNTIL_TOLD = Manner(
-    period_s=0.0225, lead_s=0.005, arm_low_s=0.5, arm_high_s=1.0, disarm_s=0.5, services=frozenset[Service]()
-)
-"""Assumed pacing until the bridge reports its own."""
-
-Nonce = Callable[[int], bytes]
+UNTIL_TOLD = msgspec.structs.replace(DsmLinkConfig().manner, services=frozenset[Service]())
+"""Assumed pacing until the bridge reports its own: a module's as it comes, which does nothing beside."""
 
 
 class SessionRequest:

@@ -21,6 +21,7 @@ from links.bridge.codec import (
     BridgeEnd,
     DatagramKind,
     Down,
+    Nonce,
     Up,
     Welcome,
     first_seal,
@@ -165,9 +166,6 @@ SILENT_S = 1.0
 """Silence after which a station counts as gone [s]: another may command once the vehicle is down. Chosen."""
 SESSIONS = 8
 """Limit of the remembered sessions [-]: a further one replaces the oldest that does not command. Chosen."""
-
-Nonce = Callable[[int], bytes]
-"""Makes a random number of so many bytes."""
 
 
 class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -489,29 +489,25 @@ class Deadman:
         self.held = False
         """True from :meth:`hold` on, until the next arming."""
         self._over = True
-        self._command: Command | None = None
+        self.command: Command | None = None
+        """The newest one, while it or its bring-down may leave; else None."""
 
     def arm(self) -> None:
         """A new arming by the operator: commands count again."""
         self._over = False
         self.held = False
-        self._command = None
+        self.command = None
 
     def hold(self) -> None:
         """No newer command counts: the newest one runs out, and its bring-down follows."""
-        if self._command is None:
+        if self.command is None:
             self._over = True
         self.held = True
 
     def stop(self) -> None:
         """Nothing that lifts from now on: killed, disarmed, or closed."""
         self._over = True
-        self._command = None
-
-    @property
-    def command(self) -> Command | None:
-        """The newest command, while it or its bring-down may leave; else None."""
-        return self._command
+        self.command = None
 
     def take(self, command: Command, now_s: float, seen_s: float | None = None) -> bool:
         """Take the newest command; False where it does not count, and then it changes nothing.
@@ -523,23 +519,23 @@ class Deadman:
             LinkMisuse: a number in it is not finite, its deadline is too far away, or its bring-down lasts too long.
         """
         _check(command, now_s)
-        newest, opens = self._command, self.phase(now_s if seen_s is None else seen_s)
+        newest, opens = self.command, self.phase(now_s if seen_s is None else seen_s)
         if self.held or opens not in (Phase.WAITING, Phase.FRESH) or now_s > command.deadline_s:
             self.refused += 1
             return False
         if newest is not None and command.pose_time_s < newest.pose_time_s:
             self.refused += 1
             return False
-        self._command = command
+        self.command = command
         return True
 
     def phase(self, now_s: float) -> Phase:
         """Phase at ``now_s``."""
         if self._over:
             return Phase.OVER
-        if self._command is None:
+        if self.command is None:
             return Phase.WAITING
-        if now_s <= self._command.deadline_s:
+        if now_s <= self.command.deadline_s:
             return Phase.FRESH
         if self._segment(now_s) is not None:
             return Phase.BRING_DOWN
@@ -550,7 +546,7 @@ class Deadman:
         """The next instant after ``now_s`` after which something else leaves, if no command comes; inf for never."""
         if self.phase(now_s) not in (Phase.FRESH, Phase.BRING_DOWN):
             return math.inf
-        command = self._command
+        command = self.command
         assert command is not None, "only a command is fresh, or brings down"
         end = command.deadline_s
         for segment in command.bring_down:
@@ -563,14 +559,14 @@ class Deadman:
         """Return the command or segment that leaves at ``now_s``; None where nothing that lifts may."""
         match self.phase(now_s):
             case Phase.FRESH:
-                return self._command
+                return self.command
             case Phase.BRING_DOWN:
                 return self._segment(now_s)
             case _:
                 return None
 
     def _segment(self, now_s: float) -> Segment | None:
-        command = self._command
+        command = self.command
         assert command is not None, "a bring-down belongs to a command"
         end = command.deadline_s
         for segment in command.bring_down:

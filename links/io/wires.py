@@ -20,6 +20,7 @@ import termios
 import time
 from collections.abc import Callable
 from contextvars import ContextVar
+from enum import IntEnum
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,14 +30,20 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     import asyncio
 
-_TCGETS2 = 0x802C542A
-"""ioctl number of Linux: read the port's settings with any speed."""
-_TCSETS2 = 0x402C542B
-"""ioctl number of Linux: write them."""
+
+class Termios2(IntEnum):
+    """Linux' numbers for a port with any speed, which ``termios`` does not have."""
+
+    TCGETS2 = 0x802C542A
+    """ioctl: read the settings."""
+    TCSETS2 = 0x402C542B
+    """ioctl: write them."""
+    BOTHER = 0o010000
+    """Bit of c_cflag: the speed is a number."""
+
+
 _TERMIOS2 = struct.Struct("=IIIIB19sII")
-_ANY_SPEED = 0o010000
-"""Bit of c_cflag: the speed is a number (BOTHER)."""
-_FLAGS = termios.CS8 | termios.CREAD | termios.CLOCAL | _ANY_SPEED
+_FLAGS = termios.CS8 | termios.CREAD | termios.CLOCAL | Termios2.BOTHER
 _SPEED_TOLERANCE = 0.03
 """UARTs work with clocks this far apart."""
 
@@ -53,12 +60,12 @@ def open_port(path: str, baud: int) -> int:
     try:
         fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        old = _TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))
+        old = _TERMIOS2.unpack(fcntl.ioctl(fd, Termios2.TCGETS2, bytes(_TERMIOS2.size)))
         control = bytearray(19)
         control[termios.VMIN] = 1
         raw = (0, 0, _FLAGS, 0, old[4], bytes(control), baud, baud)
-        fcntl.ioctl(fd, _TCSETS2, _TERMIOS2.pack(*raw))
-        speed = _TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[7]
+        fcntl.ioctl(fd, Termios2.TCSETS2, _TERMIOS2.pack(*raw))
+        speed = _TERMIOS2.unpack(fcntl.ioctl(fd, Termios2.TCGETS2, bytes(_TERMIOS2.size)))[7]
         if abs(speed - baud) > _SPEED_TOLERANCE * baud:
             raise OSError(errno.EINVAL, link_notice("port.speed", baud=baud, speed=speed).text)
         discard(fd, termios.TCIOFLUSH)  # what was sent to, or by, whoever had it before

@@ -46,8 +46,6 @@ PROMPT = "\n# "
 _REQUEST, _ANSWERS = b"$M<", (b"$M>", b"$M!")
 _FRAME_BYTES = 6
 """Bytes of a frame beside its payload [B]."""
-_LONGEST = 255
-"""Largest payload [B]."""
 _MODES, _ARMED = struct.Struct("<6xI"), 1
 _REFUSES = re.compile(r"###ERROR|invalid|unknown|parse error", re.IGNORECASE)
 _ROWS = re.compile(r"^(aux|rxrange|rxfail) (\d+) ([ahs\d][\d ]*?)\s*$|^(map) ([A-Z0-9]{8})\s*$", re.MULTILINE)
@@ -68,8 +66,6 @@ def encode_request(command: int, payload: bytes = b"") -> bytes:
     Raises:
         ValueError: the payload is longer than 255 bytes.
     """
-    if len(payload) > _LONGEST:
-        raise ValueError(f"expected at most {_LONGEST} bytes, got {len(payload)}")
     body = bytes((len(payload), command)) + payload
     return _REQUEST + body + bytes((_xor(body),))
 

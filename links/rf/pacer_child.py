@@ -14,12 +14,13 @@ import signal
 import socket
 import sys
 import time
+from enum import IntFlag
 
 import msgspec
 
 from links.io import Sleep
 from links.rf.pacer import MESSAGE_BYTES, FramePacer, Give, Order, PacerReport, PacerSetup
-from links.rf.shared_memory import FIRST, PACER, STANDBY, Lease, Mailbox, SharedPort
+from links.rf.shared_memory import FIRST, Lease, LeaseWord, Mailbox, SharedPort
 from links.text import link_notice
 
 PREPARE_S = 0.0004
@@ -29,10 +30,17 @@ SPIN_S = 0.00012
 `groundstation-sim bench links` measures the lateness that comes of it."""
 _MOST_ORDERS = 256
 """Limit of the orders that are taken before a frame [-]: a flood of them must not delay it. Chosen."""
-_TIMER_ABSTIME = 1
-"""Flag of clock_nanosleep: the time is an instant, not a duration (Linux, <time.h>)."""
-_LOCK_ALL = 3
-"""Flags of mlockall: MCL_CURRENT | MCL_FUTURE, the pages of now and of later (Linux, <sys/mman.h>)."""
+
+
+class LinuxFlag(IntFlag):
+    """Flags of clock_nanosleep and of mlockall (Linux, <time.h> and <sys/mman.h>)."""
+
+    TIMER_ABSTIME = 1
+    """The time is an instant, not a duration."""
+    MCL_CURRENT = 1
+    """Pages of now."""
+    MCL_FUTURE = 2
+    """Pages of later."""
 
 
 class MonotonicClock:
@@ -48,11 +56,11 @@ class MonotonicClock:
         """Sleep until ``when_s`` [s]; at once where that has passed."""
         seconds = int(when_s)
         self._until[0], self._until[1] = seconds, int(1e9 * (when_s - seconds))
-        self._libc.clock_nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, self._until, None)
+        self._libc.clock_nanosleep(time.CLOCK_MONOTONIC, LinuxFlag.TIMER_ABSTIME, self._until, None)
 
     def lock_memory(self) -> bool:
         """Keep every page in memory, now and later; return whether the system allowed it."""
-        return int(self._libc.mlockall(_LOCK_ALL)) == 0
+        return int(self._libc.mlockall(LinuxFlag.MCL_CURRENT | LinuxFlag.MCL_FUTURE)) == 0
 
 
 def main() -> None:
@@ -105,7 +113,7 @@ class Standby:
     def publish(self, pacer: FramePacer, now_s: float) -> None:
         """Write the pacer's state before its frame leaves: the stand-by must be able to bring down every frame's."""
         self._held.put(self._encoder.encode(pacer.make_estate()))
-        self.lease.vouch(PACER, now_s)
+        self.lease.vouch(LeaseWord.PACER, now_s)
 
     @property
     def is_gone(self) -> bool:
@@ -114,7 +122,7 @@ class Standby:
 
     def warning(self, now_s: float) -> str:
         """Describe the stand-by's fault; empty without one."""
-        wrong = "is gone" if self.is_gone else "" if now_s < self.lease.vouched_s(STANDBY) else "stands still"
+        wrong = "is gone" if self.is_gone else "" if now_s < self.lease.vouched_s(LeaseWord.STANDBY) else "stands still"
         return link_notice("module.alone", wrong=wrong).text if wrong else ""
 
 

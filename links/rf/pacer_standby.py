@@ -26,7 +26,7 @@ from links.rf.pacer_child import (
     pace,
     prioritise,
 )
-from links.rf.shared_memory import PACER, STANDBY, HeldPort, Lease, Mailbox, SharedPort
+from links.rf.shared_memory import HeldPort, Lease, LeaseWord, Mailbox, SharedPort
 from links.text import link_notice
 
 VOUCH_S = 0.5
@@ -48,7 +48,7 @@ def main() -> None:
     fifo, note = prioritise(setup.config.fifo_priority, clock)
     port = HeldPort(beside)
     watch = StandbyWatch(setup.config.period_s)
-    lease.vouch(STANDBY, clock.now() + VOUCH_S)
+    lease.vouch(LeaseWord.STANDBY, clock.now() + VOUCH_S)
     beside.send(message)
     why = _stand_by(pacer, port, lease, watch, clock)
     last = held.get()
@@ -79,13 +79,13 @@ def _stand_by(
                 return link_notice("module.pacer_killed", signal=-code).text
             return link_notice("module.pacer_failed", code=code).text if code else ""
         if (now := clock.now()) >= watch.next_s:
-            if watch.look(now, lease.vouched_s(PACER)):
+            if watch.look(now, lease.vouched_s(LeaseWord.PACER)):
                 lease.take()
                 pacer.kill()
                 pacer.wait()
                 port.hear()
                 return link_notice("module.pacer_stood").text
-            lease.vouch(STANDBY, watch.next_s + VOUCH_S)
+            lease.vouch(LeaseWord.STANDBY, watch.next_s + VOUCH_S)
 
 
 def _take_over(

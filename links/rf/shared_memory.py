@@ -12,7 +12,7 @@ one leaves the one before.
 
 Lease: whose turn it is to write to the port, and signs of life of a pacer and its stand-by.
 
-    byte 0        generation: number of the process whose turn it is to write, 1 for the pacer
+    byte 0        generation: number of the process whose turn it is to write, 0 for the pacer
     byte 8        instant up to which the pacer vouches that it lives [ns]; 0 before its first frame
     byte 16       the same of its stand-by
 
@@ -36,6 +36,7 @@ import socket
 import termios
 import time
 from binascii import crc32
+from enum import IntEnum
 
 from links.io import discard, open_port, waiting
 from links.text import link_notice
@@ -53,6 +54,13 @@ _TRIES = 3
 """Attempts at reading a slot that is being written."""
 
 
+def _make_memory(name: str, size: int) -> int:
+    """Return the file descriptor of new memory of ``size`` [bytes], all of it zero."""
+    fd = os.memfd_create(name)
+    os.ftruncate(fd, size)
+    return fd
+
+
 class Mailbox:
     """One end; whoever makes it hands ``fd`` to the other process."""
 
@@ -62,10 +70,8 @@ class Mailbox:
         Raises:
             OSError: there is none.
         """
-        self.fd = os.memfd_create("mailbox") if fd is None else fd
+        self.fd = _make_memory("mailbox", _SIZE) if fd is None else fd
         """File descriptor of the memory."""
-        if fd is None:
-            os.ftruncate(self.fd, _SIZE)
         self._memory = mmap.mmap(self.fd, _SIZE)
         self._bytes = memoryview(self._memory)
         self._words = self._bytes.cast("Q")  # a word is written by one store
@@ -116,11 +122,16 @@ def _checksum(number: int, value: bytes) -> int:
     return crc32(value, number & 0xFFFFFFFF)
 
 
-PACER = 1
-"""Word of the pacer's sign of life [-]."""
-STANDBY = 2
-"""Word of the stand-by's sign of life [-]."""
-FIRST = 1
+class LeaseWord(IntEnum):
+    """Words of the lease."""
+
+    GENERATION = 0
+    PACER = 1
+    """Sign of life of the pacer."""
+    STANDBY = 2
+
+
+FIRST = 0
 """The pacer's generation; whoever takes over has the next."""
 
 
@@ -137,13 +148,9 @@ class Lease:
         Raises:
             OSError: there is none.
         """
-        self.fd = os.memfd_create("lease") if fd is None else fd
+        self.fd = _make_memory("lease", mmap.PAGESIZE) if fd is None else fd
         """File descriptor of the memory."""
-        if fd is None:
-            os.ftruncate(self.fd, mmap.PAGESIZE)
         self._words = memoryview(mmap.mmap(self.fd, mmap.PAGESIZE)).cast("Q")
-        if fd is None:
-            self._words[0] = FIRST
 
     def ensure(self, generation: int) -> None:
         """Go on only if it is the turn of ``generation``.
@@ -151,23 +158,23 @@ class Lease:
         Raises:
             Superseded: it is not.
         """
-        if self._words[0] != generation:
+        if self.generation != generation:
             raise Superseded
 
     @property
     def generation(self) -> int:
         """Generation whose turn it is."""
-        return self._words[0]
+        return self._words[LeaseWord.GENERATION]
 
     def take(self) -> None:
         """Take the turn for the next generation, which is the caller."""
-        self._words[0] += 1
+        self._words[LeaseWord.GENERATION] += 1
 
-    def vouch(self, who: int, until_s: float) -> None:
+    def vouch(self, who: LeaseWord, until_s: float) -> None:
         """``who`` lives, and says so up to ``until_s`` [s]."""
         self._words[who] = int(1e9 * until_s)
 
-    def vouched_s(self, who: int) -> float:
+    def vouched_s(self, who: LeaseWord) -> float:
         """Time up to which ``who`` has vouched to live [s]; 0.0 where it never has."""
         return 1e-9 * self._words[who]
 
@@ -197,7 +204,7 @@ class SharedPort:
         """
         if self._fd is not None:
             return
-        self._lease.vouch(PACER, time.monotonic() + OPEN_S)
+        self._lease.vouch(LeaseWord.PACER, time.monotonic() + OPEN_S)
         try:
             self._fd = open_port(self._path, self._baud)
         except OSError as error:
@@ -235,7 +242,7 @@ class SharedPort:
         """Close it, at the stand-by too; never raises."""
         if self._fd is None:
             return
-        self._lease.vouch(PACER, time.monotonic() + OPEN_S)
+        self._lease.vouch(LeaseWord.PACER, time.monotonic() + OPEN_S)
         fd, self._fd = self._fd, None
         with contextlib.suppress(OSError):  # its device is gone already
             fcntl.flock(fd, fcntl.LOCK_UN)  # the lock is on what is open, which the stand-by may hold longer

@@ -1,24 +1,18 @@
 """Simulated autopilot: what every one does towards a ground station; the dialects say the rest. Sans-IO.
 
 Here: telemetry, COMMAND_LONG and its answers, parameters, TIMESYNC, arming and disarming as such, and its own
-control loop; and what its estimator would fuse of ODOMETRY that it is sent, as in PX4 v1.15 (mavlink_receiver.cpp) and
-ArduPilot 4.6-dev (GCS_Common.cpp). By itself it flies an attitude, a climb and a level descent, by plain P and PI
-loops. In a dialect (dialects.py): modes, what it refuses, what it makes of a set-point,
-and what it does when they stop.
+control loop. By itself it flies an attitude, a climb and a level descent, by plain P and PI loops. In a dialect
+(dialects.py): modes, what it refuses, what it makes of a set-point, and what it does when they stop.
 """
 
 import math
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, Protocol
-
-import msgspec
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.vehicle import GRAVITY
 from links.mavlink.protocol import (
-    ARDUPILOT,
     ARMED,
     FORCE,
     PART_BYTES,
@@ -447,53 +441,6 @@ def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> li
     return [message(severity, piece.encode("ascii"), number & 0xFFFF, n) for n, piece in enumerate(pieces)]
 
 
-class Fused(msgspec.Struct, frozen=True):
-    """One pose that the estimator has taken."""
-
-    arrival_s: float
-    stamp_s: float
-    """Time stamp on the sender's clock [s]."""
-    position: Vec3
-    attitude: Quat
-    velocity_body: Vec3 | None
-    variance: tuple[float, float]
-    """Variance of position [m²] and attitude [rad²], the first axis of each."""
-    resets: int
-
-
-class ExternalPoses:
-    """Those of one autopilot."""
-
-    def __init__(self, kind: int) -> None:
-        """Fuse poses as the autopilot ``kind`` (HEARTBEAT.autopilot) does."""
-        self._kind = kind
-        self.fused: list[Fused] = []
-        self.left: Counter[str] = Counter()
-        """Number of rejected poses by reason: frame, estimator, not_finite."""
-
-    def take(self, m: Message, now_s: float) -> None:
-        """One message."""
-        velocity: Vec3 | None = (m.vx, m.vy, m.vz)
-        if self._kind == ARDUPILOT:
-            if (m.frame_id, m.child_frame_id) != (MavFrame.LOCAL_FRD, MavFrame.BODY_FRD):
-                self.left["frame"] += 1
-                return
-        elif m.estimator_type not in (EstimatorKind.UNKNOWN, EstimatorKind.VISION, EstimatorKind.VIO):
-            self.left["estimator"] += 1
-            return
-        elif m.frame_id not in (MavFrame.LOCAL_NED, MavFrame.LOCAL_FRD):
-            self.left["frame"] += 1
-            return
-        elif not all(map(math.isfinite, (m.vx, m.vy, m.vz))):
-            velocity = None
-        if not all(map(math.isfinite, (m.x, m.y, m.z, *m.q, *(velocity or ())))):
-            self.left["not_finite"] += 1  # ArduPilot would not notice
-            return
-        variance = m.pose_covariance[0], m.pose_covariance[15]
-        pose = (m.x, m.y, m.z), tuple(m.q)
-        self.fused.append(Fused(now_s, m.time_usec * 1e-6, *pose, velocity, variance, m.reset_counter))
-
-
 LANDED_S = 1.0
 """Time on the ground after which the autopilot reports it as landed [s]; it looks once a second."""
 CONTROL_S = 0.01
@@ -541,8 +488,6 @@ class SimulatedAutopilot(Dialect):
         self.lacks = ""
         self.has_estimate = True
         """False while its estimator knows no position yet, as for some 40 s after a boot: it tells none."""
-        self.external = ExternalPoses(self.kind)
-        """The poses that it is sent."""
         self.uid = 0
         """Id of its hardware in AUTOPILOT_VERSION; 0: it tells none."""
         self._knows = own_estimate
@@ -601,8 +546,6 @@ class SimulatedAutopilot(Dialect):
         if name == "TIMESYNC":
             asked = message.tc1 == 0 and self.answers_timesync
             return [self.codec.timesync_reply(message, now_s - self._boot_s)] if asked else []
-        if name == "ODOMETRY":
-            self.external.take(message, now_s)
         if not self._is_for_us(message):
             return []
         match name:

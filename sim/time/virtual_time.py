@@ -9,11 +9,9 @@ fraction of a second. No threads and no real sockets in this mode.
 import asyncio
 import errno
 import selectors
-from collections import deque
-from collections.abc import Callable, Coroutine, Mapping, MutableSequence
-from contextvars import Context, ContextVar, copy_context
+from collections.abc import Callable, Coroutine, Mapping
+from contextvars import copy_context
 from functools import wraps
-from heapq import heapify, heappush
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 P = ParamSpec("P")
@@ -83,9 +81,6 @@ class Listener:
     def close(self) -> None:
         """Take no further connections."""
         self._forget()
-
-    async def wait_closed(self) -> None:
-        """Nothing is left to wait for."""
 
 
 def connect_ends(
@@ -215,21 +210,8 @@ class _Socket:
         """The endpoint stays: this was but a handle on it."""
 
 
-H = TypeVar("H", bound=asyncio.Handle)
-
-
-def _move(which: Callable[[H], bool], source: MutableSequence[H], target: list[H]) -> None:
-    """Move the handles for which ``which`` is true from ``source`` to the end of ``target``."""
-    for handle in [handle for handle in source if which(handle)]:
-        source.remove(handle)
-        target.append(handle)
-
-
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
     """``asyncio.Runner(loop_factory=VirtualTimeLoop)`` runs a simulation as fast as the processor allows."""
-
-    _ready: deque[asyncio.Handle]  # asyncio's own, of which typeshed does not tell
-    _scheduled: list[asyncio.TimerHandle]
 
     def __init__(self) -> None:
         self._clock = _Clock()
@@ -240,36 +222,10 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self.listeners: dict[Address, Listener] = {}
         self.tap: Tap | None = None
         self._next_port = FREE_PORTS.start
-        self._suspended: ContextVar[bool] | None = None
-        self._held: list[asyncio.Handle] = []
-        self._held_timers: list[asyncio.TimerHandle] = []
-
-    def suspend(self, process: ContextVar[bool]) -> None:
-        """Run nothing in whose context ``process`` is true, until :meth:`resume`: its timers and datagrams wait."""
-        self._suspended = process
-
-    def resume(self) -> None:
-        """Let what was suspended go on: all that has waited is due now, in its order."""
-        self._suspended = None
-        self._ready.extend(self._held)
-        for timer in self._held_timers:
-            heappush(self._scheduled, timer)
-        self._held, self._held_timers = [], []
 
     def time(self) -> float:
         """Virtual time [s]."""
         return self._clock.now_s
-
-    def _run_once(self) -> None:
-        if self._suspended is not None:
-            _move(self._is_suspended, self._ready, self._held)
-            _move(self._is_suspended, self._scheduled, self._held_timers)
-            heapify(self._scheduled)
-        super()._run_once()  # type: ignore[misc]  # asyncio's own, of which typeshed does not tell
-
-    def _is_suspended(self, handle: asyncio.Handle) -> bool:
-        context: Context = handle._context  # type: ignore[attr-defined]  # as above
-        return self._suspended is not None and context.get(self._suspended, False)
 
     # ---- the network
 
@@ -356,12 +312,14 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             self.call_soon(endpoint.receive, data, source, context=endpoint.context)
 
 
-def in_virtual_time(work: Callable[P, Coroutine[Any, Any, T]]) -> Callable[P, T]:
-    """``work`` as a plain function: each call runs on a :class:`VirtualTimeLoop` of its own."""
+def in_virtual_time(
+    work: Callable[P, Coroutine[Any, Any, T]], loop: Callable[[], VirtualTimeLoop] = VirtualTimeLoop
+) -> Callable[P, T]:
+    """``work`` as a plain function: each call runs on a ``loop`` of its own."""
 
     @wraps(work)
     def run(*args: P.args, **options: P.kwargs) -> T:
-        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        with asyncio.Runner(loop_factory=loop) as runner:
             return runner.run(work(*args, **options))
 
     return run

@@ -13,9 +13,9 @@ from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.flight import Flight, make_flight
 from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots import Px4Autopilot
-from sim.autopilots.autopilot import ExternalPoses
 from sim.runs import Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
+from tests.external_poses import ExternalPoses
 from tests.flight.flights import running
 from tests.loops import in_virtual_time, until
 
@@ -23,24 +23,29 @@ ON = "link.forward.enabled=true"
 
 
 def ready(
-    *overrides: str, autopilot: str = "px4", source: str = "vicon", meanwhile: Callable[[Stage], Awaitable[None]]
+    *overrides: str,
+    autopilot: str = "px4",
+    source: str = "vicon",
+    meanwhile: Callable[[Stage, ExternalPoses], Awaitable[None]],
 ) -> tuple[ExternalPoses, Stage]:
     """A flight that waits to be armed while something happens; what the autopilot has made of it."""
     world, config = prepare(SCENARIOS["quad1kg"], list(overrides), source=source)
+    external: list[ExternalPoses] = []
 
     async def main() -> Stage:
         async with running(Stage(world, config, seed=1, autopilot=autopilot)) as stage:
+            external.append(ExternalPoses.of(stage))
             waiting = asyncio.create_task(make_flight(config, confirm=confirm_at(1e6), wires=stage.wires).run())
-            await meanwhile(stage)
+            await meanwhile(stage, external[0])
             waiting.cancel()
             await asyncio.gather(waiting, return_exceptions=True)
         return stage
 
     stage = in_virtual_time(main)()
-    return stage.autopilot.external, stage
+    return external[0], stage
 
 
-async def three_seconds(_: Stage) -> None:
+async def three_seconds(stage: Stage, external: ExternalPoses) -> None:
     await asyncio.sleep(3.0)
 
 
@@ -71,7 +76,7 @@ def test_each_autopilot_fuses_what_the_cameras_see(autopilot: str, source: str) 
 def test_ardupilot_is_told_an_origin_once_a_second_until_it_is_armed(autopilot: str, times: int) -> None:
     codec, origins = MavlinkCodec(1, 1), list[tuple[float, float]]()
 
-    async def listen(stage: Stage) -> None:
+    async def listen(stage: Stage, external: ExternalPoses) -> None:
         def overhear(_: float, data: bytes) -> None:
             for message in codec.feed(data):
                 if message.get_type() == "SET_GPS_GLOBAL_ORIGIN":
@@ -115,21 +120,21 @@ def test_poses_after_a_flight_end_when_asked_twice_and_not_by_a_request_to_land(
 
 def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(monkeypatch: pytest.MonkeyPatch) -> None:
     world, config = from_floor(*prepare(SCENARIOS["paper"], [ON, "sim.own_estimate=true"]), 30.0)
-    stages: list[Stage] = []
+    external: list[ExternalPoses] = []
     rejected_s: list[float] = []
     lines: list[str] = []
 
     async def script(flight: Flight, stage: Stage) -> None:
-        stages.append(stage)
+        external.append(ExternalPoses.of(stage))
         await until(lambda: flight.state is State.TRACKING)
         await asyncio.sleep(2.0)
         monkeypatch.setattr(PoseGate, "accepts", lambda *_: False)
         rejected_s.append(asyncio.get_running_loop().time())
 
     fly_mission(world, config, seed=1, watch=tell_lines(lines.append), script=script)
-    external, told = stages[0].autopilot.external, "\n".join(lines)
-    assert len(external.fused) > 60
-    assert all(one.arrival_s <= rejected_s[0] + 0.001 for one in external.fused), "those of before alone"
+    told = "\n".join(lines)
+    assert len(external[0].fused) > 60
+    assert all(one.arrival_s <= rejected_s[0] + 0.001 for one in external[0].fused), "those of before alone"
     assert "aborted: no pose for" in told
     assert "poses go on" not in told, "nor after the last command"
 
@@ -140,10 +145,10 @@ def taken_over(
     """A mission whose pilot takes over on the figure and lands by hand; what was told, and when."""
     world, config = from_floor(*prepare(SCENARIOS["paper"], [ON]), 30.0)
     lines: list[tuple[float, str]] = []
-    stages: list[Stage] = []
+    external: list[ExternalPoses] = []
 
     async def script(flight: Flight, stage: Stage) -> None:
-        stages.append(stage)
+        external.append(ExternalPoses.of(stage))
         await until(lambda: flight.state is State.TRACKING)
         assert isinstance(stage.autopilot, Px4Autopilot)
         stage.autopilot.take_over(asyncio.get_running_loop().time())
@@ -158,20 +163,20 @@ def taken_over(
         watch=lambda event: lines.append((event.time_s, event.says)) if isinstance(event, Notice) else None,
         script=script,
     )
-    return stages[0].autopilot.external, lines
+    return external[0], lines
 
 
 def test_forwarding_stops_when_poses_stop_and_goes_on_when_they_are_back() -> None:
     stopped: list[int] = []
 
-    async def covered(stage: Stage) -> None:
+    async def covered(stage: Stage, external: ExternalPoses) -> None:
         await asyncio.sleep(2.0)
         assert stage.mocap is not None
         stage.mocap.cover(True)
         await asyncio.sleep(0.05)
-        stopped.append(len(stage.autopilot.external.fused))
+        stopped.append(len(external.fused))
         await asyncio.sleep(2.0)
-        stopped.append(len(stage.autopilot.external.fused))
+        stopped.append(len(external.fused))
         stage.mocap.cover(False)
         await asyncio.sleep(1.0)
 

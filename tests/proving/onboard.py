@@ -31,8 +31,9 @@ from sim.autopilots import Airworthy, Make, OnboardFirmware, Px4, make_ardupilot
 from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.text import notice
-from sim.time import VirtualTimeLoop, in_virtual_time
+from sim.time import in_virtual_time
 from sim.world import FourRotors, World
+from tests.loops import SuspendableLoop, in_suspendable_time
 from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Scene, Strike, comes_late, shows, stand_between, still
 from tests.proving.takeoff_start import HEAD, TakeOff, describe, fly_take_off
 
@@ -229,9 +230,9 @@ def _firmware(scene: Scene) -> OnboardFirmware:
     return scene.stage.onboard
 
 
-def _loop() -> VirtualTimeLoop:
+def _loop() -> SuspendableLoop:
     loop = asyncio.get_running_loop()
-    assert isinstance(loop, VirtualTimeLoop), "in virtual time"
+    assert isinstance(loop, SuspendableLoop), "in virtual time"
     return loop
 
 
@@ -262,7 +263,7 @@ STRUCK_FIGURE = ("sim.speed_m_s=1.0",)
 """Settings of the figure that is struck: an eight of 1 m/s."""
 
 
-@in_virtual_time
+@in_suspendable_time
 async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike, seed: int) -> StrikeResult:
     """Fly the figure, have ``strike`` fall, and look on."""
     world, config = set_up((*told, *STRUCK_FIGURE), 60.0, SOURCES[seed % len(SOURCES)])

@@ -135,8 +135,6 @@ FORCE = 21196.0
 _V1 = 0xFE
 """First byte of a frame of MAVLink 1."""
 _MAGIC = re.compile(b"[%c%c]" % (_V1, V2))
-_MAVLINK_VERSION = 3
-"""HEARTBEAT.mavlink_version, which every sender fills in so."""
 _RESULTS = {
     0: "accepted",
     1: "not possible at this moment",
@@ -219,21 +217,9 @@ class MavlinkCodec:
         replayed."""
         self._reader = self.dialect.MAVLink(None)  # without a key: the signer judges signatures
         self._writer = self.dialect.MAVLink(None, system_id, component_id)
-        self._signer: Signer | None = None
-        self._unfinished: dict[object, bytes] = {}
-
-    @property
-    def signer(self) -> Signer | None:
+        self.signer: Signer | None = None
         """Gives the stamps of what is packed and judges what is read, where there is a key."""
-        return self._signer
-
-    @signer.setter
-    def signer(self, signer: Signer | None) -> None:
-        self._signer = signer
-        signing = self._writer.signing
-        signing.sign_outgoing = signer is not None
-        if signer is not None:
-            signing.secret_key = signer.key
+        self._unfinished: dict[object, bytes] = {}
 
     # ---- what arrives
 
@@ -310,7 +296,7 @@ class MavlinkCodec:
 
     def _refuse(self, message: Message, frame: bytes, *, used: bool) -> str:
         """Why ``message``, whose ``frame`` is right, is not used; empty where it is; counted."""
-        fault = "" if self._signer is None else self._signer.refuse(frame, keep=used)
+        fault = "" if self.signer is None else self.signer.refuse(frame, keep=used)
         if not fault and self._is_unknown(message):
             fault = "unknown"
         if fault:
@@ -340,16 +326,17 @@ class MavlinkCodec:
             OverflowError: a number is larger than a 32-bit float can hold.
         """
         writer = self._writer
-        if self._signer is not None:
-            writer.signing.timestamp = self._signer.next_stamp()
+        writer.signing.sign_outgoing = self.signer is not None
+        if self.signer is not None:
+            writer.signing.secret_key = self.signer.key
+            writer.signing.timestamp = self.signer.next_stamp()
         frame: bytes = message.pack(writer)
         writer.seq = (writer.seq + 1) % 256
         return frame
 
     def heartbeat(self) -> bytes:
         """HEARTBEAT of a ground station; due once a second."""
-        beat = self.dialect.MAVLink_heartbeat_message
-        return self.pack(beat(GROUND_STATION, INVALID, 0, 0, MavState.ACTIVE, _MAVLINK_VERSION))
+        return self.pack(self._writer.heartbeat_encode(GROUND_STATION, INVALID, 0, 0, MavState.ACTIVE))
 
     def attitude_target(
         self, time_s: float, system: int, component: int, thrust: float, rates_rad_s: tuple[float, float, float]

@@ -45,12 +45,7 @@ from links.mavlink.protocol.codec import (
     MavResult,
     Message,
 )
-from links.text import link_notice
-
-ANSWER_S = 0.5
-"""Without an answer for this long a request is repeated [s]."""
-TRIES = 6
-"""A request that is not answered this often is given up."""
+from links.text import Sentence, link_notice
 
 
 class AutopilotAddress(NamedTuple):
@@ -177,9 +172,9 @@ class Wait:
 class Repeated:
     """A request that is sent again until something answers it."""
 
-    period_s = ANSWER_S
+    period_s = 0.5
     """Time between two requests [s]."""
-    tries = TRIES
+    tries = 6
     """Unanswered requests after which it gives up."""
 
     def __init__(self, what: str, frame: Callable[[int], bytes]) -> None:
@@ -258,7 +253,7 @@ class Exchange(Repeated):
         what: str,
         command: int,
         params: Sequence[float],
-        hint: str,
+        hint: Sentence | str,
         patience_s: float = PATIENCE_S,
         any_answer: bool = False,
     ) -> None:
@@ -269,7 +264,7 @@ class Exchange(Repeated):
         super().__init__(what, lambda n: autopilot.command(command, *params, repetition=n))
         self._autopilot = autopilot
         self._command = command
-        self._hint = hint
+        self._hint = str(hint)
         self._patience = patience_s
         self._any_answer = any_answer
         self._refused: tuple[int, float] | None = None
@@ -300,7 +295,7 @@ class Exchange(Repeated):
         if result == MavResult.ACCEPTED or self._any_answer:
             self.done = True
         elif result == MavResult.IN_PROGRESS:
-            self._await_more(now_s + ANSWER_S * TRIES)
+            self._await_more(now_s + self.period_s * self.tries)
         elif result in _MAY_PASS and now_s < self._since_s + self._patience:
             self._await_more(now_s + AGAIN_S)
         else:
@@ -500,7 +495,7 @@ class ReadAll:
     def poll(self, now_s: float) -> list[bytes]:
         """The questions that are due."""
         codec, system, component = self._autopilot.codec, self._autopilot.system, self._autopilot.component
-        for name in [name for name, at_s in self._asked_s.items() if now_s >= at_s + ANSWER_S]:
+        for name in [name for name, at_s in self._asked_s.items() if now_s >= at_s + Repeated.period_s]:
             del self._asked_s[name]
             if self._left[name] >= ASKED:
                 del self._left[name]
@@ -565,7 +560,7 @@ class Write(Repeated):
 class ParameterMust(Repeated):
     """Make sure that a parameter of ArduPilot has a value that we can fly with."""
 
-    def __init__(self, autopilot: AutopilotAddress, name: str, accepts: Callable[[int], bool], hint: str) -> None:
+    def __init__(self, autopilot: AutopilotAddress, name: str, accepts: Callable[[int], bool], hint: Sentence) -> None:
         """Ask ``autopilot`` for the whole number ``name``; where ``accepts`` says no, fail with ``hint``."""
         super().__init__(
             f"tell its parameter {name}",
@@ -573,7 +568,7 @@ class ParameterMust(Repeated):
         )
         self._name = name
         self._accepts = accepts
-        self._hint = hint
+        self._hint = str(hint)
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take the parameter's value."""
@@ -631,10 +626,9 @@ def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
     """
     steps: list[HandshakeStep] = [Wait(STREAM_S), *_musts(autopilot)]
     mode = "OFFBOARD" if autopilot.kind == PX4 else guided
-    hint = link_notice("hint.mode", mode=mode).text
+    hint = link_notice("hint.mode", mode=mode)
     steps.append(Exchange(autopilot, f"enter {mode}", MavCommand.DO_SET_MODE, FOLLOWING_MODES[mode], hint))
-    hint = link_notice("hint.arm").text
-    steps.append(Exchange(autopilot, "arm", MavCommand.ARM_DISARM, (1.0, 0.0), hint))
+    steps.append(Exchange(autopilot, "arm", MavCommand.ARM_DISARM, (1.0, 0.0), link_notice("hint.arm")))
     if autopilot.kind == ARDUPILOT:
         steps.append(Wait(ARMING_DELAY_S))
     return Handshake(steps)
@@ -649,26 +643,25 @@ def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
         raise LinkRejected(link_notice("autopilot.no_multirotor", autopilot=autopilot.name, vehicle=vehicle))
     if autopilot.kind == PX4:
         return []
-    hint = link_notice("hint.guid_options").text
-    thrust = ParameterMust(autopilot, "GUID_OPTIONS", lambda v: bool(v & THRUST_AS_THRUST), hint)
-    hint = link_notice("hint.angle_boost").text
-    return [thrust, ParameterMust(autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, hint)]
+    return [
+        ParameterMust(
+            autopilot, "GUID_OPTIONS", lambda v: bool(v & THRUST_AS_THRUST), link_notice("hint.guid_options")
+        ),
+        ParameterMust(autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, link_notice("hint.angle_boost")),
+    ]
 
 
 def disarming(autopilot: AutopilotAddress) -> Handshake:
     """Motors off, with patience until the autopilot believes that it stands."""
-    hint = link_notice("hint.disarm").text
     # ArduPilot that refuses goes on refusing: mode LAND is its way (see landing_disarmed).
     patience_s = 0.0 if autopilot.kind == ARDUPILOT else PATIENCE_S
+    hint = link_notice("hint.disarm")
     return Handshake([Exchange(autopilot, "disarm", MavCommand.ARM_DISARM, (0.0, 0.0), hint, patience_s=patience_s)])
 
 
 def landing_disarmed(autopilot: AutopilotAddress) -> Handshake:
     """ArduPilot's own way from standing on the ground to motors off: mode LAND."""
-    hint = link_notice("hint.land_disarmed").text
-    return Handshake(
-        [Exchange(autopilot, "enter LAND", MavCommand.DO_SET_MODE, _LAND_MODE[ARDUPILOT], hint), Disarmed(LAND_S)]
-    )
+    return Handshake([_enter_land(autopilot, "hint.land_disarmed"), Disarmed(LAND_S)])
 
 
 def landing(autopilot: AutopilotAddress) -> Handshake:
@@ -679,16 +672,30 @@ def landing(autopilot: AutopilotAddress) -> Handshake:
     """
     if autopilot.kind not in _LAND_MODE:
         raise LinkRejected(link_notice("autopilot.no_landing", kind=autopilot.kind_name))
-    hint = link_notice("hint.land").text
-    return Handshake([Exchange(autopilot, "enter LAND", MavCommand.DO_SET_MODE, _LAND_MODE[autopilot.kind], hint)])
+    return Handshake([_enter_land(autopilot, "hint.land")])
+
+
+def _enter_land(autopilot: AutopilotAddress, hint: str) -> Exchange:
+    """Return the request for mode LAND; a refusal ends with the sentence ``hint``."""
+    mode = _LAND_MODE[autopilot.kind]
+    return Exchange(autopilot, "enter LAND", MavCommand.DO_SET_MODE, mode, link_notice(hint))
 
 
 def stream(autopilot: AutopilotAddress, name: str, rate_hz: float) -> Handshake:
     """Have the message ``name`` sent ``rate_hz`` times a second."""
     params = (float(autopilot.codec.message_number(name)), 1e6 / rate_hz)
-    hint = link_notice("hint.stream").text
-    what = f"send {name} at {rate_hz:g} Hz"
-    return Handshake([Exchange(autopilot, what, MavCommand.SET_MESSAGE_INTERVAL, params, hint, patience_s=0.0)])
+    return Handshake(
+        [
+            Exchange(
+                autopilot,
+                f"send {name} at {rate_hz:g} Hz",
+                MavCommand.SET_MESSAGE_INTERVAL,
+                params,
+                link_notice("hint.stream"),
+                patience_s=0.0,
+            )
+        ]
+    )
 
 
 def silence(autopilot: AutopilotAddress, name: str) -> Handshake:

@@ -9,7 +9,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose
 from groundstation.pose.forward import Forward
 from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, Odometry, odometry
-from sim.autopilots.autopilot import ExternalPoses, Fused
+from tests.external_poses import ExternalPoses, Fused
 
 
 def pose(time_s: float, **more: Any) -> Pose:

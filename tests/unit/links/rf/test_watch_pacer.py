@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from links.rf import StandbyWatch
-from links.rf.shared_memory import FIRST, PACER, HeldPort, Lease, SharedPort, Superseded
+from links.rf.shared_memory import FIRST, HeldPort, Lease, LeaseWord, SharedPort, Superseded
 
 # A look 10 ms after a doubt, ignored where it is 5 ms late; a sign of life is too old at 60 ms.
 LOOK_S = 0.01
@@ -81,8 +81,8 @@ def test_only_the_newest_generation_writes() -> None:
     with pytest.raises(Superseded):
         other.ensure(FIRST)
     other.ensure(lease.generation)
-    lease.vouch(PACER, 12.5)
-    assert other.vouched_s(PACER) == pytest.approx(12.5)
+    lease.vouch(LeaseWord.PACER, 12.5)
+    assert other.vouched_s(LeaseWord.PACER) == pytest.approx(12.5)
 
 
 def test_a_port_is_held_in_common_and_let_go_in_common() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from sim.time import VirtualTimeLoop
 from sim.time.virtual_time import SimulationStuck
+from tests.loops import SuspendableLoop, in_suspendable_time
 
 
 def run(work: Any) -> Any:
@@ -121,7 +122,7 @@ def test_a_suspended_process_finds_its_timers_and_datagrams_due_at_once_when_it_
 
     async def main() -> None:
         loop = asyncio.get_running_loop()
-        assert isinstance(loop, VirtualTimeLoop)
+        assert isinstance(loop, SuspendableLoop)
         context = copy_context()
         context.run(process.set, True)
         living = asyncio.create_task(live(), context=context)
@@ -135,6 +136,5 @@ def test_a_suspended_process_finds_its_timers_and_datagrams_due_at_once_when_it_
         loop.resume()
         await living
 
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        runner.run(main())
+    in_suspendable_time(main)()
     assert seen[1:] == [("datagram", 2.75), ("timer", 2.75), ("timer", 3.75), ("timer", 4.75)]
