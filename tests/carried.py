@@ -23,15 +23,13 @@ def carried(
     seed: int = 0,
     moves: Sequence[CarryMove] = MOVES,
     late_s: float = 0.0,
-    autopilot_yaw_deg: float = 30.0,
     noise_m: float = 5e-4,
     noise_rad: float = 3e-3,
-    nose_deg: float = 0.0,
 ) -> tuple[Carry, list[Sample]]:
     """The moves as a tracker of 50 Hz sees them, stamped ``late_s`` too late; the autopilot's attitudes at 100 Hz."""
     draw = random.Random(seed + 1)
-    at, carry, attitudes = make_hand(seed, moves=moves, nose_deg=nose_deg), Carry(), []
-    turn = so3.from_euler_zyx(0.0, 0.0, math.radians(autopilot_yaw_deg))
+    at, carry, attitudes = make_hand(seed, moves=moves), Carry(), []
+    turn = so3.from_euler_zyx(0.0, 0.0, math.radians(30.0))
 
     def noisy(q: Quat) -> Quat:
         return so3.rotate(q, (draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad)))

@@ -6,6 +6,7 @@ import msgspec
 
 from groundstation.core.geometry import Frames, Quat, Vec3
 from groundstation.pose.sources import Intake, JsonReader, NatNetReader, PoseReader, QualisysReader, VisionReader
+from groundstation.pose.sources.vicon_codec import ViconObject
 
 
 class GoldenPose(msgspec.Struct, frozen=True):
@@ -68,3 +69,42 @@ def _reader(kind: str) -> PoseReader:
             return JsonReader("quad", seconds, frames)
         case _:
             return VisionReader(Intake(0.0))
+
+
+class ViconReadable(msgspec.Struct, frozen=True):
+    """A datagram and what it says."""
+
+    about: str
+    frame_number: int
+    size: int
+    objects: tuple[ViconObject, ...]
+    hex: str
+
+    @property
+    def datagram(self) -> bytes:
+        return bytes.fromhex(self.hex)
+
+
+class ViconDropped(msgspec.Struct, frozen=True):
+    """A datagram that a decoder for the object ``mqx`` drops, and why."""
+
+    about: str
+    reason: str
+    hex: str
+
+    @property
+    def datagram(self) -> bytes:
+        return bytes.fromhex(self.hex)
+
+
+class ViconTable(msgspec.Struct, frozen=True):
+    """The file of Vicon's datagrams."""
+
+    about: str
+    readable: tuple[ViconReadable, ...]
+    dropped: tuple[ViconDropped, ...]
+
+
+VICON = msgspec.json.decode((GOLDEN / "vicon_object_stream.json").read_bytes(), type=ViconTable)
+OURS = "mqx"
+"""The object that is in every readable datagram."""

@@ -45,7 +45,7 @@ CONCERNED = {
     "module_codec.py": "unit/links/rf/test_rf_codecs.py property/test_rf_codecs.py",
     "vicon_codec.py": "unit/groundstation/pose/sources/test_vicon_codec.py property/test_vicon_codec.py",
     "bridge/codec.py": "unit/links/bridge/test_bridge.py",
-    "natnet_codec.py": "unit/groundstation/pose/sources/test_natnet.py unit/groundstation/pose/sources/test_pose_codecs.py",
+    "natnet_codec.py": "unit/groundstation/pose/sources/test_servers.py unit/groundstation/pose/sources/test_pose_codecs.py",
 }
 """The tests that are about a file."""
 

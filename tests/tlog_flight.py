@@ -10,6 +10,10 @@ from groundstation.core.geometry import Quat, Vec3, so3
 from links.mavlink.protocol import MavCommand, MavlinkCodec
 
 GRAVITY = 9.81
+POSE_PERIOD_S = 0.02
+SENT_PERIOD_S = 0.01
+HOVER = 0.4
+"""Share of full thrust that carries it."""
 START_US = 1_790_000_000_000_000
 VEHICLE = MavlinkCodec(1, 1)
 D = VEHICLE.dialect
@@ -19,10 +23,6 @@ NOTHING = [0.0] * 21
 class Flight(msgspec.Struct, frozen=True, kw_only=True):
     """On the ground for a second, once around a circle of 1 m, then on the ground again, still armed, for two."""
 
-    hover: float = 0.4
-    """Share of full thrust that carries it."""
-    pose_period_s: float = 0.02
-    sent_period_s: float = 0.01
     duration_s: float = 8.0
     """In the air [s]."""
     velocity_error: Vec3 = (0.0, 0.0, 0.0)
@@ -37,15 +37,12 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
     """System and component of the station that steers it."""
     bridge: tuple[int, int] | None = None
     """System and component of a motion-capture bridge, whose ODOMETRY is 3 m aside."""
-    armed: bool = True
-    says_ground: bool = True
-    """Whether it says so when it stands on the ground."""
 
     def motion(self, t: float) -> tuple[Vec3, Vec3, Quat, float]:
         """Position, velocity, attitude and thrust (share of full) at ``t`` [s]."""
         x = (t - 1.0) / self.duration_s
         if not 0.0 <= x < 1.0:
-            return (1.0, 0.0, -1.0), (0.0, 0.0, 0.0), so3.IDENTITY, 0.2 * self.hover
+            return (1.0, 0.0, -1.0), (0.0, 0.0, 0.0), so3.IDENTITY, 0.2 * HOVER
         angle = math.tau * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)  # starts and ends at rest
         turning = math.tau / self.duration_s * 30.0 * x * x * (1.0 - x) ** 2
         turning_dot = math.tau / self.duration_s**2 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
@@ -59,7 +56,7 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
             (c, s, -1.0),
             (-turning * s, turning * c, 0.0),
             so3.from_euler_zyx(roll, pitch, 0.0),
-            self.hover * length / GRAVITY,
+            HOVER * length / GRAVITY,
         )
 
     def tlog(self) -> bytes:
@@ -73,20 +70,19 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
         end = self.duration_s + 3.0
         events: list[tuple[int, bytes]] = []
         for second in range(int(end) + 1):
-            mode = 128 if self.armed and second else 0
+            mode = 128 if second else 0
             events.append((1_000_000 * second, VEHICLE.pack(D.MAVLink_heartbeat_message(2, 12, mode, 0, 4, 3))))
-        if self.armed:
-            events.append((200_000, ground.command(1, 1, MavCommand.ARM_DISARM, 1.0)))
-            events.append((210_000, VEHICLE.pack(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0))))
+        events.append((200_000, ground.command(1, 1, MavCommand.ARM_DISARM, 1.0)))
+        events.append((210_000, VEHICLE.pack(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0))))
         for tenth in range(int(10 * end)):
-            aground = self.says_ground and not 10 <= tenth < 10 * (1.0 + self.duration_s)
+            aground = not 10 <= tenth < 10 * (1.0 + self.duration_s)
             state = D.MAVLink_extended_sys_state_message(0, 1 if aground else 2)
             events.append((100_000 * tenth, VEHICLE.pack(state)))
-        for k in range(round(end / self.sent_period_s)):
-            t = k * self.sent_period_s
+        for k in range(round(end / SENT_PERIOD_S)):
+            t = k * SENT_PERIOD_S
             events.append((round(1e6 * t), self._set_point(t, ground)))
-        for k in range(round(end / self.pose_period_s)):
-            t = k * self.pose_period_s
+        for k in range(round(end / POSE_PERIOD_S)):
+            t = k * POSE_PERIOD_S
             if self.poses(t):
                 events.append((round(1e6 * t) + 10_000, self._odometry(t, VEHICLE)))
             if bridge is not None:

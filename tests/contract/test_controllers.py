@@ -149,19 +149,12 @@ def test_a_controller_that_was_written_for_the_page_before_flies_the_same_and_is
     assert old.ticks[-1].decision == watched(*told(EXAMPLE), duration_s=1.0).ticks[-1].decision
 
 
-def test_keys_beside_a_factory_go_to_it_but_the_estimators_stay() -> None:
-    _, config = told(EXAMPLE, "controller.stiffness=8.0", "controller.wind_noise=0.3")
-    controller = config.controller
+def test_keys_beside_a_factory_go_to_it_but_the_estimators_stay_unless_they_are_in_the_table_of_options() -> None:
+    beside = ("controller.stiffness=8.0", "controller.wind_noise=0.3", "controller.options.gravity=9.7")
+    controller = told(EXAMPLE, *beside)[1].controller
     assert isinstance(controller, Custom)
-    assert (controller.kind, controller.options) == (EXAMPLE, {"stiffness": 8.0})
-    assert controller.wind_noise == 0.3
-
-
-def test_an_option_may_share_its_name_with_the_estimators_in_the_table_of_options() -> None:
-    _, config = told(EXAMPLE, "controller.options.gravity=9.7", "controller.stiffness=8.0")
-    assert isinstance(config.controller, Custom)
-    assert config.controller.options == {"gravity": 9.7, "stiffness": 8.0}
-    assert config.controller.gravity == 9.81
+    assert (controller.kind, controller.options) == (EXAMPLE, {"gravity": 9.7, "stiffness": 8.0})
+    assert (controller.wind_noise, controller.gravity) == (0.3, 9.81)
 
 
 LAB = """
@@ -245,19 +238,14 @@ def test_an_answer_that_is_no_command_ends_the_flight(answer: Callable[[Decision
         asked(answer)
 
 
-def test_a_command_beyond_the_limits_is_clamped_and_marked() -> None:
-    decision = asked(lambda good: good._replace(drive=ActuatorCommand(99.0, (-99.0, 0.0, 99.0)), saturated=False))
-    vehicle = Vehicle()
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_command_beyond_the_limits_is_clamped_and_marked_also_where_it_is_all_of_the_answer(alone: bool) -> None:
+    drive, vehicle = ActuatorCommand(99.0, (-99.0, 0.1, 99.0)), Vehicle()
+    decision = asked(lambda good: drive if alone else good._replace(drive=drive, saturated=False))
     assert decision.drive.thrust == vehicle.thrust_max_n
-    assert decision.drive.rates == pytest.approx((-math.radians(200.0), 0.0, math.radians(300.0)))
+    assert decision.drive.rates == pytest.approx((-math.radians(200.0), 0.1, math.radians(300.0)))
     assert decision.saturated
-
-
-def test_thrust_and_rates_alone_are_an_answer() -> None:
-    decision = asked(lambda good: ActuatorCommand(99.0, (0.0, 0.1, 0.0)))
-    assert decision.drive == ActuatorCommand(Vehicle().thrust_max_n, (0.0, 0.1, 0.0))
-    assert decision.saturated
-    assert decision.diagnostics.certificate.startswith("none")
+    assert not alone or decision.diagnostics.certificate.startswith("none")
 
 
 def test_a_good_answer_passes_unchanged() -> None:

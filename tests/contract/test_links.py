@@ -201,6 +201,10 @@ def command(thrust_n: float = 1.0, rates: tuple[float, float, float] = (0.1, -0.
     return Command(thrust_n, rates, 7, now, changes.get("deadline_s", now + 0.25), BRING_DOWN)
 
 
+def idle() -> Command:
+    return command(0.0, (0.0, 0.0, 0.0))
+
+
 @contextlib.asynccontextmanager
 async def connected(bench: Bench) -> AsyncIterator[CommandLink]:
     await bench.prepare()
@@ -215,6 +219,13 @@ async def connected(bench: Bench) -> AsyncIterator[CommandLink]:
         await asyncio.gather(peer, return_exceptions=True)
 
 
+@contextlib.asynccontextmanager
+async def armed(bench: Bench) -> AsyncIterator[CommandLink]:
+    async with connected(bench) as link:
+        await link.arm(idle)
+        yield link
+
+
 def lifting(bench: Bench) -> list[tuple[float, float, Any]]:
     """What was done to the vehicle that could make it move."""
     return [act for act in bench.vehicle.acts if act[1] > 0.0]
@@ -224,7 +235,7 @@ def lifting(bench: Bench) -> list[tuple[float, float, Any]]:
 async def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench) -> None:
     async with connected(bench) as link:
         assert link.status.state == "connected"
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        await link.arm(idle)
         assert link.status.state == "armed"
         assert bench.vehicle.powered[-1][1] is True
         bench.vehicle.acts.clear()
@@ -245,7 +256,7 @@ async def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench) -> N
 
 async def stream(link: CommandLink) -> None:
     while True:
-        link.send(command(0.0, (0.0, 0.0, 0.0)))
+        link.send(idle())
         await asyncio.sleep(link.period_s)
 
 
@@ -275,8 +286,7 @@ async def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench) -
 
 @on_either_loop
 async def test_a_command_past_its_deadline_never_leaves(bench: Bench) -> None:
-    async with connected(bench) as link:
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+    async with armed(bench) as link:
         now = asyncio.get_running_loop().time()
         assert not link.send(command(1.5, deadline_s=now - 0.001))
         for deadline_s in (math.nan, math.inf, now + 1.2):
@@ -290,8 +300,7 @@ async def test_a_command_past_its_deadline_never_leaves(bench: Bench) -> None:
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @in_virtual_time
 async def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float) -> None:
-    async with connected(bench) as link:
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+    async with armed(bench) as link:
         with pytest.raises(LinkMisuse):
             link.send(command(bad))
         for axis in range(3):
@@ -306,8 +315,7 @@ async def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float
 @pytest.mark.parametrize(("thrust_n", "share"), [(-1.0, 0.0), (5.0, 1.0)])
 @in_virtual_time
 async def test_thrust_beyond_the_vehicles_is_clamped(bench: Bench, thrust_n: float, share: float) -> None:
-    async with connected(bench) as link:
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+    async with armed(bench) as link:
         link.send(command(thrust_n))
         await asyncio.sleep(0.05)
         assert bench.vehicle.acts[-1][1] == share
@@ -334,8 +342,7 @@ def plays(acts: list[tuple[float, float, tuple[float, float, float]]]) -> list[t
 
 @in_virtual_time
 async def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_then_nothing(bench: Bench) -> None:
-    async with connected(bench) as link:
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+    async with armed(bench) as link:
         bench.vehicle.acts.clear()
         assert link.send(command())
         assert link.status.phase == "fresh"
@@ -354,15 +361,14 @@ async def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_
         assert [share for share, _ in runs] == [0.5, 0.4, 0.3, 0.0]
         assert [lasted for _, lasted in runs[:3]] == pytest.approx([0.25, 0.2, 0.3], abs=bench.grain_s)
         assert 0.05 < runs[3][1] <= 0.1 + bench.grain_s
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        await link.arm(idle)
         assert link.send(command())
 
 
 @in_virtual_time
 async def test_closing_in_the_air_brings_down_first(bench: Bench) -> None:
     loop = asyncio.get_running_loop()
-    async with connected(bench) as link:
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+    async with armed(bench) as link:
         bench.vehicle.acts.clear()
         link.send(command())
         begun = loop.time()
@@ -373,8 +379,7 @@ async def test_closing_in_the_air_brings_down_first(bench: Bench) -> None:
 
 @in_virtual_time
 async def test_a_kill_cuts_the_bring_down_of_a_closing_link_short(bench: Bench) -> None:
-    async with connected(bench) as link:
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+    async with armed(bench) as link:
         link.send(command())
         closing = asyncio.create_task(link.close())
         await asyncio.sleep(0.35)
@@ -389,8 +394,7 @@ async def test_a_kill_cuts_the_bring_down_of_a_closing_link_short(bench: Bench) 
 
 @in_virtual_time
 async def test_commands_leave_in_the_order_of_their_poses(bench: Bench) -> None:
-    async with connected(bench) as link:
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+    async with armed(bench) as link:
         for thrust_n in (0.5, 0.75):
             assert link.send(command(thrust_n))
             await asyncio.sleep(link.period_s)
@@ -408,8 +412,7 @@ async def test_commands_leave_in_the_order_of_their_poses(bench: Bench) -> None:
 
 @on_either_loop
 async def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench: Bench) -> None:
-    async with connected(bench) as link:
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+    async with armed(bench) as link:
         loop, newest = asyncio.get_running_loop(), command()
         assert link.send(newest)
         await asyncio.sleep(0.055)
@@ -428,8 +431,7 @@ async def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench:
 
 @on_either_loop
 async def test_nothing_leaves_after_close(bench: Bench) -> None:
-    async with connected(bench) as link:
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+    async with armed(bench) as link:
         link.send(command())
         await asyncio.sleep(0.05)
         await link.close()
@@ -448,7 +450,7 @@ async def test_nothing_leaves_after_close(bench: Bench) -> None:
 @in_virtual_time
 async def test_closing_while_it_arms_ends_that_and_nothing_leaves_any_more(bench: Bench) -> None:
     async with connected(bench) as link:
-        arming = asyncio.create_task(link.arm(lambda: command(0.0, (0.0, 0.0, 0.0))))
+        arming = asyncio.create_task(link.arm(idle))
         await asyncio.sleep(0.505)
         await link.close()
         before = bench.arrived()
@@ -466,7 +468,7 @@ async def test_sending_before_connecting_or_during_arming_is_misuse(bench: Bench
     with pytest.raises(LinkMisuse):
         link.send(command())
     async with connected(bench) as link:
-        arming = asyncio.create_task(link.arm(lambda: command(0.0, (0.0, 0.0, 0.0))))
+        arming = asyncio.create_task(link.arm(idle))
         await asyncio.sleep(0.1)
         with pytest.raises(LinkMisuse):
             link.send(command())
@@ -490,7 +492,7 @@ async def test_a_link_can_be_connected_again_after_it_was_closed(bench: Bench) -
     async with connected(bench) as link:
         await link.close()
         await link.connect()
-        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        await link.arm(idle)
         assert link.send(command())
 
 

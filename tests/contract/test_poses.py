@@ -8,7 +8,7 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncIterator, Callable
-from pathlib import Path
+from functools import partial
 from typing import Any, get_args
 
 import msgspec
@@ -44,13 +44,12 @@ class Bench:
     """The other end of one kind of source."""
 
     config: PoseConfig
+    alignment: Alignment | None = None
+    hidden = False
+    begun_s = 0.0
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self) -> None:
         self.link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-        self.hidden = False
-        self.begun_s = 0.0
-        self.alignment: Alignment | None = None
 
     async def prepare(self) -> None:
         raise NotImplementedError
@@ -67,13 +66,14 @@ class TrackerBench(Bench):
     """A tracking system: Vicon, NatNet, Qualisys, a bridge, a home-made one."""
 
     tracker: Tracker
-    others = 2
 
-    async def configured(self) -> PoseConfig:
-        raise NotImplementedError
+    def __init__(self, kind: Callable[..., PoseConfig], address: str = "listen", **keys: float) -> None:
+        """``address`` is the key of its address, and ``keys`` are others."""
+        super().__init__()
+        self._kind, self._address, self._keys = kind, address, keys
 
     async def prepare(self) -> None:
-        self.config = await self.configured()
+        self.config = self._kind(**{self._address: await free_address()}, latency_s=LATENCY_S, **self._keys)
         made = make_tracker(self.config)
         assert made is not None
         self.tracker = made[1]
@@ -88,7 +88,7 @@ class TrackerBench(Bench):
                 when = self.begun_s + frame / RATE_HZ
                 await sleep_until(when)
                 ours = TrackedBody("quad", (when - self.begun_s, 2.0, -1.0), EAST, not self.hidden)
-                rest = [TrackedBody(f"other{n}", (9.0, float(n), -1.0), so3.IDENTITY, True) for n in range(self.others)]
+                rest = [TrackedBody(f"other{n}", (9.0, float(n), -1.0), so3.IDENTITY, True) for n in range(2)]
                 loop.call_at(when + LATENCY_S, self.tracker.send, frame, when, [ours, *rest])
                 frame += 1
         finally:
@@ -105,47 +105,15 @@ class TrackerBench(Bench):
         return True
 
 
-class ViconBench(TrackerBench):
-    async def configured(self) -> PoseConfig:
-        return ViconConfig(listen=await free_address(), latency_s=LATENCY_S, rate_hz=RATE_HZ)
-
-
-class JsonBench(TrackerBench):
-    async def configured(self) -> PoseConfig:
-        return JsonConfig(listen=await free_address(), latency_s=LATENCY_S)
-
-
-class VisionBench(TrackerBench):
-    async def configured(self) -> PoseConfig:
-        return VisionConfig(listen=await free_address(), latency_s=LATENCY_S)
-
-
-class QualisysBench(TrackerBench):
-    async def configured(self) -> PoseConfig:
-        return QualisysConfig(server=await free_address(), latency_s=LATENCY_S)
-
-
 class NatNetBench(TrackerBench):
-    version: Version = (4, 1)
-    multicast = False
-
-    async def configured(self) -> PoseConfig:
-        server, data = await free_address(), await free_address()
-        port = parse_address(data)[1]
-        return NatNetConfig(server=server, data_port=port, multicast=self.multicast, network_s=0.0)
+    def __init__(self, version: Version = (4, 1), *, multicast: bool = False) -> None:
+        super().__init__(NatNetConfig)
+        self._version, self._multicast = version, multicast
 
     async def prepare(self) -> None:
-        await super().prepare()
-        assert isinstance(self.config, NatNetConfig)
-        self.tracker = NatNetServer(self.config, self.version)
-
-
-class OldNatNetBench(NatNetBench):
-    version: Version = (3, 0)
-
-
-class MulticastNatNetBench(NatNetBench):
-    multicast = True
+        server, (_, port) = await free_address(), parse_address(await free_address())
+        self.config = NatNetConfig(server=server, data_port=port, multicast=self._multicast, network_s=0.0)
+        self.tracker = NatNetServer(self.config, self._version)
 
 
 class Cruiser(Brick):
@@ -175,15 +143,15 @@ class OdometryBench(Bench):
         await asyncio.gather(peer.run(), self.link.connect())
 
 
-BENCHES: dict[str, Callable[[Path], Bench]] = {
-    "vicon": ViconBench,
+BENCHES: dict[str, Callable[[], Bench]] = {
+    "vicon": partial(TrackerBench, ViconConfig, rate_hz=RATE_HZ),
     "natnet": NatNetBench,
-    "natnet 3.0": OldNatNetBench,
-    "natnet multicast": MulticastNatNetBench,
-    "qualisys": QualisysBench,
+    "natnet 3.0": partial(NatNetBench, (3, 0)),
+    "natnet multicast": partial(NatNetBench, multicast=True),
+    "qualisys": partial(TrackerBench, QualisysConfig, "server"),
     "mavlink": OdometryBench,
-    "vision": VisionBench,
-    "json": JsonBench,
+    "vision": partial(TrackerBench, VisionConfig),
+    "json": partial(TrackerBench, JsonConfig),
 }
 
 
@@ -194,8 +162,8 @@ def test_every_source_has_a_bench() -> None:
 
 
 @pytest.fixture(params=list(BENCHES))
-def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Bench:
-    return BENCHES[request.param](tmp_path)
+def bench(request: pytest.FixtureRequest) -> Bench:
+    return BENCHES[request.param]()
 
 
 @contextlib.asynccontextmanager
@@ -313,10 +281,10 @@ async def test_a_hidden_vehicle_gives_no_poses_and_a_reason(bench: Bench) -> Non
         await asyncio.sleep(0.1)
         count = len(poses)
         await asyncio.sleep(0.2)
-        if isinstance(bench, ViconBench):
+        if isinstance(bench.config, ViconConfig):
             return  # tells by standing still: see its own tests
         assert len(poses) == count
-        if not isinstance(bench, VisionBench):
+        if not isinstance(bench.config, VisionConfig):
             assert source.status.dropped["not_tracked"] >= 10
         bench.hidden = False
         await grown(poses, 3)

@@ -26,6 +26,7 @@ from groundstation.core.estimation import (
 from groundstation.core.estimation.estimator import KalmanGain
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.trajectory import LemniscateConfig
+from tests.property.test_effectiveness import dense
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Reference: TypeAlias = Callable[[float], tuple[Vec3, Vec3]]
@@ -44,6 +45,10 @@ def vec3(values: Any) -> Vec3:
 
 def radius(law: Gains) -> float:
     return law.b_bound + law.epsilon
+
+
+def ball(law: Gains) -> dict[str, float]:
+    return {"bound": law.b_bound, "epsilon": law.epsilon, "delta": law.delta}
 
 
 def lipschitz(law: Gains) -> float:
@@ -238,15 +243,7 @@ def parts(loop: Loop, s: State, time: float = 0.0) -> Parts:
     z3 = np.asarray(step.z3)
     xi = np.array([a.dv_dz2 - a.du_dz2 * z for a, z in zip(axes, step.z3, strict=True)])
     b_dot = loop.b_hat_dot(s, step)
-    proj = project(
-        FLOATS,
-        vec3(xi),
-        s.b_hat,
-        bound=law.b_bound,
-        epsilon=law.epsilon,
-        delta=law.delta,
-        order=law.projection_order,
-    )
+    proj = project(FLOATS, vec3(xi), s.b_hat, order=law.projection_order, **ball(law))
     b_tilde = loop.b_tilde(s)
     adaptation = float(b_tilde @ (xi - b_dot / law.kb) + z3 @ (b_dot - law.kb * np.asarray(proj)))
     observation = 0.0
@@ -341,19 +338,13 @@ def test_projection_stretches_no_difference_beyond_its_lipschitz_constant(
     law: Gains, one: Vec3, other: Vec3, direction: Vec3
 ) -> None:
     b_hat = within(FLOATS, vec3(4.0 * np.asarray(direction)), radius(law))
-    keys: dict[str, Any] = {"bound": law.b_bound, "epsilon": law.epsilon, "delta": law.delta}
-    first, second = (project(FLOATS, x, b_hat, order=law.projection_order, **keys) for x in (one, other))
+    first, second = (project(FLOATS, x, b_hat, order=law.projection_order, **ball(law)) for x in (one, other))
     assert math.dist(first, second) <= lipschitz(law) * math.dist(one, other) * (1.0 + 1e-9) + 1e-9
-
-
-def full(s: Covariance) -> Array:
-    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
-    return np.array([[pp, pv, pd, pc], [pv, vv, vd, vc], [pd, vd, dd, dc], [pc, vc, dc, cc]])
 
 
 def size_in(covariance: Covariance, e: Array) -> float:
     """eᵀ Σ⁻¹ e, solved in units of the standard deviations."""
-    sigma = full(covariance)
+    sigma = dense(covariance)
     scale = np.sqrt(np.diag(sigma))
     return float((e / scale) @ np.linalg.solve(sigma / np.outer(scale, scale), e / scale))
 

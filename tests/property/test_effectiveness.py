@@ -34,7 +34,7 @@ from groundstation.core.vehicle import (
     integrate_motion,
 )
 
-DENSITIES = Densities(0.0, 1e-4, 1e-2, 2.9)
+DENSITIES = Densities(1e-7, 1e-4, 1e-2, 2.9)
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 ACCELERATION = st.floats(-15.0, 15.0)
 

@@ -148,22 +148,12 @@ def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(direction: Vec3
     assert deviation <= 20.0 * (1 + math.hypot(*xi)) * (4.1 * h / 2.25) ** (order + 1)
 
 
-@given(gains, vec, vec, angle, st.floats(0.3, 3.0), vec, vec, vec, vec, vec, st.floats(0.05, 2.0), st.floats(0.0, 2.0))
+@given(gains, st.tuples(*[vec] * 7), angle, st.floats(0.3, 3.0), st.floats(0.05, 2.0), st.floats(0.0, 2.0))
 def test_v_falls_exactly_by_w_on_the_ideal_plant(
-    law: Law,
-    z1: Vec3,
-    z1_dot: Vec3,
-    angles: Vec3,
-    lift: float,
-    b_hat: Vec3,
-    b: Vec3,
-    acceleration: Vec3,
-    jerk: Vec3,
-    speed_d: Vec3,
-    mass: float,
-    drag: float,
+    law: Law, vectors: tuple[Vec3, ...], angles: Vec3, lift: float, mass: float, drag: float
 ) -> None:
     """V˙ = -W + b̃ᵀ(ξ - Proj): the derivative of V along the plant, by differences, against the law's own W."""
+    z1, z1_dot, b_hat, b, acceleration, jerk, speed_d = vectors
     b_hat = within(FLOATS, b_hat, law.b_bound)
     thrust = lift * mass * law.gravity
     q = quaternion(angles)

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from binascii import crc32
-from collections.abc import Iterator
 
 import pytest
 from hypothesis import given, strategies as st
@@ -25,19 +24,16 @@ box.put(b"the last")
 """
 
 
-@pytest.fixture
-def ends() -> Iterator[tuple[Mailbox, Mailbox]]:
-    writer = Mailbox()
-    reader = Mailbox(writer.fd)
-    yield writer, reader
+def close(writer: Mailbox, reader: Mailbox) -> None:
     reader._words.release()
     reader._bytes.release()
     reader._memory.close()
     writer.close()
 
 
-def test_the_newest_value_is_got_once(ends: tuple[Mailbox, Mailbox]) -> None:
-    writer, reader = ends
+def test_the_newest_value_is_got_once() -> None:
+    writer = Mailbox()
+    reader = Mailbox(writer.fd)
     assert reader.get() is None
     for value in (b"one", b"two", b"", b"x" * CAPACITY_BYTES):
         writer.put(value)
@@ -45,6 +41,7 @@ def test_the_newest_value_is_got_once(ends: tuple[Mailbox, Mailbox]) -> None:
     assert reader.get() is None
     writer.put(b"")
     assert reader.get() == b""
+    close(writer, reader)
 
 
 def test_records_have_these_bytes() -> None:
@@ -88,10 +85,7 @@ def test_a_writer_that_stops_anywhere_leaves_the_value_before_or_none(
     assert got in (before[-1], value, None)
     if got == value != before[-1]:
         assert writer._words[0] == len(before) + 1
-    reader._words.release()
-    reader._bytes.release()
-    reader._memory.close()
-    writer.close()
+    close(writer, reader)
 
 
 @pytest.mark.real_time

@@ -13,7 +13,7 @@ from groundstation.pose.sources.vicon_codec import (
     euler_xyz_from_quaternion,
     quaternion_from_euler_xyz,
 )
-from tests.vicon_table import OURS, TABLE
+from tests.pose_tables import OURS, VICON
 
 any_double = st.floats(allow_nan=False)
 any_name = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=24).filter(
@@ -26,7 +26,7 @@ any_object = st.builds(
     st.tuples(any_double, any_double, any_double),
 )
 angle = st.floats(-math.pi, math.pi)
-golden = st.sampled_from([row.datagram for row in TABLE.readable + TABLE.dropped])
+golden = st.sampled_from([row.datagram for row in VICON.readable + VICON.dropped])
 
 
 @given(st.integers(0, 2**32 - 1), st.lists(any_object, max_size=13))

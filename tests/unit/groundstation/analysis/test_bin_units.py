@@ -85,18 +85,25 @@ CM = ("s-mmm-", "F-BBB-")
 METRES = ("s-mmm-", "F-000-")
 
 
-@pytest.mark.parametrize("guip, target, told", [
-    (CM, (300.0, 100.0, 200.0), True),
-    (CM, (300.0, 100.0, 200.0), False),
-    (METRES, (3.0, 1.0, -2.0), True),
-    (METRES, (3.0, 1.0, -2.0), False),
-    (("s-xxx-", "F-yyy-"), (300.0, 100.0, 200.0), True),
+@pytest.mark.parametrize("guip, target, told, kind, count", [
+    (CM, (300.0, 100.0, 200.0), True, lambda _: 2, 40),
+    (CM, (300.0, 100.0, 200.0), False, lambda _: 2, 40),
+    (METRES, (3.0, 1.0, -2.0), True, lambda _: 2, 40),
+    (METRES, (3.0, 1.0, -2.0), False, lambda _: 2, 40),
+    (METRES, (3.0, 1.0, -2.0), True, lambda k: 4 if k < 200 else 2, 20),  # rows that hold no position
+    (("s-xxx-", "F-yyy-"), (300.0, 100.0, 200.0), True, lambda _: 2, 40),
 ])  # fmt: skip
 def test_the_target_of_guided_mode_is_in_the_unit_and_axes_that_the_file_states(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], guip: tuple[str, str], target: Any, told: bool
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    guip: tuple[str, str],
+    target: Any,
+    told: bool,
+    kind: Any,
+    count: int,
 ) -> None:
-    found, _ = imported(log(tmp_path, guip=guip, target=target, told=told), capsys)
-    assert len(found) == 40
+    found, _ = imported(log(tmp_path, guip=guip, target=target, told=told, kind=kind), capsys)
+    assert len(found) == count
     assert found[0] == pytest.approx((3.0, 1.0, -2.0), abs=1e-5)
 
 
@@ -114,14 +121,6 @@ def test_a_target_whose_unit_or_axes_are_unclear_is_left_out_and_the_reason_told
     found, told = imported(log(tmp_path, guip=guip, target=target), capsys)
     assert found == []
     assert f"no reference in it: {says}" in told or says in told
-
-
-def test_rows_of_guided_mode_that_hold_no_position_are_no_reference(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = log(tmp_path, guip=METRES, target=(3.0, 1.0, -2.0), kind=lambda k: 4 if k < 200 else 2)
-    found, _ = imported(path, capsys)
-    assert len(found) == 20
 
 
 @pytest.mark.parametrize("letter, multiplier, roll", [

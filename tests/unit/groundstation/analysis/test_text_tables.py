@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -15,7 +16,6 @@ from groundstation.analysis.evidence.imports import load_mapping, read_flight
 from groundstation.analysis.evidence.text_tables import (
     CsvLayout,
     read_csv_table,
-    read_motive_tables,
     read_qtm_tables,
 )
 from groundstation.config import ConfigError
@@ -80,6 +80,15 @@ def qtm(*, bodies: tuple[str, ...] = ("quad",), time: bool = True, included: str
 QTM_TURN: Quat = so3.multiply(so3.from_euler_zyx(0.0, 0.0, TURN), so3.from_euler_zyx(math.radians(10.0), 0.0, 0.0))
 
 
+def assert_places(got: list[Any], off_m: float = 0.0) -> None:
+    """Row 7 was not seen."""
+    assert len(got) == ROWS - 1
+    for n in (0, 100, 250):
+        north, west, up = place(n if n < 7 else n + 1)
+        at = got[n].position_ned
+        assert (at.x, at.y, at.z) == pytest.approx((north + off_m, -west - off_m, -up - off_m), abs=2e-6)
+
+
 def write(folder: Path, name: str, text: str) -> Path:
     path = folder / name
     path.write_text(text, "utf-8")
@@ -97,11 +106,7 @@ def poses(folder: Path, path: Path, mapping: str, body: str = "") -> list[Any]:
 def test_motives_export_is_read_in_its_own_unit(unit: str, scale: float, parent: bool, tmp_path: Path) -> None:
     path = write(tmp_path, "take.csv", "\ufeff" + motive(unit=unit, scale=scale, parent=parent, more=","))
     got = poses(tmp_path, path, "motive", "quad")
-    assert len(got) == ROWS - 1
-    for n in (0, 100, 250):
-        north, west, up = place(n if n < 7 else n + 1)
-        at = got[n].position_ned
-        assert (at.x, at.y, at.z) == pytest.approx((north, -west, -up), abs=2e-6)
+    assert_places(got)
     q = got[0].attitude
     # A turn to the left about Motive's up.
     assert (q.w, q.x, q.y, q.z) == pytest.approx((math.cos(TURN / 2), 0.0, 0.0, -math.sin(TURN / 2)), abs=1e-6)
@@ -119,16 +124,20 @@ def test_several_bodies_ask_for_a_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stated", "says"),
+    ("make", "stated", "says"),
     [
-        ({"unit": "Feet"}, "Length Units is Feet, expected Meters, Centimeters or Millimeters"),
-        ({"Rotation Type": "XYZ"}, "Rotation Type is XYZ, expected Quaternion"),
-        ({"Coordinate Space": "Local"}, "Coordinate Space is Local, expected Global"),
+        (motive, {"unit": "Feet"}, "Length Units is Feet, expected Meters, Centimeters or Millimeters"),
+        (motive, {"Rotation Type": "XYZ"}, "Rotation Type is XYZ, expected Quaternion"),
+        (motive, {"Coordinate Space": "Local"}, "Coordinate Space is Local, expected Global"),
+        (qtm, {"included": "3D"}, "DATA_INCLUDED is 3D, expected 6D"),
     ],
+    ids=["unit", "rotation", "space", "markers"],
 )
-def test_what_motive_states_and_is_not_read_is_refused(stated: dict[str, Any], says: str, tmp_path: Path) -> None:
+def test_what_a_program_states_and_is_not_read_is_refused(
+    make: Callable[..., str], stated: dict[str, str], says: str, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError, match=says):
-        list(read_motive_tables(write(tmp_path, "take.csv", motive(**stated))))
+        read_flight(load_mapping(make.__name__), [write(tmp_path, "take.txt", make(**stated))], "quad")
 
 
 @pytest.mark.parametrize("bodies", [("quad",), ("wand", "quad"), ("quad", "wand")])
@@ -136,12 +145,7 @@ def test_what_motive_states_and_is_not_read_is_refused(stated: dict[str, Any], s
 def test_qtms_export_is_read(bodies: tuple[str, ...], time: bool, tmp_path: Path) -> None:
     path = write(tmp_path, "run.tsv", qtm(bodies=bodies, time=time).replace("\n", "\r\n"))
     got = poses(tmp_path, path, "qtm", "quad" if len(bodies) > 1 else "")
-    assert len(got) == ROWS - 1
-    off_m = 1e-3 * bodies.index("quad")
-    for n in (0, 100, 250):
-        north, west, up = place(n if n < 7 else n + 1)
-        at = got[n].position_ned
-        assert (at.x, at.y, at.z) == pytest.approx((north + off_m, -west - off_m, -up - off_m), abs=2e-6)
+    assert_places(got, 1e-3 * bodies.index("quad"))
     assert got[-1].time_s - got[0].time_s == pytest.approx(0.01 * (ROWS - 1), abs=1e-6)
     w, x, y, z = QTM_TURN
     q = got[0].attitude
@@ -159,30 +163,27 @@ def test_a_row_of_qtms_own_is_read_with_the_roll_that_it_states(tmp_path: Path) 
     assert [table[key][0] for key in "xyz"] == pytest.approx([-0.19491974, 0.0022415, 0.00099661], abs=1e-9)
 
 
-def test_qtms_other_exports_are_refused_with_what_they_hold(tmp_path: Path) -> None:
-    path = write(tmp_path, "markers.tsv", qtm(included="3D"))
-    with pytest.raises(ConfigError, match="DATA_INCLUDED is 3D, expected 6D"):
-        read_flight(load_mapping("qtm"), [path])
-
-
 def test_ros_2_and_tum_have_no_head(tmp_path: Path) -> None:
+    """nav_msgs/Odometry tells the body's frame as its fourth column, and covariances and a twist at its end."""
     begun_ns = 1_700_000_000_990_000_000
     stamps = [begun_ns + 10_000_000 * n for n in range(ROWS)]
     ros = "".join(
         f"{t // 10**9},{t % 10**9},map,{','.join(f'{p:.9f}' for p in place(n))},0.0,0.0,0.0,1.0\n"
         for n, t in enumerate(stamps)
     )
+    odometry = ros.replace(",map,", ",odom,base_link,").replace("\n", f",{','.join(['0.0'] * 78)}\n")
     tum = "".join(
         f"{t // 10**9}.{t % 10**9:09d} {' '.join(f'{p:.9f}' for p in place(n))} 0 0 0 1\n" for n, t in enumerate(stamps)
     )
     seen = []
-    for name, text in (("ros2-pose", ros), ("tum", tum), ("tum", "# timestamp tx ty tz qx qy qz qw\n" + tum)):
+    head = "# timestamp tx ty tz qx qy qz qw\n"
+    for name, text in (("ros2-pose", ros), ("ros2-pose", odometry), ("tum", tum), ("tum", head + tum)):
         got = poses(tmp_path, write(tmp_path, "p.csv", text), name)
         (tmp_path / "flight.mcap").unlink()
         assert len(got) == ROWS
         assert got[-1].time_s - got[0].time_s == pytest.approx(0.01 * (ROWS - 1), abs=1e-6)
         seen.append([(one.position_ned.x, one.position_ned.y, one.position_ned.z) for one in got])
-    assert seen[0] == seen[1] == seen[2]
+    assert seen[0] == seen[1] == seen[2] == seen[3]
     x, y, z = place(0)
     assert seen[0][0] == pytest.approx((y, x, -z))
 
@@ -193,24 +194,38 @@ def columns(folder: Path, text: str, time: str = "t", **layout: Any) -> dict[str
     return {name: column.tolist() for name, column in table.items()}
 
 
-def test_the_head_is_found_below_lines_of_other_things(tmp_path: Path) -> None:
-    text = "Rig,A,,\nDate;3 May\n\nt,x,y\n0,1,2\n1,3,4\n"
-    assert columns(tmp_path, text) == {"t": [0.0, 1.0], "x": [1.0, 3.0], "y": [2.0, 4.0]}
+TELLING = "rig A\n,quad,quad,wand,wand\nt,x,y,x,y\n0,1,2,3,4\n1,5,6,7,8\n"
+NO_HEAD = {"head_rows": 0}
 
 
-def test_a_head_of_several_lines_tells_columns_apart(tmp_path: Path) -> None:
-    text = "rig A\n,quad,quad,wand,wand\nt,x,y,x,y\n0,1,2,3,4\n1,5,6,7,8\n"
-    table = columns(tmp_path, text, head_rows=2)
-    assert table["t"] == [0.0, 1.0]
-    assert (table["quad x"], table["wand y"]) == ([1.0, 5.0], [4.0, 8.0])
+@pytest.mark.parametrize(
+    ("text", "layout", "found"),
+    [
+        # below lines of other things
+        ("Rig,A,,\nDate;3 May\n\nt,x,y\n0,1,2\n1,3,4\n", {}, {"t": [0, 1], "x": [1, 3], "y": [2, 4]}),
+        # quoted, with a blank before a cell
+        ('"t", "x"\n"0", "1"\n"1", "2"\n', {}, {"t": [0, 1], "x": [1, 2]}),
+        # a head of several lines tells columns apart
+        (TELLING, {"head_rows": 2},
+         {"t": [0, 1], "quad x": [1, 5], "quad y": [2, 6], "wand x": [3, 7], "wand y": [4, 8]}),
+        # columns by number, below lines to skip
+        ("t,of,another,thing\n0;1,5;map\n1;2,5;map\n", {**NO_HEAD, "skip_rows": 1}, {"1": [0, 1], "2": [1.5, 2.5]}),
+        # ``ros2 topic echo`` writes a warning into the file where nobody publishes yet
+        ("WARNING: topic [/pose] does not appear to be published yet\n1,2,3\n2,2,4\n3,2,5\n", NO_HEAD,
+         {"1": [1, 2, 3], "2": [2, 2, 2], "3": [3, 4, 5]}),
+    ],
+    ids=["below", "quoted", "several", "by number", "warning"],
+)  # fmt: skip
+def test_the_columns_of_a_csv_are_found(
+    text: str, layout: dict[str, Any], found: dict[str, list[float]], tmp_path: Path
+) -> None:
+    table = columns(tmp_path, text, next(iter(found)), **layout)
+    assert {name: table[name] for name in found} == found
+
+
+def test_a_head_of_one_line_that_does_not_tell_columns_apart_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="several columns are called x: where the lines above tell them apart"):
-        columns(tmp_path, text)
-
-
-def test_columns_by_number_and_lines_to_skip(tmp_path: Path) -> None:
-    text = "t,of,another,thing\n0;1,5;map\n1;2,5;map\n"
-    table = columns(tmp_path, text, "1", head_rows=0, skip_rows=1)
-    assert (table["1"], table["2"]) == ([0.0, 1.0], [1.5, 2.5])
+        columns(tmp_path, TELLING)
 
 
 @pytest.mark.parametrize(
@@ -242,31 +257,6 @@ def test_qtms_export_with_decimal_commas_or_without_any_time_is_read(tmp_path: P
     for other in (commas, bare):
         for name, column in plain.items():
             np.testing.assert_allclose(other[name], column, atol=1e-9)
-
-
-def test_ros_2_messages_with_the_frame_of_the_body_are_read(tmp_path: Path) -> None:
-    """nav_msgs/Odometry has it as its fourth column, with covariances and a twist behind the pose."""
-    odometry = "".join(
-        f"{1_700_000_000 + n // 100},{n % 100 * 10_000_000},odom,base_link,"
-        f"{','.join(f'{p:.9f}' for p in place(n))},0.0,0.0,0.0,1.0,{','.join(['0.0'] * 78)}\n"
-        for n in range(ROWS)
-    )
-    got = poses(tmp_path, write(tmp_path, "odometry.csv", odometry), "ros2-pose")
-    assert len(got) == ROWS
-    x, y, z = place(0)
-    at = got[0].position_ned
-    assert (at.x, at.y, at.z) == pytest.approx((y, x, -z))
-
-
-def test_a_warning_above_a_table_without_a_head_is_no_row(tmp_path: Path) -> None:
-    """``ros2 topic echo`` writes one into the file where nobody publishes yet."""
-    text = "WARNING: topic [/pose] does not appear to be published yet\n1,2,3\n2,2,4\n3,2,5\n"
-    got = columns(tmp_path, text, "1", head_rows=0)
-    assert got == {"1": [1.0, 2.0, 3.0], "2": [2.0, 2.0, 2.0], "3": [3.0, 4.0, 5.0]}
-
-
-def test_quoted_cells_may_have_a_blank_before_them(tmp_path: Path) -> None:
-    assert columns(tmp_path, '"t", "x"\n"0", "1"\n"1", "2"\n') == {"t": [0.0, 1.0], "x": [1.0, 2.0]}
 
 
 MAPPING = """title = "a lab"

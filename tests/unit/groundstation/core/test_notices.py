@@ -97,33 +97,14 @@ def test_what_carries_a_sentence_is_made_from_one() -> None:
 KEYED_ERRORS = {"ArgumentError", "ConfigError"}
 """Errors whose first argument names a key or an option."""
 ERRORS = KEYED_ERRORS | {
-    "ApiError",
-    "ArgumentTypeError",
-    "EOFError",
-    "ImportError",
-    "KeyError",
-    "LinkError",
-    "LinkLost",
-    "LinkRejected",
-    "NoCommand",
-    "NoRecording",
-    "SourceError",
-    "StretchTooShort",
-    "Taken",
-    "Unanswered",
-    "UnclearUnit",
-    "UserCodeFault",
-    "ValueError",
-}
+    "ApiError", "ArgumentTypeError", "EOFError", "ImportError", "KeyError", "LinkError", "LinkLost", "LinkRejected",
+    "NoCommand", "NoRecording", "SourceError", "StretchTooShort", "Taken", "Unanswered", "UnclearUnit",
+    "UserCodeFault", "ValueError",
+}  # fmt: skip
 """Errors whose text an operator reads."""
 READ_BY_PROGRAMMERS = {
-    "betaflight_codec",
-    "json_codec",
-    "quadrotor",
-    "shared_memory",
-    "vicon_codec",
-    "virtual_time",
-}
+    "betaflight_codec", "json_codec", "quadrotor", "shared_memory", "vicon_codec", "virtual_time",
+}  # fmt: skip
 """Modules whose errors are about a wrong call, or a packet that is counted."""
 
 

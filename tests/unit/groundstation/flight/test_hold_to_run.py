@@ -86,11 +86,6 @@ def test_what_cannot_be_held_is_refused_with_what_can(hold: str) -> None:
     assert "\n" not in str(error.value)
 
 
-def test_a_channel_needs_a_link_that_tells_it() -> None:
-    with pytest.raises(ConfigError, match=r"operator\.hold: a channel"):
-        from_dict({"operator": {"hold": "rc:7"}, "link": {"kind": "crsf", "port": "/dev/ttyUSB0"}}, Config)
-
-
 def plugged(monkeypatch: pytest.MonkeyPatch, *devices: DeviceDouble) -> None:
     there = {device.path: device for device in devices}
 

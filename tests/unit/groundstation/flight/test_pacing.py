@@ -1,27 +1,22 @@
 """When a command is due, when a last chance is taken, and what has waited while the program stood still."""
 
 import asyncio
-from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
 from groundstation.flight import FrameLateness
 from groundstation.flight.command_loop import Pacing
 from groundstation.flight.controller import LAST_CHANCE_S
-from links.core import CommandLink
 from tests.loops import in_virtual_time
 
 PERIOD_S = 0.0225
 
 
-@dataclass
-class Link:
+def link(period_s: float = PERIOD_S, *, follows_poses: bool = False) -> Any:
     """As much of a link as pacing asks of it."""
-
-    follows_poses: bool
-    period_s: float = PERIOD_S
+    return SimpleNamespace(period_s=period_s, follows_poses=follows_poses)
 
 
 def left(deadline_s: float, *, follows_poses: bool, until_s: float = 0.5) -> list[float]:
@@ -29,7 +24,7 @@ def left(deadline_s: float, *, follows_poses: bool, until_s: float = 0.5) -> lis
 
     async def main() -> list[float]:
         loop = asyncio.get_running_loop()
-        pacing = Pacing(cast(CommandLink, cast(Any, Link(follows_poses))))
+        pacing = Pacing(link(follows_poses=follows_poses))
         pacing.begin()
         times: list[float] = []
         while loop.time() < until_s:
@@ -54,16 +49,12 @@ def test_one_command_leaves_just_before_a_deadline_whatever_its_last_digits(foll
 
 def test_a_last_chance_that_a_timer_meets_a_tick_early_is_taken() -> None:
     async def main() -> float:
-        pacing = Pacing(cast(CommandLink, cast(Any, Link(False))))
+        pacing = Pacing(link())
         pacing.begin()
         await pacing.next(0.0, LAST_CHANCE_S + 5e-10)  # the chance is half a nanosecond ahead
         return asyncio.get_running_loop().time()
 
     assert in_virtual_time(main)() == pytest.approx(PERIOD_S, abs=1e-8)
-
-
-def link(period_s: float, *, follows_poses: bool = False) -> Any:
-    return SimpleNamespace(period_s=period_s, follows_poses=follows_poses)
 
 
 def test_a_frame_is_late_by_what_it_misses_and_one_in_between_is_none() -> None:

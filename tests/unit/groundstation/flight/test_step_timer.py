@@ -28,10 +28,11 @@ ALARMS: list[str] = []
 @pytest.fixture(autouse=True)
 def alarms() -> Iterator[None]:
     ALARMS.clear()
-    before = signal.getsignal(signal.SIGALRM)
+    before = {number: signal.getsignal(number) for number in (signal.SIGALRM, signal.SIGUSR2, signal.SIGINT)}
     yield
     signal.setitimer(signal.ITIMER_REAL, 0.0)
-    signal.signal(signal.SIGALRM, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def watched(work: Callable[[StepTimer, Callable[[], float]], Any], kind: type[StepTimer] = StepTimer) -> Any:
@@ -133,11 +134,7 @@ def test_a_step_that_takes_the_alarm_is_interrupted_by_a_key_and_the_next_by_the
             timer.end()
             assert now_s() - begun_s < 10.0
 
-    before = signal.getsignal(signal.SIGUSR2)
-    try:
-        watched(work)
-    finally:
-        signal.signal(signal.SIGUSR2, before)
+    watched(work)
 
 
 def test_a_key_and_the_alarm_at_once_interrupt_a_step_once() -> None:
@@ -156,12 +153,8 @@ def test_a_key_and_the_alarm_at_once_interrupt_a_step_once() -> None:
             finally:
                 timer.end()
 
-    before = signal.getsignal(signal.SIGUSR2)
-    try:
-        with pytest.raises(StepTimeout) as raised:
-            watched(work)
-    finally:
-        signal.signal(signal.SIGUSR2, before)
+    with pytest.raises(StepTimeout) as raised:
+        watched(work)
     assert raised.value.__context__ is None, "nothing was raised where it was handled"
 
 
@@ -221,16 +214,6 @@ def hanging(time_s: float) -> Reference:
     return Reference((0.0, 0.0, -1.0))
 
 
-def test_the_step_of_a_trajectory_is_watched_too() -> None:
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
-        trajectory = OwnTrajectoryConfig(factory=f"{__name__}:hanging").build()
-        assert trajectory.at(0.0).position_ned == (0.0, 0.0, -1.0)
-        trajectory.at(1.0)
-
-    with pytest.raises(UserCodeFault, match="hanging failed: StepTimeout: it did not return within 500 ms"):
-        watched(work)
-
-
 class Hasty(StepTimer):
     """Makers have a second."""
 
@@ -243,28 +226,28 @@ def made_never() -> Reference:
         pass
 
 
-def test_what_makes_a_controller_and_never_returns_is_interrupted() -> None:
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
-        make_controller(Custom(factory=f"{__name__}:made_never"), Vehicle())
+NEVER_RETURN: dict[str, tuple[Callable[[], object], str]] = {
+    "a trajectory": (
+        lambda: OwnTrajectoryConfig(factory=f"{__name__}:hanging").build().at(1.0), "hanging .* within 500 ms",
+    ),
+    "what makes a controller": (
+        lambda: make_controller(Custom(factory=f"{__name__}:made_never"), Vehicle()), "made_never .* within 1 s",
+    ),
+    "an import": (lambda: find_object("controller.kind", "imported_never:Own"), "import imported_never: StepTimeout"),
+}  # fmt: skip
 
-    with pytest.raises(ConfigError, match="made_never failed: StepTimeout: it did not return within 1 s"):
-        watched(work, Hasty)
 
-
-def test_a_module_whose_import_never_returns_is_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("step", "says"), NEVER_RETURN.values(), ids=NEVER_RETURN)
+def test_users_code_that_never_returns_is_interrupted_wherever_it_runs(
+    step: Callable[[], object], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "imported_never.py").write_text("while True:\n    pass\n")
     monkeypatch.syspath_prepend(tmp_path)
-
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
-        find_object("controller.kind", "imported_never:Own")
-
-    with pytest.raises(ConfigError, match="can't import imported_never: StepTimeout"):
-        watched(work, Hasty)
+    with pytest.raises((ConfigError, UserCodeFault), match=says):
+        watched(lambda timer, now_s: step(), Hasty)
 
 
 def test_an_interrupt_that_the_step_itself_raises_ends_it_as_a_fault_of_its_own() -> None:
-    before = signal.getsignal(signal.SIGINT)
-
     def decide() -> None:
         raise KeyboardInterrupt
 
@@ -278,7 +261,4 @@ def test_an_interrupt_that_the_step_itself_raises_ends_it_as_a_fault_of_its_own(
         assert "failed: SelfInterrupt: KeyboardInterrupt, by its own code and no key" in str(fault)
         return [frame.name for frame in traceback.extract_tb(caught.value.__traceback__)]
 
-    try:
-        assert watched(work) == ["decide"]
-    finally:
-        signal.signal(signal.SIGINT, before)
+    assert watched(work) == ["decide"]

@@ -31,40 +31,30 @@ class Echo(asyncio.DatagramProtocol):
             sender.close()
 
 
-async def talk(records: list[Record]) -> tuple[Echo, tuple[str, int]]:
-    """One tapped endpoint, spoken to by one that belongs to somebody else; and its address."""
-    loop = asyncio.get_running_loop()
+@in_real_time
+async def test_a_real_datagram_is_seen_both_ways_and_only_ours() -> None:
+    records: list[Record] = []
     address = parse_address(await free_address())
 
-    async def ours() -> Echo:
+    async def open_ours() -> Echo:
         NETWORK.set(WireTaps(records.append))
         _, echo = await NETWORK.get().open_datagram(Echo, address)
         return echo
 
-    echo = await asyncio.create_task(ours())
-    other, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=address)
-    other.sendto(b"hello")
+    echo = await asyncio.create_task(open_ours())
+    loop = asyncio.get_running_loop()
+    somebody, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=address)
+    somebody.sendto(b"hello")
     await until(lambda: len(records) >= 3)
-    other.close()
+    somebody.close()
     echo.transport.close()
-    return echo, address
-
-
-def check(records: list[Record], echo: Echo, address: tuple[str, int]) -> None:
     assert echo.heard[0] == b"hello"
     opened, received, sent = records[:3]
-    assert isinstance(opened, WireRecord)
+    assert isinstance(opened, WireRecord) and isinstance(received, ReceivedRecord) and isinstance(sent, SentRecord)
     assert (opened.wire, opened.kind, opened.local, opened.remote) == (0, "udp", address, None)
-    assert isinstance(received, ReceivedRecord)
-    assert isinstance(sent, SentRecord)
     assert (received.wire, received.data) == (0, b"hello")
     assert (sent.wire, sent.data, sent.peer) == (0, b"HELLO", received.peer)
     assert sum(isinstance(record, WireRecord) for record in records) == 1, "nobody else's wire"
-
-
-def test_a_real_datagram_is_seen_both_ways_and_only_ours() -> None:
-    records: list[Record] = []
-    check(records, *asyncio.run(talk(records)))
 
 
 @in_real_time

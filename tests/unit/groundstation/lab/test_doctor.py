@@ -1,4 +1,4 @@
-"""groundstation/doctor: what is found, what is said, and that one parameter changes only as it should."""
+"""The doctor: what is found and said of an autopilot or a board, and that a parameter changes only as it should."""
 
 import asyncio
 import json
@@ -11,8 +11,9 @@ import pytest
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.lab import DoctorOrders, run_doctor
-from groundstation.lab.doctor import load_restore
+from groundstation.lab.doctor import BoardVisit, load_restore
 from groundstation.lab.doctor_advice import (
+    EMPTY_SLOT,
     Rule,
     Setting,
     VehicleFacts,
@@ -27,7 +28,8 @@ from groundstation.lab.doctor_advice import (
 )
 from groundstation.runtime import Exit
 from groundstation.settings import Config
-from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
+from sim.__main__ import main
+from sim.autopilots import AUTOPILOTS, AutopilotPeer, BetaflightFirmware, SimulatedAutopilot, betaflight
 from sim.autopilots.autopilot import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
@@ -214,12 +216,6 @@ def test_each_wrong_value_is_found(tmp_path: Path, kind: str, name: str, value: 
     assert facts["fixed"] == []
 
 
-def test_looking_changes_nothing(tmp_path: Path) -> None:
-    seen = visit(tmp_path, parameters={"COM_OF_LOSS_T": 5.0})
-    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
-    assert list(tmp_path.iterdir()) == []
-
-
 # ---- changing
 
 
@@ -252,17 +248,107 @@ def test_nothing_is_set_where_one_of_several_makes_no_sense(tmp_path: Path) -> N
     assert list(tmp_path.iterdir()) == []
 
 
-def test_anything_else_typed_changes_nothing(tmp_path: Path) -> None:
-    seen = visit(tmp_path, answer="yes", orders={"fix": ("COM_OF_LOSS_T",)}, parameters={"COM_OF_LOSS_T": 5.0})
-    assert seen.code == Exit.FAILED
-    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
-    assert list(tmp_path.iterdir()) == []
+FIX = {"fix": ("COM_OF_LOSS_T",)}
 
 
-def test_an_armed_vehicle_is_not_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    seen = visit(
-        tmp_path, armed=True, orders={"fix": ("COM_OF_LOSS_T",), "yes": True}, parameters={"COM_OF_LOSS_T": 5.0}
-    )
-    assert seen.code == Exit.UNHEARD
-    assert "the vehicle is armed" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("how", "code", "says"),
+    [
+        ({}, Exit.FAILED, ""),  # it only looks
+        ({"answer": "yes", "orders": FIX}, Exit.FAILED, ""),  # the name must be typed
+        ({"armed": True, "orders": {**FIX, "yes": True}}, Exit.UNHEARD, "the vehicle is armed"),
+    ],
+)
+def test_nothing_changes_unless_it_is_asked_for_by_name_of_a_vehicle_that_is_not_armed(
+    tmp_path: Path, how: dict[str, Any], code: int, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = visit(tmp_path, parameters={"COM_OF_LOSS_T": 5.0}, **how)
+    assert seen.code == code
+    assert says in capsys.readouterr().err
     assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
+    assert how.get("armed") or list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_firmware_is_said_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(ConfigError, match="run `make firmware` in a checkout"):
+        BetaflightFirmware()
+
+
+def test_a_missing_compiler_is_said_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    binary = betaflight.cache_folder() / betaflight.BINARY
+    binary.parent.mkdir(parents=True)
+    binary.touch()
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ConfigError, match="install gcc"):
+        BetaflightFirmware()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--link", "mavlink"], "expected crsf, dsm or rf_bridge"),
+        (["--config", "mine.toml"], "--config: Betaflight flies one vehicle of a scenario"),
+    ],
+)
+def test_betaflight_flies_behind_a_receiver_only(
+    options: list[str], says: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["groundstation-sim", "fly", "--autopilot", "betaflight", *options])
+    assert main() == 2
+    assert says in capsys.readouterr().err
+
+
+def slot_verdicts(slots: dict[str, str], **link_map: Any) -> dict[str, str]:
+    """What is said of a board's rows of modes, where arming is on channel 5."""
+    config = from_dict({"link": {"kind": "crsf", "map": {"arm": {"channel": 5}, **link_map}}}, Config)
+    visit = BoardVisit(config, "/dev/ttyACM0")
+    visit.parameters = {name: Setting(name, row) for name, row in slots.items()}
+    found = [judge(advice, visit.parameters) for advice in visit.advice if advice.names[0].startswith("aux")]
+    for one in found:
+        rules = [advice.rule for advice in visit.advice if advice.names == (one.name,)]
+        assert one.recommended is None or rules[0].accepts(one.recommended)
+    return {one.name: one.verdict for one in found}
+
+
+ARM = "0 0 1700 2100 0 0"
+
+
+@pytest.mark.parametrize(
+    ("slots", "verdicts"),
+    [
+        ({"aux 0": ARM, "aux 1": EMPTY_SLOT}, {"aux 0": "ok"}),
+        ({"aux 0": EMPTY_SLOT, "aux 1": ARM}, {"aux 1": "ok"}),
+        ({"aux 0": EMPTY_SLOT}, {"aux 0": "must"}),
+        ({"aux 0": "0 1 1700 2100 0 0"}, {"aux 0": "must"}),  # another channel
+        ({"aux 0": "0 0 900 2100 0 0"}, {"aux 0": "must"}),  # always
+        ({"aux 0": "0 0 900 1300 0 0"}, {"aux 0": "must"}),  # the wrong way round
+        ({"aux 0": ARM, "aux 1": "0 3 1300 1700 0 0"}, {"aux 0": "ok", "aux 1": "must"}),  # arms twice
+        ({"aux 0": ARM, "aux 1": "1 1 1300 1700 0 0"}, {"aux 0": "ok", "aux 1": "must"}),  # ANGLE where frames rest
+        ({"aux 0": ARM, "aux 1": "1 1 1700 2100 0 0"}, {"aux 0": "ok", "aux 1": "ok"}),  # ANGLE by nobody
+        ({"aux 0": ARM, "aux 1": "2 0 1700 2100 0 0"}, {"aux 0": "ok", "aux 1": "must"}),  # HORIZON while armed
+        ({"aux 0": ARM, "aux 1": "13 1 900 2100 0 0"}, {"aux 0": "ok", "aux 1": "ok"}),  # a beeper
+    ],
+)
+def test_arming_is_by_one_row_and_no_mode_that_our_frames_meet_takes_the_sticks(
+    slots: dict[str, str], verdicts: dict[str, str]
+) -> None:
+    assert slot_verdicts(slots) == verdicts
+
+
+@pytest.mark.parametrize(
+    ("link", "port", "says"),
+    [
+        ({"kind": "crsf"}, None, "expected the flight controller's own port"),
+        ({"kind": "crsf"}, "ttyACM0", "it has no port"),
+        ({"kind": "dsm"}, "/dev/ttyACM0", "link.map.arm: Betaflight arms by a channel"),
+        ({"kind": "crsf", "map": {"roll": {"channel": 1, "full_rate_deg_s": 205}}}, "/dev/ttyACM0", "whole tens"),
+        ({"kind": "rf_bridge"}, "/dev/ttyACM0", "expected mavlink, dsm or crsf"),
+    ],
+)
+def test_a_board_is_looked_at_by_its_own_port_and_a_map_that_it_can_have(
+    link: dict[str, Any], port: str | None, says: str
+) -> None:
+    with pytest.raises(ConfigError, match=says):
+        BoardVisit(from_dict({"link": link}, Config), port)

@@ -90,56 +90,45 @@ def test_the_configuration_that_is_shown_is_the_core_s(tmp_path: Path) -> None:
     assert from_dict(tomllib.loads(text), Config) == found.members[1].core
 
 
-WRONG: list[tuple[list[dict[str, Any]], dict[str, Any], tuple[str, ...]]] = [
-    ([ANT, {**BEE, "name": "ant", "object": "x"}], {}, ("vehicle ant", "name", "ant's already")),
-    ([ANT, {**BEE, "object": "ant"}], {}, ("vehicle bee", "object", "'ant' is ant's already")),
-    ([ANT, {**BEE, "link": {"listen": "127.0.0.1:14541"}}], {}, ("vehicle bee", "link.listen", "'14541' is ant's")),
+WRONG: list[tuple[dict[str, Any], tuple[str, ...]]] = [
+    ({"name": "ant", "object": "x"}, ("vehicle ant", "name", "ant's already")),
+    ({"object": "ant"}, ("vehicle bee", "object", "'ant' is ant's already")),
+    ({"link": {"listen": "127.0.0.1:14541"}}, ("vehicle bee", "link.listen", "'14541' is ant's")),
+    ({"link": {"listen": "0.0.0.0:51101"}}, ("vehicle bee", "link.listen", "taken by the poses")),
+    ({"link": {"listen": "0.0.0.0:51001"}}, ("vehicle bee", "link.listen", "taken by the poses")),
+    ({"pose": {"listen": "0.0.0.0:51009"}}, ("vehicle bee", "pose", "same source as ant's")),
+    ({"pose": {"kind": "mavlink"}}, ("pose.kind", "must see the others")),
+    ({"vehicle": {"mass": 1.0}}, ("vehicle bee", "vehicle.mass", "did you mean mass_kg?")),
+    ({"vehicel": {}}, ("vehicle bee", "vehicel", "unknown section")),
+    ({"pose": 3}, ("vehicle bee", "pose", "expected a table")),
+]
+"""What is wrong with a second vehicle."""
+DSM, REMOTE = {"kind": "dsm", "port": "/dev/ttyUSB0"}, {"remote": "10.0.0.9:14550"}
+HOSTS = [{**who, "pose": {"kind": "libmotioncapture", "hostname": host}} for who, host in ((ANT, "a"), (BEE, "b"))]
+SERVED = [{"name": name, "link": {"listen": f"127.0.0.1:{port}"}, "status": {"path": "/x"}} for name, port in
+          (("bee", 9998), ("cat", 9999))]  # fmt: skip
+WRONG_FLEETS: list[tuple[list[dict[str, Any]], dict[str, Any], tuple[str, ...]]] = [
+    *(([ANT, {**BEE, **bee}], {}, says) for bee, says in WRONG),
     ([{"name": "ant"}, {"name": "bee"}], {}, ("vehicle bee", "link.listen", "'14540' is ant's")),
-    (
-        [{"name": n, "link": {"kind": "dsm", "port": "/dev/ttyUSB0"}} for n in ("ant", "bee")],
-        {},
-        ("vehicle bee", "link.port", "'/dev/ttyUSB0' is ant's"),
-    ),
-    (
-        [{"name": n, "link": {"remote": "10.0.0.9:14550"}} for n in ("ant", "bee")],
-        {},
-        ("vehicle bee", "link.remote", "is ant's already"),
-    ),
-    ([ANT, {**BEE, "link": {"listen": "0.0.0.0:51101"}}], {}, ("vehicle bee", "link.listen", "taken by the poses")),
-    ([ANT, {**BEE, "link": {"listen": "0.0.0.0:51001"}}], {}, ("vehicle bee", "link.listen", "taken by the poses")),
-    ([ANT, BEE], {"relay_port": 51000}, ("relay_port", "51000 to 51001 take pose.listen")),
-    ([ANT, BEE], {"relay_port": 80}, ("relay_port", ">= 1024")),
-    ([ANT, {**BEE, "pose": {"listen": "0.0.0.0:51009"}}], {}, ("vehicle bee", "pose", "same source as ant's")),
-    ([ANT, {**BEE, "pose": {"kind": "mavlink"}}], {}, ("pose.kind", "must see the others")),
-    (
-        [{**who, "pose": {"kind": "libmotioncapture", "hostname": host}} for who, host in ((ANT, "a"), (BEE, "b"))],
-        {},
-        ("vehicle bee", "pose", "same source as ant's"),
-    ),
-    (
-        [
-            ANT,
-            {**BEE, "status": {"path": "/x"}},
-            {**ANT, "name": "cat", "link": {"listen": "0.0.0.0:9999"}, "status": {"path": "/x"}},
-        ],
-        {},
-        ("vehicle cat", "status.path"),
-    ),
-    ([ANT, {**BEE, "vehicle": {"mass": 1.0}}], {}, ("vehicle bee", "vehicle.mass", "did you mean mass_kg?")),
-    ([ANT, {**BEE, "vehicel": {}}], {}, ("vehicle bee", "vehicel", "unknown section")),
-    ([ANT, {**BEE, "pose": 3}], {}, ("vehicle bee", "pose", "expected a table")),
+    ([{"name": n, "link": DSM} for n in ("ant", "bee")], {}, ("vehicle bee", "link.port", "'/dev/ttyUSB0' is ant's")),
+    ([{"name": n, "link": REMOTE} for n in ("ant", "bee")], {}, ("vehicle bee", "link.remote", "is ant's already")),
+    (HOSTS, {}, ("vehicle bee", "pose", "same source as ant's")),
+    ([ANT, *SERVED], {}, ("vehicle cat", "status.path")),
     ([{**ANT, "link": 3}, BEE], {}, ("vehicle ant", "link", "expected a table")),
     ([{"link": {}}], {}, ("vehicles[0].name", "missing")),
     ([{"name": "a b"}], {}, ("vehicles[0].name", "matching")),
     ([{"name": 7}], {}, ("vehicles[0].name", "expected a string")),
     ([], {}, ("vehicles", "an array of 1 to 64 values")),
+    ([ANT, BEE], {"relay_port": 51000}, ("relay_port", "51000 to 51001 take pose.listen")),
+    ([ANT, BEE], {"relay_port": 80}, ("relay_port", ">= 1024")),
     ([ANT], {"speed": 3}, ("speed", "unknown key")),
 ]
 
 
-@pytest.mark.parametrize("number", range(len(WRONG)))
-def test_what_can_not_be_is_refused_by_vehicle_and_key(tmp_path: Path, number: int) -> None:
-    vehicles, more, says = WRONG[number]
+@pytest.mark.parametrize(("vehicles", "more", "says"), WRONG_FLEETS)
+def test_what_can_not_be_is_refused_by_vehicle_and_key(
+    tmp_path: Path, vehicles: list[dict[str, Any]], more: dict[str, Any], says: tuple[str, ...]
+) -> None:
     with pytest.raises(ConfigError) as refused:
         fleet(tmp_path, *vehicles, **more)
     for words in (*says, str(tmp_path)):

@@ -11,6 +11,7 @@ from groundstation.lab import Relay
 from groundstation.lab.relay import SENDERS
 from groundstation.pose.sources import JsonConfig, send_by
 from groundstation.pose.sources.json_codec import encode, json_pose
+from links.io import parse_address
 from tests.loops import BOTH_LOOPS, Run, free_address, in_real_time, in_virtual_time
 
 
@@ -28,11 +29,17 @@ class Ear(asyncio.DatagramProtocol):
 async def ears(addresses: list[str]) -> list[Ear]:
     found = []
     for address in addresses:
-        host, port = address.split(":")
-        transport, ear = await asyncio.get_running_loop().create_datagram_endpoint(Ear, local_addr=(host, int(port)))
+        loop = asyncio.get_running_loop()
+        transport, ear = await loop.create_datagram_endpoint(Ear, local_addr=parse_address(address))
         ear.transport = transport
         found.append(ear)
     return found
+
+
+async def speakers(address: str, count: int) -> list[asyncio.DatagramTransport]:
+    """Trackers that send to an address, each from a port of its own."""
+    open_port = asyncio.get_running_loop().create_datagram_endpoint
+    return [(await open_port(asyncio.DatagramProtocol, remote_addr=parse_address(address)))[0] for _ in range(count)]
 
 
 async def handed_on(sent: list[bytes], *, gone: bool) -> tuple[list[Ear], Relay]:
@@ -42,10 +49,7 @@ async def handed_on(sent: list[bytes], *, gone: bool) -> tuple[list[Ear], Relay]
     relay = Relay(listen, targets)
     await relay.open()
     listening = await ears([targets[0], targets[2]] if gone else targets)
-    host, port = listen.split(":")
-    sender, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-        asyncio.DatagramProtocol, remote_addr=(host, int(port))
-    )
+    (sender,) = await speakers(listen, 1)
     for data in sent:
         sender.sendto(data)
         await asyncio.sleep(0.002)
@@ -84,11 +88,7 @@ def test_a_core_sees_by_the_relay_s_ports_that_two_trackers_send_its_body(run: R
         await relay.open()
         core = JsonConfig(listen=target).build()
         await core.start(lambda pose: None)
-        host, port = listen.split(":")
-        open_port = asyncio.get_running_loop().create_datagram_endpoint
-        senders = [
-            (await open_port(asyncio.DatagramProtocol, remote_addr=(host, int(port))))[0] for _ in range(SENDERS + 2)
-        ]
+        senders = await speakers(listen, SENDERS + 2)
         for n in range(20):
             for k, sender in enumerate(senders[:2]):
                 place = (0.001 * n + k, 0.0, 1.0)
@@ -116,7 +116,7 @@ def test_a_core_sees_by_the_relay_s_ports_that_two_trackers_send_its_body(run: R
 @pytest.mark.parametrize("run", BOTH_LOOPS)
 def test_a_group_is_joined(run: Run) -> None:
     async def main() -> list[bytes]:
-        target, port = await free_address(), int((await free_address()).split(":")[1])
+        target, port = await free_address(), parse_address(await free_address())[1]
         relay = Relay(f"127.0.0.1:{port}", [target], group="239.255.42.98")
         await relay.open()
         (ear,) = await ears([target])

@@ -4,17 +4,13 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from groundstation.machine import (
-    ApiError,
-    Running,
-    registration,
-    running_processes,
-    send_signal,
-)
+from groundstation.machine import ApiError, Running, registration, running_processes, send_signal
 from groundstation.machine.register import SUFFIX
 
 ONE = Running(pid=os.getpid(), command="fly", vehicle="mqx", socket="/x/mqx.sock")
@@ -35,18 +31,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "groundstation"
 
 
-def another(name: str, command: str = "daemon") -> "subprocess.Popen[str]":
-    """A process that has registered itself, to be ended by :func:`end`."""
-    process = subprocess.Popen([sys.executable, "-c", PROGRAM, name, command], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None and process.stdout.readline() == "registered\n"
-    return process
-
-
-def end(process: "subprocess.Popen[str]") -> None:
-    process.kill()
-    process.wait()
-    assert process.stdout is not None
-    process.stdout.close()
+@contextmanager
+def another(name: str, command: str = "daemon") -> Iterator["subprocess.Popen[str]"]:
+    """A process that has registered itself."""
+    with subprocess.Popen([sys.executable, "-c", PROGRAM, name, command], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None and process.stdout.readline() == "registered\n"
+            yield process
+        finally:
+            process.kill()
 
 
 def entries(folder: Path) -> list[Path]:
@@ -56,54 +49,42 @@ def entries(folder: Path) -> list[Path]:
 def test_a_process_is_registered_while_it_lives_and_what_a_killed_one_left_is_removed(
     folder: Path, tmp_path: Path
 ) -> None:
-    bee, ant = another("bee"), another("ant")
-    try:
+    with another("bee") as bee, another("ant") as ant:
         assert [(one.vehicle, one.pid) for one in running_processes(tmp_path)] == [("ant", ant.pid), ("bee", bee.pid)]
         assert (folder.stat().st_mode & 0o777, entries(folder)[0].stat().st_mode & 0o777) == (0o700, 0o600)
-        end(bee)
+        bee.kill()
+        bee.wait()
         assert len(entries(folder)) == 2
         assert [one.vehicle for one in running_processes(tmp_path)] == ["ant"]
         assert len(entries(folder)) == 1
-    finally:
-        end(bee)
-        end(ant)
     assert running_processes(tmp_path) == []
 
 
 def test_a_signal_reaches_only_who_is_registered(tmp_path: Path) -> None:
-    bee = another("bee")
-    try:
+    with another("bee") as bee:
         [one] = running_processes(tmp_path)
         stranger = Running(pid=bee.pid, command="daemon", vehicle="not bee")
         assert not send_signal(stranger, signal.SIGTERM)
         assert send_signal(one, signal.SIGTERM)
         assert bee.wait(60) == -signal.SIGTERM
         assert not send_signal(one, signal.SIGTERM)
-    finally:
-        end(bee)
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b'{"pid": "x"}', b"\xff" * 100, b"[" * 9000])
 def test_what_is_no_entry_is_passed_over(folder: Path, tmp_path: Path, text: bytes) -> None:
-    bee = another("bee")
-    try:
+    with another("bee"):
         (folder / f"broken{SUFFIX}").write_bytes(text)
         (folder / f"link{SUFFIX}").symlink_to(entries(folder)[0])
         os.mkfifo(folder / f"pipe{SUFFIX}", 0o600)
         assert [one.vehicle for one in running_processes(tmp_path)] == ["bee"]
-    finally:
-        end(bee)
 
 
 def test_a_folder_that_others_may_write_is_neither_used_nor_believed(folder: Path, tmp_path: Path) -> None:
-    bee = another("bee")
-    try:
+    with another("bee"):
         folder.chmod(0o777)
         assert running_processes(tmp_path) == []
         with pytest.raises(ApiError, match="nobody else may write to"), registration(ONE):
             raise AssertionError("it must not fly")
-    finally:
-        end(bee)
 
 
 def test_flights_of_a_service_of_this_user_are_found_in_its_folder(
@@ -111,10 +92,7 @@ def test_flights_of_a_service_of_this_user_are_found_in_its_folder(
 ) -> None:
     services = tmp_path / "services"
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(services / "bee"))
-    bee = another("bee")
-    try:
+    with another("bee"):
         monkeypatch.delenv("RUNTIME_DIRECTORY")
         assert running_processes(tmp_path / "nowhere") == []
         assert [one.vehicle for one in running_processes(services)] == ["bee"]
-    finally:
-        end(bee)

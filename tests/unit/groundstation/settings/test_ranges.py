@@ -1,6 +1,7 @@
-"""Ranges of keys: a number in another unit is refused, and no honest vehicle is."""
+"""What a key may be: a number in another unit and what makes no sense are refused, and no honest vehicle is."""
 
 import math
+from typing import Any
 
 import msgspec
 import pytest
@@ -104,6 +105,60 @@ def test_a_number_in_another_unit_is_refused_with_what_is_accepted(override: str
 def test_a_figure_in_another_unit_is_refused_by_the_weight_that_it_does_not_fit(override: str, says: str) -> None:
     with pytest.raises(ConfigError, match=rf"vehicle\..*: .*{says}"):
         from_dict({}, Config, [f"vehicle.{override}"])
+
+
+Refused = list[tuple[dict[str, Any], str]]
+BOX: dict[str, Any] = {"kind": "box", "north_m": [-2, 2], "east_m": [-2, 2], "height_m": 2}
+NO_FENCE: Refused = [
+    ({**BOX, "north_m": [2, -2]}, "fence.*smaller number first"),
+    ({key: value for key, value in BOX.items() if key != "height_m"}, r"fence\.height_m"),
+    ({"kind": "round"}, "fence.*box"),
+    ({**BOX, "north_m": [-2, math.inf]}, r"fence\.north_m"),
+]
+NO_POSE: Refused = [
+    ({"server": "motive.lab:1510"}, "server: expected a numeric IPv4 address, got 'motive.lab'"),
+    ({"server": "239.1.1.1:1510"}, "server: expected no multicast address"),
+    ({"interface": "eth0"}, "interface: expected a numeric IPv4 address, got 'eth0'"),
+    ({"group": "192.168.1.5"}, "group: expected a multicast address, such as 239.255.42.99, got '192.168.1.5'"),
+    ({"server": "127.0.0.1"}, "it has no port"),
+    ({"name": ""}, "name: expected a string of 1 to 256 characters"),
+    ({"kind": "vicon", "object": ""}, "1 to 24 bytes"),
+    ({"kind": "vicon", "latency_s": math.nan}, "latency_s: expected a number >= 0"),
+    # mirrored or unknown axes
+    *(({"world": world}, rf"pose\.world: expected one of \[.*'nwu'.*\], got '{world}'")
+      for world in ("zup", "neu", "nwd", "enz", "", "NED")),
+]  # fmt: skip
+NO_CLIENT: Refused = [
+    ({"key_file": "k", "may": ["arm"]}, r"clients\.a\.may\[0\]: expected one of"),
+    ({"key_file": "k", "may": ["goto"]}, "authority: expected move, as a may goto"),
+    ({"key_file": "k", "may": []}, r"clients\.a\.may: expected an array"),
+    ({"may": ["land"]}, r"clients\.a\.key_file: missing"),
+]
+NO_MQTT: Refused = [
+    ({"host": "lab.example"}, r"mqtt\.host: 'lab\.example' is another machine.*mqtt\.insecure = true"),
+    ({"tls": {"verify": False}}, "enabled: expected true"),
+    ({"tls": {"enabled": True, "cert_file": "a"}}, "cert_file and key_file"),
+    ({"password_file": "a"}, "username: expected a name"),
+    ({"requests": {"enabled": True}}, "clients: expected at least one"),
+    ({"requests": {"clients": {"a b": {"key_file": "k", "may": ["land"]}}}}, "got 'a b'"),
+    *(({"requests": {"clients": {"a": client}}}, words) for client, words in NO_CLIENT),
+]
+REFUSED: Refused = [
+    *(({"fence": fence}, words) for fence, words in NO_FENCE),
+    *(({"pose": {"kind": "natnet", **pose}}, words) for pose, words in NO_POSE),
+    *(({"mqtt": {"enabled": True, **mqtt}}, words) for mqtt, words in NO_MQTT),
+    ({"pose": {"kind": "mavlink"}, "separation": {"others": ["bee"]}}, r"separation\.others"),
+    ({"pose": {"kind": "vicon", "object": "bee"}, "separation": {"others": ["bee"]}}, r"separation\.others"),
+    ({"separation": {"others": ["bee", "bee"]}}, r"separation\.others"),
+    ({"separation": {"distance_m": 0.0}}, r"separation\.distance_m"),
+    ({"operator": {"hold": "rc:7"}, "link": {"kind": "crsf", "port": "/dev/ttyUSB0"}}, r"operator\.hold: a channel"),
+]
+
+
+@pytest.mark.parametrize(("data", "words"), REFUSED)
+def test_a_setting_that_makes_no_sense_is_refused_by_its_key(data: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        from_dict(data, Config)
 
 
 def test_a_swing_of_the_heading_in_radians_is_refused_and_none_is_not() -> None:

@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 
 from groundstation.analysis.identify import FlightStretch, identify
-from groundstation.analysis.identify.command import (
-    FLY,
-    IdentifiedVehicle,
-    file_text,
-    table,
-)
+from groundstation.analysis.identify.command import FLY, IdentifiedVehicle, file_text, table
 from groundstation.analysis.identify.fit import (
     Bounds,
     full_n,
@@ -34,6 +29,7 @@ from links.mavlink import MavlinkLinkConfig
 G, STEP_S = 9.81, 0.0025
 POSE_STEPS, FRAME_STEPS = 8, 9
 DELAY_STEPS = 6
+PLANT = {"mass": 0.5, "gravity": G, "thrust_lag": 0.06, "rate_lag": 0.04}
 
 
 @cache
@@ -43,17 +39,14 @@ def flown(
     strength: float = 1.0,
     scale: float = 0.9,
     curve: float = 0.0,
-    told_curve: float = 0.0,
     noise_m: float = 2e-4,
     noise_rad: float = 1e-3,
     wind: float = 0.1,
-    lever_m: float = 0.0,
-    link_curve: float | None = None,
 ) -> FlightStretch:
     """Open loop, by the controller's own model: lags of 60 and 40 ms, a delay of 15 ms, poses at 50 Hz."""
     rng = np.random.default_rng(3)
-    vehicle = Vehicle(name="made-up", mass_kg=0.5, thrust_max_n=9.0, thrust_curve=told_curve)
-    config = Config(vehicle=vehicle, link=MavlinkLinkConfig(thrust_curve=link_curve))
+    vehicle = Vehicle(name="made-up", mass_kg=0.5, thrust_max_n=9.0)
+    config = Config(vehicle=vehicle, link=MavlinkLinkConfig())
     count = int(seconds / STEP_S)
     sent_s, newtons, rates, at, places, attitudes = [], [], [], [], [], []
     waiting: list[tuple[int, ActuatorCommand]] = []
@@ -66,9 +59,8 @@ def flown(
         if step % FRAME_STEPS == 0:
             told = strength * np.array([math.sin(7.0 * t), math.sin(5.0 * t + 1.0), 0.6 * math.sin(9.0 * t)])
             u = hover + strength * (0.06 * math.sin(6.0 * t) + 0.05 * math.sin(11.0 * t))
-            command = 9.0 * thrust(u, told_curve if link_curve is None else link_curve)
             sent_s.append(t)
-            newtons.append(command)
+            newtons.append(9.0 * u)
             rates.append(told)
             real = scale * 9.0 * thrust(u, curve)
             waiting.append((step + DELAY_STEPS, ActuatorCommand(real, (told[0], told[1], told[2]))))
@@ -77,29 +69,13 @@ def flown(
         if step % POSE_STEPS == 0:
             x, y, z = rng.normal(0.0, noise_rad, 3) if noise_rad else np.zeros(3)
             at.append(t)
-            axis = np.array(_down(motion.attitude))
-            places.append(np.array(motion.position) - lever_m * axis + rng.normal(0.0, noise_m, 3))
+            places.append(np.array(motion.position) + rng.normal(0.0, noise_m, 3))
             attitudes.append(turned_by(motion.attitude, (x, y, z)))
         push = push + rng.normal(0.0, wind * math.sqrt(STEP_S), 3)
-        motion = integrate(
-            FLOATS,
-            motion,
-            drive,
-            STEP_S,
-            mass=0.5,
-            gravity=G,
-            disturbance=(push[0], push[1], push[2]),
-            thrust_lag=0.06,
-            rate_lag=0.04,
-        )
+        motion = integrate(FLOATS, motion, drive, STEP_S, disturbance=(push[0], push[1], push[2]), **PLANT)
     use = slice(50, None)
     parts = (np.array(sent_s), np.array(newtons), np.array(rates), np.array(at)[use], np.array(places)[use])
     return FlightStretch(Path("made-up.mcap"), config, *parts, np.array(attitudes)[use])
-
-
-def _down(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
-    w, x, y, z = q
-    return (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
 
 
 def holds(found: IdentifiedVehicle, **truth: float) -> None:
@@ -140,15 +116,11 @@ def test_a_fit_finds_what_is_seen_and_says_of_the_rest_that_it_is_not() -> None:
     def whitened(sets: Any) -> Column:
         return np.stack([(measured - one[0] * t)[:, None] for one in sets], axis=-1)
 
-    wide = np.full(2, np.inf)
-    fit = minimize(whitened, np.zeros(2), Bounds(-10.0 + np.zeros(2), 10.0 + np.zeros(2), *_free(wide)), 0.02)
+    bounds = Bounds(*(np.full(2, value) for value in (-10.0, 10.0, 1e-3, 0.0, np.inf)))
+    fit = minimize(whitened, np.zeros(2), bounds, 0.02)
     assert abs(fit.values[0] - 2.0) < 3.0 * fit.deviations[0]
     assert fit.deviations[0] == pytest.approx(1.0 / math.sqrt(float((t**2).sum())), rel=0.4)
     assert fit.deviations[1] > 10.0
-
-
-def _free(spread: Column) -> tuple[Column, Column, Column]:
-    return np.full(2, 1e-3), np.zeros(2), spread
 
 
 def test_turns_are_those_between_the_attitudes() -> None:
@@ -159,20 +131,9 @@ def test_turns_are_those_between_the_attitudes() -> None:
 
 def test_a_made_up_vehicle_is_found_again() -> None:
     found = identify(flown())
-    holds(
-        found,
-        thrust_scale=0.9,
-        thrust_curve=0.0,
-        thrust_lag=0.06,
-        rate_lag=0.04,
-        yaw_rate_lag=0.04,
-        thrust_delay=0.015,
-        rate_delay=0.015,
-        yaw_rate_delay=0.015,
-        rate_response=0.055,
-        yaw_rate_response=0.055,
-        drag=0.0,
-    )
+    holds(found, thrust_scale=0.9, thrust_curve=0.0, thrust_lag=0.06, thrust_delay=0.015, drag=0.0)
+    for turn in ("rate", "yaw_rate"):
+        holds(found, **{f"{turn}_lag": 0.04, f"{turn}_delay": 0.015, f"{turn}_response": 0.055})
     assert found.parameters["thrust_lag"].value == pytest.approx(0.06, rel=0.05)
     assert found.parameters["thrust_scale"].value == pytest.approx(0.9, rel=0.02)
 

@@ -68,6 +68,10 @@ def values(**some: Any) -> Diagnostics:
     return Diagnostics(**{**vectors, **scalars, **some})
 
 
+def decided(diagnostics: Diagnostics, *, saturated: bool = False, thrust: float = 0.785) -> Decision:
+    return Decision(ActuatorCommand(thrust, ZERO), saturated, diagnostics)
+
+
 PROVABLE = Gains(kb=0.8, kappa=2.0, k3=4.0, k3_down=3.0, b_bound=5.0, epsilon=0.5)
 
 
@@ -162,10 +166,6 @@ def test_the_largest_source_is_named_and_the_next_where_it_is_half_as_large() ->
         said = sources.name_largest(sources.for_s)
         assert said.startswith(f"{VERTICAL}, 4 m²/s³")
         assert said.endswith(f"; then {SIDEWAYS}, 3" if told == "the next" else "m²/s³")
-
-
-def decided(diagnostics: Diagnostics) -> Decision:
-    return Decision(ActuatorCommand(5.0, ZERO), False, diagnostics)
 
 
 def lasting(watch: Lasting, from_s: float, for_s: float) -> list[float]:

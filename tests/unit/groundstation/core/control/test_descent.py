@@ -6,7 +6,7 @@ import pytest
 
 from groundstation.core.control import Descent
 from groundstation.core.control.descent import BLIND_PULL_M_S2
-from groundstation.core.geometry import Vec3
+from groundstation.core.geometry import IDENTITY, ZERO, Vec3
 from groundstation.core.messages import Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Motion, Vehicle
@@ -15,14 +15,20 @@ from groundstation.core.vehicle import Motion, Vehicle
 BLIND_BRAKES_M_S = 0.7
 
 G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.02
-LEVEL = (1.0, 0.0, 0.0, 0.0)
 VEHICLE = Vehicle(mass_kg=MASS_KG, thrust_max_n=4.0 * MASS_KG * G)
 
 
 def estimate(time_s: float, *, down_m_s2: float = 0.0, effectiveness: float = 1.0, sinks_m_s: float = 3.0) -> Estimate:
     """Level, and sinking much faster than it is to: it wants to be lifted as much as may be."""
-    motion = Motion((0.0, 0.0, -2.0), (0.0, 0.0, sinks_m_s), LEVEL, MASS_KG * G, (0.0, 0.0, 0.0))
-    return Estimate(time_s, motion, (0.0, 0.0, down_m_s2), (0.0, 0.0, 0.0), effectiveness)
+    motion = Motion((0.0, 0.0, -2.0), (0.0, 0.0, sinks_m_s), IDENTITY, MASS_KG * G, ZERO)
+    return Estimate(time_s, motion, (0.0, 0.0, down_m_s2), ZERO, effectiveness)
+
+
+def begin(wind_m_s2: Vec3 = ZERO, *speeds_m_s: float, blind: bool = False) -> Descent:
+    """A descent that knows a mean wind of before, and may not believe the poses."""
+    descent = Descent(VEHICLE, G, wind_m_s2, 1.0, *speeds_m_s)
+    descent.blind = blind
+    return descent
 
 
 def lifts(descent: Descent, at: Estimate) -> float:
@@ -31,21 +37,21 @@ def lifts(descent: Descent, at: Estimate) -> float:
     return descent.decide(at, reference, PERIOD_S).drive.thrust / (MASS_KG * G)
 
 
-def test_where_nothing_speaks_against_the_poses_it_lifts_by_what_thrust_gives_now() -> None:
-    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0)
-    assert lifts(descent, estimate(0.0, effectiveness=0.7)) == pytest.approx(1.24 / 0.7, rel=1e-6)
+def test_it_lifts_at_once_by_what_thrust_gives_now_and_against_the_mean_wind_of_before() -> None:
+    assert lifts(begin(), estimate(0.0, effectiveness=0.7)) == pytest.approx(1.24 / 0.7, rel=1e-6)
+    assert lifts(begin((0.0, 0.0, 2.0)), estimate(0.0, down_m_s2=2.0)) == pytest.approx(1.24 + 2.0 / G)
 
 
 def test_what_swings_up_and_down_is_not_lifted_against() -> None:
     """Poses that are late make a disturbance of their own lateness: 3 m/s² to and fro, once a second."""
-    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0)
+    descent = begin()
     swings = [3.0 * math.sin(2.0 * math.pi * PERIOD_S * n) for n in range(250)]
     most = max(lifts(descent, estimate(PERIOD_S * n, down_m_s2=down)) for n, down in enumerate(swings))
     assert most < 1.24 * (1.0 + 1.0 / G)
 
 
 def test_what_pulls_down_steadily_is_lifted_against_within_two_seconds() -> None:
-    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0)
+    descent = begin()
     course = [lifts(descent, estimate(PERIOD_S * n, down_m_s2=2.0)) for n in range(100)]
     assert course[0] < 1.24 * (1.0 + 0.1 / G)
     learnt = (course[round(1.0 / PERIOD_S)] / 1.24 - 1.0) * G / 2.0
@@ -53,18 +59,12 @@ def test_what_pulls_down_steadily_is_lifted_against_within_two_seconds() -> None
     assert course[-1] == pytest.approx(1.24 + 2.0 / G)
 
 
-def test_the_mean_wind_of_before_is_lifted_against_at_once() -> None:
-    descent = Descent(VEHICLE, G, (0.0, 0.0, 2.0), 1.0)
-    assert lifts(descent, estimate(0.0, down_m_s2=2.0)) == pytest.approx(1.24 + 2.0 / G)
-
-
 @pytest.mark.parametrize("push_m_s2", [(3.0, 0.0, 0.0), (0.0, -6.0, 0.0), (0.0, 0.0, 5.0)])
 def test_blind_it_leans_and_lifts_against_the_wind_of_before_and_nothing_that_poses_show_now(push_m_s2: Vec3) -> None:
     """Poses that are mirrored show a wind that grows with each lean against it."""
 
     def flown(*shown: Vec3) -> list[object]:
-        descent = Descent(VEHICLE, G, (0.5, 0.0, 0.0), 1.0)
-        descent.blind = True
+        descent = begin((0.5, 0.0, 0.0), blind=True)
         at, down = estimate(0.0), Reference((0.0, 0.0, -2.0), (0.0, 0.0, 0.3))
         return [descent.decide(at._replace(disturbance=push), down, PERIOD_S).drive for push in shown]
 
@@ -79,8 +79,7 @@ def test_blind_it_brakes_what_the_model_sinks_faster_than_its_pull_gives_but_no_
 ) -> None:
     told_m_s, shares = 0.3, list[float]()
     sinks_m_s = told_m_s + (faster_m_s if after_s == 0.0 else 0.0)
-    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0, told_m_s, sinks_m_s)
-    descent.blind = True
+    descent = begin(ZERO, told_m_s, sinks_m_s, blind=True)
     for n in range(150):
         if n > 0 and n == round(after_s / PERIOD_S):
             sinks_m_s += faster_m_s  # it leaned hard, and lost height
@@ -96,6 +95,4 @@ def test_blind_it_brakes_what_the_model_sinks_faster_than_its_pull_gives_but_no_
 def test_blind_it_brakes_a_climb_of_the_model_and_pulls_no_more_than_so_far(
     climbs_m_s: float, pull_m_s2: float
 ) -> None:
-    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0)
-    descent.blind = True
-    assert lifts(descent, estimate(0.0, sinks_m_s=-climbs_m_s)) == pytest.approx(1.0 - pull_m_s2 / G)
+    assert lifts(begin(blind=True), estimate(0.0, sinks_m_s=-climbs_m_s)) == pytest.approx(1.0 - pull_m_s2 / G)

@@ -16,14 +16,19 @@ VEHICLES = [
 ]
 
 
+def full_tones(vehicle: Vehicle) -> ExcitationTones:
+    tones = ExcitationTones(vehicle, G)
+    tones.set_level(0.0, 1.0)
+    return tones
+
+
 def flown(vehicle: Vehicle, yaw_rad: float, until_s: float) -> tuple[list[float], list[Motion]]:
     """Instants, and motions of a hovering vehicle that is given nothing but the tones, held frame by frame."""
-    tones, hover = ExcitationTones(vehicle, G), vehicle.mass_kg * G
+    tones, hover = full_tones(vehicle), vehicle.mass_kg * G
     attitude = so3.from_euler_zyx(0.0, 0.0, yaw_rad)
     motion = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), attitude, hover, (0.0, 0.0, 0.0))
     times, motions = [], []
     frame_s = vehicle.frame_period_s
-    tones.set_level(0.0, 1.0)
     for n in range(round(until_s / frame_s)):
         drive = tones.add_to(ActuatorCommand(hover, (0.0, 0.0, 0.0)), n * frame_s)
         motion = integrate(
@@ -39,8 +44,7 @@ def flown(vehicle: Vehicle, yaw_rad: float, until_s: float) -> tuple[list[float]
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.0, -2.5])
 def test_tilt_rates_and_accelerations_are_those_of_the_model(vehicle: Vehicle, yaw_rad: float) -> None:
     times, motions = flown(vehicle, yaw_rad, 4.0)
-    tones = ExcitationTones(vehicle, G)
-    tones.set_level(0.0, 1.0)
+    tones = full_tones(vehicle)
     late = [(t, m) for t, m in zip(times, motions, strict=True) if t > 2.0]
     for time_s, motion in late:
         tone = tones.motion(time_s, yaw_rad)
@@ -53,8 +57,7 @@ def test_tilt_rates_and_accelerations_are_those_of_the_model(vehicle: Vehicle, y
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_every_vehicle_makes_the_same_small_motion(vehicle: Vehicle) -> None:
-    tones = ExcitationTones(vehicle, G)
-    tones.set_level(0.0, 1.0)
+    tones = full_tones(vehicle)
     seen = [tones.motion(2.0 + 0.001 * n, 0.0) for n in range(4000)]
     aside = math.sqrt(sum(x.position[0] ** 2 + x.position[1] ** 2 for x in seen) / len(seen))
     height = math.sqrt(sum(x.position[2] ** 2 for x in seen) / len(seen))
@@ -63,9 +66,7 @@ def test_every_vehicle_makes_the_same_small_motion(vehicle: Vehicle) -> None:
 
 
 def test_the_state_without_the_tones_is_the_one_before_them() -> None:
-    vehicle = VEHICLES[0]
-    tones = ExcitationTones(vehicle, G)
-    tones.set_level(0.0, 1.0)
+    tones = full_tones(VEHICLES[0])
     tone = tones.motion(3.0, 0.7)
     attitude = so3.rotate(so3.from_euler_zyx(0.0, 0.0, 0.7), (*tone.tilt, 0.0))
     motion = Motion(tone.position, tone.velocity, attitude, 0.8 * (1.0 + tone.thrust_share), (*tone.rates, 0.1))

@@ -7,39 +7,16 @@ import pytest
 from groundstation.core.control import CertificateMonitor, Gains
 from groundstation.core.control.certificate import decrease
 from groundstation.core.control.controllers import Pid
-from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Decision, Diagnostics
-from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
+from groundstation.core.geometry import IDENTITY, ZERO
+from groundstation.core.messages import Decision
+from groundstation.core.vehicle import Motion, Vehicle
+from tests.unit.groundstation.core.control.test_certificate import decided, values
 
-ZERO: Vec3 = (0.0, 0.0, 0.0)
 VEHICLE = Vehicle()
-HOVER = Motion(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), 0.785, ZERO)
+HOVER = Motion(ZERO, ZERO, IDENTITY, 0.785, ZERO)
 PERIOD_S = 0.02
-
-
-def said(
-    v: float = 0.0, w: float = 0.0, b_hat: Vec3 = ZERO, disturbance: Vec3 | None = None, **more: Vec3
-) -> Diagnostics:
-    """What the law says of itself, all zero but for the arguments."""
-    return Diagnostics(
-        z1=ZERO,
-        z2=ZERO,
-        z3=more.pop("z3", ZERO),
-        u_star=ZERO,
-        b_hat=b_hat,
-        b_hat_dot=ZERO,
-        disturbance=b_hat if disturbance is None else disturbance,
-        v_terms=(v, 0.0, 0.0),
-        w_terms=(w, 0.0, 0.0),
-        v_known=v,
-        w=w,
-        certificate="composite",
-        rates_wanted=more.pop("rates_wanted", ZERO),
-    )
-
-
-def decided(diagnostics: Diagnostics, *, saturated: bool = False, thrust: float = 0.785) -> Decision:
-    return Decision(ActuatorCommand(thrust, ZERO), saturated, diagnostics)
+SWINGS = values(v_known=4.0, w=60.0)
+"""V stands still, although it must fall."""
 
 
 def flown(watch: CertificateMonitor, decision: Decision, seconds: float, start_s: float = 0.0) -> list[str]:
@@ -50,7 +27,7 @@ def flown(watch: CertificateMonitor, decision: Decision, seconds: float, start_s
 
 def test_a_v_that_only_stands_still_although_it_must_fall_is_told_once() -> None:
     watch = CertificateMonitor(VEHICLE, Gains())
-    swinging = decided(said(v=4.0, w=60.0))
+    swinging = decided(SWINGS)
     (warning,) = flown(watch, swinging, 4.0)
     assert warning.startswith("Lyapunov: V has been above its bound for 0.5 s; largest term: poses contradict")
     assert warning.endswith("60 m²/s³")
@@ -61,14 +38,14 @@ def test_a_v_that_only_stands_still_although_it_must_fall_is_told_once() -> None
 
 def test_a_v_within_its_bound_is_not_told() -> None:
     watch = CertificateMonitor(VEHICLE, Gains())
-    calm = decided(said(v=0.03, w=0.99 * decrease(Gains()).power / decrease(Gains()).share))
+    calm = decided(values(v_known=0.03, w=0.99 * decrease(Gains()).power / decrease(Gains()).share))
     assert flown(watch, calm, 10.0) == []
     assert watch.look(10.1, HOVER, calm).state == "holds"
 
 
 def test_time_at_a_limit_is_suspended_and_does_not_count() -> None:
     watch = CertificateMonitor(VEHICLE, Gains())
-    clamped = decided(said(v=4.0, w=60.0), saturated=True)
+    clamped = decided(SWINGS, saturated=True)
     (warning,) = flown(watch, clamped, 3.0)
     assert warning.startswith("Lyapunov: the bound is suspended most of the time")
     assert watch.look(3.1, HOVER, clamped).state == "suspended"
@@ -79,7 +56,8 @@ def test_time_at_a_limit_is_suspended_and_does_not_count() -> None:
 
 def test_a_disturbance_beyond_b_is_told_with_its_size() -> None:
     watch = CertificateMonitor(VEHICLE, Gains(b_bound=5.0))
-    (warning,) = flown(watch, decided(said(b_hat=(3.0, 0.0, 4.2))), 2.0)
+    estimated = (3.0, 0.0, 4.2)
+    (warning,) = flown(watch, decided(values(b_hat=estimated, disturbance=estimated)), 2.0)
     assert warning.startswith(
         "Lyapunov: the disturbance estimate has been above controller.b_bound for 0.5 s: 5.2 m/s², limit 5 m/s²"
     )
@@ -91,5 +69,5 @@ def test_a_disturbance_beyond_b_is_told_with_its_size() -> None:
 @pytest.mark.parametrize(("thrust", "which"), [(VEHICLE.thrust_max_n, "upper"), (VEHICLE.thrust_min_n, "lower")])
 def test_a_thrust_that_stays_at_its_limit_is_told_under_every_controller(thrust: float, which: str) -> None:
     for config in (Gains(), Pid()):
-        (warning,) = flown(CertificateMonitor(VEHICLE, config), decided(said(), saturated=True, thrust=thrust), 2.0)
+        (warning,) = flown(CertificateMonitor(VEHICLE, config), decided(values(), saturated=True, thrust=thrust), 2.0)
         assert f"at its {which} limit" in warning

@@ -5,25 +5,19 @@ import random
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from numpy.typing import NDArray
 
 from groundstation.core.control import Gains
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.estimation.estimator import (
     AlongTrack,
     Covariance,
-    Densities,
     find_direction,
     fourth_difference,
     part_along,
-    predict_covariance,
     split_noise,
     turn_track,
-    update_covariance,
-    update_moving_covariance,
     widen_covariance,
 )
 from groundstation.core.geometry import FLOATS, Vec3, so3
@@ -69,16 +63,9 @@ def flown(
         t = pose * 0.02
         truth = plant.truth(t)
         n, a = world.pose_noise_m, world.attitude_noise_rad
-        x, y, z = truth.position_ned
-        estimator.update(
-            Pose(
-                pose,
-                t,
-                t + 0.02,
-                (x + gauss(0, n), y + gauss(0, n), z + gauss(0, n)),
-                so3.rotate(truth.attitude, (gauss(0, a), gauss(0, a), gauss(0, a))),
-            )
-        )
+        north, east, down = (part + gauss(0, n) for part in truth.position_ned)
+        turned = so3.rotate(truth.attitude, (gauss(0, a), gauss(0, a), gauss(0, a)))
+        estimator.update(Pose(pose, t, t + 0.02, (north, east, down), turned))
         pose += 1
     return estimator, plant
 
@@ -219,29 +206,6 @@ def test_a_direction_is_a_unit_vector_and_none_at_rest() -> None:
     assert part_along((0.6, 0.8, 0.0), (1.0, 2.0, 3.0)) == pytest.approx((2.2 * 0.6, 2.2 * 0.8, 0.0))
 
 
-def matrix_of(upper: Covariance) -> NDArray[np.float64]:
-    found = np.zeros((4, 4))
-    found[np.triu_indices(4)] = upper
-    return found + np.triu(found, 1).T
-
-
-@pytest.mark.parametrize("h", [0.01, 0.3])
-def test_covariances_are_those_of_the_matrices(h: float) -> None:
-    """F Σ Fᵀ + Q of a chain of four integrators, and the updates by a position and by a velocity."""
-    root = np.array([[0.3, 0.0, 0.0, 0.0], [0.2, 0.5, 0.0, 0.0], [-0.4, 0.1, 0.6, 0.0], [0.1, -0.3, 0.2, 0.7]])
-    sigma = root @ root.T
-    upper: Covariance = tuple(sigma[np.triu_indices(4)].tolist())
-    step = np.array([[1.0, h, h**2 / 2, h**3 / 6], [0, 1.0, h, h**2 / 2], [0, 0, 1.0, h], [0, 0, 0, 1.0]])
-    densities = Densities(0.01, 0.02, 0.03, 0.04)
-    expected = step @ sigma @ step.T + h * np.diag(densities)
-    assert matrix_of(predict_covariance(upper, h, densities)) == pytest.approx(expected)
-    for update, measured in ((update_covariance, 0), (update_moving_covariance, 1)):
-        gain, after = update(upper, 0.05)
-        wanted = sigma[:, measured] / (sigma[measured, measured] + 0.05)
-        assert gain == pytest.approx(wanted.tolist())
-        assert matrix_of(after) == pytest.approx(sigma - np.outer(wanted, sigma[measured]))
-
-
 @pytest.mark.parametrize(("step_m", "factor"), [(0.2, 1.0), (0.6, 2.0), (3.0, 5.0)])
 def test_a_covariance_is_widened_until_it_explains_an_innovation_and_by_five_at_most(
     step_m: float, factor: float
@@ -293,13 +257,11 @@ def test_what_is_held_stays_until_the_poses_are_believed_again() -> None:
     assert not estimator.holds
 
 
-ONES: Covariance = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-FIVES: Covariance = (5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0)
-
-
 @pytest.mark.parametrize(("turned_deg", "across", "along"), [(0.0, 1.0, 5.0), (90.0, 3.0, 1.0), (45.0, 2.0, 3.0)])
 def test_covariances_turn_with_the_motion(turned_deg: float, across: float, along: float) -> None:
     """Those of noise along the motion, 5, and across it, 1; across is the mean of both directions."""
     angle = math.radians(turned_deg)
-    turned = turn_track(ONES, AlongTrack((1.0, 0.0, 0.0), FIVES), (math.cos(angle), 0.0, math.sin(angle)))
+    ones: Covariance = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    fives: Covariance = (5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0)
+    turned = turn_track(ones, AlongTrack((1.0, 0.0, 0.0), fives), (math.cos(angle), 0.0, math.sin(angle)))
     assert [{round(one, 9) for one in found} for found in turned] == [{across}, {along}]

@@ -67,14 +67,8 @@ def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
     thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float, after_s: float | None
 ) -> None:
     touchdown = Touchdown(1.0)
-    felt = next(
-        (
-            0.01 * i
-            for i in range(300)
-            if touchdown.update(0.01 * i, thrust_n, thrust_n, sinking_m_s, height_m, behind_m, 0.25)
-        ),
-        None,
-    )
+    told = (thrust_n, thrust_n, sinking_m_s, height_m, behind_m, 0.25)
+    felt = next((0.01 * i for i in range(300) if touchdown.update(0.01 * i, *told)), None)
     assert felt == (None if after_s is None else pytest.approx(after_s, abs=0.011))
 
 
@@ -157,9 +151,8 @@ def test_poses_that_stand_low_while_it_is_told_to_sink_are_of_a_vehicle_on_the_f
     stood = None
     for number, height_m in enumerate(heights_m):
         newest = Pose(number, every_s * number, every_s * number, (0.0, 0.0, -height_m), LEVEL)
-        looks = [
-            touchdown.is_at_rest_by_poses(newest, height_m, sinks_m_s) for _ in range(5)
-        ]  # several commands rest on one pose
+        # Several commands rest on one pose.
+        looks = [touchdown.is_at_rest_by_poses(newest, height_m, sinks_m_s) for _ in range(5)]
         if stood is None and looks[0]:
             stood = newest.time_s
     assert stood == (None if stands_s is None else pytest.approx(stands_s))

@@ -1,6 +1,7 @@
 """Every guard: quiet within its limit, heard beyond it for long enough, and what follows."""
 
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import msgspec
@@ -80,6 +81,14 @@ def first(
     return None
 
 
+def findings(
+    ticks: Iterable[Shown], fence: Fence | None = None, vehicle: Vehicle = VEHICLE
+) -> list[GuardFinding | None]:
+    """What is found at each tick of a flight along its trajectory."""
+    guards = Guards(CONFIG, fence, vehicle, lambda: PERIOD_S)
+    return [guards.check_command(tick, State.TRACKING) for tick in ticks]
+
+
 FULL = math.radians(VEHICLE.rate_limits_deg_s[0])
 CASES: list[tuple[dict[str, Any], float, GuardAction, str]] = [
     ({"attitude": leaning(81.0)}, CONFIG.tilt_s, GuardAction.DESCEND, "tilt 81°, limit 80°"),
@@ -152,16 +161,14 @@ def test_the_limits_of_a_configuration_are_listed_row_by_row_as_the_table_has_th
 
 
 def test_an_estimate_that_is_reset_again_and_again_lands() -> None:
-    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
-    found = [guards.check_command(shown(0.02 * i, resets=i // 20), State.TRACKING) for i in range(110)]
+    found = findings(shown(0.02 * i, resets=i // 20) for i in range(110))
     assert all(one is None for one in found[:100])
     assert found[100] is not None and "5 resets" in found[100].reason.text
 
 
 def test_of_several_the_gravest_is_told() -> None:
-    guards = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S)
     outside = {"position": (2.1, 0.0, -1.0), "attitude": leaning(81.0)}
-    told = [guards.check_command(shown(PERIOD_S * i, **outside), State.TRACKING) for i in range(50)]
+    told = findings((shown(PERIOD_S * i, **outside) for i in range(50)), FENCE)
     assert [one.step for one in told if one is not None] == [GuardAction.LAND] * 5 + [GuardAction.DESCEND] * 45
 
 
@@ -172,24 +179,18 @@ def test_a_descent_has_no_reference_to_be_far_from() -> None:
 
 @pytest.mark.parametrize(("share", "lands"), [(0.3, False), (0.6, True)])
 def test_a_limit_cycle_has_breaks_and_lands_it_all_the_same(share: float, lands: bool) -> None:
-    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
-    found = None
-    for i in range(250):
-        rates = (FULL, 0.0, 0.0) if i % 20 < 20 * share else (0.0, 0.0, 0.0)
-        found = found or guards.check_command(shown(PERIOD_S * i, rates_rad_s=rates), State.TRACKING)
+    rolls = [(FULL if i % 20 < 20 * share else 0.0, 0.0, 0.0) for i in range(250)]
+    ticks = (shown(PERIOD_S * i, rates_rad_s=rates) for i, rates in enumerate(rolls))
+    found = next(filter(None, findings(ticks)), None)
     assert (found is not None) == lands
     assert found is None or (found.step is GuardAction.DESCEND and "of the last 2 s" in found.reason.text)
 
 
 def swung(degrees: float, period_s: float) -> GuardFinding | None:
     """What is found of a vehicle that leans to one side and the other."""
-    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
-    for i in range(250):
-        lean = degrees * math.sin(math.tau * PERIOD_S * i / period_s)
-        found = guards.check_command(shown(PERIOD_S * i, attitude=leaning(lean)), State.TRACKING)
-        if found is not None:
-            return found
-    return None
+    leans = [degrees * math.sin(math.tau * PERIOD_S * i / period_s) for i in range(250)]
+    ticks = (shown(PERIOD_S * i, attitude=leaning(lean)) for i, lean in enumerate(leans))
+    return next(filter(None, findings(ticks)), None)
 
 
 def test_a_vehicle_that_swings_is_brought_down_though_no_limit_is_passed_for_long() -> None:
@@ -197,13 +198,6 @@ def test_a_vehicle_that_swings_is_brought_down_though_no_limit_is_passed_for_lon
     assert found is not None and found.step is GuardAction.LAND
     assert "oscillation" in found.reason.text
     assert swung(41.0, 0.9) is None
-
-
-def test_what_no_landing_could_end_is_answered_by_a_landing_and_no_more() -> None:
-    escalation = Escalation(2.0)
-    empty = GuardFinding(GuardAction.LAND, EMPTY, most=GuardAction.LAND)
-    assert escalation.escalate(empty, 0.0) == empty
-    assert escalation.escalate(empty, 9.0) is None
 
 
 def test_frames_that_are_late_again_and_again_land() -> None:
@@ -244,14 +238,11 @@ def test_what_lasts_is_answered_by_one_step_after_the_other_and_never_by_a_gentl
     assert escalation.escalate(brake, 3.0) is None
     assert escalation.escalate(tilt, 3.1) == tilt
     assert escalation.escalate(brake, 99.0) is None
-
-
-def test_an_operator_who_sends_it_on_begins_anew() -> None:
-    escalation = Escalation(2.0)
-    brake = GuardFinding(GuardAction.HOLD, NEAR_FENCE)
-    escalation.escalate(brake, 0.0)
     escalation.reset()
-    assert escalation.escalate(brake, 50.0) == brake
+    assert escalation.escalate(brake, 150.0) == brake, "an operator who sends it on begins anew"
+    empty, other = GuardFinding(GuardAction.LAND, EMPTY, most=GuardAction.LAND), Escalation(2.0)
+    told = [other.escalate(empty, time_s) for time_s in (0.0, 9.0)]
+    assert told == [empty, None], "what no landing could end is answered by a landing and no more"
 
 
 @pytest.mark.parametrize(
@@ -264,7 +255,6 @@ def test_who_flies_fast_has_to_lean_against_its_drag(velocity: Vec3, disturbance
     attitude = so3.from_euler_zyx(math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0)
     assert so3.third_column(attitude) == pytest.approx([each / math.hypot(x, y, z) for each in (x, y, z)])
     leans = {"velocity": velocity, "disturbance": disturbance, "attitude": attitude}
-    guards = Guards(CONFIG, None, vehicle, lambda: PERIOD_S)
     followed = Reference((0.0, 0.0, -1.0), velocity)
-    ticks = [shown(PERIOD_S * i, **leans)._replace(reference=followed) for i in range(100)]
-    assert not any(guards.check_command(tick, State.TRACKING) for tick in ticks)
+    ticks = (shown(PERIOD_S * i, **leans)._replace(reference=followed) for i in range(100))
+    assert not any(findings(ticks, vehicle=vehicle))

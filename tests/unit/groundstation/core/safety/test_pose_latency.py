@@ -1,6 +1,7 @@
 """How late poses are is found by the vehicle's own attitude, and nothing else passes for it."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ def true(time_s: float, strength: float) -> tuple[Quat, tuple[float, float, floa
     return so3.from_euler_zyx(roll, 0.0, 1.0), (2.0 * strength * math.cos(2.0 * time_s), 0.0, 0.0)
 
 
-def found(late_s: float, strength: float, *, askew: Quat = so3.IDENTITY, seconds: float = 15.0) -> float | None:
+def found(late_s: float, *, strength: float = 0.1, askew: Quat = so3.IDENTITY, seconds: float = 15.0) -> float | None:
     """What is found of poses at 50 Hz that are stamped ``late_s`` too late, and attitudes at 20 Hz."""
     latency, rng = PoseLatency(), np.random.default_rng(1)
     told = 0
@@ -36,22 +37,25 @@ def found(late_s: float, strength: float, *, askew: Quat = so3.IDENTITY, seconds
     return latency.late_s
 
 
-@pytest.mark.parametrize("late_s", [-0.015, 0.015, 0.03])
-def test_poses_that_are_stamped_wrong_are_found_while_the_vehicle_turns(late_s: float) -> None:
-    assert found(late_s, 0.1) == pytest.approx(late_s, abs=0.003)
+ASKEW = so3.from_euler_zyx(math.radians(4.0), math.radians(-3.0), 0.0)
 
 
-def test_nothing_is_found_where_they_are_right_or_it_stands() -> None:
-    assert found(0.0, 0.1) is None
-    assert found(0.004, 0.1) is None
-    assert found(0.03, 0.0) is None
-    assert found(0.03, 0.1, seconds=3.0) is None
-
-
-def test_a_body_that_is_mounted_askew_is_not_late() -> None:
-    askew = so3.from_euler_zyx(math.radians(4.0), math.radians(-3.0), 0.0)
-    assert found(0.0, 0.1, askew=askew) is None
-    assert found(0.02, 0.1, askew=askew) == pytest.approx(0.02, abs=0.004)
+@pytest.mark.parametrize(
+    ("late_s", "more", "seen_s"),
+    [
+        *((late_s, {}, late_s) for late_s in (-0.015, 0.015, 0.03)),
+        (0.0, {}, None),
+        (0.004, {}, None),
+        (0.03, {"strength": 0.0}, None),
+        (0.03, {"seconds": 3.0}, None),
+        (0.0, {"askew": ASKEW}, None),  # a body that is mounted askew is not late
+        (0.02, {"askew": ASKEW}, 0.02),
+    ],
+)
+def test_poses_that_are_stamped_wrong_are_found_while_the_vehicle_turns(
+    late_s: float, more: dict[str, Any], seen_s: float | None
+) -> None:
+    assert found(late_s, **more) == (None if seen_s is None else pytest.approx(seen_s, abs=0.003))
 
 
 def test_a_gap_and_a_clock_that_jumps_are_no_latency() -> None:
@@ -80,9 +84,8 @@ def answered(late_s: float, *, seconds: float = 15.0, hz: int = 50, askew: Quat 
 @pytest.mark.parametrize("hz", [50, 100, 240])
 @pytest.mark.parametrize("late_s", [-0.015, 0.015, 0.03])
 def test_a_vehicle_that_turns_later_than_told_is_found_by_poses_alone(late_s: float, hz: int) -> None:
-    assert answered(late_s, hz=hz).late_s == pytest.approx(late_s, abs=0.003)
-    askew = so3.from_euler_zyx(math.radians(4.0), math.radians(-3.0), 0.0)
-    assert answered(late_s, hz=hz, askew=askew).late_s == pytest.approx(late_s, abs=0.003)
+    for askew in (so3.IDENTITY, ASKEW):
+        assert answered(late_s, hz=hz, askew=askew).late_s == pytest.approx(late_s, abs=0.003)
 
 
 def test_nothing_is_said_of_a_response_that_is_as_told_or_was_seen_for_a_moment() -> None:

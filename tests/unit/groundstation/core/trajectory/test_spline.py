@@ -1,4 +1,4 @@
-"""Smoothest splines and the times of waypoints: what they promise, against what they give."""
+"""Shapes beyond what every trajectory must keep: splines, times of waypoints, and the excitation."""
 
 import itertools
 import math
@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.trajectory import Trajectory
-from groundstation.core.trajectory.shapes import SamplesConfig, WaypointsConfig
+from groundstation.core.trajectory import ExcitationConfig, Trajectory
+from groundstation.core.trajectory.shapes import Excitation, SamplesConfig, WaypointsConfig
 from groundstation.core.trajectory.waypoints import smoothest
+from groundstation.flight.preflight import examine_trajectory
+from groundstation.settings import Config
 
 coordinate = st.integers(-50, 50).map(lambda n: n / 10.0)
 courses = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=2, max_size=7).filter(
@@ -103,3 +105,43 @@ def test_samples_of_a_known_motion_give_its_derivatives_back(with_velocity: bool
         assert math.dist(there.jerk_ned, (-math.cos(t), math.sin(t), 0.0)) < worst
     for t in (0.0, 0.02, 9.98):
         assert math.dist(course.at(t).jerk_ned, (-math.cos(t), math.sin(t), 0.0)) < 0.2
+
+
+CONFIG = ExcitationConfig()
+
+
+def sampled() -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
+    """Accelerations over one period, (4096, 3)."""
+    motion = Excitation(CONFIG)
+    times = CONFIG.period_s * np.arange(4096) / 4096
+    return np.array([motion.at(t).acceleration_ned for t in times.tolist()])
+
+
+def test_its_largest_acceleration_is_what_was_asked_for() -> None:
+    peak = np.linalg.norm(sampled(), axis=1).max()
+    assert peak == pytest.approx(CONFIG.acceleration_m_s2, rel=0.02)
+
+
+def test_no_two_axes_share_a_frequency_and_all_lie_within_the_band() -> None:
+    lines = [
+        set(np.flatnonzero(np.abs(axis) > 1e-6 * np.abs(axis).max()).tolist())
+        for axis in np.fft.rfft(sampled(), axis=0).T
+    ]
+    assert all(len(axis) >= 5 for axis in lines)
+    assert lines[0].isdisjoint(lines[1])
+    assert lines[0].isdisjoint(lines[2])
+    assert lines[1].isdisjoint(lines[2])
+    band = [line / CONFIG.period_s for axis in lines for line in axis]
+    assert CONFIG.lowest_hz <= min(band)
+    assert max(band) <= CONFIG.highest_hz
+
+
+def test_it_begins_and_ends_at_rest_and_stays_close() -> None:
+    flown = CONFIG.build()
+    assert flown.duration_s == CONFIG.laps * CONFIG.period_s + CONFIG.ramp_s
+    for time_s in (0.0, flown.duration_s):
+        assert flown.at(time_s).velocity_ned == (0.0, 0.0, 0.0)
+    report = examine_trajectory(Config(trajectory=CONFIG))
+    assert all(abs(low + high - 2.0 * middle) < 0.4 and high - low < 0.4 for low, high, middle in zip(
+        report.lowest_ned, report.highest_ned, CONFIG.position_ned, strict=True
+    ))  # fmt: skip

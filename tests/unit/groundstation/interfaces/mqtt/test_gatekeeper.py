@@ -1,7 +1,8 @@
 """Requests by MQTT: sealed, new, in time and allowed, or they do nothing but count."""
 
 import hmac
-from collections.abc import Iterator
+import itertools
+from collections.abc import Collection
 from typing import Any
 
 import msgspec
@@ -30,24 +31,26 @@ NOW_MS = 1_700_000_000_000
 SESSION = "0" * 31 + "1"
 
 
+KEYS = {"tablet": KEY, "phone": OTHER_KEY}
+
+
 class Desk:
     """A gatekeeper, the flight behind it, and what it has told."""
 
-    def __init__(self) -> None:
+    def __init__(self, **may: Collection[Ask]) -> None:
+        """Let each client ask for ``may``."""
         self.core = Sampled()
         self.told: list[Sentence] = []
-        sessions = (f"{number:032x}" for number in range(1, 100))
-        may = frozenset({Ask.LAND, Ask.HOLD})
-        self.gate = Gatekeeper(
-            PLACE, {"tablet": ClientKey(KEY, may)}, self.core.ask, lambda: next(sessions), self.told.append
-        )
+        sessions = (f"{number:032x}" for number in itertools.count(1))
+        clients = {name: ClientKey(KEYS[name], frozenset(asks)) for name, asks in may.items()}
+        self.gate = Gatekeeper(PLACE, clients, self.core.ask, lambda: next(sessions), self.told.append)
 
     def take(self, data: bytes, *, retained: bool = False, now_s: float = 0.0, wall_ms: int = NOW_MS) -> bytes | None:
         return self.gate.take(data, retained=retained, now_s=now_s, wall_ms=wall_ms)
 
-    def answer(self, data: bytes, key: bytes = KEY, **more: Any) -> tuple[bool, str] | None:
+    def answer(self, data: bytes, key: bytes = KEY) -> tuple[bool, str] | None:
         """Whether it was done, and what is said of it; None where nothing is answered."""
-        answer = self.take(data, **more)
+        answer = self.take(data)
         if answer is None:
             return None
         opened = open_answer(answer, key, PLACE)
@@ -56,8 +59,8 @@ class Desk:
 
 
 @pytest.fixture
-def desk() -> Iterator[Desk]:
-    yield Desk()
+def desk() -> Desk:
+    return Desk(tablet={Ask.LAND, Ask.HOLD})
 
 
 def sealed(
@@ -70,8 +73,9 @@ def sealed(
     client: str = "tablet",
     expires_ms: int = NOW_MS + 3000,
     why: str = "",
+    points: tuple[Waypoint, ...] = (),
 ) -> bytes:
-    return seal_request(key, place, session, client, number, ask, expires_ms, why)  # type: ignore[arg-type]  # also what is none
+    return seal_request(key, place, session, client, number, ask, expires_ms, why, points)  # type: ignore[arg-type]  # also what is none
 
 
 def changed(data: bytes, **fields: object) -> bytes:
@@ -92,29 +96,27 @@ def test_a_sealed_request_is_done_and_its_answer_is_sealed(desk: Desk) -> None:
     assert desk.told == []
 
 
-def test_the_seal_is_what_the_documents_say() -> None:
-    request = msgspec.json.decode(sealed(7, why="wind"), type=SealedRequest)
-    lines = f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\nland\n{NOW_MS + 3000}\nwind"
-    assert request.mac == hmac.new(KEY, lines.encode(), "sha256").hexdigest()
+THERE = (Waypoint(1.0, 0.5, -1.25), Waypoint(0.0, 0.0, -1.0, 90.0))
 
 
-def test_points_are_sealed_in_one_line_before_the_words() -> None:
-    two = (Waypoint(1.0, 0.5, -1.25), Waypoint(0.0, 0.0, -1.0, 90.0))
-    data = seal_request(KEY, PLACE, SESSION, "tablet", 7, "goto", NOW_MS + 3000, "wind", two)
+@pytest.mark.parametrize(
+    ("ask", "points", "line"),
+    [("land", (), ""), ("goto", THERE, "1.0000 0.5000 -1.2500 -; 0.0000 0.0000 -1.0000 90.0000\n")],
+)
+def test_the_seal_is_what_the_documents_say_with_points_in_one_line_before_the_words(
+    ask: str, points: tuple[Waypoint, ...], line: str
+) -> None:
+    data = sealed(7, ask, why="wind", points=points)
     request = msgspec.json.decode(data, type=SealedRequest)
-    there = "1.0000 0.5000 -1.2500 -; 0.0000 0.0000 -1.0000 90.0000"
-    lines = f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\ngoto\n{NOW_MS + 3000}\n{there}\nwind"
+    lines = f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\n{ask}\n{NOW_MS + 3000}\n{line}wind"
     assert request.mac == hmac.new(KEY, lines.encode(), "sha256").hexdigest()
     assert is_sealed(request, KEY, PLACE)
-    for points in ([[1.0, 0.5, -1.25]], [[1.0, 0.5, -1.3], [0, 0, -1, 90]], [[1.0, 0.5, -1.25, 0], [0, 0, -1, 90]]):
-        other = msgspec.json.decode(changed(data, points=points), type=SealedRequest)
-        assert not is_sealed(other, KEY, PLACE)
 
 
-def test_only_a_client_that_may_goto_sends_points(desk: Desk) -> None:
-    data = seal_request(KEY, PLACE, SESSION, "tablet", 7, "goto", NOW_MS + 3000, "", (Waypoint(1.0, 0.5, -1.25),))
-    assert desk.answer(data) == (False, "tablet may not ask for goto")
-    assert desk.core.asked == []
+def test_no_other_points_than_those_are_sealed() -> None:
+    data = sealed(7, "goto", points=THERE)
+    for other in ([[1.0, 0.5, -1.25]], [[1.0, 0.5, -1.3], [0, 0, -1, 90]], [[1.0, 0.5, -1.25, 0], [0, 0, -1, 90]]):
+        assert not is_sealed(msgspec.json.decode(changed(data, points=other), type=SealedRequest), KEY, PLACE)
 
 
 DROPPED = {
@@ -195,13 +197,14 @@ def test_a_request_from_a_clock_ahead_is_not_obeyed_once_its_time_has_come(desk:
     ("ask", "says", "asked", "reason"),
     [
         ("kill", "tablet may not ask for kill", [], "not_allowed"),
+        ("goto", "tablet may not ask for goto", [], "not_allowed"),
         ("hold", "hold is not possible while landing", [Ask.HOLD], "not_possible"),
     ],
 )
 def test_what_a_client_may_not_ask_or_the_flight_refuses_is_answered_so(
     desk: Desk, ask: str, says: str, asked: list[Ask], reason: str
 ) -> None:
-    assert desk.answer(sealed(ask=ask)) == (False, says)
+    assert desk.answer(sealed(ask=ask, points=THERE if ask == "goto" else ())) == (False, says)
     assert [request.ask for request in desk.core.asked] == asked
     assert desk.gate.counts == {reason: 1}
 
@@ -219,86 +222,60 @@ def test_a_client_that_asks_all_the_time_is_heard_at_a_rate(desk: Desk) -> None:
     assert desk.take(sealed(1000), now_s=1.0) is not None
 
 
-def test_in_a_flood_only_a_kill_is_heard(desk: Desk) -> None:
-    killing = Gatekeeper(PLACE, {"tablet": ClientKey(KEY, ANYONE)}, desk.core.ask, lambda: SESSION, desk.told.append)
+def test_in_a_flood_only_a_kill_is_heard() -> None:
+    desk = Desk(tablet=ANYONE)
     for _ in range(200):
-        killing.take(b'{"ask":"land"}', retained=False, now_s=0.0, wall_ms=NOW_MS)
-    assert killing.counts == {"malformed": ANY_MESSAGES.burst, "flooded": 200 - ANY_MESSAGES.burst}
-
-    def take(data: bytes) -> bytes | None:
-        return killing.take(data, retained=False, now_s=0.0, wall_ms=NOW_MS)
-
-    for number, data in enumerate(
-        (
-            sealed(1),
-            sealed(2, "kill", key=OTHER_KEY),
-            b'"kill"',
-            sealed(3, why='"kill"'),
-            sealed(4, "kill") + b" " * 4000,
-        )
-    ):
-        assert take(data) is None
-        assert killing.counts["flooded"] == 201 - ANY_MESSAGES.burst + number
+        desk.take(b'{"ask":"land"}')
+    assert desk.gate.counts == {"malformed": ANY_MESSAGES.burst, "flooded": 200 - ANY_MESSAGES.burst}
+    unheard = (
+        sealed(1),
+        sealed(2, "kill", key=OTHER_KEY),
+        b'"kill"',
+        sealed(3, why='"kill"'),
+        sealed(4, "kill") + b" " * 4000,
+    )
+    for number, data in enumerate(unheard, start=201):
+        assert desk.take(data) is None
+        assert desk.gate.counts["flooded"] == number - ANY_MESSAGES.burst
     assert desk.core.asked == []
-    assert take(sealed(5, "kill")) is not None
-    assert take(sealed(5, "kill")) is None  # played again
+    assert desk.take(sealed(5, "kill")) is not None
+    assert desk.take(sealed(5, "kill")) is None  # played again
     assert [request.ask for request in desk.core.asked] == [Ask.KILL]
-    assert killing.take(sealed(6), retained=False, now_s=1.0, wall_ms=NOW_MS) is not None  # it is over
+    assert desk.take(sealed(6), now_s=1.0) is not None  # it is over
     assert len(desk.told) == 3  # malformed, flooded, replayed
 
 
-MINUTE_AHEAD = 60_000
-KILLED = (True, "kill: told by phone by MQTT")
+@pytest.fixture
+def pair() -> Desk:
+    """A desk for a tablet that may only hold, and a phone that may also kill."""
+    return Desk(tablet={Ask.HOLD}, phone={Ask.HOLD, Ask.KILL})
 
 
-class Pair(Desk):
-    """A tablet that may only hold, and a phone that may also kill."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        sessions = (f"{number:032x}" for number in range(1, 1000))
-        keys = {
-            "tablet": ClientKey(KEY, frozenset({Ask.HOLD})),
-            "phone": ClientKey(OTHER_KEY, frozenset({Ask.HOLD, Ask.KILL})),
-        }
-        self.gate = Gatekeeper(PLACE, keys, self.core.ask, lambda: next(sessions), self.told.append)
-
-    def kill(self, number: int = 1, **more: Any) -> tuple[bool, str] | None:
-        """The phone's kill, and its answer."""
-        more = {"key": OTHER_KEY, "client": "phone"} | more
-        return self.answer(sealed(number, "kill", **more), more["key"])
+def kill(pair: Desk, number: int = 1, client: str = "phone", **more: Any) -> tuple[bool, str] | None:
+    """What is answered to a client's kill."""
+    return pair.answer(sealed(number, "kill", key=KEYS[client], client=client, **more), KEYS[client])
 
 
-def test_a_kill_waits_for_no_turn() -> None:
-    desk = Pair()
+def test_a_kill_waits_for_no_turn(pair: Desk) -> None:
     for number in range(100):
-        desk.take(sealed(number, "hold", key=OTHER_KEY, client="phone"))
-    assert desk.gate.counts["too_many"] > 0
-    assert desk.kill(1000) == KILLED
+        pair.take(sealed(number, "hold", key=OTHER_KEY, client="phone"))
+    assert pair.gate.counts["too_many"] > 0
+    assert kill(pair, 1000) == (True, "kill: told by phone by MQTT")
 
 
 @pytest.mark.parametrize(
-    ("more", "reason"),
+    ("more", "says"),
     [
-        ({"session": "f" * 32}, "other_session"),
-        ({"expires_ms": NOW_MS}, "expired"),
-        ({"expires_ms": NOW_MS + MINUTE_AHEAD}, "expires_too_late"),
+        ({"session": "f" * 32}, "NOT KILLED, other_session"),
+        ({"expires_ms": NOW_MS}, "NOT KILLED, expired"),
+        ({"expires_ms": NOW_MS + 60_000}, "NOT KILLED, expires_too_late"),
+        ({"client": "tablet"}, "tablet may not ask for kill"),
     ],
 )
-def test_a_kill_that_does_not_count_is_answered_why(more: dict[str, Any], reason: str) -> None:
-    desk = Pair()
-    answer = desk.kill(**more)
+def test_a_kill_that_does_not_count_is_answered_why(pair: Desk, more: dict[str, Any], says: str) -> None:
+    answer = kill(pair, **more)
     assert answer is not None
-    done, says = answer
-    assert not done
-    assert says.startswith(f"NOT KILLED, {reason}")
-    assert desk.core.asked == []
-
-
-def test_the_kill_of_a_client_that_may_not_is_answered_and_not_obeyed() -> None:
-    desk = Pair()
-    assert desk.kill(key=KEY, client="tablet") == (False, "tablet may not ask for kill")
-    assert desk.core.asked == []
+    assert (answer[0], answer[1].startswith(says), pair.core.asked) == (False, True, [])
 
 
 @pytest.mark.parametrize("ask", list(Ask))

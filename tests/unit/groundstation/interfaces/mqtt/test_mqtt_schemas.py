@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from jsonschema import Draft202012Validator
 
-from groundstation.interfaces.mqtt.command import schema_text as text, schemas, topics_table
+from groundstation.interfaces.mqtt.command import schema_text as text, schemas
 from groundstation.interfaces.mqtt.messages import (
     EventMessage,
     HealthMessage,
@@ -17,7 +17,6 @@ from groundstation.interfaces.mqtt.messages import (
 from groundstation.interfaces.mqtt.requests import Place, seal_answer, seal_request
 from tests.sample_flight import sample
 
-BEGIN, END = "<!-- mqtt-topics:begin -->", "<!-- mqtt-topics:end -->"
 DOCS = Path(__file__).parents[5] / "docs" / "reference"
 KEY, PLACE = bytes(range(32)), Place("lab", "mqx")
 REQUEST = seal_request(KEY, PLACE, "0" * 32, "tablet", 1, "land", 2, "wind")
@@ -42,11 +41,6 @@ def test_the_files_are_what_the_command_writes() -> None:
     """Else: ``groundstation-sim dev reference --write docs/reference``."""
     files = {path.name: path.read_text("utf-8") for path in (DOCS / "mqtt-schemas").iterdir()}
     assert files == {name: text(schema) for name, schema in schemas().items()}
-
-
-def test_the_table_of_topics_is_what_the_command_prints() -> None:
-    """Else: ``groundstation-sim dev reference --write docs/reference``."""
-    assert f"{BEGIN}\n{topics_table()}\n{END}" in (DOCS / "mqtt.md").read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", PUBLISHED)

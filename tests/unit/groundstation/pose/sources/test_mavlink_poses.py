@@ -7,14 +7,9 @@ import pytest
 
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Pose
-from groundstation.pose.sources import (
-    LocalPositionDecoder,
-    OdometryDecoder,
-    PoseDecoder,
-)
+from groundstation.pose.sources import LocalPositionDecoder, OdometryDecoder, PoseDecoder
 from groundstation.pose.sources.intake import SourceClock
 from links.mavlink.protocol import MavlinkCodec
-from tests.mavlink_table import golden
 
 CODEC = MavlinkCodec(1, 1)
 D = CODEC.dialect
@@ -49,30 +44,6 @@ def decode(decoder: PoseDecoder, message: Any, arrival_s: float) -> Pose:
     pose = decoder.decode(message, arrival_s)
     assert pose is not None, decoder.intake.dropped
     return pose
-
-
-def test_px4s_own_odometry_becomes_a_pose_in_its_own_numbers() -> None:
-    g = golden("ODOMETRY")
-    (message,) = CODEC.feed(g.frame)
-    pose = decode(OdometryDecoder(0.0), message, 5.0)
-    assert pose.position_ned == (g.fields["x"], g.fields["y"], g.fields["z"])
-    assert pose.attitude == tuple(g.fields["q"])
-    assert pose.velocity_ned == (g.fields["vx"], g.fields["vy"], g.fields["vz"])
-    assert pose.reset_count == g.fields["reset_counter"]
-    assert (pose.id, pose.arrival_s) == (0, 5.0)
-
-
-def test_ardupilots_own_position_and_attitude_become_a_pose_in_its_own_numbers() -> None:
-    at, turned = golden("LOCAL_POSITION_NED", "ArduCopter"), golden("ATTITUDE_QUATERNION", "ArduCopter")
-    (place,) = CODEC.feed(at.frame)
-    (direction,) = CODEC.feed(turned.frame)
-    direction.time_boot_ms = place.time_boot_ms
-    decoder = LocalPositionDecoder(0.0)
-    assert decoder.decode(direction, 5.0) is None
-    pose = decode(decoder, place, 5.0)
-    assert pose.position_ned == tuple(at.fields[k] for k in "xyz")
-    assert pose.velocity_ned == tuple(at.fields[k] for k in ("vx", "vy", "vz"))
-    assert pose.attitude == tuple(turned.fields[k] for k in ("q1", "q2", "q3", "q4"))
 
 
 @pytest.mark.parametrize(("quality", "taken"), [(-1, 0), (-128, 0), (0, 1), (1, 1), (100, 1)])

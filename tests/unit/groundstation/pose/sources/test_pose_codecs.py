@@ -106,12 +106,19 @@ def natnet_frame(*bodies: natnet_codec.RigidBody, **told: bool) -> bytes:
     return natnet_codec.encode_frame(msgspec.structs.replace(frame, **told), (4, 1))
 
 
+def motive(*rows: int, heard: int = 2, **keys: bool) -> NatNetReader:
+    """A reader that has heard so many messages of the handshake, and these rows of the golden table."""
+    reader, table = NatNetReader("quad", Intake(0.0), **keys), TABLES["natnet 4.1"]
+    for datagram in [*map(bytes.fromhex, table.prelude[:heard]), *(table.rows[row].datagram for row in rows)]:
+        reader.read(datagram, 0.0)
+    return reader
+
+
 OURS = natnet_codec.RigidBody(2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def test_a_frame_of_edit_mode_or_playback_is_never_flown_and_the_server_is_asked_who_it_is() -> None:
-    reader = NatNetReader("quad", Intake(0.0))
-    heard(reader, "natnet 4.1", 0)
+    reader = motive(0)
     reader.due()
     assert reader.read(natnet_frame(OURS, live=False), 0.01) == ()
     assert reader.status.dropped == {"not_live": 1}
@@ -119,15 +126,10 @@ def test_a_frame_of_edit_mode_or_playback_is_never_flown_and_the_server_is_asked
 
 
 def test_a_changed_bit_stream_has_the_descriptions_asked_for_again() -> None:
-    reader = NatNetReader("quad", Intake(0.0))
-    heard(reader, "natnet 4.1", 0)
+    reader = motive(0)
     assert len(reader.read(natnet_frame(OURS, bitstream_changed=True), 0.01)) == 1
     reader.read(natnet_frame(OURS), 0.02)
-    asks = [
-        NatNetMessage.CONNECT,
-        NatNetMessage.REQUEST_MODELDEF,
-        NatNetMessage.KEEPALIVE,
-    ]
+    asks = [NatNetMessage.CONNECT, NatNetMessage.REQUEST_MODELDEF, NatNetMessage.KEEPALIVE]
     assert ids(reader.due()) == asks
     reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[0]), 0.03)
     assert ids(reader.due()) == asks[1:]
@@ -146,30 +148,20 @@ def test_a_server_with_an_older_bit_stream_is_asked_for_ours_and_the_operator_to
     assert NatNetMessage.REQUEST not in ids(reader.due()) and reader.status.dropped == {"wrong_version": 1}
 
 
-def heard(reader: NatNetReader, name: str, *rows: int) -> None:
-    for datagram in TABLES[name].prelude:
-        reader.read(bytes.fromhex(datagram), 0.0)
-    for row in rows:
-        reader.read(TABLES[name].rows[row].datagram, 0.0)
-
-
 def ids(messages: Sequence[bytes]) -> list[int]:
     return [natnet_codec.split(message)[0] for message in messages]
 
 
 def test_a_client_connects_then_asks_for_names_then_keeps_alive() -> None:
-    reader = NatNetReader("quad", Intake(0.0))
-    assert reader.due() == reader.due() == [bytes.fromhex("0000 0500") + b"Ping\0"]
-    reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[0]), 0.0)
-    assert ids(reader.due()) == [NatNetMessage.REQUEST_MODELDEF, NatNetMessage.KEEPALIVE]
-    reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[1]), 0.0)
+    silent, reader = motive(heard=0), motive()
+    assert silent.due() == silent.due() == [bytes.fromhex("0000 0500") + b"Ping\0"]
+    assert ids(motive(heard=1).due()) == [NatNetMessage.REQUEST_MODELDEF, NatNetMessage.KEEPALIVE]
     assert reader.names == ("wand", "quad")
     assert ids(reader.due()) == [NatNetMessage.KEEPALIVE]
 
 
 def test_names_are_asked_for_again_where_the_models_change_and_poses_go_on() -> None:
-    reader = NatNetReader("quad", Intake(0.0), keep_alive=False)
-    heard(reader, "natnet 4.1", 0)
+    reader = motive(0, keep_alive=False)
     frame = natnet_frame(OURS, models_changed=True)
     assert len(reader.read(frame, 0.01)) == 1
     assert ids(reader.due()) == [NatNetMessage.REQUEST_MODELDEF]
@@ -182,7 +174,8 @@ def test_names_are_asked_for_again_where_the_models_change_and_poses_go_on() -> 
 
 def test_a_pose_is_as_old_as_motive_says_and_the_networks_least_on_top() -> None:
     reader = NatNetReader("quad", Intake(0.001, Frames("nue", "fur")))
-    heard(reader, "natnet 4.1")
+    for datagram in TABLES["natnet 4.1"].prelude:
+        reader.read(bytes.fromhex(datagram), 0.0)
     (pose,) = reader.read(TABLES["natnet 4.1"].rows[0].datagram, 5.0)
     assert pose.time_s == pytest.approx(5.0 - 0.005 - 0.001, abs=1e-9)
     assert reader.status.latency_s == pytest.approx(0.006, abs=1e-9)

@@ -5,7 +5,6 @@ import os
 
 import pytest
 
-from groundstation.core.geometry import Vec3, so3
 from groundstation.pose.sources import ViconConfig
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import (
@@ -13,36 +12,35 @@ from groundstation.pose.sources.vicon_codec import (
     ViconReader,
     decode,
     encode,
-    euler_xyz_from_quaternion,
     pose_of,
     quaternion_from_euler_xyz,
 )
 from tests.loops import free_address, in_real_time
-from tests.vicon_table import OURS, TABLE, Dropped, Readable
+from tests.pose_tables import OURS, VICON, ViconDropped, ViconReadable
 
-readable = pytest.mark.parametrize("row", TABLE.readable, ids=lambda row: row.about)
-dropped = pytest.mark.parametrize("row", TABLE.dropped, ids=lambda row: row.about)
+readable = pytest.mark.parametrize("row", VICON.readable, ids=lambda row: row.about)
+dropped = pytest.mark.parametrize("row", VICON.dropped, ids=lambda row: row.about)
 
 
 @readable
-def test_the_reader_finds_what_the_golden_datagram_says(row: Readable) -> None:
+def test_the_reader_finds_what_the_golden_datagram_says(row: ViconReadable) -> None:
     assert decode(row.datagram) == (row.frame_number, row.objects)
 
 
 @readable
-def test_the_writer_gives_the_golden_datagram_byte_for_byte(row: Readable) -> None:
+def test_the_writer_gives_the_golden_datagram_byte_for_byte(row: ViconReadable) -> None:
     assert encode(row.frame_number, row.objects, row.size) == row.datagram
 
 
 @readable
-def test_a_decoder_gives_its_own_object_in_metres_and_as_a_quaternion(row: Readable) -> None:
+def test_a_decoder_gives_its_own_object_in_metres_and_as_a_quaternion(row: ViconReadable) -> None:
     (own,) = (item for item in row.objects if item.name == OURS)
     # The table's mqx is at (1234.5, -250.25, 1000) mm in every row.
     assert pose_of(own) == ((1.2345, -0.25025, 1.0), quaternion_from_euler_xyz((0.0625, -0.125, 1.5)))
 
 
 @dropped
-def test_a_datagram_of_no_use_is_counted_by_reason_and_dropped(row: Dropped) -> None:
+def test_a_datagram_of_no_use_is_counted_by_reason_and_dropped(row: ViconDropped) -> None:
     reader = ViconReader(OURS, Intake(0.0, frame_s=0.02))
     for count in (1, 2):
         assert reader.read(row.datagram, 0.0) == ()
@@ -91,32 +89,5 @@ async def test_a_port_in_use_is_named_with_what_to_do() -> None:
 
 def test_a_misspelt_name_shows_the_names_that_are_there() -> None:
     reader = ViconReader("mqX", Intake(0.0, frame_s=0.02))
-    assert reader.read(TABLE.readable[1].datagram, 0.0) == ()
+    assert reader.read(VICON.readable[1].datagram, 0.0) == ()
     assert reader.names == ("wand", "mqx")
-
-
-# In the lab's z-up frame with the object's axes forward, left, up.
-S, C = math.sin(math.radians(10.0)), math.cos(math.radians(10.0))
-QUARTER = math.pi / 2.0
-
-
-@pytest.mark.parametrize(
-    ("rotation", "forward", "left"),
-    [
-        # Nose up is a left-handed turn about y, which points left.
-        ((0.0, math.radians(-10.0), 0.0), (C, 0.0, S), (0.0, 1.0, 0.0)),
-        # Rolled right lifts the left side.
-        ((math.radians(10.0), 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, C, S)),
-        # Turned left, seen from above.
-        ((0.0, 0.0, math.radians(10.0)), (C, S, 0.0), (-S, C, 0.0)),
-        # Two quarter turns tell the order: z acts first, so forward goes to y, and x then lifts y to z.
-        ((QUARTER, 0.0, QUARTER), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)),
-        # y acts before x: forward goes down to -z, and x then carries -z to y.
-        ((QUARTER, QUARTER, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-    ],
-)
-def test_the_angles_turn_the_object_the_way_they_should(rotation: Vec3, forward: Vec3, left: Vec3) -> None:
-    attitude = quaternion_from_euler_xyz(rotation)
-    assert so3.to_world(attitude, (1.0, 0.0, 0.0)) == pytest.approx(forward, abs=1e-15)
-    assert so3.to_world(attitude, (0.0, 1.0, 0.0)) == pytest.approx(left, abs=1e-15)
-    assert euler_xyz_from_quaternion(attitude) == pytest.approx(rotation, abs=1e-15) or abs(rotation[1]) == QUARTER

@@ -1,13 +1,17 @@
-"""Recordings in which the system id alone does not tell the sender, and files that are no .tlog."""
+"""Made-up flights as a .tlog, of which everything is known: what is found, whose it is, and files that are none."""
 
+import json
 import random
 import struct
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given, strategies as st
 
+from groundstation.analysis.evidence.evidence import describe_flight, examine_flight
 from groundstation.analysis.evidence.flight import MEASURED, SETPOINT, ImportedFlight
 from groundstation.analysis.evidence.tlog import read_tlog
 from groundstation.config import ConfigError
@@ -24,21 +28,25 @@ def read(folder: Path, data: bytes) -> ImportedFlight:
     return read_tlog(file, 0.01)
 
 
+@pytest.fixture
+def usual(tmp_path: Path) -> ImportedFlight:
+    return read(tmp_path, FLIGHT.tlog())
+
+
 def stamped(frames: list[tuple[int, bytes]]) -> bytes:
     return b"".join(struct.pack(">Q", START_US + us) + frame for us, frame in frames)
 
 
-def test_a_companion_with_the_vehicles_system_id_commands_it(tmp_path: Path) -> None:
-    usual = read(tmp_path, FLIGHT.tlog())
+def test_a_companion_with_the_vehicles_system_id_commands_it(tmp_path: Path, usual: ImportedFlight) -> None:
     assert len(usual.of(SETPOINT)) == 500
-    found = read(tmp_path, Flight(duration_s=2.0, ground=COMPANION).tlog())
-    assert found == usual
+    assert read(tmp_path, Flight(duration_s=2.0, ground=COMPANION).tlog()) == usual
 
 
 @pytest.mark.parametrize("bridge", [BRIDGE, (7, 197)])
-def test_the_odometry_of_a_bridge_is_no_pose_of_the_vehicle(tmp_path: Path, bridge: tuple[int, int]) -> None:
-    found = read(tmp_path, Flight(duration_s=2.0, bridge=bridge).tlog())
-    assert found == read(tmp_path, FLIGHT.tlog())
+def test_the_odometry_of_a_bridge_is_no_pose_of_the_vehicle(
+    tmp_path: Path, bridge: tuple[int, int], usual: ImportedFlight
+) -> None:
+    assert read(tmp_path, Flight(duration_s=2.0, bridge=bridge).tlog()) == usual
 
 
 def test_a_bridge_alone_flies_nothing_and_the_sender_of_its_poses_is_named(tmp_path: Path) -> None:
@@ -46,11 +54,11 @@ def test_a_bridge_alone_flies_nothing_and_the_sender_of_its_poses_is_named(tmp_p
         read(tmp_path, Flight(duration_s=2.0, bridge=BRIDGE, poses=lambda _: False).tlog())
 
 
-def test_a_companion_that_calls_itself_an_autopilot_does_not_come_first(tmp_path: Path) -> None:
+def test_a_companion_that_calls_itself_an_autopilot_does_not_come_first(tmp_path: Path, usual: ImportedFlight) -> None:
     heart = MavlinkCodec(*BRIDGE).pack(D.MAVLink_heartbeat_message(18, 0, 0, 0, 4, 3))
     flight = Flight(duration_s=2.0, bridge=BRIDGE)
     found = read(tmp_path, stamped([(0, heart), *flight.frames()]))
-    assert found.of(MEASURED) == read(tmp_path, FLIGHT.tlog()).of(MEASURED)
+    assert found.of(MEASURED) == usual.of(MEASURED)
 
 
 def test_set_points_for_another_component_are_none_of_the_vehicles(tmp_path: Path) -> None:
@@ -97,16 +105,63 @@ def test_log_times_that_are_none_tell_no_flight(stamp: Callable[[int], bytes], s
         read(tmp_path, b"".join(stamp(START_US + us) + frame for us, frame in FLIGHT.frames()))
 
 
-def test_poses_of_a_second_vehicle_are_counted_and_not_used(tmp_path: Path) -> None:
+def test_poses_of_a_second_vehicle_are_counted_and_not_used(tmp_path: Path, usual: ImportedFlight) -> None:
     heart = MavlinkCodec(2, 1).pack(D.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
     found = read(tmp_path, stamped([(0, heart), *Flight(duration_s=2.0, bridge=(2, 1)).frames()]))
-    usual = read(tmp_path, FLIGHT.tlog())
     assert found.messages == usual.messages
     assert found.notes == usual.notes + Counter({"poses of system 2, component 1": len(usual.of(MEASURED))})
 
 
-def test_damage_that_leaves_most_of_a_flight_is_only_counted(tmp_path: Path) -> None:
-    data = FLIGHT.tlog()
-    found = read(tmp_path, data + bytes(4096))
-    assert found.messages == read(tmp_path, data).messages
+def test_damage_that_leaves_most_of_a_flight_is_only_counted(tmp_path: Path, usual: ImportedFlight) -> None:
+    found = read(tmp_path, FLIGHT.tlog() + bytes(4096))
+    assert found.messages == usual.messages
     assert found.notes["garbage"] == 4096
+
+
+NO_LAG = ("vehicle.thrust_lag_s=0.0", "vehicle.rate_lag_s=0.0")
+
+
+def examined(flight: Flight, folder: Path) -> dict[str, Any]:
+    file = folder / "flight.tlog"
+    file.write_bytes(flight.tlog())
+    return examine_flight(file, None, NO_LAG)
+
+
+def test_stamps_that_repeat_or_run_back_are_counted(tmp_path: Path) -> None:
+    found = examined(Flight(stamp_us=lambda us: us - 40_000 if us and us % 100_000 == 0 else us), tmp_path)
+    assert found["left_out"] == {"out_of_order": 109}
+    again = examined(Flight(stamp_us=lambda us: us - 20_000 if us == 4_000_000 else us), tmp_path)
+    assert again["left_out"] == {"same_stamp": 1}
+
+
+def test_an_outage_is_the_longest_gap(tmp_path: Path) -> None:
+    found = examined(Flight(poses=lambda t: not 4.0 < t < 4.35), tmp_path)
+    assert found["gap_max_ms"] == pytest.approx(350.0, abs=21.0)
+
+
+def test_a_jump_with_a_reset_is_not_taken_for_motion(tmp_path: Path) -> None:
+    usual = examined(Flight(), tmp_path)
+    told = examined(Flight(moved=lambda t: (3.0, 7) if t >= 5.0 else (0.0, 6)), tmp_path)
+    assert told["prediction"]["60"]["rms_mm"] < 1.5 * usual["prediction"]["60"]["rms_mm"]
+
+
+@pytest.mark.parametrize("error", [0.05, 0.5])
+def test_an_autopilot_whose_velocity_is_not_that_of_its_positions_is_found_out(tmp_path: Path, error: float) -> None:
+    found = examined(Flight(velocity_error=(0.0, error, 0.0)), tmp_path)
+    assert found["velocity_off_m_s"] == pytest.approx(error, abs=0.01)
+    assert f"its own velocity is {found['velocity_off_m_s']:.3f} m/s RMS from" in describe_flight(found)
+
+
+SHORT = FLIGHT.tlog()
+
+
+@given(st.data())
+def test_no_damage_to_a_file_makes_a_replay_fail(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+    damaged = bytearray(SHORT)
+    for _ in range(data.draw(st.integers(1, 20))):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
+    file = tmp_path_factory.mktemp("damaged") / "flight.tlog"
+    file.write_bytes(damaged[: data.draw(st.integers(3 * len(damaged) // 4, len(damaged)))])
+    found = examine_flight(file)
+    json.dumps(found, allow_nan=False)
+    assert describe_flight(found)

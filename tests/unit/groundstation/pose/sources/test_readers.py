@@ -1,0 +1,219 @@
+"""Readers of each source: bodies that are not seen or share a name, and two trackers that send to one port."""
+
+import json
+import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from groundstation.core.geometry import IDENTITY, Vec3
+from groundstation.core.messages import Others
+from groundstation.pose.sources import Intake, JsonReader, NatNetReader, QualisysReader, ViconReader, VisionReader
+from groundstation.pose.sources.intake import FEW_POSES, PoseReader
+from groundstation.pose.sources.json_codec import encode as encode_json, json_pose
+from groundstation.pose.sources.mavlink_codec import VisionEstimate, encode_vision
+from groundstation.pose.sources.motioncapture_child import describe_body
+from groundstation.pose.sources.natnet_codec import (
+    NatNetFrame,
+    RigidBody,
+    ServerInfo,
+    encode_frame,
+    encode_models,
+    encode_server_info,
+)
+from groundstation.pose.sources.qualisys_codec import encode_data
+from groundstation.pose.sources.vicon_codec import ViconObject, encode
+from links.mavlink.protocol import MavlinkCodec
+
+# By their numbers: a limit that the test took from the code would bear out any value.
+ALONE_S = 1.0
+BOTH_S = 3.0
+
+PLACE: Vec3 = (1.0, 2.0, 0.5)
+NAN: Vec3 = (math.nan, math.nan, math.nan)
+FIRST = ("10.0.0.5", 51001)
+SECOND = ("10.0.0.7", 40123)
+FRAME_S = 0.02
+ASIDE_M = 1.5
+"""How far aside the second tracker sees the vehicle [m]."""
+
+
+def vicon(n: int, north_m: float = 0.0, *names: str) -> bytes:
+    place = (1e3 * north_m + 0.1 * (n % 3), 0.0, 500.0)
+    return encode(n, [ViconObject(name, place, (0.0, 0.0, 0.1)) for name in names or ("quad",)])
+
+
+def json_line(n: int, north_m: float = 0.0, *names: str) -> bytes:
+    place = (north_m + 1e-4 * (n % 3), 0.0, 0.5)
+    return encode_json([json_pose(name, place, IDENTITY, t=FRAME_S * n) for name in names or ("quad",)])
+
+
+def vision(n: int, north_m: float = 0.0, *names: str) -> bytes:
+    place = (north_m + 1e-4 * (n % 3), 0.0, -0.5)
+    return encode_vision(MavlinkCodec(1, 197), VisionEstimate(FRAME_S * n, place, IDENTITY))
+
+
+def motioncapture(n: int, north_m: float = 0.0, *names: str) -> bytes:
+    body = SimpleNamespace(position=PLACE, rotation=SimpleNamespace(w=1.0, x=0.0, y=0.0, z=0.0))
+    return json.dumps([{"name": name, "t": FRAME_S * n, **describe_body(body)} for name in names]).encode()
+
+
+def natnet(n: int, north_m: float = 0.0, *names: str) -> bytes:
+    numbers = [1 if name == "quad" else 2 for name in names or ("quad", "wand")]
+    bodies = tuple(RigidBody(number, PLACE, (0.0, 0.0, 0.0, 1.0)) for number in numbers)
+    return encode_frame(NatNetFrame(n, bodies, 10_000 * n + 1, 10_000 * n + 2), (3, 0))
+
+
+def qualisys(n: int, north_m: float = 0.0, *names: str) -> bytes:
+    return encode_data(10_000 * n, n, [(PLACE, IDENTITY)] * len(names))[8:]
+
+
+Line = Callable[..., bytes]
+"""The datagram of a frame: its number, where the bodies are in the north [m], and their names."""
+LINES: dict[str, Line] = {
+    "vicon": vicon,
+    "json": json_line,
+    "vision": vision,
+    "motioncapture": motioncapture,
+    "natnet": natnet,
+    "qualisys": qualisys,
+}
+
+
+def reader(kind: str, others: Others | None = None) -> Any:
+    intake = Intake(0.0, others=others or Others(()), frame_s=FRAME_S if kind == "vicon" else None)
+    if kind == "vicon":
+        return ViconReader("quad", intake)
+    if kind == "vision":
+        return VisionReader(intake)
+    if kind == "qualisys":
+        qtm = QualisysReader("quad", intake)
+        qtm.names = ("quad", "quad")
+        return qtm
+    if kind == "natnet":
+        motive = NatNetReader("quad", intake)
+        motive.read(encode_server_info(ServerInfo("Motive", (3, 0), 1_000_000)), 0.0)
+        motive.read(encode_models({"quad": 1, "wand": 2}, (3, 0)), 0.0)
+        return motive
+    return JsonReader("quad", intake, Intake(0.0, frame_s=FRAME_S))
+
+
+@pytest.mark.parametrize("kind", [kind for kind in LINES if kind != "vision"])
+def test_of_two_bodies_with_the_vehicle_s_name_or_id_neither_is_flown(kind: str) -> None:
+    source = reader(kind)
+    assert [list(source.read(LINES[kind](n, 0.0, "quad", "quad"), FRAME_S * n)) for n in (1, 2)] == [[], []]
+    assert source.status.dropped == {"same_name": 2}
+
+
+def test_two_rigid_bodies_of_one_name_are_told_apart_by_a_streaming_id_alone() -> None:
+    models = encode_models({"quad": 1, "wand": 2}, (3, 0)).replace(b"wand", b"quad")
+    for body_id, expected in ((None, 0), (2, 1)):
+        motive = NatNetReader("quad", Intake(0.0), body_id=body_id)
+        motive.read(encode_server_info(ServerInfo("Motive", (3, 0), 1_000_000)), 0.0)
+        motive.read(models, 0.0)
+        assert len(motive.read(natnet(1), 0.01)) == expected
+
+
+def test_a_body_without_a_rotation_is_not_seen() -> None:
+    for place, w in ((PLACE, 0.0), (PLACE, math.nan), (NAN, 1.0)):
+        turn = SimpleNamespace(w=w, x=0.0, y=0.0, z=0.0)
+        assert describe_body(SimpleNamespace(position=place, rotation=turn))["valid"] is False
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        '{"name": "NAME", "t": 1, "valid": false}',
+        '{"name": "NAME", "t": 1, "position": null, "quaternion": null}',
+        '{"name": "NAME", "t": 1, "position": [0, 0, 0], "quaternion": null}',
+        '{"name": "NAME", "t": 1, "position": null, "quaternion": {"w": 1, "x": 0, "y": 0, "z": 0}}',
+    ],
+)
+def test_a_place_that_is_left_out_or_null_is_one_that_is_not_seen(hidden: str) -> None:
+    others = Others(("wand",))
+    source = reader("json", others)
+    assert source.read(hidden.replace("NAME", "quad").encode(), 1.0) == ()
+    assert source.status.dropped == {"not_tracked": 1}
+    seen = '{"name": "quad", "t": 2, "position": [1, 2, 3], "quaternion": [1, 0, 0, 0]}'
+    assert len(source.read(f"[{hidden.replace('NAME', 'wand')}, {seen}]".encode(), 2.0)) == 1, "beside one not seen"
+    assert others.sighting("wand") is None
+
+
+def test_a_body_that_is_seen_must_have_a_place() -> None:
+    source = reader("json")
+    assert source.read(b'{"name": "quad", "t": 1, "quaternion": [1, 0, 0, 0]}', 1.0) == ()
+    assert source.status.dropped == {"wrong_schema": 1}
+
+
+def test_what_python_writes_of_a_number_that_is_none_loses_no_other_body() -> None:
+    """``json.dumps`` writes NaN, which is no JSON."""
+    source = reader("json")
+    lost = {"name": "wand", "position": NAN, "quaternion": [math.nan, 0.0, 0.0, 0.0]}
+    seen = {"name": "quad", "t": 1.0, "position": PLACE, "quaternion": [1.0, 0.0, 0.0, 0.0]}
+    assert len(source.read(json.dumps([lost, seen]).encode(), 1.0)) == 1
+    assert source.read(json.dumps({**seen, "t": 2.0, "position": NAN}).encode(), 2.0) == ()
+    assert source.read(json.dumps({**seen, "t": math.inf}).encode(), 2.0) == ()
+    assert source.status.dropped == {"not_finite": 2}
+    for text in (b"[NaN", b'{"name": NaN}', b"NaN", b'{"name": "quad", "t": Infinity}'):
+        assert source.read(text, 3.0) == ()
+    assert source.status.accepted == 1
+
+
+def listen(source: PoseReader, frames: range, line: Line, *senders: object) -> list[float]:
+    """Read the frames of the first sender where the vehicle is, of each other aside; returns where poses put it."""
+    norths = []
+    for n in frames:
+        for k, sender in enumerate(senders):
+            source.sender = sender
+            # The second tracker's clock is ahead, as one's that was started later may be.
+            data = line(n + 500 * k, ASIDE_M * k)
+            norths += [pose.position_ned[0] for pose in source.read(data, FRAME_S * n + 0.001 * k)]
+    return norths
+
+
+@pytest.mark.parametrize("kind", ["vicon", "json", "vision"])
+def test_the_first_of_two_senders_is_used_and_both_are_named(kind: str) -> None:
+    source, line = reader(kind), LINES[kind]
+    assert len(listen(source, range(50), line, FIRST)) == 50
+    both = listen(source, range(50, 150), line, FIRST, SECOND)
+    assert len(both) == 100
+    assert all(abs(north) < 0.1 for north in both)
+    assert source.status.dropped == {"second_sender": 100}
+    assert "come from two addresses, 10.0.0.5:51001 and 10.0.0.7:40123" in source.status.advice
+    listen(source, range(150, 151 + round(BOTH_S / FRAME_S)), line, FIRST)
+    assert source.status.advice == ""
+
+
+@pytest.mark.parametrize("kind", ["vicon", "json", "vision"])
+def test_two_senders_that_begin_at_once_are_told_within_a_few_poses(kind: str) -> None:
+    source = reader(kind)
+    norths = listen(source, range(50), LINES[kind], FIRST, SECOND)
+    assert sum(abs(north) < 0.1 for north in norths) >= 50 - FEW_POSES, "of two clocks none keeps the other's"
+    assert source.status.dropped["second_sender"] == 50 - FEW_POSES
+    assert "come from two addresses, 10.0.0.5:51001 and 10.0.0.7:40123" in source.status.advice
+
+
+def test_a_tracker_that_takes_over_from_one_that_fell_silent_is_no_second_one() -> None:
+    source = reader("json")
+    listen(source, range(50), json_line, FIRST)
+    later = 51 + round(ALONE_S / FRAME_S)
+    assert len(listen(source, range(later, later + 50), json_line, SECOND)) == 50
+    assert (source.status.dropped, source.status.advice) == ({}, "")
+
+
+def test_a_program_that_sends_each_datagram_from_another_port_is_one_sender() -> None:
+    source = reader("json")
+    assert all(listen(source, range(n, n + 1), json_line, ("10.0.0.5", 40000 + n)) for n in range(300))
+    assert (source.status.dropped, source.status.advice) == ({}, "")
+
+
+def test_two_trackers_that_each_send_a_body_of_their_own_do_not_compete() -> None:
+    source = reader("json")
+    for n in range(100):
+        assert listen(source, range(n, n + 1), json_line, FIRST)
+        source.sender = SECOND
+        assert not source.read(json_line(n, 1.0, "cart"), FRAME_S * n)
+    assert source.status.dropped == {"no_such_body": 100}
+    assert source.status.advice == ""
