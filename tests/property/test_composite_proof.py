@@ -26,7 +26,8 @@ from groundstation.core.estimation import (
 from groundstation.core.estimation.estimator import KalmanGain
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.trajectory import LemniscateConfig
-from tests.property.test_effectiveness import dense
+from tests.property.test_effectiveness import dense, transition
+from tests.property.test_law import small, vec, vec3
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Reference: TypeAlias = Callable[[float], tuple[Vec3, Vec3]]
@@ -34,13 +35,6 @@ Reference: TypeAlias = Callable[[float], tuple[Vec3, Vec3]]
 
 MASS = 0.08
 GRAVITY = Gains().gravity
-small = st.floats(-3.0, 3.0)
-vec = st.tuples(small, small, small)
-
-
-def vec3(values: Any) -> Vec3:
-    x, y, z = (float(value) for value in values)
-    return (x, y, z)
 
 
 def radius(law: Gains) -> float:
@@ -362,7 +356,7 @@ def test_the_inverse_covariance_is_a_lyapunov_function_for_any_intervals_and_any
     for h, noise, moving in poses:
         before = size_in(covariance, e)
         covariance = predict_covariance(covariance, h, DEFAULT._replace(position=0.04 if moving else 0.0))
-        e = np.array([[1, h, h * h / 2, h**3 / 6], [0, 1, h, h * h / 2], [0, 0, 1, h], [0, 0, 0, 1]]) @ e
+        e = transition(h)[:4, :4] @ e
         gain, covariance = update_covariance(covariance, noise * noise)
         e = e - np.array(gain) * e[0]
         if moving:

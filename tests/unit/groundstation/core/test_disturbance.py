@@ -4,19 +4,17 @@ import math
 
 import pytest
 
-from groundstation.core.geometry import ZERO
+from groundstation.core.geometry import IDENTITY, ZERO, Quat
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import DisturbanceMeter, DisturbanceReading, Estimate
 from groundstation.core.vehicle import Motion
 
 MASS_KG = 0.08
 THRUST_N = 0.9
-LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
-def estimate(wind_down: float, scale: float, deviation: float = 0.02, attitude: tuple[float, ...] = LEVEL) -> Estimate:
-    w, x, y, z = attitude
-    motion = Motion(ZERO, ZERO, (w, x, y, z), THRUST_N, ZERO)
+def estimate(wind_down: float, scale: float, deviation: float = 0.02, attitude: Quat = IDENTITY) -> Estimate:
+    motion = Motion(ZERO, ZERO, attitude, THRUST_N, ZERO)
     return Estimate(0.0, motion, (0.1, -0.2, wind_down), ZERO, scale, deviation)
 
 
@@ -26,10 +24,6 @@ def read(*estimates: Estimate, apart_s: float = 0.1) -> DisturbanceReading:
         meter.add(apart_s * number, one)
     assert meter.reading is not None
     return meter.reading
-
-
-def test_before_the_first_command_there_is_no_reading() -> None:
-    assert DisturbanceMeter(MASS_KG).reading is None
 
 
 def test_the_sum_is_the_same_however_it_is_split() -> None:
@@ -65,7 +59,8 @@ def test_a_reading_is_the_mean_of_the_last_second() -> None:
     assert read(*old, *new).wind_down_m_s2 == pytest.approx(0.5)
 
 
-def test_a_controller_without_the_observer_has_no_reading() -> None:
+def test_before_the_first_command_and_without_the_observer_there_is_no_reading() -> None:
     meter = DisturbanceMeter(MASS_KG)
+    assert meter.reading is None
     meter.add(0.0, estimate(0.0, math.nan))
     assert meter.reading is None

@@ -322,13 +322,9 @@ BEE: dict[str, Any] = {
 }
 
 
-def config_of(table: dict[str, Any]) -> Config:
-    return from_dict(table, Config)
-
-
 def beside(*others: dict[str, Any]) -> Check:
-    running = [entry_of(config_of(other), "daemon", 77) for other in others]
-    return Company(config_of(ANT), None, lambda: running, None)(standing(), 1.0)[0]
+    running = [entry_of(from_dict(other, Config), "daemon", 77) for other in others]
+    return Company(from_dict(ANT, Config), None, lambda: running, None)(standing(), 1.0)[0]
 
 
 @pytest.mark.parametrize(
@@ -351,7 +347,7 @@ def test_equal_names_of_running_flights_are_told(change: dict[str, Any], verdict
 
 def test_a_bridge_is_compared_by_its_port() -> None:
     bridge = Running(pid=77, command="rf-bridge", vehicle="0.0.0.0:14600", link="crsf /dev/ttyUSB0")
-    config = config_of({**ANT, "link": {"kind": "crsf", "port": "/dev/ttyUSB0"}})
+    config = from_dict({**ANT, "link": {"kind": "crsf", "port": "/dev/ttyUSB0"}}, Config)
     assert Company(config, None, lambda: [bridge], None)(standing(), 1.0)[0].verdict is Verdict.FAIL
 
 
@@ -392,5 +388,5 @@ def test_once_it_takes_off_only_those_count_that_are_looked_for() -> None:
     bodies.see("cat", 1.0, (1.0, 0.0, 0.0))
     assert (bodies.names, bodies.bodies) == (("bee",), ("bee", "cat"))
     assert bodies.unseen(0.0) == ("bee",)
-    Company(config_of(ANT), bodies, tuple, None).leave()
+    Company(from_dict(ANT, Config), bodies, tuple, None).leave()
     assert ("bee" in bodies, "cat" in bodies, "dog" in bodies) == (True, False, False)

@@ -68,18 +68,14 @@ def test_two_flights_in_one_second_get_two_names(tmp_path: Path) -> None:
     assert set(list_recordings(tmp_path)) == {first, second}
 
 
-def test_the_oldest_go_when_all_take_too_much_their_tlogs_with_them(tmp_path: Path) -> None:
+def test_the_oldest_go_when_all_take_too_much_their_tlogs_with_them_and_those_that_are_too_old(tmp_path: Path) -> None:
     for day in range(1, 6):
         flight(tmp_path, day, tlog=True)
     removed = tidy(config(tmp_path, gb=6.5e-6), NOW)
     assert [path.name[6:8] for path in removed] == ["01", "02"]
     assert len(kept(tmp_path)) == 6
-
-
-def test_those_that_are_too_old_go_however_small(tmp_path: Path) -> None:
-    for day in (1, 20, 30):
-        flight(tmp_path, day)
-    assert [path.name[6:8] for path in tidy(config(tmp_path, days=15.0), NOW)] == ["01"]
+    removed = tidy(config(tmp_path, days=26.5), NOW)
+    assert [path.name[6:8] for path in removed] == ["03", "04"], "however small"
 
 
 def test_the_newest_a_running_one_and_files_of_others_always_stay(tmp_path: Path) -> None:

@@ -18,30 +18,29 @@ def pose(time_s: float, **more: Any) -> Pose:
     return Pose(number, time_s, time_s + 0.01, (2.0 * time_s, 0.0, -1.0), **{"attitude": so3.IDENTITY, **more})
 
 
-def forwarded(times_s: list[float], rate_hz: float = 40.0, age_s: float = 0.01) -> list[float]:
+def forwarded(times_s: list[float], age_s: float) -> list[float]:
     """The times of those poses that are forwarded [s], each taken at an age of ``age_s``."""
-    forward = Forward(ForwardConfig(rate_hz=rate_hz, oldest_s=0.05), 0.0)
+    forward = Forward(ForwardConfig(rate_hz=40.0, oldest_s=0.05), 0.0)
     return [t for t in times_s if forward.take(pose(t, velocity_ned=(2.0, 0.0, 0.0)), t + age_s) is not None]
 
 
 @pytest.mark.parametrize(
-    ("times_s", "left_s"),
+    ("times_s", "age_s", "left_s"),
     [
         # every second of 80 a second at 40 a second
-        ([0.0125 * n for n in range(9)], [0.0, 0.025, 0.05, 0.075, 0.1]),
+        ([0.0125 * n for n in range(9)], 0.01, [0.0, 0.025, 0.05, 0.075, 0.1]),
         # a tenth of the period early is in time, more is not
-        ([0.0, 0.0226, 0.05, 0.0724, 0.0726], [0.0, 0.0226, 0.05, 0.0726]),
+        ([0.0, 0.0226, 0.05, 0.0724, 0.0726], 0.01, [0.0, 0.0226, 0.05, 0.0726]),
         # after an outage the period begins anew: no burst makes up for what was missing
-        ([0.0, 0.025, 0.09, 0.10, 0.115, 0.14], [0.0, 0.025, 0.09, 0.115, 0.14]),
+        ([0.0, 0.025, 0.09, 0.10, 0.115, 0.14], 0.01, [0.0, 0.025, 0.09, 0.115, 0.14]),
+        ([0.0], 0.05, [0.0]),
+        ([0.0], 0.051, []),  # too old
     ],
 )
-def test_the_rate_is_kept_by_the_time_of_the_poses(times_s: list[float], left_s: list[float]) -> None:
-    assert forwarded(times_s) == pytest.approx(left_s)
-
-
-@pytest.mark.parametrize(("age_s", "leaves"), [(0.05, True), (0.051, False)])
-def test_a_pose_that_is_too_old_is_not_forwarded(age_s: float, leaves: bool) -> None:
-    assert forwarded([0.0], age_s=age_s) == ([0.0] if leaves else [])
+def test_the_rate_is_kept_by_the_time_of_the_poses_and_none_is_too_old(
+    times_s: list[float], age_s: float, left_s: list[float]
+) -> None:
+    assert forwarded(times_s, age_s) == pytest.approx(left_s)
 
 
 @pytest.mark.parametrize(
