@@ -370,11 +370,11 @@ def _look_further(trajectory: Trajectory, span_s: float, references: Sequence[Re
     """
     if trajectory.duration_s is not None or span_s <= 0.0:
         return None
-    places = list(zip(*(one.position_ned for one in references), strict=True))
+    box = [(min(axis), max(axis)) for axis in zip(*(one.position_ned for one in references), strict=True)]
     for k in range(1, FURTHER_LOOKS + 1):
         time_s = span_s + k * FURTHER_S / FURTHER_LOOKS
         first, second, third = (trajectory.at(time_s + i * DIFFERENCE_S) for i in range(3))
-        beyond = [max(min(axis) - at, at - max(axis), 0.0) for at, axis in zip(first.position_ned, places, strict=True)]
+        beyond = [max(low - at, at - high, 0.0) for at, (low, high) in zip(first.position_ned, box, strict=True)]
         if not math.hypot(*beyond) <= BOX_SPARE_M:
             far = math.hypot(*beyond)
             return Inconsistency(time_s=time_s, name="period", declared=span_s, found=far, unit="m")
