@@ -4,10 +4,8 @@ The path of such a file (a vehicle, a preset, a CSV) is relative to the configur
 checked values are those that fly.
 """
 
-from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 from msgspec import inspect as mi
@@ -15,6 +13,9 @@ from msgspec import inspect as mi
 from groundstation.config.config_notices import config_notice
 from groundstation.config.errors import ConfigError, KeyPath, Problem, refuse_io
 from groundstation.config.schema import default_of, find_struct, inspect_struct, suggest
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 
 class FromFile:
@@ -115,9 +116,16 @@ def _read_text(file: Path, path: KeyPath) -> str:
         raise Problem(path, config_notice("file.unread", path=repr(str(file)), why=error)) from None
 
 
+def _shipped(folder: str) -> "Traversable":
+    """Return a folder that comes along."""
+    from importlib import resources  # with what it brings, milliseconds of every start
+
+    return resources.files("groundstation") / folder
+
+
 def shipped_texts(folder: str) -> dict[str, str]:
     """Return the text of each TOML file in a folder that comes along, by name and in the order of their names."""
-    files = [file for file in (resources.files("groundstation") / folder).iterdir() if file.name.endswith(".toml")]
+    files = [file for file in _shipped(folder).iterdir() if file.name.endswith(".toml")]
     texts = {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files}
     return dict(sorted(texts.items()))
 
@@ -149,10 +157,10 @@ def copy_examples(folder: Path) -> None:
         ConfigError: it exists, or can't be written.
     """
     with refuse_io("--all", "file.unwritten", folder):
-        _copy(resources.files("groundstation") / "examples", folder)
+        _copy(_shipped("examples"), folder)
 
 
-def _copy(source: Traversable, target: Path) -> None:
+def _copy(source: "Traversable", target: Path) -> None:
     if source.is_dir():
         target.mkdir()
         for each in source.iterdir():

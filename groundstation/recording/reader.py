@@ -3,15 +3,11 @@
 import os
 import struct
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import msgspec
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader, breakup_chunk
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import notice
@@ -25,10 +21,6 @@ if TYPE_CHECKING:
 
 _RECORD = struct.Struct("<BQ")
 """Head of a record: its kind, and its number of bytes."""
-_RECORD_BYTES = 1 << 28
-"""No record of ours is longer: a length beyond it is damage."""
-_DATA = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)
-"""Records before the index. mcap passes over other records; here they are damaged chunks."""
 
 
 @contextmanager
@@ -130,13 +122,16 @@ class Recording:
 
     def _records(self, topics: Collection[str], *, growing: bool = False) -> Iterator[Entry | None]:
         """The messages on ``topics``; where it is ``growing``, None instead of an end that is none."""
+        from mcap.records import Chunk, DataEnd, Metadata  # only now: a flight that reads none needs no mcap
+
+        from groundstation.recording.strict_reader import DAMAGE, StrictReader, read_messages
+
         self.whole, self.damaged_at, self.result = False, None, {}
         names: dict[int, str] = {}
         with self.path.open("rb") as file:
             at = len(MAGIC)
             try:
-                reader = _Strict(file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_BYTES)
-                records = reader.records
+                records = StrictReader(file).records
                 while True:
                     while growing and not _is_next_whole(file) and is_being_written(self.path):
                         yield None
@@ -145,7 +140,8 @@ class Recording:
                         case None:
                             break
                         case Chunk():
-                            yield from _messages(record, topics, names)
+                            for topic, message in read_messages(record, topics, names):
+                                yield Entry(topic, message.log_time, message.data)
                         case Metadata(name="about"):
                             self.about = dict(record.metadata)
                         case Metadata(name="result"):
@@ -153,22 +149,10 @@ class Recording:
                         case DataEnd():
                             self.whole = True
                     at = file.tell()
-            except (McapError, struct.error, ValueError, EOFError, MemoryError, _decompression_error()):
+            except DAMAGE:
                 self.whole = False
                 if not _ends_early(file):
                     self.damaged_at = at
-
-
-class _Strict(StreamReader):
-    """mcap's reader, for which a kind of record that is out of place is damage."""
-
-    _in_index = False
-
-    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        if not self._in_index and opcode not in _DATA:
-            raise McapError(f"a record of kind {opcode} among the data")
-        self._in_index = self._in_index or opcode == Opcode.DATA_END
-        return super()._read_record(opcode, length)
 
 
 def _is_next_whole(file: BinaryIO) -> bool:
@@ -186,17 +170,6 @@ def _ends_early(file: BinaryIO) -> bool:
     return reached == size and file.read() != MAGIC
 
 
-def _messages(chunk: Chunk, topics: Collection[str], names: dict[int, str]) -> Iterator[Entry]:
-    """The messages of a chunk on ``topics``; ``names`` keeps the channels. A damaged chunk gives none."""
-    for record in breakup_chunk(chunk, validate_crc=True):
-        match record:
-            case Channel(id=number, topic=topic, message_encoding="json"):  # others are for viewers
-                if not topics or topic in topics:
-                    names[number] = topic
-            case Message(channel_id=number) if number in names:
-                yield Entry(names[number], record.log_time, record.data)
-
-
 def quick_headline(path: Path) -> tuple[dict[str, str], FlightHeadline, bool]:
     """About, headline, and whether the recording has its end: from its index where there is one.
 
@@ -207,12 +180,11 @@ def quick_headline(path: Path) -> tuple[dict[str, str], FlightHeadline, bool]:
     """
     from mcap.reader import make_reader
 
+    from groundstation.recording.strict_reader import DAMAGE
+
     found: dict[str, dict[str, str]] = {}
-    try:
-        with path.open("rb") as file:
-            found = {metadata.name: dict(metadata.metadata) for metadata in make_reader(file).iter_metadata()}
-    except (McapError, struct.error, ValueError, EOFError, MemoryError, OSError):  # the last of a file of a few bytes
-        pass
+    with suppress(*DAMAGE, OSError), path.open("rb") as file:  # the last of a file of a few bytes
+        found = {metadata.name: dict(metadata.metadata) for metadata in make_reader(file).iter_metadata()}
     if "about" in found and "result" in found:
         return found["about"], from_texts(found["result"]), True
     recording = Recording(path)
@@ -227,13 +199,6 @@ def from_texts(result: dict[str, str]) -> FlightHeadline:
         FlightHeadline,
         strict=False,
     )
-
-
-def _decompression_error() -> type[Exception]:
-    import zstandard
-
-    error: type[Exception] = zstandard.ZstdError
-    return error
 
 
 def flatten(value: Any, name: str = "") -> dict[str, Any]:

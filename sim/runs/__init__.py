@@ -16,4 +16,4 @@ from sim.runs.simulation import (
     simulate,
 )
 from sim.runs.stage import Stage
-from sim.runs.workers import Flyers, Workers
+from sim.runs.workers import Flyers

@@ -1,42 +1,13 @@
-"""Worker processes: flights on several cores, ended by Ctrl-C without a word of theirs, also while they start."""
+"""Flights on several cores."""
 
-import concurrent.futures as cf  # noqa: TID251  # processes, no threads; no flight sees them
-import multiprocessing
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
-from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
-from types import TracebackType
-from typing import ParamSpec, Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
-from groundstation.config import ConfigError
-from sim.text import notice
+if TYPE_CHECKING:
+    from sim.runs.pool import Workers
 
-P = ParamSpec("P")
 A = TypeVar("A")
 T = TypeVar("T")
-
-
-class Workers(cf.ProcessPoolExecutor):
-    """Pool of processes. After an exception it begins nothing more."""
-
-    def __init__(self, count: int) -> None:
-        """Nothing is started before there is work. Spawned: a forked process would inherit this one's threads."""
-        super().__init__(count, multiprocessing.get_context("spawn"), _obey_ctrl_c)
-
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> cf.Future[T]:
-        """See :class:`concurrent.futures.Executor`; it may start a process."""
-        if getattr(multiprocessing.current_process(), "_inheriting", False):
-            raise SystemExit(1)  # a worker reads the user's script, which asks for workers at once: who began says so
-        resource_tracker.ensure_running()  # it would let SIGINT through, half-way
-        with _ctrl_c_later():
-            return super().submit(fn, *args, **kwargs)
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.shutdown(cancel_futures=True)
 
 
 class Flyers:
@@ -64,13 +35,10 @@ class Flyers:
             yield from ((i, fn(one)) for i, one in enumerate(work))
             return
         if self._pool is None:
+            from sim.runs.pool import Workers  # only now: one flight alone needs no processes
+
             self._pool = Workers(self.workers)
-        begun = {self._pool.submit(fn, one): i for i, one in enumerate(work)}
-        try:
-            for future in cf.as_completed(begun):
-                yield begun[future], future.result()
-        except BrokenProcessPool:
-            raise ConfigError("--workers", notice("sim.worker_ended")) from None
+        yield from self._pool.as_done(fn, work)
 
     def each(
         self, fn: Callable[[A], T], work: Sequence[A], on_done: Callable[[int], None] = lambda done: None
@@ -81,27 +49,3 @@ class Flyers:
             found[number] = result
             on_done(len(found))
         return [found[i] for i in range(len(work))]
-
-
-@contextmanager
-def _ctrl_c_later() -> Iterator[None]:
-    """A SIGINT waits: here until the new process has got all it reads, there, which inherits it, until it is obeyed."""
-    came: list[int] = []
-    before = None
-    with suppress(ValueError):  # not the main thread: no Ctrl-C comes here
-        before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        if before is not None:
-            signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt
-
-
-def _obey_ctrl_c() -> None:
-    """In a worker: go at once, without a word. The program says what there is to say."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])

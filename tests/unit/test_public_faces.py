@@ -34,7 +34,7 @@ HEAVY = {"asyncio", "matplotlib", "msgspec", "numpy", "pandas", "pymavlink", "sc
         ("from sim.__main__ import parser; parser().format_help()", HEAVY),
         (
             "from groundstation import simulate; simulate(duration=0.1, record=False)",
-            {"matplotlib", "pandas", "scipy", "textual"},
+            {"matplotlib", "mcap", "multiprocessing", "pandas", "scipy", "textual"},
         ),
     ],
     ids=["import", "help", "help of the simulator", "a simulated flight"],

@@ -3,12 +3,12 @@
 Processes that die in real time are no part of it: tests/e2e kills and freezes each of them.
 """
 
-import concurrent.futures as cf  # noqa: TID251  # processes, not threads, and none of them around an event loop
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import msgspec
 
-from sim.runs import Workers
+from sim.runs import Flyers
 from tests.proving.faults.cell import FlightCopy, fly_together
 from tests.proving.faults.fault import Fault, Kind, name_of
 from tests.proving.faults.faults import CASES, STATES, find_fault
@@ -88,15 +88,14 @@ def fly_all(
         setting = (cell.state, cell.link, told.source, told.overrides, told.kind is Kind.HONEST)
         alike.setdefault((planned.scenario, planned.seed, *setting), []).append(planned)
     jobs = [some[i : i + TOGETHER] for some in alike.values() for i in range(0, len(some), TOGETHER)]
-    with Workers(max(1, min(workers, len(jobs)))) as pool:
-        futures = {pool.submit(_fly_job, job, tuple(overrides)): job for job in jobs}
-        for future in cf.as_completed(futures):
-            rows |= zip(futures[future], future.result(), strict=True)
+    with Flyers(max(1, min(workers, len(jobs)))) as flyers:
+        for number, flown in flyers.as_done(partial(_fly_job, overrides=tuple(overrides)), jobs):
+            rows |= zip(jobs[number], flown, strict=True)
             on_done(len(rows))
     return [rows[planned] for planned in work]
 
 
-def _fly_job(job: Sequence[Planned], overrides: tuple[str, ...]) -> list[Row]:
+def _fly_job(job: Sequence[Planned], *, overrides: tuple[str, ...]) -> list[Row]:
     """Return the rows of flights that are set up alike."""
     first = job[0]
     copies = [copy for planned in job for copy in planned.copies()]
