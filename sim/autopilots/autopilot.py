@@ -39,14 +39,14 @@ class SetPoint:
     """One SET_ATTITUDE_TARGET; what its mask takes out is None."""
 
     def __init__(self, message: Message) -> None:
-        mask = message.type_mask
-        self.thrust: float | None = None if mask & AttitudeTargetMask.IGNORE_THRUST else message.thrust
+        mask = AttitudeTargetMask(message.type_mask)
+        self.thrust: float | None = None if AttitudeTargetMask.IGNORE_THRUST in mask else message.thrust
         self.rates: tuple[float | None, float | None, float | None] = (
-            None if mask & AttitudeTargetMask.IGNORE_ROLL_RATE else message.body_roll_rate,
-            None if mask & AttitudeTargetMask.IGNORE_PITCH_RATE else message.body_pitch_rate,
-            None if mask & AttitudeTargetMask.IGNORE_YAW_RATE else message.body_yaw_rate,
+            None if AttitudeTargetMask.IGNORE_ROLL_RATE in mask else message.body_roll_rate,
+            None if AttitudeTargetMask.IGNORE_PITCH_RATE in mask else message.body_pitch_rate,
+            None if AttitudeTargetMask.IGNORE_YAW_RATE in mask else message.body_yaw_rate,
         )
-        self.attitude: Quat | None = None if mask & AttitudeTargetMask.IGNORE_ATTITUDE else tuple(message.q)
+        self.attitude: Quat | None = None if AttitudeTargetMask.IGNORE_ATTITUDE in mask else tuple(message.q)
 
     @property
     def is_finite(self) -> bool:

@@ -121,6 +121,8 @@ TONES_LEAST = 2.0
 """Least RMS of the tones that is evaluated, as a multiple of the assumed residual [-]."""
 RIDGE = 1e-10
 """Excitation below which nothing was excited [m² s or rad² s]."""
+RIDGES = RIDGE * np.eye(2)
+"""The same for both signals; added to their products, so that these have an inverse."""
 DIAGONAL = math.sqrt(0.5)
 
 
@@ -339,7 +341,7 @@ class _Regression(NamedTuple):
 
 def _regress(along: Array) -> _Regression:
     """Regress e and e across on u and v; ``along`` as in :meth:`Response._judge_tones`."""
-    squares, products = along[..., :2, :2] + RIDGE * np.eye(2), along[..., :2, 2:]
+    squares, products = along[..., :2, :2] + RIDGES, along[..., :2, 2:]
     determinant = squares[..., 0, 0] * squares[..., 1, 1] - squares[..., 0, 1] ** 2
     inverse = ADJUGATE * squares[..., ::-1, ::-1] / determinant[..., None, None]
     slopes = inverse @ products

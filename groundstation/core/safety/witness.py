@@ -187,21 +187,24 @@ class Witness:
         x, y = self._mounting
         return rotate(multiply((math.cos(half), 0.0, 0.0, math.sin(half)), reported.attitude), (y, -x, 0.0))
 
+    def agrees(self, now_s: float) -> bool | None:
+        """Whether both agree at ``now_s``; None where that is not known, as while one of both is missing."""
+        if now_s - self._at_s > SILENT_S:
+            return None
+        if self._disagrees_since_s is not None:
+            return False
+        return True if self._at_s - self._known_s < KNOWN_S else None
+
     def verdict(self, now_s: float) -> Agreement | None:
         """Result at ``now_s``; None while the poses or the attitudes are missing."""
         if self._mounting is None or now_s - self._at_s > SILENT_S:
             return None
         alike, unlike = self._moves.compare()
-        agrees: bool | None = None
-        if self._disagrees_since_s is not None:
-            agrees = False
-        elif self._at_s - self._known_s < KNOWN_S:
-            agrees = True
         return Agreement(
             alarm=self._alarm,
             tilt_deg=math.degrees(math.hypot(*self._tilt)),
             mounting_deg=math.degrees(math.hypot(*self._mounting)),
-            agrees=agrees,
+            agrees=self.agrees(now_s),
             disagrees_since_s=self._disagrees_since_s,
             alike=alike,
             unlike=unlike,

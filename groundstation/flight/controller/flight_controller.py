@@ -185,8 +185,7 @@ class FlightController:
         if not self.is_dismissed:
             self._report_disagreement(witness)
         if self.state in IN_AIR:
-            agreement = witness.verdict(now_s)
-            self._pilot.set_autopilot_agreement(None if agreement is None else agreement.agrees)
+            self._pilot.set_autopilot_agreement(witness.agrees(now_s))
         in_poses = witness.in_poses(attitude)
         if attitude.rates_rad_s is not None:  # by radio, a stall of the telemetry does not concern commands
             self._uplink.take_telemetry(now_s)
