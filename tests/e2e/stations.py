@@ -5,10 +5,11 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -27,6 +28,40 @@ def run_here(main: Callable[[], int], *words: str | Path) -> "subprocess.Complet
         except SystemExit as end:  # of a parser
             code = int(end.code or 0)
     return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
+
+
+def program(*words: str | Path) -> list[str]:
+    """The command line of ``python -m WORDS``."""
+    return [sys.executable, "-m", *map(str, words)]
+
+
+def run_command(command: Sequence[str | Path], **more: Any) -> "subprocess.CompletedProcess[str]":
+    """How a process of its own ends within a minute and what it says; nobody is at its standard input."""
+    usual = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.run(command, **usual | more, text=True, timeout=60, check=False)
+
+
+@contextmanager
+def beside(command: Sequence[str | Path], **more: Any) -> Iterator["subprocess.Popen[str]"]:
+    """A process whose output is to be read; whatever has become of it, it ends with this."""
+    with subprocess.Popen(command, **{"stdout": subprocess.PIPE, "text": True} | more) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+def line_of(process: "subprocess.Popen[str]") -> str:
+    """The next line that it says."""
+    assert process.stdout is not None
+    return process.stdout.readline()
+
+
+@contextmanager
+def serving(*words: str | Path, **more: Any) -> Iterator[str]:
+    """``groundstation-sim serve WORDS``; its first line, which says what it serves."""
+    with beside(program("sim", "serve", *words), **more) as server:
+        yield line_of(server)
 
 
 def free_udp_port() -> int:
@@ -48,8 +83,6 @@ class Room:
     folder: Path
     mavlink: int = field(default_factory=free_udp_port)
     vicon: int = field(default_factory=free_udp_port)
-    server: "subprocess.Popen[str] | None" = None
-    """The simulated side, to be frozen or killed."""
 
     @property
     def status_socket(self) -> Path:
@@ -72,40 +105,16 @@ class Room:
     def station(self, command: str, *arguments: str) -> list[str]:
         """The command line of ``groundstation fly`` or ``daemon`` in this room."""
         return [
-            *(sys.executable, "-m", "groundstation", command, str(EXAMPLE), *self.wires, *QUICK_LANDING),
+            *program("groundstation", command, EXAMPLE, *self.wires, *QUICK_LANDING),
             *("--set", f"status.path={self.status_socket}", "--set", f"recording.folder={self.recordings}", *arguments),
         ]
 
 
-REFUSING = """
-import sys
-from sim.autopilots import SimulatedAutopilot
-from sim.__main__ import main
-
-SimulatedAutopilot.lacks = property(lambda _: {says!r}, lambda *_: None)
-sys.exit(main())
-"""
-"""A program that serves an autopilot which refuses to arm, in these words."""
-
-
 @contextmanager
-def served(scenario: str = "paper", *, says: str = "") -> Iterator[Room]:
-    """A room with a simulated vehicle in it; with ``says``, one that refuses to arm and says this."""
-    program = ["-c", REFUSING.format(says=says)] if says else ["-m", "sim"]
+def served() -> Iterator[Room]:
+    """A room with a simulated vehicle in it."""
     with tempfile.TemporaryDirectory(prefix="gs-") as folder:
         room = Room(Path(folder))
-        server = subprocess.Popen(
-            [sys.executable, *program, "serve", scenario, *room.wires, "--duration", "100"],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        try:
-            assert server.stdout is not None
-            assert "serving" in server.stdout.readline()
-            room.server = server
+        with serving("paper", *room.wires, "--duration", "100") as says:
+            assert "serving" in says
             yield room
-        finally:
-            server.terminate()
-            server.wait(60)
-            assert server.stdout is not None
-            server.stdout.close()

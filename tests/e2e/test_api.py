@@ -1,13 +1,12 @@
 """The core API over real UNIX sockets: who may attach, what they get, and what they can't do."""
 
-# ruff: noqa: ASYNC240  # a glance at a file does not hold up a test
+# a glance at a file does not hold up a test
 
 import asyncio
 import contextlib
 import os
 import re
 import stat
-import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any, cast
@@ -20,115 +19,121 @@ from groundstation.core.messages import Ask, Request, Snapshot
 from groundstation.interfaces.api import Control, Server, ask_station, server as api_server, snapshots
 from groundstation.interfaces.api.client import open_client
 from groundstation.machine import ApiError, Latest, StatusConfig, find_socket, socket_path
+from tests.e2e.stations import program
 from tests.loops import in_real_time
 from tests.sample_flight import Sampled, sample
 
 
-async def listening(path: Path) -> bool:
-    try:
-        _, writer = await asyncio.open_unix_connection(path)
-    except OSError:
-        return False
-    writer.close()
-    return True
+class Station:
+    """A core that is asked, and the socket at which it is served."""
 
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.latest: Latest[Snapshot] = Latest()
+        self.core = Sampled()
+        self.log: list[str] = []
 
-@contextlib.asynccontextmanager
-async def served(
-    path: Path, latest: Latest[Snapshot], rate_hz: float = 50.0, core: Sampled | None = None
-) -> AsyncIterator[asyncio.Task[None]]:
-    task = asyncio.create_task(
-        Server(StatusConfig(path=str(path), rate_hz=rate_hz), "mqx", latest, core or Sampled()).serve()
-    )
-    while not await listening(path) and not task.done():
-        await asyncio.sleep(0.001)
-    await asyncio.sleep(0.05)  # until the server knows that this first visitor has left
-    try:
-        yield task
-    finally:
-        await asyncio.sleep(0.02)  # a visitor is let in whole before the door is closed
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        await asyncio.sleep(0.02)  # both ends of every connection are closed by then
+    def server(self, rate_hz: float = 50.0) -> Server:
+        config = StatusConfig(path=str(self.path), rate_hz=rate_hz)
+        return Server(config, "mqx", self.latest, self.core, log=lambda told: self.log.append(told.text))
+
+    @contextlib.asynccontextmanager
+    async def up(self, rate_hz: float = 50.0) -> AsyncIterator[Server]:
+        server = self.server(rate_hz)
+        task = asyncio.create_task(server.serve())
+        while not await self.listens() and not task.done():
+            await asyncio.sleep(0.001)
+        await asyncio.sleep(0.05)  # until the server knows that this first visitor has left
+        try:
+            yield server
+        finally:
+            await asyncio.sleep(0.02)  # a visitor is let in whole before the door is closed
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            await asyncio.sleep(0.02)  # both ends of every connection are closed by then
+
+    async def listens(self) -> bool:
+        try:
+            _, writer = await asyncio.open_unix_connection(self.path)
+        except OSError:
+            return False
+        writer.close()
+        return True
+
+    async def first(self) -> Snapshot:
+        return await anext(aiter(snapshots(self.path)))
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
-    """Where the socket is."""
-    return tmp_path / "mqx.sock"
+def station(tmp_path: Path) -> Station:
+    return Station(tmp_path / "mqx.sock")
 
 
 @pytest.fixture
-def latest() -> Latest[Snapshot]:
-    """What is served."""
-    return Latest()
-
-
-async def first(path: Path) -> Snapshot:
-    async for snapshot in snapshots(path):
-        return snapshot
-    raise AssertionError("nothing was served")
+def runtime(short_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which a station that is told no path has its socket, and is looked for."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_path))
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    return short_path / "groundstation"
 
 
 @in_real_time
-async def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_the_newest(
-    path: Path, latest: Latest[Snapshot]
-) -> None:
-    async with served(path, latest):
-        early = asyncio.create_task(first(path))
+async def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_the_newest(station: Station) -> None:
+    async with station.up():
+        early = asyncio.create_task(station.first())
         await asyncio.sleep(0.05)
         assert not early.done()
-        latest.put(sample(1.0))
+        station.latest.put(sample(1.0))
         assert await early == sample(1.0)
-        latest.put(sample(2.0))
-        assert await first(path) == sample(2.0)
-        stream = snapshots(path)
+        station.latest.put(sample(2.0))
+        assert await station.first() == sample(2.0)
+        stream = snapshots(station.path)
         assert await anext(stream) == sample(2.0)
-        latest.put(sample(3.0))
+        station.latest.put(sample(3.0))
         assert await anext(stream) == sample(3.0)
 
 
 @in_real_time
-async def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(path: Path, latest: Latest[Snapshot]) -> None:
-    async with served(path, latest):
-        assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert not path.exists()
+async def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(station: Station) -> None:
+    async with station.up():
+        assert stat.S_IMODE(station.path.stat().st_mode) == 0o600
+    assert not station.path.exists()
 
 
 @in_real_time
 async def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_end_of_the_stream(
-    path: Path, latest: Latest[Snapshot]
+    station: Station,
 ) -> None:
     seen: list[str] = []
 
     async def watch() -> None:
-        async for snapshot in snapshots(path):
+        async for snapshot in snapshots(station.path):
             seen.append(snapshot.state)
 
-    async with served(path, latest, rate_hz=1.0):
-        latest.put(sample(1.0))
+    async with station.up(1.0):
+        station.latest.put(sample(1.0))
         watcher = asyncio.create_task(watch())
         while not seen:
             await asyncio.sleep(0.01)
-        latest.put(sample(2.0, state="landed"))
+        station.latest.put(sample(2.0, state="landed"))
     await watcher
     assert seen == ["tracking", "landed"]
 
 
 @in_real_time
-async def test_no_client_gets_more_than_the_configured_rate(path: Path, latest: Latest[Snapshot]) -> None:
+async def test_no_client_gets_more_than_the_configured_rate(station: Station) -> None:
     seen = []
 
     async def watch() -> None:
-        async for snapshot in snapshots(path):
+        async for snapshot in snapshots(station.path):
             seen.append(snapshot)
 
-    async with served(path, latest, rate_hz=10.0):
+    async with station.up(10.0):
         watcher = asyncio.create_task(watch())
         loop = asyncio.get_running_loop()
         start = loop.time()
         for i in range(100):
-            latest.put(sample(0.01 * i))
+            station.latest.put(sample(0.01 * i))
             await asyncio.sleep(0.01)
         watcher.cancel()
         most = 10.0 * (loop.time() - start) + 2.0
@@ -136,15 +141,15 @@ async def test_no_client_gets_more_than_the_configured_rate(path: Path, latest: 
 
 
 @in_real_time
-async def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(path: Path, latest: Latest[Snapshot]) -> None:
+async def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(station: Station) -> None:
     large = msgspec.structs.replace(sample(0.0), reason="x" * 100_000)
-    latest.put(large)
-    async with served(path, latest):
-        sleepy, writer = await asyncio.open_unix_connection(path)
-        stream = snapshots(path)
+    station.latest.put(large)
+    async with station.up():
+        sleepy, writer = await asyncio.open_unix_connection(station.path)
+        stream = snapshots(station.path)
         for _ in range(30):
             assert await anext(stream) == large
-            latest.put(large)
+            station.latest.put(large)
         got = 0
         with contextlib.suppress(ConnectionError):
             while chunk := await sleepy.read(1 << 20):
@@ -154,21 +159,18 @@ async def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(path: Pa
 
 
 @in_real_time
-async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(
-    path: Path, latest: Latest[Snapshot]
-) -> None:
-    core = Sampled()
-    async with served(path, latest, core=core):
-        _, writer = await asyncio.open_unix_connection(path)
+async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(station: Station) -> None:
+    async with station.up():
+        _, writer = await asyncio.open_unix_connection(station.path)
         flood = asyncio.create_task(_flood(writer))
         await asyncio.sleep(0.3)
         assert not flood.done()
-        assert 0 < len(core.asked) <= api_server.ORDERS.burst + api_server.ORDERS.rate_hz * 0.4
-        async with open_client(path) as client:
+        assert 0 < len(station.core.asked) <= api_server.ORDERS.burst + api_server.ORDERS.rate_hz * 0.4
+        async with open_client(station.path) as client:
             answer = await client.ask(Request(Ask.LAND, "too windy"))
             assert answer.done
-            latest.put(sample(2.0))
-            assert await first(path) == sample(2.0)
+            station.latest.put(sample(2.0))
+            assert await station.first() == sample(2.0)
         flood.cancel()
         writer.close()
 
@@ -201,55 +203,47 @@ BAD: dict[str, bytes] = {
 @pytest.mark.parametrize("line", BAD.values(), ids=BAD)
 @in_real_time
 async def test_what_is_no_order_does_nothing_but_a_counter_one_log_line_and_one_refusal(
-    line: bytes, path: Path, latest: Latest[Snapshot]
+    line: bytes, station: Station
 ) -> None:
-    core, log = Sampled(), list[str]()
-    server = Server(StatusConfig(path=str(path)), "mqx", latest, core, log=lambda told: log.append(told.text))
-    task = asyncio.create_task(server.serve())
-    while not path.exists() or not await listening(path):
-        await asyncio.sleep(0.01)
-    reader, writer = await asyncio.open_unix_connection(path)
-    await reader.readline()
-    await reader.readline()
-    writer.write(line)
-    refusal = msgspec.json.decode(await reader.readline())
-    assert list(refusal) == ["refused"]
-    if len(line) < 60_000:
-        writer.write(line)
+    async with station.up() as server:
+        reader, writer = await asyncio.open_unix_connection(station.path)
         await reader.readline()
-        writer.write(b'{"id": 9, "ask": "land"}\n')
-        assert msgspec.json.decode(await reader.readline())["answer"]["done"]
-        assert core.asked == [Request(Ask.LAND, f"told by client {os.getpid()}")]
-        assert server.refused.total() == 2
-    else:
-        assert await reader.read() == b""
-        assert core.asked == []
-    assert len(log) == 1
-    assert core.gains == {}
-    writer.close()
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
-
-
-@in_real_time
-async def test_an_order_that_is_played_again_does_nothing(path: Path, latest: Latest[Snapshot]) -> None:
-    core = Sampled()
-    async with served(path, latest, core=core):
-        reader, writer = await asyncio.open_unix_connection(path)
-        writer.write(b'{"id": 5, "ask": "land"}\n{"id": 5, "ask": "kill"}\n{"id": 4, "ask": "kill"}\n')
-        says = [msgspec.json.decode(await reader.readline()) for _ in range(5)]
-        assert [next(iter(one)) for one in says] == ["hello", "control", "answer", "refused", "refused"]
-        assert [request.ask for request in core.asked] == [Ask.LAND]
+        await reader.readline()
+        writer.write(line)
+        refusal = msgspec.json.decode(await reader.readline())
+        assert list(refusal) == ["refused"]
+        if len(line) < 60_000:
+            writer.write(line)
+            await reader.readline()
+            writer.write(b'{"id": 9, "ask": "land"}\n')
+            assert msgspec.json.decode(await reader.readline())["answer"]["done"]
+            assert station.core.asked == [Request(Ask.LAND, f"told by client {os.getpid()}")]
+            assert server.refused.total() == 2
+        else:
+            assert await reader.read() == b""
+            assert station.core.asked == []
+        assert len(station.log) == 1
+        assert station.core.gains == {}
         writer.close()
 
 
 @in_real_time
-async def test_one_client_holds_control_until_it_goes_and_anyone_may_land(path: Path, latest: Latest[Snapshot]) -> None:
-    core = Sampled()
+async def test_an_order_that_is_played_again_does_nothing(station: Station) -> None:
+    async with station.up():
+        reader, writer = await asyncio.open_unix_connection(station.path)
+        writer.write(b'{"id": 5, "ask": "land"}\n{"id": 5, "ask": "kill"}\n{"id": 4, "ask": "kill"}\n')
+        says = [msgspec.json.decode(await reader.readline()) for _ in range(5)]
+        assert [next(iter(one)) for one in says] == ["hello", "control", "answer", "refused", "refused"]
+        assert [request.ask for request in station.core.asked] == [Ask.LAND]
+        writer.close()
+
+
+@in_real_time
+async def test_one_client_holds_control_until_it_goes_and_anyone_may_land(station: Station) -> None:
     me = f"tui {os.getpid()}"
-    async with served(path, latest, core=core), open_client(path, "other") as other:
+    async with station.up(), open_client(station.path, "other") as other:
         assert other.control == Control(None, False)
-        async with open_client(path, "tui") as holder:
+        async with open_client(station.path, "tui") as holder:
             assert (await holder.take_control()).done
             assert (await anext(other)) == Control(None, False)
             assert (await anext(other)) == Control(me, False)
@@ -258,26 +252,25 @@ async def test_one_client_holds_control_until_it_goes_and_anyone_may_land(path: 
             assert not refused.done and me in refused.says
             refused = await other.ask(Request(Ask.TRACK))
             assert not refused.done and f"control, which {me} holds" in refused.says
-            assert core.asked == []
+            assert station.core.asked == []
             for ask in (Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL):
                 assert (await other.ask(Request(ask, "now"))).done
             assert (await holder.ask(Request(Ask.TRACK))).done
             assert not (await holder.ask(Request(Ask.HOLD))).done
         assert (await anext(other)) == Control(None, False)
         assert (await other.take_control()).done
-        assert f"{me} has gone" in core.notes[1]
-    assert core.asked[0] == Request(Ask.LAND, f"now (other {os.getpid()})")
+        assert f"{me} has gone" in station.core.notes[1]
+    assert station.core.asked[0] == Request(Ask.LAND, f"now (other {os.getpid()})")
 
 
 @in_real_time
-async def test_arming_names_the_vehicle(path: Path, latest: Latest[Snapshot]) -> None:
-    core = Sampled()
-    async with served(path, latest, core=core), open_client(path, "tui") as client:
+async def test_arming_names_the_vehicle(station: Station) -> None:
+    async with station.up(), open_client(station.path, "tui") as client:
         assert (await client.take_control()).done
         for vehicle in ("", "mqy"):
             answer = await client.ask(Request(Ask.ARM), vehicle=vehicle)
             assert not answer.done and "expected 'mqx'" in answer.says
-        assert core.asked == []
+        assert station.core.asked == []
         assert (await client.ask(Request(Ask.ARM), vehicle="mqx")).done
 
 
@@ -304,106 +297,91 @@ def test_what_is_no_request_is_refused_in_one_sentence_before_anybody_is_looked_
 
 
 @in_real_time
-async def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(
-    path: Path, latest: Latest[Snapshot]
-) -> None:
-    with pytest.raises(ApiError, match=f"{path}: no ground station serves there"):
-        await ask_station(Request(Ask.LAND), socket=str(path))
-    core = Sampled()
-    async with served(path, latest, core=core):
-        assert (await ask_station(Request(cast("Ask", "land")), socket=str(path))).done
-    assert [one.ask for one in core.asked] == [Ask.LAND]
+async def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(station: Station) -> None:
+    with pytest.raises(ApiError, match=f"{station.path}: no ground station serves there"):
+        await ask_station(Request(Ask.LAND), socket=str(station.path))
+    async with station.up():
+        assert (await ask_station(Request(cast("Ask", "land")), socket=str(station.path))).done
+    assert [one.ask for one in station.core.asked] == [Ask.LAND]
 
 
 @in_real_time
 async def test_the_python_of_the_page_asks_the_station_to_fly_there(
-    short_path: Path, latest: Latest[Snapshot], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    runtime: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_path))
-    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
     page = (Path(__file__).parents[2] / "docs/reference/api.md").read_text("utf-8")
     (shown,) = re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S)
-    core = Sampled()
-
-    async with served(short_path / "groundstation" / "mqx.sock", latest, core=core):
+    station = Station(runtime / "mqx.sock")
+    async with station.up():
         await asyncio.to_thread(exec, shown, {})
-    (asked,) = core.asked
+    (asked,) = station.core.asked
     assert asked.ask is Ask.GOTO and [point.yaw_deg for point in asked.points] == [None, 90.0]
     assert capsys.readouterr().out
 
 
 @in_real_time
 async def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are_two(
-    short_path: Path, latest: Latest[Snapshot], monkeypatch: pytest.MonkeyPatch
+    runtime: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_path))
-    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
-    services = short_path / "services"
-
-    mine, service = short_path / "groundstation" / "mqx.sock", services / "lab" / "x500.sock"
+    mine, service = Station(runtime / "mqx.sock"), Station(tmp_path / "lab" / "x500.sock")
     with pytest.raises(ApiError, match="nobody flies a vehicle here"):
-        await find_socket(None, services)
-    async with served(mine, latest):
-        assert await find_socket(None, services) == mine
-        async with served(service, latest):
+        await find_socket(None, tmp_path)
+    async with mine.up():
+        assert await find_socket(None, tmp_path) == mine.path
+        async with service.up():
             with pytest.raises(ApiError, match="more than one"):
-                await find_socket(None, services)
-            assert await find_socket("x500", services) == service
+                await find_socket(None, tmp_path)
+            assert await find_socket("x500", tmp_path) == service.path
             with pytest.raises(ApiError, match=r"flies '\*'"):
-                await find_socket("*", services)
+                await find_socket("*", tmp_path)
 
 
 @in_real_time
-async def test_who_only_reads_keeps_no_order_out(path: Path, latest: Latest[Snapshot]) -> None:
-    latest.put(sample(1.0))
-    core = Sampled()
-    async with served(path, latest, core=core), contextlib.AsyncExitStack() as stack:
+async def test_who_only_reads_keeps_no_order_out(station: Station) -> None:
+    station.latest.put(sample(1.0))
+    async with station.up(), contextlib.AsyncExitStack() as stack:
         most = api_server.CLIENTS_MAX + api_server.GUESTS_MAX
-        readers = [await stack.enter_async_context(open_client(path)) for _ in range(most)]
+        readers = [await stack.enter_async_context(open_client(station.path)) for _ in range(most)]
         for reader in readers:
             await anext(reader)
-        assert (await ask_station(Request(Ask.KILL), None, path)).done
-        assert core.asked[-1].ask is Ask.KILL
+        assert (await ask_station(Request(Ask.KILL), None, station.path)).done
+        assert station.core.asked[-1].ask is Ask.KILL
         guest = readers.pop(api_server.CLIENTS_MAX)
         with pytest.raises(StopAsyncIteration):
             while True:
                 await anext(guest)
-        latest.put(sample(2.0))
+        station.latest.put(sample(2.0))
         for reader in readers:  # all others are served on
             while await anext(reader) != sample(2.0):
                 pass
 
 
 @in_real_time
-async def test_the_socket_of_a_process_that_was_killed_is_replaced(path: Path, latest: Latest[Snapshot]) -> None:
-    process = await asyncio.create_subprocess_exec(sys.executable, "-m", "tests.sample_flight", str(path))
-    while not path.exists():
+async def test_the_socket_of_a_process_that_was_killed_is_replaced(station: Station) -> None:
+    process = await asyncio.create_subprocess_exec(*program("tests.sample_flight", station.path))
+    while not station.path.exists():
         await asyncio.sleep(0.01)
     process.kill()
     await process.wait()
-    assert path.exists()
-    latest.put(sample(1.0))
-    async with served(path, latest):
-        assert await first(path) == sample(1.0)
+    assert station.path.exists()
+    station.latest.put(sample(1.0))
+    async with station.up():
+        assert await station.first() == sample(1.0)
 
 
 @in_real_time
-async def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_first_goes_on(
-    path: Path, latest: Latest[Snapshot]
-) -> None:
-    latest.put(sample(1.0))
-    async with served(path, latest):
+async def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_first_goes_on(station: Station) -> None:
+    station.latest.put(sample(1.0))
+    async with station.up():
         with pytest.raises(ApiError, match="another ground station is serving this vehicle"):
-            await Server(StatusConfig(path=str(path)), "mqx", latest, Sampled()).serve()
-        assert await first(path) == sample(1.0)
+            await Station(station.path).server().serve()
+        assert await station.first() == sample(1.0)
 
 
 @in_real_time
-async def test_a_place_that_can_not_be_or_is_not_ours_is_refused_and_left_as_it_is(
-    tmp_path: Path, path: Path, latest: Latest[Snapshot]
-) -> None:
+async def test_a_place_that_can_not_be_or_is_not_ours_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    path, shared = tmp_path / "mqx.sock", tmp_path / "shared"
     path.write_text("precious")
-    shared = tmp_path / "shared"
     shared.mkdir()
     shared.chmod(0o777)
     (tmp_path / "link").symlink_to(tmp_path)
@@ -414,7 +392,7 @@ async def test_a_place_that_can_not_be_or_is_not_ours_is_refused_and_left_as_it_
         (tmp_path / ("x" * 120), r"more than the 107 that .* set status\.path to a shorter one"),
     ):
         with pytest.raises(ApiError, match=says):
-            await Server(StatusConfig(path=str(place)), "mqx", latest, Sampled()).serve()
+            await Station(place).server().serve()
     assert path.read_text() == "precious"
 
 

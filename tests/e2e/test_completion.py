@@ -4,11 +4,14 @@ import os
 import pty
 import select
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from groundstation.__main__ import main as flying_main
+from sim.__main__ import main as simulating_main
+from tests.e2e.stations import run_here
 
 SHELLS = {
     "bash": ["--norc", "--noprofile", "-i"],
@@ -16,9 +19,6 @@ SHELLS = {
 }
 BEGIN = {"bash": "PS1=; bind 'set enable-bracketed-paste off'", "zsh": "PS1=; autoload -U compinit; compinit -u"}
 DEADLINE_S = 60.0
-BIN = Path(sys.executable).parent
-
-
 LINES = {
     "groundstation-sim miss": "groundstation-sim mission ",
     "groundstation-sim fly --dura": "--duration ",
@@ -78,9 +78,11 @@ def test_a_tab_completes_commands_scenarios_keys_and_files(
     program = needs_program(shell)
     (tmp_path / "room.toml").touch()
     scripts = []
-    for ours, *command in (("groundstation", "config", "completion"), ("groundstation-sim", "completion")):
+    for ours, main, *command in (
+        ("groundstation", flying_main, "config", "completion"),
+        ("groundstation-sim", simulating_main, "completion"),
+    ):
         scripts.append(tmp_path / ours)
-        with scripts[-1].open("w") as output:
-            subprocess.run([BIN / ours, *command, shell], stdout=output, check=True)
+        scripts[-1].write_text(run_here(main, *command, shell).stdout, "utf-8")
     for typed, shown in shown_for(shell, program, scripts, tmp_path).items():
         assert lines_of(shell)[typed] in shown, typed

@@ -7,14 +7,13 @@ import re
 import signal
 import socket as sockets
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.e2e.stations import Room, served
+from tests.e2e.stations import Room, program, run_command, served
 from tests.e2e.test_real_time import seen
 
 
@@ -46,12 +45,9 @@ class Running:
         self._room = room
         self._log = log
         with log.open("w") as file:
-            self.process = subprocess.Popen(
-                room.station("daemon", *arguments),
-                stderr=file,
-                stdin=subprocess.DEVNULL,
-                env=os.environ | environment,
-            )
+            words = room.station("daemon", *arguments)
+            null = subprocess.DEVNULL
+            self.process = subprocess.Popen(words, stderr=file, stdin=null, env=os.environ | environment)
 
     @property
     def log(self) -> str:
@@ -68,13 +64,7 @@ class Running:
         self.until(lambda: len(re.findall(pattern, self.log)) >= times)
 
     def command(self, *words: str) -> "subprocess.CompletedProcess[str]":
-        return subprocess.run(
-            [sys.executable, "-m", "groundstation", *words, "--socket", str(self._room.status_socket)],
-            capture_output=True,
-            check=False,
-            text=True,
-            timeout=60,
-        )
+        return run_command(program("groundstation", *words, "--socket", self._room.status_socket))
 
 
 @contextmanager
@@ -98,9 +88,7 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
             time.sleep(0.5)
             assert " arming: " not in daemon.log
 
-            second = subprocess.run(
-                room.station("daemon", "--once"), capture_output=True, check=False, text=True, timeout=60
-            )
+            second = run_command(room.station("daemon", "--once"))
             assert second.returncode == 3
             assert f"flown by another ground station already (process {daemon.process.pid}" in second.stderr
 

@@ -1,12 +1,12 @@
 """The documents: every link leads somewhere, pictures are XML, and the site is built without a warning."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+
+from tests.e2e.stations import program, run_command
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [
@@ -61,10 +61,8 @@ def test_a_picture_is_xml_as_strict_browsers_want_it(picture: Path) -> None:
 
 @pytest.mark.matrix  # `make docs` builds it; the tests before follow each link
 def test_every_page_is_in_the_site_and_it_is_built_without_a_warning(tmp_path: Path) -> None:
-    words = ("-m", "mkdocs", "build", "--strict", "--config-file", str(ROOT / ".mkdocs.yml"), "--site-dir")
-    done = subprocess.run(
-        [sys.executable, *words, str(tmp_path / "site")], capture_output=True, text=True, timeout=60, check=False
-    )
+    words = ("mkdocs", "build", "--strict", "--config-file", str(ROOT / ".mkdocs.yml"), "--site-dir")
+    done = run_command(program(*words, tmp_path / "site"))
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "site" / "tutorial" / "first-flight.html").exists()
     assert (tmp_path / "site" / "images" / "frames.svg").exists()

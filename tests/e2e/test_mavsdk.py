@@ -2,10 +2,9 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 
-from tests.e2e.stations import free_udp_port
+from tests.e2e.stations import beside, free_udp_port, serving
 
 FLIGHT = """
 import asyncio, sys
@@ -50,44 +49,19 @@ asyncio.run(main())
 """
 
 
-@contextmanager
-def served(autopilot: str, port: int) -> Iterator["subprocess.Popen[str]"]:
-    server = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "sim", "serve", "--autopilot", autopilot, "--duration", "30"),
-            *("--set", f"link.listen=127.0.0.1:{port}", "--set", f"pose.listen=127.0.0.1:{free_udp_port()}"),
-            *("--set", "sim.floor_z_m=0.4"),
-        ],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert server.stdout is not None
-        assert "serving" in server.stdout.readline()
-        yield server
-    finally:
-        server.terminate()
-        server.wait(60)
-        assert server.stdout is not None
-        server.stdout.close()
-
-
 def test_an_independent_client_flies_the_simulated_autopilots() -> None:
     with ExitStack() as stack:  # both at once: a flight is mostly waiting
         flights = {}
         for autopilot, waits_s in (("px4", "0.5"), ("ardupilot", "2.6")):  # ArduCopter's rotors stand so long
             port = free_udp_port()
-            stack.enter_context(served(autopilot, port))
+            wires = (f"link.listen=127.0.0.1:{port}", f"pose.listen=127.0.0.1:{free_udp_port()}", "sim.floor_z_m=0.4")
+            sets = [word for wire in wires for word in ("--set", wire)]
+            says = stack.enter_context(serving("--autopilot", autopilot, "--duration", "30", *sets))
+            assert "serving" in says
             command = [sys.executable, "-c", FLIGHT, str(port), waits_s]
-            flights[autopilot] = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+            flights[autopilot] = stack.enter_context(beside(command, stderr=subprocess.STDOUT))
         told = {autopilot: flight.communicate(timeout=60)[0] for autopilot, flight in flights.items()}
     for autopilot, text in told.items():
         said = [" ".join(line.split()[:2]) for line in text.splitlines() if line.startswith(("did ", "refused "))]
-        assert said == [
-            "refused early-arm",
-            "did offboard",
-            "did arm",
-            "refused early-disarm",
-            "did land",
-            "did disarm",
-        ], f"{autopilot}: {text}"
+        expected = "refused early-arm, did offboard, did arm, refused early-disarm, did land, did disarm"
+        assert ", ".join(said) == expected, f"{autopilot}: {text}"

@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,7 +18,7 @@ import pytest
 from groundstation import load
 from groundstation.machine import NonBlockingWriter
 from groundstation.recording import NoRecording, Recording
-from tests.e2e.stations import Room, served
+from tests.e2e.stations import EXAMPLE, Room, beside, program, run_command, served
 from tests.recordings import recorded
 
 
@@ -59,29 +61,19 @@ def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
 
 @pytest.mark.tried(2)  # commands
 @pytest.mark.parametrize(
-    "words",
-    [
-        ("groundstation", "config", "show"),
-        ("groundstation", "mqtt", "topics"),
-        ("sim", "scenarios", "--json"),
-        ("sim", "fly", "--duration", "1"),
-    ],
-    ids=" ".join,
+    "line", ["groundstation config show", "groundstation mqtt topics", "sim scenarios --json", "sim fly --duration 1"]
 )
-def test_a_reader_that_has_gone_ends_a_command_without_a_traceback(words: tuple[str, ...]) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-m", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    process.stdout.close()
-    _, said = process.communicate(timeout=60)
+def test_a_reader_that_has_gone_ends_a_command_without_a_traceback(line: str) -> None:
+    with beside(program(*line.split()), stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (1, "")
 
 
 def test_a_full_disk_is_told_of_in_one_line() -> None:
     with open("/dev/full", "w") as full:  # noqa: PTH123  # a device
-        words = [sys.executable, "-m", "groundstation", "config", "show"]
-        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+        done = run_command(program("groundstation", "config", "show"), stdout=full)
     assert (done.returncode, done.stderr) == (1, "the output cannot be written: No space left on device\n")
 
 
@@ -89,9 +81,8 @@ def test_a_dashboard_whose_station_can_not_write_its_log_says_so_before_anything
     (tmp_path / "taken").write_text("no folder", "utf-8")
     folder = tmp_path / "taken" / "flights"
     main, side = pty.openpty()
-    words = ["fly", "examples/loopback.toml", "--tui", "--set", f"recording.folder={folder}"]
-    command = [sys.executable, "-m", "groundstation", *words]
-    done = subprocess.run(command, stdin=side, stdout=side, stderr=side, timeout=60, check=False)
+    words = program("groundstation", "fly", EXAMPLE, "--tui", "--set", f"recording.folder={folder}")
+    done = run_command(words, stdin=side, stdout=side, stderr=side)
     said = os.read(main, 10_000).decode()
     os.close(side)
     os.close(main)
@@ -117,7 +108,7 @@ def test_what_a_full_disk_does_not_hold_is_not_begun(words: tuple[str, ...], say
     limit = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (16, 16)); "
     command = [word.format(**names) for word in words]
     code = f"{limit}sys.argv = ['groundstation', *{command!r}]; runpy.run_module('groundstation', run_name='__main__')"
-    done = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True, check=False)
+    done = run_command([sys.executable, "-B", "-c", code])
     assert done.stderr.startswith(f"groundstation: {says.format(**names)}")
     assert done.returncode == 2
     assert [file.name for file in tmp_path.iterdir()] == ["poses.txt"]
@@ -125,8 +116,8 @@ def test_what_a_full_disk_does_not_hold_is_not_begun(words: tuple[str, ...], say
 
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
 def test_a_program_that_is_started_without_standard_streams_flies_and_records(closed: str, tmp_path: Path) -> None:
-    flight = shlex.join([sys.executable, "-m", "sim", "fly", "--duration", "1", "--out", str(tmp_path)])
-    done = subprocess.run(["sh", "-c", f"{flight} {closed}"], timeout=60, check=False)
+    flight = shlex.join(program("sim", "fly", "--duration", "1", "--out", tmp_path))
+    done = run_command(["sh", "-c", f"{flight} {closed}"], stdin=None)
     assert done.returncode == 0
     assert json.loads((tmp_path / "summary.json").read_text())["completed"]
     assert load(tmp_path / "flight.mcap").time.size > 0
@@ -152,54 +143,59 @@ def await_armed(room: Room, process: "subprocess.Popen[bytes]") -> None:
     pytest.fail(f"no commands left; exit code {process.poll()}")
 
 
-def frozen(room: Room, *words: str) -> "tuple[subprocess.Popen[bytes], list[int]]":
+@contextmanager
+def frozen(room: Room, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
     """A flight at a terminal that Ctrl-S holds from the beginning."""
     ours, theirs = pty.openpty()
     os.write(ours, b"\x13")
-    process = subprocess.Popen(
-        room.station("fly", "--arm", "mqx", *words), stdin=subprocess.DEVNULL, stdout=theirs, stderr=theirs
-    )
-    return process, [ours, theirs]
+    with unread(room, theirs, *words) as process:
+        yield process
+    os.close(ours)
+
+
+@contextmanager
+def piped(room: Room) -> Iterator["subprocess.Popen[bytes]"]:
+    """A flight whose output goes into a pipe that is full from the beginning."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with pytest.raises(BlockingIOError):
+        while True:
+            os.write(writing, b"x" * 4096)
+    os.set_blocking(writing, True)
+    with unread(room, writing) as process:
+        yield process
+    os.close(reading)
+
+
+@contextmanager
+def unread(room: Room, output: int, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
+    command, null = room.station("fly", "--arm", "mqx", *words), subprocess.DEVNULL
+    with subprocess.Popen(command, stdin=null, stdout=output, stderr=output) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+    os.close(output)
 
 
 def test_commands_go_on_and_the_flight_lands_while_the_terminal_stands_still() -> None:
     with served() as room:
-        process, ends = frozen(room, "--set", "flight.duration_s=2.0")
-        try:
+        with frozen(room, "--set", "flight.duration_s=2.0") as process:
             assert process.wait(60) == 0
-        finally:
-            process.kill()
-            process.wait()
-            for end in ends:
-                os.close(end)
         times = [entry.value()["time_s"] for entry in the_recording(room).entries(("/command",))]
     assert len(times) > 80
     assert max(after - before for before, after in pairwise(times)) < 0.3  # where it waited, it would be for ever
 
 
-@pytest.mark.tried(1)  # a terminal, and not a pipe as well
-@pytest.mark.parametrize("how", ["pipe", "terminal"])
-def test_motors_stop_though_nobody_reads(how: str, tmp_path: Path) -> None:
+@pytest.mark.tried(1)  # a pipe, and not a terminal as well
+@pytest.mark.parametrize("at", [piped, frozen])
+def test_motors_stop_though_nobody_reads(
+    at: "Callable[[Room], AbstractContextManager[subprocess.Popen[bytes]]]",
+) -> None:
     with served() as room:
-        if how == "terminal":
-            process, ends = frozen(room)
-        else:
-            reading, writing = os.pipe()
-            os.set_blocking(writing, False)
-            with pytest.raises(BlockingIOError):
-                while True:
-                    os.write(writing, b"x" * 4096)
-            os.set_blocking(writing, True)
-            words = room.station("fly", "--arm", "mqx")
-            process, ends = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=writing), [reading, writing]
-        try:
+        with at(room) as process:
             await_armed(room, process)
             process.send_signal(signal.SIGQUIT)
             assert process.wait(60) == 1
-        finally:
-            process.kill()
-            process.wait()
-            for end in ends:
-                os.close(end)
         requests = [entry.value()["what"] for entry in the_recording(room).entries(("/request",))]
     assert requests == ["kill"]

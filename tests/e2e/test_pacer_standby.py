@@ -185,12 +185,6 @@ def command(thrust_n: float = 0.0) -> Command:
 
 
 @contextlib.asynccontextmanager
-async def flight() -> AsyncIterator[Flight]:
-    async with begun(Flight()) as it:
-        yield it
-
-
-@contextlib.asynccontextmanager
 async def begun(it: F) -> AsyncIterator[F]:
     try:
         await it.begin()
@@ -208,7 +202,7 @@ def gap_s(it: Flight, since_s: float) -> float:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @in_real_time
 async def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_it_held(number: signal.Signals) -> None:
-    async with flight() as it:
+    async with begun(Flight()) as it:
         struck = time.monotonic()
         os.kill(it.pacer, number)
         await it.lost()
@@ -235,7 +229,7 @@ async def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_i
 async def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_on(
     number: signal.Signals, says: str
 ) -> None:
-    async with flight() as it:
+    async with begun(Flight()) as it:
         assert "stand-by" not in it.link.status.warning
         struck = time.monotonic()
         os.kill(it.standby, number)
@@ -250,7 +244,7 @@ async def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_o
 @pytest.mark.parametrize("first", ["pacer", "standby"])
 @in_real_time
 async def test_nothing_is_said_to_bring_down_where_the_pacer_and_its_stand_by_are_dead(first: str) -> None:
-    async with flight() as it:
+    async with begun(Flight()) as it:
         assert not it.link.status.unmet
         for process in (it.pacer, it.standby) if first == "pacer" else (it.standby, it.pacer):
             assert "and with them every frame" not in it.link.status.text
@@ -283,7 +277,7 @@ async def test_a_bridge_whose_pacer_lost_its_stand_by_says_so_and_starts_both_an
 
 @in_real_time
 async def test_motors_that_were_killed_stay_off_when_the_pacer_dies_at_that_moment() -> None:
-    async with flight() as it:
+    async with begun(Flight()) as it:
         os.kill(it.pacer, signal.SIGSTOP)  # it will never read the order
         killed = asyncio.create_task(it.link.kill())
         await it.lost()
@@ -295,7 +289,7 @@ async def test_motors_that_were_killed_stay_off_when_the_pacer_dies_at_that_mome
 
 @in_real_time
 async def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
-    async with flight() as it:
+    async with begun(Flight()) as it:
         os.kill(it.pacer, signal.SIGKILL)
         await it.lost()
         pacer = it.link._heard.pacer
@@ -352,7 +346,7 @@ async def test_a_bridge_that_is_told_to_end_lets_nothing_go_but_the_bring_down(
 async def harass(seed: int) -> str:
     """Stop and wake either side at random moments, for random times; what came of it."""
     draw = random.Random(seed)
-    async with flight() as it:
+    async with begun(Flight()) as it:
         for _ in range(draw.randint(1, 4)):
             await asyncio.sleep(draw.uniform(0.0, 0.03))
             struck = draw.sample([it.pacer, it.standby], draw.choice([1, 1, 2]))

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from links.mavlink.protocol import ARMED, MavlinkCodec
-from tests.e2e.stations import Room, served
+from tests.e2e.stations import Room, run_command, served
 
 
 class Terminal:
@@ -110,8 +110,6 @@ def test_another_name_begins_nothing_and_without_a_terminal_it_is_refused(tmp_pa
             terminal.types("yes")
             assert terminal.exit_code() == 1
             assert "Arming" not in terminal.seen
-        refused = subprocess.run(
-            room.station("props-off"), input="mqx\n", capture_output=True, text=True, timeout=60, check=False
-        )
+        refused = run_command(room.station("props-off"))
     assert refused.returncode == 2
     assert "needs somebody at a terminal" in refused.stderr

@@ -16,6 +16,7 @@ import pytest
 
 from groundstation.__main__ import parser
 from sim.__main__ import parser as sim_parser
+from tests.e2e.stations import run_command
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -82,15 +83,7 @@ def test_the_commands_of_a_block_in_the_documents_work(block: Shown, tmp_path: P
         assert program in OURS, f"{block.document}: mark the block with <!-- not tested: why -->, or show {list(OURS)}"
         if program == "groundstation-sim" and arguments[0] in ("fly", "mission"):
             arguments += ["--duration", "5"]  # in the place of what is told
-        done = subprocess.run(
-            [Path(sys.executable).with_name(program), *arguments],
-            cwd=tmp_path,
-            env=os.environ | {"NO_COLOR": "1"},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            timeout=60,
-            check=False,
-        )
+        command = [str(Path(sys.executable).with_name(program)), *arguments]
+        plain = os.environ | {"NO_COLOR": "1"}
+        done = run_command(command, cwd=tmp_path, env=plain, stderr=subprocess.STDOUT)
         assert done.returncode == 0, f"{line}\n{done.stdout}"

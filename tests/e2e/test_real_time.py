@@ -6,8 +6,8 @@ import os
 import signal
 import socket as sockets
 import subprocess
-import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -15,7 +15,7 @@ import pytest
 from groundstation.__main__ import main
 from groundstation.core.messages import Snapshot
 from groundstation.interfaces.api import snapshots
-from tests.e2e.stations import EXAMPLE, Room, run_here, served
+from tests.e2e.stations import EXAMPLE, Room, beside, program, run_command, run_here, served
 
 
 async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float = 60.0) -> Snapshot:
@@ -34,22 +34,15 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
             await asyncio.sleep(0.05)
 
 
-def flying(room: Room, *arguments: str) -> "subprocess.Popen[str]":
+def flying(room: Room, *arguments: str) -> AbstractContextManager["subprocess.Popen[str]"]:
     """Where a busy machine holds up the station for half a second, no flight ends by it: other tests look at that."""
     command = room.station("fly", "--arm", "mqx", "--set", "flight.coast_s=0.7", *arguments)
-    null = subprocess.DEVNULL
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=null, stdin=null, text=True)
-
-
-def fly_without_terminal(config: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
-    """``groundstation fly CONFIG`` as a script would start it: nobody is there to ask."""
-    return run_here(main, "fly", config, *arguments)
+    return beside(command, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
 
 
 def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
-    with served() as room:
-        # So slowly that a landing is seen on a machine that keeps everybody waiting.
-        station = flying(room, "--set", "flight.descent_m_s=0.3")
+    # So slowly that a landing is seen on a machine that keeps everybody waiting.
+    with served() as room, flying(room, "--set", "flight.descent_m_s=0.3") as station:
         closed_s: list[float] = []
 
         def is_landing(snapshot: Snapshot) -> bool:
@@ -61,20 +54,15 @@ def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
                 station.send_signal(signal.SIGINT)
             return snapshot.state == "landing"
 
-        try:
-            asyncio.run(seen(room.status_socket, is_landing))
-            assert closed_s, "it landed by itself"
-            station.send_signal(signal.SIGHUP)
-            assert station.wait(60) == 0
-        finally:
-            station.kill()
-            station.wait()
+        asyncio.run(seen(room.status_socket, is_landing))
+        assert closed_s, "it landed by itself"
+        station.send_signal(signal.SIGHUP)
+        assert station.wait(60) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM])
 def test_ctrl_z_does_not_freeze_what_flies_and_signals_that_end_programs_land_it(number: signal.Signals) -> None:
-    with served() as room:
-        station = flying(room)
+    with served() as room, flying(room) as station:
         frozen_s: list[float] = []
 
         def flies_on(snapshot: Snapshot) -> bool:
@@ -83,21 +71,17 @@ def test_ctrl_z_does_not_freeze_what_flies_and_signals_that_end_programs_land_it
                 station.send_signal(signal.SIGTSTP)
             return bool(frozen_s) and snapshot.flight_time_s > frozen_s[0] + 0.5
 
-        try:
-            asyncio.run(seen(room.status_socket, flies_on))
-            station.send_signal(number)
-            told, _ = station.communicate(timeout=60)
-            assert "Ctrl-Z is ignored" in told
-            assert f"{number.name}: landing" in told
-            assert station.returncode == 0
-        finally:
-            station.kill()
-            station.wait()
+        asyncio.run(seen(room.status_socket, flies_on))
+        station.send_signal(number)
+        told, _ = station.communicate(timeout=60)
+        assert "Ctrl-Z is ignored" in told
+        assert f"{number.name}: landing" in told
+        assert station.returncode == 0
 
 
 def test_fly_does_not_arm_without_a_terminal_or_under_a_wrong_name() -> None:
     for arguments, expected in (([], "needs --arm mqx"), (["--arm", "other"], "expected 'mqx'")):
-        run = fly_without_terminal(EXAMPLE, *arguments)
+        run = run_here(main, "fly", EXAMPLE, *arguments)
         assert run.returncode == 2
         assert expected in run.stderr
 
@@ -106,7 +90,7 @@ def test_fly_does_not_arm_without_a_terminal_or_under_a_wrong_name() -> None:
 def test_fly_wants_a_fence_where_poses_come_from_another_machine(kind: str, port: int, tmp_path: Path) -> None:
     config = tmp_path / "lab.toml"
     config.write_text(f'[pose]\nkind = "{kind}"\nserver = "192.168.1.20:{port}"\n')
-    run = fly_without_terminal(config, "--arm", "mqx")
+    run = run_here(main, "fly", config, "--arm", "mqx")
     assert run.returncode == 2
     assert f"fence: missing, and a real vehicle may fly here (pose.server = 192.168.1.20:{port})" in run.stderr
 
@@ -116,11 +100,8 @@ def test_a_pose_source_that_cant_be_started_is_told_in_words(tmp_path: Path) -> 
         taken.bind(("127.0.0.1", 0))
         config = tmp_path / "lab.toml"
         config.write_text(f'[pose]\nkind = "json"\nlisten = "127.0.0.1:{taken.getsockname()[1]}"\n')
-        words = ["fly", str(config), "--arm", "mqx", "--set", f"status.path={tmp_path}/mqx.sock"]
-        run = subprocess.run(
-            [sys.executable, "-m", "groundstation", *words],
-            capture_output=True, check=False, text=True, timeout=60, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+        words = ("fly", config, "--arm", "mqx", "--set", f"status.path={tmp_path}/mqx.sock")
+        run = run_command(program("groundstation", *words))
     assert run.returncode == 1
     assert "cannot listen for JSON poses on 127.0.0.1:" in run.stdout
     assert "Traceback" not in run.stderr

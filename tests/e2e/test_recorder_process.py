@@ -8,15 +8,14 @@ import re
 import resource
 import signal
 import subprocess
-import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
 import msgspec
 import pytest
 
+from groundstation.__main__ import main
 from groundstation.core.messages import Pose, Sentence, Tick, TickRecord
 from groundstation.core.pilot import Pilot
 from groundstation.flight import about, recorder
@@ -25,7 +24,7 @@ from groundstation.pose import TlogReader
 from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord
 from groundstation.recording.process import BACKLOG_BYTES
 from groundstation.settings import Config
-from tests.e2e.stations import served
+from tests.e2e.stations import beside, children_of, line_of, run_command, run_here, served
 
 
 def a_tick() -> Tick:
@@ -197,15 +196,10 @@ def test_the_recorder_is_deaf_to_what_a_terminal_sends(tmp_path: Path) -> None:
     assert times(the_recording(tmp_path), "/mission") == [1.0]
 
 
-def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit(tmp_path: Path) -> None:
+def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit() -> None:
     with served() as room:
-        run = subprocess.Popen(
-            room.station("fly", "--arm", "mqx", "--set", "flight.duration_s=2.5"),
-            stdout=subprocess.PIPE,
-            text=True,
-            stdin=subprocess.DEVNULL,
-        )
-        out, _ = run.communicate(timeout=60)
+        run = run_command(room.station("fly", "--arm", "mqx", "--set", "flight.duration_s=2.5"))
+        out = run.stdout
         assert run.returncode == 0, out
         path = the_recording(room.recordings)
         assert f"recording to {path}" in out
@@ -217,48 +211,31 @@ def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit(
         assert topics.count("/raw/received") > topics.count("/measured") > 150
         assert topics.count("/request") == 0  # it lands by itself, as its time is over
         assert recording.headline().state == "landed"
-        again = subprocess.run(
-            [sys.executable, "-m", "groundstation", "replay", str(path), "--json"],
-            capture_output=True,
-            check=False,
-            text=True,
-        )
+        again = run_here(main, "replay", path, "--json")
         assert again.returncode == 0, again.stdout + again.stderr
         facts = json.loads(again.stdout)
         assert (facts["identical"], facts["first_difference"]) == (True, None)
         assert facts["commands"] == topics.count("/command")
         names = [record.message.get_type() for record in TlogReader(path.with_suffix(".tlog").read_bytes())]
         assert names.count("SET_ATTITUDE_TARGET") >= topics.count("/command")
-        listed = subprocess.run(
-            [sys.executable, "-m", "groundstation", "logs", "--folder", str(room.recordings), "--json"],
-            capture_output=True,
-            check=True,
-            text=True,
-        )
+        listed = run_here(main, "logs", "--folder", room.recordings, "--json")
         (flight,) = json.loads(listed.stdout)["flights"]
         assert (flight["file"], flight["whole"], flight["state"]) == (path.name, True, "landed")
 
 
 def test_a_flight_lands_although_its_recorder_was_killed() -> None:
     with served() as room:
-        run = subprocess.Popen(
-            room.station("fly", "--arm", "mqx", "--set", "flight.duration_s=1.0"),
-            stdout=subprocess.PIPE,
-            text=True,
-            stdin=subprocess.DEVNULL,
-        )
-        assert run.stdout is not None
-        line = ""
-        while "tracking" not in line:
-            line = run.stdout.readline()
-            assert line, "the flight ended before its figure"
-        for process in Path("/proc").glob("[0-9]*"):
-            with suppress(OSError):
-                words = (process / "cmdline").read_bytes().split(b"\0")
-                parent = int((process / "stat").read_text().rpartition(")")[2].split()[1])
-                if parent == run.pid and b"groundstation.recording" in words:
-                    os.kill(int(process.name), signal.SIGKILL)
-        out, _ = run.communicate(timeout=60)
+        words = room.station("fly", "--arm", "mqx", "--set", "flight.duration_s=1.0")
+        with beside(words, stdin=subprocess.DEVNULL) as run:
+            while "tracking" not in (line := line_of(run)):
+                assert line, "the flight ended before its figure"
+            (recorder,) = (
+                child
+                for child in children_of(run.pid)
+                if b"groundstation.recording" in Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
+            )
+            os.kill(recorder, signal.SIGKILL)
+            out, _ = run.communicate(timeout=60)
         assert run.returncode == 0, out
         assert "WARNING: the recorder has died (-9); the flight goes on" in out
         assert "landed and disarmed" in out

@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +14,7 @@ import tomli_w
 from groundstation.config import from_dict
 from groundstation.settings import Config, rehearse
 from sim.__main__ import main
-from tests.e2e.stations import run_here
+from tests.e2e.stations import EXAMPLE, beside, line_of, program, run_command, run_here, serving
 
 ROOM: dict[str, Any] = {
     "vehicle": {"name": "quad"},
@@ -48,23 +47,15 @@ def write_room(folder: Path, ends: dict[str, Any]) -> Path:
 
 
 @contextmanager
-def played(file: Path, *more: str) -> Iterator[str]:
+def played(file: Path) -> Iterator[str]:
     """The other side of ``file``, for as long as this lasts; gives what it says."""
-    words = [sys.executable, "-m", "sim", "serve", "--config", str(file), "--duration", "100", *more]
-    server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment(file.parent))
-    try:
-        assert server.stdout is not None
-        yield server.stdout.readline()
-    finally:
-        server.terminate()
-        server.wait(60)
-        assert server.stdout is not None
-        server.stdout.close()
+    with serving("--config", file, "--duration", "100", env=environment(file.parent)) as says:
+        yield says
 
 
 def station(file: Path, command: str, *more: str) -> "subprocess.CompletedProcess[str]":
-    words = [sys.executable, "-m", "groundstation", command, "--rehearse", str(file), *more]
-    return subprocess.run(words, capture_output=True, text=True, env=environment(file.parent), timeout=120, check=False)
+    words = program("groundstation", command, "--rehearse", file, *more)
+    return run_command(words, env=environment(file.parent))
 
 
 @pytest.mark.tried(1)  # wires
@@ -85,21 +76,15 @@ def test_the_checks_of_a_room_pass_at_the_desk_by_each_kind_of_wire(tmp_path: Pa
 
 def test_every_line_of_a_rehearsed_fleet_says_that_it_is_one(short_path: Path) -> None:
     file = short_path / "fleet.toml"
-    examples = Path(__file__).parents[2] / "examples"
     for name in ("fleet.toml", "fleet-lab.toml"):
-        (short_path / name).write_bytes((examples / name).read_bytes())
-    with played(file):
-        words = [sys.executable, "-m", "groundstation", "fleet", "--rehearse", str(file)]
-        flying = subprocess.Popen(
-            words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment(short_path)
-        )
-        assert flying.stdout is not None
-        said: list[str] = []
-        for line in flying.stdout:
+        (short_path / name).write_bytes((EXAMPLE.parent / name).read_bytes())
+    words = program("groundstation", "fleet", "--rehearse", file)
+    said: list[str] = []
+    with played(file), beside(words, stderr=subprocess.STDOUT, env=environment(short_path)) as flying:
+        while line := line_of(flying):
             said.append(line)
             if "staying on the ground" in line and "staying on the ground" in "".join(said[:-1]):
                 flying.terminate()  # both cores have spoken
-        flying.stdout.close()
         assert flying.wait(60) == 0, "".join(said)
     assert {name for name in ("ant", "bee") if any(f"rehearsal-{name} | " in line for line in said)} == {"ant", "bee"}
     assert [line for line in said if not line.startswith("REHEARSAL ")] == []
@@ -111,10 +96,8 @@ def test_what_the_other_side_plays_is_what_the_station_looks_for(tmp_path: Path)
     with played(file) as says:
         assert f"udp {getattr(config.link, 'address', '')}" in says
         assert f"poses to udp {getattr(config.pose, 'listen', '')}" in says
-        twice = subprocess.run(
-            [sys.executable, "-m", "sim", "serve", "--config", str(file), "--duration", "5"],
-            capture_output=True, text=True, env=environment(tmp_path), timeout=60, check=False,
-        )  # fmt: skip
+        words = program("sim", "serve", "--config", file, "--duration", "5")
+        twice = run_command(words, env=environment(tmp_path))
     assert twice.returncode == 2 and "another `groundstation-sim serve`" in twice.stderr
 
 

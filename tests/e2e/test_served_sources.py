@@ -6,8 +6,6 @@ changes names with another for 0.1 s; so again in every second.
 
 import asyncio
 import math
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -19,17 +17,12 @@ from groundstation.config import from_dict
 from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose import PoseConfig
 from sim.world import World
-from tests.e2e.stations import free_udp_port
+from tests.e2e.stations import free_udp_port, serving
 from tests.loops import until
 
 MISHAPS = ["sim.other_bodies=3", "sim.occlusion_s=0.2", "sim.swap_s=0.1", "sim.mishap_period_s=1"]
-KINDS = {
-    "vicon": "listen",
-    "json": "listen",
-    "vision": "listen",
-    "natnet": "server",
-    "qualisys": "server",
-}
+KINDS = {"vicon": "listen", "json": "listen", "vision": "listen", "natnet": "server", "qualisys": "server"}
+"""The key of each source that has its address."""
 
 
 class _Told(msgspec.Struct, frozen=True):
@@ -39,25 +32,14 @@ class _Told(msgspec.Struct, frozen=True):
 @contextmanager
 def served(source: str, *more: str) -> Iterator[PoseConfig]:
     """A room whose cameras speak as ``source`` does; gives the config that hears them."""
-    key = KINDS[source]
-    poses = {key: f"127.0.0.1:{free_udp_port()}"}
-    sets = [*MISHAPS, f"link.listen=127.0.0.1:{free_udp_port()}", *(f"pose.{k}={v}" for k, v in poses.items()), *more]
-    words = [word for override in sets for word in ("--set", override)]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sim", "serve", "--source", source, *words, "--duration", "30"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        assert next(iter(poses.values())) in process.stdout.readline()
-        told = [f"pose.kind={source}", *(o for o in sets if o.startswith("pose."))]
-        yield from_dict({}, _Told, told).pose
-    finally:
-        process.terminate()
-        process.wait(60)
-        assert process.stdout is not None
-        process.stdout.close()
+    address = f"127.0.0.1:{free_udp_port()}"
+    poses = [f"pose.{KINDS[source]}={address}", *more]
+    sets = [*MISHAPS, f"link.listen=127.0.0.1:{free_udp_port()}", *poses]
+    with serving(
+        "--source", source, *(word for override in sets for word in ("--set", override)), "--duration", "30"
+    ) as says:
+        assert address in says
+        yield from_dict({}, _Told, [f"pose.kind={source}", *poses]).pose
 
 
 def heard(config: Any, seconds: float) -> tuple[list[Pose], PoseStatus]:

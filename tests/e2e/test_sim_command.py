@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,39 +17,28 @@ from groundstation.__main__ import main as export
 from groundstation.pose import TlogReader
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS
-from tests.e2e.stations import run_here
+from tests.e2e.stations import program, run_command, run_here
 
-GOLDEN = Path(__file__).parents[1] / "golden"
+ROOT = Path(__file__).parents[2]
 
 
 def sim(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return run_here(main, *arguments)
 
 
+KEYS = (
+    "scenario seed controller duration_s rms_cm max_cm settle_s wind_true wind_estimate thrust_min_n thrust_max_n "
+    "saturated_fraction lyapunov_increase_max certificate_violated certificate_suspended certificate_warnings "
+    "log_sha256 wall_s"
+)
+"""What --json promises of a flight."""
+
+
 def test_json_is_one_object_with_every_promised_key() -> None:
     done = sim("fly", "paper", "--seed", "4", "--duration", "20", "--json")
     assert done.returncode == 0, done.stderr
     facts = json.loads(done.stdout)
-    assert set(facts) >= {
-        "scenario",
-        "seed",
-        "controller",
-        "duration_s",
-        "rms_cm",
-        "max_cm",
-        "settle_s",
-        "wind_true",
-        "wind_estimate",
-        "thrust_min_n",
-        "thrust_max_n",
-        "saturated_fraction",
-        "lyapunov_increase_max",
-        "certificate_violated",
-        "certificate_suspended",
-        "certificate_warnings",
-        "log_sha256",
-        "wall_s",
-    }
+    assert set(facts) >= set(KEYS.split())
     assert (facts["scenario"], facts["seed"], facts["controller"]) == ("paper", 4, "adaptive")
     assert facts["duration_s"] == pytest.approx(20.0)
     assert len(facts["log_sha256"]) == 64
@@ -82,9 +72,9 @@ def test_bad_usage_exits_2_with_a_clear_last_line(arguments: list[str], expected
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("program", ["sim", "groundstation"])
-def test_without_a_command_the_list_of_them_is_shown(program: str) -> None:
-    done = subprocess.run([sys.executable, "-m", program], capture_output=True, text=True, timeout=120, check=False)
+@pytest.mark.parametrize("start", [main, export], ids=["groundstation-sim", "groundstation"])
+def test_without_a_command_the_list_of_them_is_shown(start: Callable[[], int]) -> None:
+    done = run_here(start)
     assert (done.returncode, done.stdout) == (2, "")
     assert "config" in done.stderr or "scenarios" in done.stderr
 
@@ -165,10 +155,7 @@ def test_where_linux_is_not_what_computes_works_and_the_rest_ends_with_a_sentenc
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text(ELSEWHERE)
     elsewhere = os.environ | {"PYTHONPATH": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-m", *words], env=elsewhere,
-        cwd=GOLDEN.parents[1], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    done = run_command(program(*words), env=elsewhere, cwd=ROOT, stderr=subprocess.STDOUT)
     assert (done.returncode, says in done.stdout, "Traceback" in done.stdout) == (code, True, False), done.stdout
 
 

@@ -4,27 +4,18 @@ import asyncio
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from tests.e2e.stations import free_udp_port, served
+from links.io import make_key
+from tests.e2e.stations import beside, free_udp_port, line_of, program, run_command, served
 from tests.e2e.test_daemon import running
 from tests.e2e.test_real_time import seen
 
-GROUNDSTATION = [sys.executable, "-m", "groundstation"]
 
-
-def stop_all(*words: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [*GROUNDSTATION, "stop-all", *words],
-        capture_output=True,
-        check=False,
-        text=True,
-        timeout=60,
-        stdin=subprocess.DEVNULL,
-    )
+def stop_all() -> "subprocess.CompletedProcess[str]":
+    return run_command(program("groundstation", "stop-all"))
 
 
 @pytest.fixture(autouse=True)
@@ -63,27 +54,20 @@ def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_
 
 
 def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None:
-    key, config, port = tmp_path / "key", tmp_path / "bridge.toml", tmp_path / "port"
-    subprocess.run(
-        [*GROUNDSTATION, "radio", "bridge", "--make-key", str(key)], check=True, capture_output=True, timeout=60
-    )
+    config, port = tmp_path / "bridge.toml", tmp_path / "port"
+    make_key(tmp_path / "key")
     master, slave = os.openpty()
     port.symlink_to(f"/proc/{os.getpid()}/fd/{slave}")  # the system's name for it is somebody else's soon
+    link = f'[link]\nkind = "crsf"\nport = "{port}"\nsimulated = true\n'
+    config.write_text(f'listen = "127.0.0.1:{free_udp_port()}"\nkey_file = "key"\n{link}')
     try:
-        link = f'[link]\nkind = "crsf"\nport = "{port}"\nsimulated = true\n'
-        config.write_text(f'listen = "127.0.0.1:{free_udp_port()}"\nkey_file = "key"\n{link}')
-        bridge = subprocess.Popen([*GROUNDSTATION, "radio", "bridge", str(config)], stdout=subprocess.PIPE, text=True)
-        try:
-            assert bridge.stdout is not None
-            assert "radio bridge at udp" in bridge.stdout.readline()
+        with beside(program("groundstation", "radio", "bridge", config)) as bridge:
+            assert "radio bridge at udp" in line_of(bridge)
             told = stop_all()
             assert told.returncode == 0
             assert f"(process {bridge.pid}): goes on" in told.stdout
             assert f"kill -QUIT {bridge.pid} stops its motors" in told.stdout
             assert bridge.poll() is None
-        finally:
-            bridge.terminate()
-            bridge.communicate(timeout=60)
     finally:
         os.close(master)
         os.close(slave)

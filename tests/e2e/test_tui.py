@@ -6,11 +6,12 @@ import math
 import shlex
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import msgspec
 import pytest
@@ -31,6 +32,7 @@ from groundstation.interfaces.tui.widgets import (
     TopView,
 )
 from tests.dashboards import Fixed, Stage, dashboard, flown, play, says, text, until
+from tests.e2e.stations import beside, program
 from tests.sample_flight import sample
 
 
@@ -207,24 +209,22 @@ def terminal(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[Term
     made.close()
 
 
+def core_at(path: Path, **more: Any) -> AbstractContextManager["subprocess.Popen[str]"]:
+    """The core of the made-up flight, whose socket is at ``path``."""
+    return beside(program("tests.sample_flight", path), **more)
+
+
 def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(terminal: Terminal, tmp_path: Path) -> None:
-    path = tmp_path / "mqx.sock"
-    core = [sys.executable, "-m", "tests.sample_flight", str(path)]
-    flying, no_data = big("tracking"), big("no data")
-    with contextlib.ExitStack() as stack:
-        first = subprocess.Popen(core)
-        stack.callback(first.wait)
-        stack.callback(first.kill)
-        terminal.start(sys.executable, "-m", "groundstation", "tui", "--socket", path)
+    path, flying = tmp_path / "mqx.sock", big("tracking")
+    with core_at(path) as first:
+        terminal.start(*program("groundstation", "tui", "--socket", path))
         screen = terminal.wait_for(*flying, "Armed by us", "following the trajectory", "age 12 ms")
         assert all(len(line.replace("\u0302", "")) <= 80 for line in screen.splitlines())
         first.kill()
         first.wait()
-        terminal.wait_for(*no_data, "since 3 s")
-        second = subprocess.Popen(core)
-        stack.callback(second.wait)
-        stack.callback(second.kill)
-        screen = terminal.wait_for(*flying, "Armed by us")
+        terminal.wait_for(*big("no data"), "since 3 s")
+    with core_at(path):
+        terminal.wait_for(*flying, "Armed by us")
         terminal.type("q")
         terminal.wait_for("Leave?")
         terminal.type("Down")
@@ -236,12 +236,8 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
 def orders_shown(terminal: Terminal, folder: Path) -> Iterator[Path]:
     """The dashboard of the made-up flight, in ``terminal``; where the orders that left it are written, one a line."""
     path, asked = folder / "mqx.sock", folder / "asked"
-    with contextlib.ExitStack() as stack:
-        output = stack.enter_context(asked.open("wb"))
-        core = subprocess.Popen([sys.executable, "-m", "tests.sample_flight", str(path)], stdout=output)
-        stack.callback(core.wait)
-        stack.callback(core.kill)
-        terminal.start(sys.executable, "-m", "groundstation", "tui", "--socket", path)
+    with asked.open("wb") as output, core_at(path, stdout=output):
+        terminal.start(*program("groundstation", "tui", "--socket", path))
         terminal.wait_for(*big("tracking"))
         yield asked
 
@@ -295,7 +291,7 @@ def test_a_dashboard_in_a_multiplexer_says_that_it_takes_keys(
     terminal: Terminal, tmp_path: Path, environment: dict[str, str], taker: str
 ) -> None:
     path = tmp_path / "mqx.sock"
-    terminal.start(sys.executable, "-m", "groundstation", "tui", "--socket", path, environment=environment)
+    terminal.start(*program("groundstation", "tui", "--socket", path), environment=environment)
     terminal.wait_for(taker)
 
 

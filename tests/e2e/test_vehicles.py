@@ -4,16 +4,16 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import pytest
 import tomli_w
 
-from tests.e2e.stations import children_of, free_udp_port
+from tests.e2e.stations import beside, children_of, free_udp_port, program, serving
 
 LAB: dict[str, Any] = {
     "pose": {"kind": "vicon"},
@@ -64,38 +64,47 @@ def until(log: Path, pattern: str, within_s: float = 60.0) -> None:
         time.sleep(0.05)
 
 
+@contextmanager
+def fleet(
+    folder: Path, *armed: str, names: Sequence[str] = ("ant", "bee")
+) -> Iterator[tuple["subprocess.Popen[str]", Path]]:
+    """A simulated fleet, and the station that flies it: its process, and its log."""
+    file, log = fleet_file(folder, names), folder / "log"
+    words = program("groundstation", "fleet", file, *(word for name in armed for word in ("--arm", name)))
+    with serving("--fleet", file, "--duration", "110"), started(words, log) as station:
+        yield station, log
+
+
+@contextmanager
+def started(words: Sequence[str], log: Path) -> Iterator["subprocess.Popen[str]"]:
+    """A process that writes its output to ``log``."""
+    with log.open("w") as said, beside(words, stdin=subprocess.DEVNULL, stdout=said, stderr=said) as station:
+        yield station
+
+
 def test_a_core_that_is_killed_takes_nothing_with_it_and_a_signal_lands_the_other(tmp_path: Path) -> None:
-    file, log = fleet_file(tmp_path), tmp_path / "log"
-    with (tmp_path / "served").open("w") as served, log.open("w") as said:
-        server = started("sim", "serve", "--fleet", str(file), "--duration", "110", into=served)
-        station = started("groundstation", "fleet", str(file), "--arm", "ant", "--arm", "bee", into=said)
-        try:
-            for name in ("ant", "bee"):
-                until(log, rf"{name} +\| .* tracking: ")
-            os.kill(core_of(station.pid, "ant"), signal.SIGKILL)
-            until(log, r"ant: WARNING: its core has died \(SIGKILL\)")
-            time.sleep(1.0)  # the other flies on meanwhile
-            assert not re.search(r"bee +\| .* (landing|descent|aborted): ", log.read_text("utf-8"))
-            station.send_signal(signal.SIGTERM)
-            until(log, "SIGTERM: passed on to bee\n")
-            until(log, r"bee +\| .* landed: landed and disarmed")
-            assert station.wait(60) == 1  # one of them has died
-            text = log.read_text("utf-8")
-            assert "bee: its core has ended (0)" in text
-            assert re.search(r"relay \| relay: \d+ datagrams handed on to 2 cores", text)
-            assert "relay has ended" not in text
-            assert not (tmp_path / "bee.sock").exists()
-        finally:
-            for process in (station, server):
-                process.terminate()
-                process.wait(60)
+    with fleet(tmp_path, "ant", "bee") as (station, log):
+        for name in ("ant", "bee"):
+            until(log, rf"{name} +\| .* tracking: ")
+        os.kill(core_of(station.pid, "ant"), signal.SIGKILL)
+        until(log, r"ant: WARNING: its core has died \(SIGKILL\)")
+        time.sleep(1.0)  # the other flies on meanwhile
+        assert not re.search(r"bee +\| .* (landing|descent|aborted): ", log.read_text("utf-8"))
+        station.send_signal(signal.SIGTERM)
+        until(log, "SIGTERM: passed on to bee\n")
+        until(log, r"bee +\| .* landed: landed and disarmed")
+        assert station.wait(60) == 1  # one of them has died
+        text = log.read_text("utf-8")
+        assert "bee: its core has ended (0)" in text
+        assert re.search(r"relay \| relay: \d+ datagrams handed on to 2 cores", text)
+        assert "relay has ended" not in text
+        assert not (tmp_path / "bee.sock").exists()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_fleet_that_is_ended_while_its_cores_start_ends_well(tmp_path: Path, number: signal.Signals) -> None:
-    log = tmp_path / "log"
-    with log.open("w") as said:
-        station = started("groundstation", "fleet", str(fleet_file(tmp_path)), into=said)
+    log, words = tmp_path / "log", program("groundstation", "fleet", fleet_file(tmp_path))
+    with started(words, log) as station:
         limit = time.monotonic() + 60.0
         while not passes_on(station.pid):  # from when its cores were started on, which takes them a while
             assert time.monotonic() < limit
@@ -108,29 +117,15 @@ def test_a_fleet_that_is_ended_while_its_cores_start_ends_well(tmp_path: Path, n
 
 def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) -> None:
     """In the air each lands by the same signal: it is that of a terminal that closes."""
-    file, log = fleet_file(tmp_path), tmp_path / "log"
-    with (tmp_path / "served").open("w") as served, log.open("w") as said:
-        server = started("sim", "serve", "--fleet", str(file), "--duration", "60", into=served)
-        station = started("groundstation", "fleet", str(file), into=said)
-        try:
-            for name in ("ant", "bee"):
-                until(log, rf"{name} +\| .* ready, and staying on the ground")
-            children = children_of(station.pid)
-            assert len(children) == 3
-            station.kill()
-            station.wait(60)
-            limit = time.monotonic() + 60.0
-            while left := [child for child in children if Path(f"/proc/{child}").exists()]:
-                assert time.monotonic() < limit, f"{left} outlive their supervisor"
-                time.sleep(0.1)
-        finally:
-            for process in (station, server):
-                process.terminate()
-                process.wait(60)
+    with fleet(tmp_path) as (station, log):
+        for name in ("ant", "bee"):
+            until(log, rf"{name} +\| .* ready, and staying on the ground")
+        children = children_of(station.pid)
+        assert len(children) == 3
+        station.kill()
+        station.wait(60)
+        limit = time.monotonic() + 60.0
+        while left := [child for child in children if Path(f"/proc/{child}").exists()]:
+            assert time.monotonic() < limit, f"{left} outlive their supervisor"
+            time.sleep(0.1)
     assert not list(tmp_path.glob("*.sock"))
-
-
-def started(program: str, *words: str, into: IO[str]) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [sys.executable, "-m", program, *words], stdin=subprocess.DEVNULL, stdout=into, stderr=into, text=True
-    )

@@ -12,7 +12,7 @@ from groundstation import load
 from links.mavlink.protocol import MavlinkCodec
 from sim.runs import fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from tests.e2e.test_vehicles import fleet_file, started, until
+from tests.e2e.test_vehicles import fleet, until
 from tests.flight.flights import campaign_of, flown
 from tests.growth import look, looks_within
 from tests.mavlink_table import FRAMES
@@ -110,21 +110,12 @@ def test_frames_and_commands_keep_time_beside_the_least_that_this_machine_allows
 def test_ten_vehicles_fly_in_real_time_and_each_command_leaves_in_time(tmp_path: Path) -> None:
     """On two cores that have nothing else to do, with poses at 50 Hz."""
     names = [f"quad{number}" for number in range(10)]
-    file, log = fleet_file(tmp_path, names), tmp_path / "log"
-    armed = [word for name in names for word in ("--arm", name)]
-    with (tmp_path / "served").open("w") as served, log.open("w") as said:
-        server = started("sim", "serve", "--fleet", str(file), "--duration", "110", into=served)
-        station = started("groundstation", "fleet", str(file), *armed, into=said)
-        try:
-            for name in names:
-                until(log, rf"{name} +\| .* tracking: ")
-            time.sleep(20.0)
-            station.terminate()
-            assert station.wait(60) == 0, log.read_text("utf-8")
-        finally:
-            for process in (station, server):
-                process.terminate()
-                process.wait(60)
+    with fleet(tmp_path, *names, names=names) as (station, log):
+        for name in names:
+            until(log, rf"{name} +\| .* tracking: ")
+        time.sleep(20.0)
+        station.terminate()
+        assert station.wait(60) == 0, log.read_text("utf-8")
     for name in names:
         (path,) = (tmp_path / "flights").glob(f"*-{name}.mcap")
         late_s = load(path).columns.scalars["lateness_s"]
