@@ -92,6 +92,16 @@ class Room(RfRoom):
         config = BridgeLinkConfig(remote=ADDRESS, connect_timeout_s=0.5)
         return BridgeLink(config, thrust_max_n=2.0, key=key, nonce=nonce)
 
+    async def flies_again(self) -> None:
+        """Arm, and see that a command of half the thrust is obeyed."""
+        await self.link.arm(idle)
+        await self.stream(1.0, 0.2)
+        assert self.thrust == pytest.approx(0.5, abs=2e-3)
+
+    def lifted_s(self) -> list[float]:
+        """When the vehicle was told to lift [s]."""
+        return [time_s for time_s, share, _ in self.vehicle.acts if share > 0.0]
+
     async def leave(self) -> None:
         self.network.lose = lambda datagram: False
         await self.link.close()
@@ -100,30 +110,25 @@ class Room(RfRoom):
         await asyncio.gather(self.running, self._peer, return_exceptions=True)
 
 
-def test_a_bridge_with_a_real_module_hears_no_station_on_its_own_machine() -> None:
-    async def main() -> tuple[list[str], int, bool]:
-        room = Room(remote_only=True)
-        try:
-            with pytest.raises(LinkLost, match="no answer"):
-                await room.link.connect()
-            return room.said, room.bridge.dropped["from_this_machine"], room.receiver.armed
-        finally:
-            await room.leave()
-
-    said, dropped, armed = in_virtual_time(main)()
-    assert [line for line in said if "not heard" in line] == [
-        "a station on this machine (127.0.0.1) is not heard: give the flight the module itself, by "
-        "link.kind = 'dsm' and link.port"
-    ]
-    assert dropped > 2
-    assert not armed
+@in_virtual_time
+async def test_a_bridge_with_a_real_module_hears_no_station_on_its_own_machine() -> None:
+    async with room(connected=False, remote_only=True) as it:
+        with pytest.raises(LinkLost, match="no answer"):
+            await it.link.connect()
+        assert [line for line in it.said if "not heard" in line] == [
+            "a station on this machine (127.0.0.1) is not heard: give the flight the module itself, by "
+            "link.kind = 'dsm' and link.port"
+        ]
+        assert it.bridge.dropped["from_this_machine"] > 2
+        assert not it.receiver.armed
 
 
 @contextlib.asynccontextmanager
-async def room(*, armed: bool = False) -> AsyncIterator[Room]:
-    it = Room()
+async def room(*, connected: bool = True, armed: bool = False, remote_only: bool = False) -> AsyncIterator[Room]:
+    it = Room(remote_only=remote_only)
     try:
-        await it.link.connect()
+        if connected:
+            await it.link.connect()
         if armed:
             await it.link.arm(idle)
         yield it
@@ -199,8 +204,7 @@ async def test_whoever_delays_datagrams_makes_no_command_live_longer() -> None:
         await asyncio.sleep(2.0)
         assert not it.receiver.armed
         assert max(share for _, share, _ in it.vehicle.acts) == pytest.approx(0.5, abs=2e-3)
-        lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
-        assert lifted[-1] < last + 0.25 + DOWN.duration_s + 0.02
+        assert it.lifted_s()[-1] < last + 0.25 + DOWN.duration_s + 0.02
 
 
 @in_virtual_time
@@ -219,9 +223,7 @@ async def test_a_network_that_fails_in_flight_is_brought_down_by_the_bridge_and_
         await it.stream(1.0, 2.0)
         assert it.link.status.state == "connected"
         assert not it.receiver.armed
-        await it.link.arm(idle)
-        await it.stream(1.0, 0.1)
-        assert it.thrust == pytest.approx(0.5, abs=2e-3)
+        await it.flies_again()
 
 
 @pytest.mark.parametrize("both_ways", [False, True])
@@ -241,7 +243,7 @@ async def test_a_network_that_comes_back_or_fails_one_way_does_not_cut_a_bring_d
                 it.network.lose = lambda datagram: False
             it.link.send(command(1.0, bring_down=down))
             await asyncio.sleep(it.link.period_s)
-        lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+        lifted = it.lifted_s()
         held = 0.0 if both_ways else SILENT_S
         assert lifted[-1] == pytest.approx(failed_s + held + 0.25 + 1.5, abs=0.25)
         assert all(share > 0.0 for time_s, share, _ in it.vehicle.acts if time_s < lifted[-1])
@@ -312,9 +314,7 @@ async def test_a_bridge_that_is_started_again_is_found_again_and_nothing_is_arme
         await it.stream(1.0, 3.5)
         assert it.link.status.state == "connected"
         assert not it.receiver.armed
-        await it.link.arm(idle)
-        await it.stream(1.0, 0.2)
-        assert it.thrust == pytest.approx(0.5, abs=2e-3)
+        await it.flies_again()
 
 
 @in_virtual_time
@@ -347,9 +347,7 @@ async def test_a_pacer_and_a_stand_by_that_die_at_the_bridge_are_started_again_a
         assert it.said.index("the pacer ended: starting it again, disarmed") < it.said.index("the vehicle is disarmed")
         assert it.link.status.state == "connected"
         assert not it.receiver.armed
-        await it.link.arm(idle)
-        await it.stream(1.0, 0.1)
-        assert it.thrust == pytest.approx(0.5, abs=2e-3)
+        await it.flies_again()
 
 
 @in_virtual_time
@@ -368,8 +366,7 @@ async def test_a_bridge_that_ends_takes_no_command_any_more_and_tells_the_statio
         assert it.running.done()
         assert not it.receiver.armed
         assert max(share for _, share, _ in it.vehicle.acts) == pytest.approx(0.5, abs=2e-3), "the one it held"
-        lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
-        assert lifted[-1] < ended + 0.25 + DOWN.duration_s + MODULE.period_s
+        assert it.lifted_s()[-1] < ended + 0.25 + DOWN.duration_s + MODULE.period_s
         it.running = asyncio.create_task(asyncio.sleep(0.0))  # nothing is left to end
 
 
@@ -420,7 +417,7 @@ async def test_deadlines_hold_whatever_the_other_machines_clock_shows(shift_s: f
     assert it.thrust == pytest.approx(0.5, abs=2e-3)
     last_s = loop.time() - 0.02 + 0.25
     await asyncio.sleep(1.0)
-    lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+    lifted = it.lifted_s()
     assert last_s - 0.04 - MODULE.period_s < lifted[-1] <= last_s + MODULE.frame_s + 1e-6
     newest = reports[-1]
     assert newest is not None and newest.now_s == pytest.approx(loop.time() + shift_s, abs=0.25)

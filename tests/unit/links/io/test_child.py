@@ -21,12 +21,13 @@ def run(command: list[str], folder: Path, path: str) -> "subprocess.CompletedPro
 
 
 # Where PYTHONPATH puts it first, a `groundstation` of the user's is theirs: docs/decisions/0010-distribution.md.
-@pytest.mark.parametrize(("name", "path"), [*((name, "") for name in PACKAGES), ("links", "."), ("sim", ".")])
+@pytest.mark.parametrize(("names", "path"), [(PACKAGES, ""), (("links", "sim"), ".")], ids=["here", "in PYTHONPATH"])
 @pytest.mark.parametrize("module", ["groundstation", "sim"])
 def test_a_module_of_the_users_with_the_name_of_ours_is_not_run(
-    module: str, name: str, path: str, tmp_path: Path
+    module: str, names: tuple[str, ...], path: str, tmp_path: Path
 ) -> None:
-    (tmp_path / f"{name}.py").write_text("raise SystemExit('not ours')", "utf-8")
+    for name in names:
+        (tmp_path / f"{name}.py").write_text(f"raise SystemExit('not our {name}')", "utf-8")
     done = run(make_child_command(module, "--version"), tmp_path, path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("groundstation")

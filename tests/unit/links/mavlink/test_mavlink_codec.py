@@ -73,20 +73,14 @@ def test_frames_are_numbered_one_after_the_other_across_all_kinds() -> None:
     assert [read(frame).get_seq() for frame in frames] == [0, 1, 2, 3, 4]
 
 
-def test_a_signed_frame_is_read_its_signature_ignored() -> None:
+@pytest.mark.parametrize(("signed", "form"), [(True, {}), (False, {"force_mavlink1": True})])
+def test_a_signed_frame_is_read_its_signature_ignored_and_one_of_mavlink_1(signed: bool, form: dict[str, bool]) -> None:
     sender = mavlink.MAVLink(None, 1, 1)
     sender.signing.secret_key = bytes(32)
-    sender.signing.sign_outgoing = True
-    frame = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3).pack(sender)
-    codec = MavlinkCodec(245, 190)
-    assert [m.get_type() for m in codec.feed(frame + golden("HEARTBEAT").frame)] == ["HEARTBEAT", "HEARTBEAT"]
-
-
-def test_a_frame_of_mavlink_1_is_read() -> None:
-    sender = mavlink.MAVLink(None, 1, 1)
-    frame = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3).pack(sender, force_mavlink1=True)
-    codec = MavlinkCodec(245, 190)
-    assert [m.autopilot for m in codec.feed(frame)] == [12]
+    sender.signing.sign_outgoing = signed
+    frame = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3).pack(sender, **form)
+    told = MavlinkCodec(245, 190).feed(frame + golden("HEARTBEAT").frame)
+    assert [(m.get_type(), m.autopilot) for m in told] == [("HEARTBEAT", 12)] * 2
 
 
 ODOMETRY = golden("ODOMETRY").frame
@@ -157,11 +151,8 @@ def test_a_frame_cut_at_any_byte_arrives_while_another_sender_speaks_between(cut
 def test_stray_bytes_between_cut_frames_cost_none_of_the_frames_behind(stray: bytes, cut: int) -> None:
     codec = MavlinkCodec(245, 190)
     pieces = [ODOMETRY[:cut], ODOMETRY[cut:] + stray + ODOMETRY[:cut], ODOMETRY[cut:], HEARTBEAT]
-    assert [m.get_type() for piece in pieces for m in codec.feed(piece, BRIDGE)] == [
-        "ODOMETRY",
-        "ODOMETRY",
-        "HEARTBEAT",
-    ]
+    read = [m.get_type() for piece in pieces for m in codec.feed(piece, BRIDGE)]
+    assert read == ["ODOMETRY", "ODOMETRY", "HEARTBEAT"]
 
 
 def test_unfinished_frames_are_kept_of_so_many_senders_and_no_more() -> None:

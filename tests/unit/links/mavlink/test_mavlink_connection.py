@@ -1,9 +1,10 @@
 """Timers and limits of a connection: pauses between attempts, what may wait, who steers, and whether answers come."""
 
 import asyncio
+import contextlib
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import pytest
@@ -52,27 +53,33 @@ class Port:
         self.is_open = False
 
 
-async def opened(ports: Ports, baud: int = 57600) -> tuple[ReconnectingTransport, Counter[str], list[str]]:
+Opened = tuple[ReconnectingTransport, Any, Counter[str], list[str]]
+"""The line, its port, what it has dropped, and what it has told."""
+
+
+@contextlib.asynccontextmanager
+async def opened(ports: Ports, baud: int = 57600) -> AsyncIterator[Opened]:
     NETWORK.set(ports)
     told, dropped = list[str](), Counter[str]()
     config = MavlinkLinkConfig(serial="/dev/ttyUSB0", baud=baud)
     line = ReconnectingTransport(config, dropped, hear=lambda *_: None, lose=told.append, tell=told.append)
     await line.open()
-    return line, dropped, told
+    assert isinstance(line.wire, SerialTransport)
+    yield line, line.wire._transport, dropped, told
+    line.cut()
 
 
 @in_virtual_time
 async def test_a_lost_wire_is_tried_after_half_a_second_and_then_after_twice_as_long_up_to_eight() -> None:
     ports = Ports(closed_for_s=30.0)
-    line, _, told = await opened(ports)
-    line.lose_transport("unplugged")
-    await asyncio.sleep(60.0)
-    pauses_s = [b - a for a, b in zip(ports.tried_s, ports.tried_s[1:], strict=False)]
-    assert pauses_s == pytest.approx([0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 8.0])
-    said_s = [float(found[1]) for text in told if (found := re.search(r"again in ([\d.]+) s", text))]
-    assert said_s == pytest.approx(pauses_s)
-    assert line.wire is not None
-    line.cut()
+    async with opened(ports) as (line, _, _, told):
+        line.lose_transport("unplugged")
+        await asyncio.sleep(60.0)
+        pauses_s = [b - a for a, b in zip(ports.tried_s, ports.tried_s[1:], strict=False)]
+        assert pauses_s == pytest.approx([0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 8.0])
+        said_s = [float(found[1]) for text in told if (found := re.search(r"again in ([\d.]+) s", text))]
+        assert said_s == pytest.approx(pauses_s)
+        assert line.wire is not None
 
 
 @pytest.mark.parametrize(
@@ -87,38 +94,29 @@ async def test_a_lost_wire_is_tried_after_half_a_second_and_then_after_twice_as_
         (921600, 1844, False),
     ],
 )
-def test_a_frame_leaves_by_a_port_that_is_done_with_what_waits_within_20_ms(
+@in_virtual_time
+async def test_a_frame_leaves_by_a_port_that_is_done_with_what_waits_within_20_ms(
     baud: int, queued: int, leaves: bool
 ) -> None:
-    @in_virtual_time
-    async def send() -> None:
-        line, dropped, _ = await opened(Ports(), baud)
-        assert isinstance(line.wire, SerialTransport)
-        port = line.wire._transport
+    async with opened(Ports(), baud) as (line, port, dropped, _):
         port.queued = queued
         assert line.leave(b"frame", None) is leaves
         assert dropped == ({} if leaves else {"full": 1})
         assert port.sent == ([b"frame"] if leaves else [])
-        line.cut()
-
-    send()
 
 
 @in_virtual_time
 async def test_a_port_that_takes_nothing_for_a_quarter_of_a_second_is_closed() -> None:
-    line, dropped, _ = await opened(Ports())
-    assert isinstance(line.wire, SerialTransport)
-    port = line.wire._transport
-    port.queued = 10_000
-    open_at = []
-    for n in range(30):
-        line.leave(b"frame", None)
-        open_at.append(port.is_open)
-        port.queued = 0 if n == 10 else 10_000  # once it takes a frame, which begins the time anew
-        await asyncio.sleep(0.02)
-    assert open_at.index(False) == 12 + 13
-    assert dropped["full"] == 25
-    line.cut()
+    async with opened(Ports()) as (line, port, dropped, _):
+        port.queued = 10_000
+        open_at = []
+        for n in range(30):
+            line.leave(b"frame", None)
+            open_at.append(port.is_open)
+            port.queued = 0 if n == 10 else 10_000  # once it takes a frame, which begins the time anew
+            await asyncio.sleep(0.02)
+        assert open_at.index(False) == 12 + 13
+        assert dropped["full"] == 25
 
 
 def set_point(codec: MavlinkCodec, system: int) -> Any:
@@ -159,41 +157,45 @@ def answer(uplink: Uplink, asked_ns: int, now_s: float) -> None:
     uplink.hear(D.MAVLink_timesync_message(77, asked_ns), now_s, 0.02)
 
 
-def test_answers_are_judged_by_these_times() -> None:
+def begun() -> Uplink:
     uplink = Uplink(0.05)
     uplink.begin(0.0)
+    return uplink
+
+
+def test_an_answer_is_overdue_since_it_was_first_heard_less_the_usual_trip_and_the_period() -> None:
+    uplink = begun()
     asked = [uplink.ask(now_s) for now_s in (0.0, 0.049, 0.05, 0.12)]
     assert asked == [0, None, 50_000_000, 120_000_000], "one in 50 ms"
     answer(uplink, 50_000_000, 0.07)
     assert uplink.arrival(0.07, 0.02) == IN_TIME
-    # Overdue since it was first heard, or asked what it answered last: less the usual trip and the period.
     assert uplink.arrival(0.2, 0.02) == pytest.approx((0.2 - 0.07 - 0.02 - 0.05, 0.0))
     assert uplink.arrival(0.221, 0.02) == IN_TIME, "it was not heard for 150 ms: nobody knows"
-    # An answer half a second beyond the usual is late, once such answers last for 150 ms.
-    for late_s, lasts_s, told in ((0.51, 0.14, False), (0.51, 0.16, True), (0.49, 0.16, False)):
-        uplink = Uplink(0.05)
-        uplink.begin(0.0)
-        ids = [uplink.ask(0.1 * n) for n in range(2)]
-        for asked_ns in ids:
-            assert asked_ns is not None
-            answer(uplink, asked_ns, asked_ns * 1e-9 + 0.02 + late_s)
-        begun_s = 0.02 + late_s
-        found = uplink.arrival(begun_s + lasts_s, 0.02).late_s
-        assert found == (pytest.approx(late_s) if told else 0.0)
-    # What was asked more than 5 s ago is forgotten.
-    for age_s, counts in ((4.9, True), (5.1, False)):
-        uplink = Uplink(0.05)
-        uplink.begin(0.0)
-        uplink.ask(0.0)
-        uplink.ask(age_s)
-        answer(uplink, 0, age_s + 0.01)
-        overdue_s, _ = uplink.arrival(age_s + 0.15, 0.02)
-        assert overdue_s == (pytest.approx(0.07) if counts else 0.0)
+
+
+@pytest.mark.parametrize(("late_s", "lasts_s", "told"), [(0.51, 0.14, False), (0.51, 0.16, True), (0.49, 0.16, False)])
+def test_an_answer_half_a_second_beyond_the_usual_is_late_once_such_answers_last_for_150_ms(
+    late_s: float, lasts_s: float, told: bool
+) -> None:
+    uplink = begun()
+    for asked_ns in [uplink.ask(0.1 * n) for n in range(2)]:
+        assert asked_ns is not None
+        answer(uplink, asked_ns, asked_ns * 1e-9 + 0.02 + late_s)
+    found = uplink.arrival(0.02 + late_s + lasts_s, 0.02).late_s
+    assert found == (pytest.approx(late_s) if told else 0.0)
+
+
+@pytest.mark.parametrize(("age_s", "overdue_s"), [(4.9, 0.07), (5.1, 0.0)])
+def test_what_was_asked_more_than_five_seconds_ago_is_forgotten(age_s: float, overdue_s: float) -> None:
+    uplink = begun()
+    uplink.ask(0.0)
+    uplink.ask(age_s)
+    answer(uplink, 0, age_s + 0.01)
+    assert uplink.arrival(age_s + 0.15, 0.02)[0] == pytest.approx(overdue_s)
 
 
 def test_what_was_held_back_once_and_came_all_together_is_not_late_any_more() -> None:
-    uplink, asked = Uplink(0.05), list[int]()
-    uplink.begin(0.0)
+    uplink, asked = begun(), list[int]()
     for n in range(101):
         uplink.hear(D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3), 0.01 * n, 0.02)
         asked += [ns for ns in (uplink.ask(0.01 * n),) if ns is not None]

@@ -151,11 +151,6 @@ def test_a_vehicle_that_is_no_multirotor_is_not_armed(vehicle: int, name: str) -
         arming(autopilot)
 
 
-def test_another_kind_of_autopilot_is_not_armed() -> None:
-    with pytest.raises(LinkRejected, match="no PX4 and no ArduPilot"):
-        Scene(8, arming, accept)
-
-
 def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> None:
     answer = refuse(MavCommand.ARM_DISARM, 2, words="Arming denied: resolve health failures first\t")
     scene = Scene(PX4, arming, answer).run()

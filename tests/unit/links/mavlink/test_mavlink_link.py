@@ -1,6 +1,7 @@
 """links/mavlink/link.py and its connection towards PX4, ArduPilot and strangers, in virtual time."""
 
 import asyncio
+import itertools
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -11,7 +12,6 @@ from links.core import Command, LinkError, LinkLost
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import (
     ARDUPILOT,
-    BOTH_S,
     INVALID,
     PX4,
     MavCommand,
@@ -35,6 +35,8 @@ class Endpoint(asyncio.DatagramProtocol):
         self.armed = False
         self.heard: list[tuple[float, Any]] = []
         self.answer: Callable[[Any], list[Any]] = lambda message: []
+        self.beats: asyncio.Task[None]
+        """Its heartbeats, for as long as a scene does not end them."""
 
     async def open(self, local: tuple[str, int] | None = None, remote: tuple[str, int] | None = HERE) -> "Endpoint":
         loop = asyncio.get_running_loop()
@@ -77,21 +79,27 @@ def command(thrust_n: float = 1.0, coast_s: float = 0.25) -> Command:
 
 
 def play_scene(
-    play: Callable[[MavlinkLink, Endpoint], Awaitable[None]], *, kind: int = PX4, connect: bool = True, **options: Any
+    play: Callable[[MavlinkLink, Endpoint], Awaitable[None]],
+    *,
+    kind: int = PX4,
+    connect: bool = True,
+    vehicle_curve: float = 0.0,
+    **options: Any,
 ) -> None:
     """Play with a link and an autopilot that accepts every command and sends its heartbeat."""
 
     async def main() -> None:
         autopilot = await Endpoint(kind=kind).open()
         autopilot.answer = accept
-        link = MavlinkLink(MavlinkLinkConfig(**({"quiet": False} | options)), thrust_max_n=2.0)
-        beating = asyncio.create_task(autopilot.beating())
+        config = MavlinkLinkConfig(**({"quiet": False} | options))
+        link = MavlinkLink(config, thrust_max_n=2.0, thrust_curve=vehicle_curve)
+        autopilot.beats = asyncio.create_task(autopilot.beating())
         try:
             if connect:
                 await link.connect()
             await play(link, autopilot)
         finally:
-            beating.cancel()
+            autopilot.beats.cancel()
             await link.close()
 
     in_virtual_time(main)()
@@ -185,13 +193,11 @@ async def test_a_silent_autopilot_is_lost_and_found_again() -> None:
     await link.close()
 
 
-@in_virtual_time
-async def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_and_waits_for_a_new_arming() -> None:
-    first = await Endpoint().open()
-    first.answer = accept
-    link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
+@scene(connect=False)
+async def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_and_waits_for_a_new_arming(
+    link: MavlinkLink, first: Endpoint
+) -> None:
     link.connection.request(lambda kind: {"ODOMETRY": 50.0})
-    beating = asyncio.create_task(first.beating())
     await link.connect()
     await link.arm(command)
     second = await Endpoint().open()
@@ -199,7 +205,7 @@ async def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_
     second.beat()
     await asyncio.sleep(0.1)
     assert link.status.dropped == {"other_address": 2}, "a heartbeat, and the answer to who it is"
-    beating.cancel()
+    first.beats.cancel()
     await asyncio.sleep(3.5)
     second.beat()
     await asyncio.sleep(0.1)
@@ -211,18 +217,16 @@ async def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_
     link.send(command())
     await asyncio.sleep(0.1)
     assert second.of("SET_ATTITUDE_TARGET") == []
-    await link.close()
 
 
-@in_virtual_time
-async def test_what_is_owed_to_a_vehicle_in_the_air_never_goes_to_another_with_its_number() -> None:
-    own, stranger = await Endpoint().open(), await Endpoint().open()
-    own.answer = stranger.answer = accept
-    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-    beating = asyncio.create_task(own.beating())
-    await link.connect()
+@scene(quiet=True)
+async def test_what_is_owed_to_a_vehicle_in_the_air_never_goes_to_another_with_its_number(
+    link: MavlinkLink, own: Endpoint
+) -> None:
+    stranger = await Endpoint().open()
+    stranger.answer = accept
     await link.arm(command)
-    beating.cancel()
+    own.beats.cancel()
     for _ in range(200):  # its heartbeats are lost, and it is commanded all the same
         link.send(command())
         stranger.beat()
@@ -234,7 +238,6 @@ async def test_what_is_owed_to_a_vehicle_in_the_air_never_goes_to_another_with_i
     stranger.beat()
     await asyncio.sleep(0.1)
     assert link.status.state == "connected"
-    await link.close()
 
 
 @scene(connect=False, quiet=True)
@@ -263,24 +266,17 @@ def orders(autopilot: Endpoint) -> list[float]:
     return [m.param1 for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.ARM_DISARM]
 
 
+@pytest.mark.parametrize(("after_s", "ordered"), [(0.5, []), (1.5, [1.0, 0.0])], ids=["before", "after the order"])
 @scene()
-async def test_arming_that_is_given_up_after_the_order_takes_it_back(link: MavlinkLink, autopilot: Endpoint) -> None:
+async def test_arming_that_is_given_up_takes_its_order_back(
+    link: MavlinkLink, autopilot: Endpoint, after_s: float, ordered: list[float]
+) -> None:
     autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) == MavCommand.DO_SET_MODE else []
     arming = asyncio.create_task(link.arm(lambda: command(0.0)))
-    await asyncio.sleep(1.5)
-    arming.cancel()
-    await asyncio.sleep(0.1)
-    assert orders(autopilot)[-1] == 0.0
-    assert orders(autopilot)[:-1] == [1.0]
-
-
-@scene()
-async def test_arming_that_is_given_up_before_the_order_orders_nothing(link: MavlinkLink, autopilot: Endpoint) -> None:
-    arming = asyncio.create_task(link.arm(lambda: command(0.0)))
-    await asyncio.sleep(0.5)
+    await asyncio.sleep(after_s)
     arming.cancel()
     await asyncio.sleep(2.0)
-    assert orders(autopilot) == []
+    assert [order for order, _ in itertools.groupby(orders(autopilot))] == ordered
 
 
 @scene()
@@ -332,20 +328,14 @@ async def test_ardupilot_that_will_not_disarm_is_put_into_land(link: MavlinkLink
 
 
 @pytest.mark.parametrize(("own", "share"), [(None, 0.5), (0.0, 0.25), (1.0, 0.5)])
-@in_virtual_time
-async def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(own: float | None, share: float) -> None:
-    autopilot = await Endpoint().open()
-    autopilot.answer = accept
-    config = MavlinkLinkConfig(quiet=False, thrust_curve=own)
-    link = MavlinkLink(config, thrust_max_n=2.0, thrust_curve=1.0)
-    beating = asyncio.create_task(autopilot.beating())
-    await link.connect()
-    await link.arm(lambda: command(0.0))
-    link.send(command(0.5))
-    await asyncio.sleep(0.1)
-    assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(share)  # the root of 0.25
-    beating.cancel()
-    await link.close()
+def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(own: float | None, share: float) -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await link.arm(lambda: command(0.0))
+        link.send(command(0.5))
+        await asyncio.sleep(0.1)
+        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(share)  # the root of 0.25
+
+    play_scene(play, vehicle_curve=1.0, thrust_curve=own)
 
 
 @pytest.mark.parametrize(
@@ -370,33 +360,19 @@ def test_a_bad_configuration_is_refused(options: dict[str, Any], complaint: str)
 
 
 @scene()
-async def test_another_program_that_steers_the_same_autopilot_is_told_by_name_until_it_has_been_silent(
+async def test_another_program_that_steers_the_same_autopilot_is_told_by_name_but_not_what_may_be_our_echo(
     link: MavlinkLink, autopilot: Endpoint
 ) -> None:
-    def steer(system: int, target: int = 1) -> None:
-        frame = MavlinkCodec(system, 7).attitude_target(0.0, target, 1, 0.5, (0.0, 0.0, 0.0))
+    """How long, and which vehicle it has to steer: test_mavlink_connection.py."""
+
+    async def steer(system: int, component: int) -> str:
+        frame = MavlinkCodec(system, component).attitude_target(0.0, 1, 1, 0.5, (0.0, 0.0, 0.0))
         autopilot.transport.sendto(frame, autopilot.remote)
+        await asyncio.sleep(0.1)
+        return link.status.conflict
 
-    steer(42, target=2)
-    await asyncio.sleep(0.1)
-    assert link.status.conflict == "", "that is another vehicle"
-    steer(42)
-    await asyncio.sleep(0.1)
-    assert "MAVLink system 42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too" in link.status.conflict
-    await asyncio.sleep(BOTH_S)
-    assert link.status.conflict == ""
-
-
-@scene()
-async def test_what_has_our_own_numbers_is_another_program_s_before_arming_and_may_be_an_echo_afterwards(
-    link: MavlinkLink, autopilot: Endpoint
-) -> None:
-    echo = MavlinkCodec(245, 190).attitude_target(0.0, 1, 1, 0.5, (0.0, 0.0, 0.0))
     await link.arm(lambda: command(0.0))
-    autopilot.transport.sendto(echo, autopilot.remote)
-    await asyncio.sleep(0.1)
-    assert link.status.conflict == ""
+    assert await steer(245, 190) == ""
     await link.disarm()
-    autopilot.transport.sendto(echo, autopilot.remote)
-    await asyncio.sleep(0.1)
-    assert "MAVLink system 245, component 190" in link.status.conflict
+    assert "MAVLink system 245, component 190" in await steer(245, 190)
+    assert "MAVLink system 42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too" in await steer(42, 7)

@@ -124,7 +124,7 @@ def test_every_multirotor_of_both_firmwares_may_be_armed(kind: int, name: str, v
     autopilot = AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, kind, vehicle)
     assert autopilot.name == name
     if kind == 8:
-        with pytest.raises(LinkRejected):
+        with pytest.raises(LinkRejected, match="no PX4 and no ArduPilot"):
             arming(autopilot)
     else:
         assert not arming(autopilot).done

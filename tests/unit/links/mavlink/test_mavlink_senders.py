@@ -33,8 +33,14 @@ def version(uid: int = 0, uid2: bytes = bytes(18)) -> Any:
     return D.MAVLink_autopilot_version_message(0, 0, 0, 0, 0, none, none, none, 0, 0, uid, uid2)
 
 
-def senders() -> TargetSenders:
-    return TargetSenders(1, lambda address: f"{address[0]}:{address[1]}")
+def senders(*heard: tuple[tuple[str, int], int | None]) -> TargetSenders:
+    """After the heartbeats at 1 s of these addresses, which have told these hardware ids."""
+    seen = TargetSenders(1, lambda address: f"{address[0]}:{address[1]}")
+    for address, uid in heard:
+        seen.beat(address, 1.0)
+        if uid is not None:
+            seen.identify(address, version(uid))
+    return seen
 
 
 def test_the_long_hardware_id_counts_before_the_short_one() -> None:
@@ -44,46 +50,33 @@ def test_the_long_hardware_id_counts_before_the_short_one() -> None:
 
 
 def test_one_sender_is_no_conflict() -> None:
-    seen = senders()
-    seen.beat(HERE, 1.0)
+    seen = senders((HERE, None))
     assert (seen.conflict(HERE, 1.0), seen.second_path(HERE, 1.0)) == ("", "")
 
 
 @pytest.mark.parametrize(("first", "second"), [(1, 2), (1, 0), (0, 2), (0, 0), (1, None), (None, None)])
 def test_two_addresses_conflict_unless_both_tell_the_same_hardware_id(first: int | None, second: int | None) -> None:
-    seen = senders()
-    for address, uid in ((HERE, first), (THERE, second)):
-        seen.beat(address, 1.0)
-        if uid is not None:
-            seen.identify(address, version(uid))
+    seen = senders((HERE, first), (THERE, second))
     assert "10.0.0.5:14550" in (conflict := seen.conflict(HERE, 1.0))
     assert "10.0.0.9:14550" in conflict
     assert seen.second_path(HERE, 1.0) == ""
 
 
 def test_the_same_hardware_id_at_two_addresses_is_a_second_path() -> None:
-    seen = senders()
-    for address in (HERE, ELSEWHERE):
-        seen.beat(address, 1.0)
-        seen.identify(address, version(7))
+    seen = senders((HERE, 7), (ELSEWHERE, 7))
     assert seen.conflict(HERE, 1.0) == ""
     assert "10.0.0.5:14550 and 10.0.0.5:14551: only the first is used" in seen.second_path(HERE, 1.0)
 
 
 def test_a_second_sender_counts_until_it_has_been_silent_for_three_seconds() -> None:
-    seen = senders()
-    seen.beat(HERE, 1.0)
-    seen.beat(THERE, 1.0)
+    seen = senders((HERE, None), (THERE, None))
     seen.beat(HERE, 4.0)
     assert seen.conflict(HERE, 1.0 + BOTH_S)
     assert seen.conflict(HERE, 1.1 + BOTH_S) == ""
 
 
 def test_two_hardware_ids_at_one_address_conflict_until_a_silence() -> None:
-    seen = senders()
-    seen.beat(HERE, 1.0)
-    seen.identify(HERE, version(0xA1))
-    seen.identify(HERE, version(0xB2))
+    seen = senders((HERE, 0xA1), (HERE, 0xB2))
     assert "2 autopilots with MAVLink system id 1 answer from 10.0.0.5:14550 (hardware ids a1, b2)" in (
         seen.conflict(HERE, 1.0)
     )
@@ -92,9 +85,7 @@ def test_two_hardware_ids_at_one_address_conflict_until_a_silence() -> None:
 
 
 def test_another_autopilot_than_the_one_that_was_examined_conflicts() -> None:
-    seen = senders()
-    seen.beat(HERE, 1.0)
-    seen.identify(HERE, version(7))
+    seen = senders((HERE, 7))
     seen.examine(HERE)
     seen.beat(THERE, 9.0)
     assert "10.0.0.9:14550 (which tells no hardware id) is not the one that was checked at 10.0.0.5:14550" in (
@@ -254,10 +245,7 @@ async def test_signed_frames_replayed_from_another_port_are_refused_and_no_secon
 
 
 def test_every_autopilot_beside_the_one_that_is_used_is_named() -> None:
-    seen = senders()
-    for address, uid in ((HERE, 1), (THERE, 2), (("10.0.0.7", 14550), 3)):
-        seen.beat(address, 1.0)
-        seen.identify(address, version(uid))
+    seen = senders((HERE, 1), (THERE, 2), (("10.0.0.7", 14550), 3))
     conflict = seen.conflict(HERE, 1.0)
     assert conflict.startswith("several autopilots with MAVLink system id 1 are heard: one at 10.0.0.5:14550")
     assert "10.0.0.9:14550 (hardware id 2) and one at 10.0.0.7:14550 (hardware id 3)" in conflict

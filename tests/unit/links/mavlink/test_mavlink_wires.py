@@ -1,18 +1,21 @@
-"""MAVLink over TCP and a serial port, in real time: what is lost is opened again, and nothing stale ever leaves."""
+"""MAVLink over each transport, in real time: nothing raises, what is lost is opened again, nothing stale leaves."""
 
 import asyncio
 import contextlib
+import gc
 import os
 import pty
+import random
 import tty
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import links.mavlink.connection
 from links.core import Command, LinkLost
-from links.io import open_port
+from links.io import open_port, parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import PX4, MavlinkCodec
 from tests.loops import free_address, in_real_time, until
@@ -20,15 +23,30 @@ from tests.loops import free_address, in_real_time, until
 pytestmark = pytest.mark.real_time
 
 D = MavlinkCodec(1, 1).dialect
+FOREIGN = MavlinkCodec(7, 1)
+SILENCE_S = 1.5
+ARMED = 128
+"""The vehicle's own heartbeat that tells of no arming would stop the commands."""
 
 
-class Answering:
-    """An autopilot at the other end of a stream: accepts everything, sends its heartbeat ten times a second."""
+class End:
+    """The autopilot's end of one transport: it accepts everything, goes away, and comes back under the same name."""
 
     def __init__(self) -> None:
         self.codec = MavlinkCodec(1, 1)
         self.heard: list[str] = []
         self.armed = False
+        self.options: dict[str, Any] = {}
+        """How a link reaches it."""
+
+    async def start(self) -> None:
+        raise NotImplementedError
+
+    def put(self, data: bytes) -> None:
+        raise NotImplementedError
+
+    def lose(self) -> None:
+        raise NotImplementedError
 
     def answers(self, data: bytes) -> bytes:
         out = b""
@@ -39,76 +57,104 @@ class Answering:
                 out += self.codec.pack(D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190))
         return out
 
-    def beat(self) -> bytes:
-        return self.codec.pack(D.MAVLink_heartbeat_message(2, PX4, 128 if self.armed else 0, 0, 3, 3))
+    async def beating(self) -> None:
+        """Send the heartbeat ten times a second."""
+        while True:
+            self.put(self.codec.pack(D.MAVLink_heartbeat_message(2, PX4, ARMED if self.armed else 0, 0, 3, 3)))
+            await asyncio.sleep(0.1)
 
 
-class TcpEnd(Answering):
+class Udp(End, asyncio.DatagramProtocol):
+    """Sends to us first (``listen``), or waits for us (``remote``)."""
+
+    def __init__(self, way: str) -> None:
+        super().__init__()
+        self.way = way
+        self.target: Any = None
+
+    async def start(self) -> None:
+        address = self.options.setdefault(self.way, await free_address())
+        first, loop = self.way == "listen", asyncio.get_running_loop()
+        self.target = parse_address(address) if first else None
+        local = ("127.0.0.1", 0) if first else parse_address(address)
+        self.transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=local)
+        self.beats = asyncio.create_task(self.beating())
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self.target = addr
+        if answers := self.answers(data):
+            self.put(answers)
+
+    def put(self, data: bytes) -> None:
+        for at in range(0, len(data), 1400):
+            if self.target is not None:
+                self.transport.sendto(data[at : at + 1400], self.target)
+
+    def lose(self) -> None:
+        self.beats.cancel()
+        self.transport.abort()
+
+
+class Tcp(End):
     """A TCP server with one client."""
 
-    async def start(self, address: str) -> "TcpEnd":
-        host, _, port = address.partition(":")
+    def __init__(self) -> None:
+        super().__init__()
         self.writers: list[asyncio.StreamWriter] = []
-        self.server = await asyncio.start_server(self._serve, host, int(port))
-        return self
+
+    async def start(self) -> None:
+        address = self.options.setdefault("tcp", await free_address())
+        self.server = await asyncio.start_server(self._serve, *parse_address(address))
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.writers.append(writer)
-        beating = asyncio.create_task(self._beating(writer))
+        beats = asyncio.create_task(self.beating())
         with contextlib.suppress(ConnectionError):
             while data := await reader.read(4096):
                 writer.write(self.answers(data))
-        beating.cancel()
+        beats.cancel()
         writer.close()
 
-    async def _beating(self, writer: asyncio.StreamWriter) -> None:
-        while True:
-            writer.write(self.beat())
-            await asyncio.sleep(0.1)
+    def put(self, data: bytes) -> None:
+        for writer in self.writers:
+            writer.write(data)
 
-    def drop(self) -> None:
+    def lose(self) -> None:
+        self.server.close()
         for writer in self.writers:
             writer.transport.abort()
         self.writers.clear()
 
-    async def stop(self) -> None:
-        self.server.close()
-        self.drop()
-        await asyncio.sleep(0.01)
 
+class Serial(End):
+    """A port that can be pulled out and plugged in again under the same name."""
 
-class SerialEnd(Answering):
-    """The other end of a port that can be pulled out and plugged in again under the same name."""
-
-    def __init__(self, name: Path) -> None:
+    def __init__(self, folder: Path) -> None:
         super().__init__()
-        self.name = name
+        self.name = folder / "ttyACM0"
+        self.options = {"serial": str(self.name)}
         self.fd = -1
 
-    def plug(self) -> "SerialEnd":
+    async def start(self) -> None:
         self.fd, theirs = pty.openpty()
         tty.setraw(self.fd)
         os.set_blocking(self.fd, False)
         self.theirs = theirs
         self.name.unlink(missing_ok=True)
         self.name.symlink_to(os.ttyname(theirs))
-        loop = asyncio.get_running_loop()
-        loop.add_reader(self.fd, self._read)
-        self.beating = asyncio.create_task(self._beating())
-        return self
+        asyncio.get_running_loop().add_reader(self.fd, self._read)
+        self.beats = asyncio.create_task(self.beating())
 
     def _read(self) -> None:
         with contextlib.suppress(OSError):
             os.write(self.fd, self.answers(os.read(self.fd, 4096)))
 
-    async def _beating(self) -> None:
-        while True:
-            os.write(self.fd, self.beat())
-            await asyncio.sleep(0.1)
+    def put(self, data: bytes) -> None:
+        os.write(self.fd, data)
 
-    def unplug(self) -> None:
+    def lose(self) -> None:
         if self.fd >= 0:
-            self.beating.cancel()
+            self.beats.cancel()
             asyncio.get_running_loop().remove_reader(self.fd)
             self.name.unlink(missing_ok=True)
             os.close(self.theirs)
@@ -116,26 +162,52 @@ class SerialEnd(Answering):
             self.fd = -1
 
 
+ENDS: dict[str, Callable[[Path], End]] = {
+    "listen": lambda _: Udp("listen"),
+    "remote": lambda _: Udp("remote"),
+    "tcp": lambda _: Tcp(),
+    "serial": Serial,
+}
+
+
+@pytest.fixture(params=ENDS)
+def end(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[End]:
+    monkeypatch.setattr(links.mavlink.connection, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr("links.mavlink.protocol.procedures.STREAM_S", 0.1)
+    yield ENDS[request.param](tmp_path)
+
+
+def of_kind(*kinds: str) -> pytest.MarkDecorator:
+    """Have a test try only ends of these kinds."""
+    return pytest.mark.parametrize("end", kinds, indirect=True)
+
+
+def link_to(end: End, **options: Any) -> MavlinkLink:
+    return MavlinkLink(MavlinkLinkConfig(**end.options, quiet=False, **options), thrust_max_n=2.0)
+
+
 def command() -> Command:
+    """Good for longer than a busy machine keeps this program waiting."""
     now = asyncio.get_running_loop().time()
-    return Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.9)
+    return Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 1.0)
 
 
-async def lost_and_found(link: MavlinkLink, end: Answering, lose: Callable[[], Any], find: Callable[[], Any]) -> None:
-    """Fly, lose the wire, find it again, and see that nothing lifts until the next arming."""
+@of_kind("tcp", "serial")
+@in_real_time
+async def test_a_stream_that_is_closed_or_unplugged_is_opened_again_and_waits_for_a_new_arming(end: End) -> None:
+    await end.start()
+    link = link_to(end)
     await link.connect()
     await link.arm(command)
     assert link.send(command())
     await until(lambda: "SET_ATTITUDE_TARGET" in end.heard)
-    lose()
+    end.lose()
     await until(lambda: link.status.state == "lost")
     assert "the link is lost: " in link.status.text
     assert "trying again in" in link.status.text
     sent, expired = link.status.sent, link.status.expired
     link.send(command())
-    result = find()
-    if isinstance(result, Awaitable):
-        await result
+    await end.start()
     await until(lambda: link.status.state in ("connected", "armed"))
     await until(lambda: "arm anew" in link.status.text)
     end.heard.clear()
@@ -150,30 +222,8 @@ async def lost_and_found(link: MavlinkLink, end: Answering, lose: Callable[[], A
     assert link.send(command())
     await until(lambda: "SET_ATTITUDE_TARGET" in end.heard)
     assert "lost" not in link.status.text
-
-
-@in_real_time
-async def test_a_tcp_connection_that_is_closed_is_opened_again_and_waits_for_a_new_arming() -> None:
-    address = await free_address()
-    end = await TcpEnd().start(address)
-    link = MavlinkLink(MavlinkLinkConfig(tcp=address, quiet=False), thrust_max_n=2.0)
-
-    def lose() -> None:
-        end.server.close()
-        end.drop()
-
-    await lost_and_found(link, end, lose, lambda: end.start(address))
     await link.close()
-    await end.stop()
-
-
-@in_real_time
-async def test_a_serial_port_that_is_unplugged_is_opened_again_and_waits_for_a_new_arming(tmp_path: Path) -> None:
-    end = SerialEnd(tmp_path / "ttyACM0").plug()
-    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
-    await lost_and_found(link, end, end.unplug, end.plug)
-    await link.close()
-    end.unplug()
+    end.lose()
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "nowhere/ttyACM0"])
@@ -185,54 +235,123 @@ async def test_what_is_no_serial_port_is_told_of(path: str) -> None:
     assert link.status.state == "closed"
 
 
+@of_kind("serial")
 @in_real_time
-async def test_a_port_that_another_program_has_is_told_of(tmp_path: Path) -> None:
-    end = SerialEnd(tmp_path / "ttyACM0").plug()
-    held = open_port(str(end.name), 57600)
-    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name)), thrust_max_n=2.0)
+async def test_a_port_that_another_program_has_is_told_of(end: End) -> None:
+    await end.start()
+    held = open_port(end.options["serial"], 57600)
+    link = link_to(end)
     with pytest.raises(LinkLost, match=r"another program|busy"):
         await link.connect()
     os.close(held)
-    end.unplug()
+    end.lose()
 
 
+@of_kind("tcp", "serial")
 @in_real_time
-async def test_a_port_that_takes_nothing_drops_frames_and_throws_away_what_waits_in_it(tmp_path: Path) -> None:
-    end = SerialEnd(tmp_path / "ttyACM0").plug()
-    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
+async def test_a_stream_that_takes_nothing_is_reset_and_what_waits_in_it_never_arrives(end: End) -> None:
+    await end.start()
+    link = link_to(end)
     await link.connect()
     await link.arm(command)
-    asyncio.get_running_loop().remove_reader(end.fd)  # nobody takes what we send
+    if isinstance(end, Serial):  # nobody takes what we send
+        asyncio.get_running_loop().remove_reader(end.fd)
+        burst, says = 50, "the port takes nothing any more"
+    else:
+        assert isinstance(end, Tcp)
+        end.server.close()
+        for writer in end.writers:
+            writer.transport.pause_reading()  # type: ignore[attr-defined]  # a socket's transport has it
+        burst, says = 2000, "acknowledges nothing"  # until the buffers on both sides are full
     async with asyncio.timeout(60.0):
         while link.status.state == "armed":
-            for _ in range(50):
+            for _ in range(burst):
                 link.send(command())
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(0.01)
     assert link.status.dropped["full"] > 50
     assert link.status.phase == "over"
-    assert "the port takes nothing any more" in link.status.text
+    assert says in link.status.text
     await link.close()
-    end.unplug()
+    end.lose()
 
 
-@in_real_time
-async def test_a_tcp_connection_that_stalls_is_reset_and_what_waits_in_it_never_arrives() -> None:
-    address = await free_address()
-    end = await TcpEnd().start(address)
-    link = MavlinkLink(MavlinkLinkConfig(tcp=address, quiet=False), thrust_max_n=2.0)
-    await link.connect()
-    await link.arm(command)
-    end.server.close()
-    for writer in end.writers:
-        writer.transport.pause_reading()  # type: ignore[attr-defined]  # a socket's transport has it
-    left = 0
-    async with asyncio.timeout(60.0):
-        while link.status.state == "armed":
-            for _ in range(2000):  # until the buffers on both sides are full
-                link.send(command())
-            left += 1
-            await asyncio.sleep(0.01)
-    assert "acknowledges nothing" in link.status.text
-    assert link.status.dropped["full"] > 0
-    await link.close()
-    await end.stop()
+def play(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    """Run ``main`` in real time; an exception that escaped to the event loop fails the test."""
+
+    async def watched() -> None:
+        escaped: list[dict[str, Any]] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: escaped.append(context))
+        await main()
+        gc.collect()  # a task that nobody awaited tells now
+        assert escaped == []
+
+    in_real_time(watched)()
+
+
+def troubles(codec: MavlinkCodec, seed: int) -> Iterator[bytes]:
+    """What noise, wrong baud rates, collisions and strangers put on a wire; what is whole of it, says what is true."""
+    luck = random.Random(seed)
+    beat = codec.dialect.MAVLink_heartbeat_message(2, 12, ARMED, 0, 3, 3)
+    for _ in range(60):
+        whole = codec.pack(beat)
+        cut = luck.randrange(1, len(whole))
+        flipped = bytearray(whole)
+        flipped[luck.randrange(len(whole))] ^= 1 << luck.randrange(8)
+        yield luck.choice(
+            [
+                luck.randbytes(luck.randrange(1, 400)),
+                whole[:cut],
+                whole[cut:],
+                bytes(flipped),
+                b"\xfd" * luck.randrange(1, 300),
+                b"\xfe" + luck.randbytes(7),
+                b"\xfd\xff\x00\x00" + luck.randbytes(30),
+                FOREIGN.pack(beat),
+                FOREIGN.pack(beat)[:-1] + whole,
+            ]
+        )
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_garbage_and_half_frames_are_counted_and_commands_go_on(end: End, seed: int) -> None:
+    async def main() -> None:
+        await end.start()
+        link = link_to(end)
+        await link.connect()
+        await link.arm(command)
+        received = link.status.received
+        for trouble in troubles(MavlinkCodec(1, 1), seed):
+            end.put(trouble)
+            link.send(command())
+            await asyncio.sleep(0.004)
+        end.put(bytes(300))  # the end of whatever a false start has promised
+        end.heard.clear()
+        await until(lambda: link.send(command()) and link.status.received > received + 5)
+        assert sum(link.status.dropped.values()) > 20
+        assert link.status.state == "armed"
+        assert link.send(command())
+        await until(lambda: "SET_ATTITUDE_TARGET" in end.heard)
+        await link.kill()
+        await link.close()
+        end.lose()
+        await asyncio.sleep(0.02)
+
+    play(main)
+
+
+def test_a_link_that_is_closed_while_its_wire_is_away_opens_nothing_any_more(end: End) -> None:
+    async def main() -> None:
+        await end.start()
+        link = link_to(end, heartbeat_timeout_s=SILENCE_S)
+        await link.connect()
+        end.lose()
+        await until(lambda: link.status.state == "lost")
+        await link.close()
+        end.heard.clear()
+        await end.start()
+        await asyncio.sleep(0.2)
+        assert (link.status.state, end.heard) == ("closed", [])
+        end.lose()
+        await asyncio.sleep(0.02)
+
+    play(main)

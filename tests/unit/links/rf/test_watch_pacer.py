@@ -16,32 +16,33 @@ LATE_S = 0.005
 OLD_S = 0.06
 
 
-def looks(watch: StandbyWatch, begin_s: float, *, late_s: float = 0.0, vouched_s: float | None = None) -> float | None:
+def watching(period_s: float) -> StandbyWatch:
+    """One that looks at 10 s for the first time."""
+    watch = StandbyWatch(period_s)
+    watch.next_s = 10.0
+    return watch
+
+
+def looks(watch: StandbyWatch, *, late_s: float = 0.0, vouched_s: float = 10.0) -> float | None:
     """Look whenever it is time, by a pacer that vouched last at ``vouched_s``; when it is convicted."""
-    now = begin_s
+    now = 10.0
     for _ in range(100):
-        if watch.look(now + late_s, begin_s if vouched_s is None else vouched_s):
+        if watch.look(now + late_s, vouched_s):
             return now
         now = max(watch.next_s, now) + 1e-6
     return None
 
 
 def test_a_sign_of_life_that_stays_out_convicts_at_the_second_look() -> None:
-    watch = StandbyWatch(0.0225)
-    watch.next_s = 10.0
-    convicted = looks(watch, 10.0)
-    assert convicted == pytest.approx(10.0 + OLD_S + 0.5 * 0.0225 + LOOK_S, abs=1e-4)
+    assert looks(watching(0.0225)) == pytest.approx(10.0 + OLD_S + 0.5 * 0.0225 + LOOK_S, abs=1e-4)
 
 
 def test_a_watcher_that_is_late_convicts_nobody() -> None:
-    watch = StandbyWatch(0.004)
-    watch.next_s = 10.0
-    assert looks(watch, 10.0, late_s=1.1 * LATE_S) is None
+    assert looks(watching(0.004), late_s=1.1 * LATE_S) is None
 
 
 def test_one_look_in_time_and_one_late_begin_anew() -> None:
-    watch = StandbyWatch(0.004)
-    watch.next_s = 10.0
+    watch = watching(0.004)
     assert not watch.look(10.0, 9.9)
     assert not watch.look(10.0 + LOOK_S + 1.1 * LATE_S, 9.9)
     assert not watch.look(watch.next_s, 9.9)
@@ -49,26 +50,20 @@ def test_one_look_in_time_and_one_late_begin_anew() -> None:
 
 
 def test_a_sign_in_between_acquits() -> None:
-    watch = StandbyWatch(0.004)
-    watch.next_s = 10.0
+    watch = watching(0.004)
     assert not watch.look(10.0, 9.9)
     assert not watch.look(watch.next_s, 10.005)
     assert not watch.look(10.3, 10.2)
 
 
 def test_frames_far_apart_are_waited_for() -> None:
-    watch = StandbyWatch(0.1)
-    watch.next_s = 10.0
-    convicted = looks(watch, 10.0)
+    convicted = looks(watching(0.1))
     assert convicted is not None and convicted > 10.15
 
 
 def test_a_pacer_that_has_not_begun_or_vouches_ahead_is_waited_for_and_looked_at_all_the_same() -> None:
-    watch = StandbyWatch(0.0225)
-    watch.next_s = 10.0
-    assert looks(watch, 10.0, vouched_s=0.0) is None
-    watch = StandbyWatch(0.0225)
-    watch.next_s = 10.0
+    assert looks(watching(0.0225), vouched_s=0.0) is None
+    watch = watching(0.0225)
     assert not watch.look(10.0, 12.0)
     assert watch.next_s < 10.1, "it may be done with what takes long, and die"
 

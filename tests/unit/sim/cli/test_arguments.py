@@ -22,6 +22,7 @@ from sim.__main__ import (
     parser as simulating_parser,
 )
 from sim.cli import commands as simulating
+from tests.e2e.stations import run_here
 
 
 @pytest.mark.parametrize(("groups", "names", "most"), [(FLYING, 4, 20), (SIMULATING, 1, 10)])
@@ -69,35 +70,23 @@ SECONDS = "expected seconds, more than 0 and at most 86400"
         (SIM, "compare --scenarios ,", "--scenarios: expected names between commas, got ','"),
         (SIM, "tune --gain-margin much", "--gain-margin: expected a whole number, 0 or more, got 'much'"),
         (FLY, "check lab.toml --seconds x", f"--seconds: {SECONDS}, got 'x'"),
+        (FLY, "stop-all --nix", "groundstation stop-all: error: unrecognized arguments: --nix"),
+        (
+            FLY,
+            "config show lab.toml --nix more",
+            "groundstation config show: error: unrecognized arguments: --nix more",
+        ),
+        (FLY, "request", "groundstation request: error: the following arguments are required: WHAT\n"),
     ],
 )
-def test_what_is_no_value_of_an_option_is_refused_with_what_is_expected(
+def test_a_value_or_a_word_that_can_not_be_is_told_beside_the_usage_of_its_command(
     parser: Callable[[], ArgumentParser], words: str, complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as caught:
         parser().parse_args(words.split())
-    assert caught.value.code == 2 and complaint in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["stop-all", "--nix"], "groundstation stop-all: error: unrecognized arguments: --nix"),
-        (
-            ["config", "show", "lab.toml", "--nix", "more"],
-            "groundstation config show: error: unrecognized arguments: --nix more",
-        ),
-        (["request"], "groundstation request: error: the following arguments are required: WHAT\n"),
-    ],
-)
-def test_a_word_too_many_or_too_few_is_told_beside_the_usage_of_its_command(
-    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as caught:
-        flying_parser().parse_args(words)
     told = capsys.readouterr().err
-    assert caught.value.code == 2 and says in told
-    assert told.startswith(f"usage: groundstation {words[0]}")
+    assert caught.value.code == 2 and complaint in told
+    assert told.startswith(f"usage: groundstation{'-sim' if parser is SIM else ''} {words.split(maxsplit=1)[0]}")
 
 
 @pytest.mark.parametrize(
@@ -114,11 +103,7 @@ def test_a_word_too_many_or_too_few_is_told_beside_the_usage_of_its_command(
         (FLY, "check examples/loopback.toml --seconds 3", "^--seconds: is for --watch"),
         (FLY, "logs --folder /nope", "^--folder: .*nope does not exist$"),
         (FLY, "logs --folder README.md", "^--folder: .*README.md is no folder$"),
-        (
-            FLY,
-            "logs /there/flight.mcap",
-            r"^logs: expected CONFIG.toml or a folder; .*`groundstation report .*flight",
-        ),
+        (FLY, "logs /there/flight.mcap", r"^logs: expected CONFIG.toml or a folder; .*`groundstation report .*flight"),
     ],
 )
 def test_what_can_not_be_meant_is_refused_by_its_option_before_anything_starts(
@@ -141,19 +126,11 @@ def test_what_can_not_be_meant_is_refused_by_its_option_before_anything_starts(
     ],
 )
 def test_words_that_are_gone_are_followed_by_what_to_do_instead(
-    program: Callable[[], int],
-    line: str,
-    advice: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    program: Callable[[], int], line: str, advice: str
 ) -> None:
-    monkeypatch.setattr("sys.argv", ["program", *line.split()])
-    try:
-        code: object = program()
-    except SystemExit as left:
-        code = left.code
-    *_, last = capsys.readouterr().err.splitlines()
-    assert code == 2 and last.startswith("`") and f"` is gone: {advice}" in last
+    done = run_here(program, *line.split())
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 2 and last.startswith("`") and f"` is gone: {advice}" in last
 
 
 @pytest.mark.parametrize(("parser", "gone"), [(FLY, GONE), (SIM, SIM_GONE)])
