@@ -2,25 +2,30 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+import struct
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from statistics import median
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import pytest
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, UserCodeFault
 from groundstation.core.control import Law
-from groundstation.core.messages import CommandSent, FlightEvent, Subscriber, Tick
-from groundstation.flight import Flight
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import CommandSent, FlightEvent, Notice, Subscriber, Tick
+from groundstation.core.mission import State
+from groundstation.flight import Flight, make_flight
 from groundstation.machine import sleep_until
-from sim.runs import Flyers, MissionResult, Stage, fly, fly_mission, from_floor
-from sim.runs.flight import Result
+from links.core import Command
+from sim.runs import Flyers, MissionResult, Stage, confirm_at, fly, fly_mission, from_floor
+from sim.runs.flight import Result, Script
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import Campaign, Local, report, run
 from sim.studies.tune import SortieOutcome, tune
 from sim.studies.tune.tune import Sortie
+from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.flown_once import once
 
 __all__ = ["Certified", "ConfigError", "campaign_of", "flown", "flown_ideal", "median_of", "middle", "ticks_to"]
@@ -63,6 +68,81 @@ async def flying(flight: Flight, seconds: float) -> None:
     while flight.started_s is None:
         await asyncio.sleep(0.01)
     await sleep_until(flight.started_s + seconds)
+
+
+class SetPoint(NamedTuple):
+    """A SET_ATTITUDE_TARGET that left."""
+
+    time_s: float
+    thrust: float
+    """Share of the full thrust [-]."""
+    rates: Vec3
+    """Body rates [rad/s]."""
+
+
+def read_set_points(sent: Iterable[tuple[float, bytes]]) -> list[SetPoint]:
+    """The set-points among MAVLink datagrams and the instants at which these left."""
+    frames = [(time_s, data.ljust(60, b"\0")) for time_s, data in sent if data[7:10] == b"\x52\x00\x00"]
+    unpacked = [(time_s, *struct.unpack_from("<4f", frame, 10 + 20)) for time_s, frame in frames]
+    return [SetPoint(time_s, thrust, (p, q, r)) for time_s, p, q, r, thrust in unpacked]
+
+
+class Wire:
+    """What left for the autopilot of a flight, what the controller handed to the link, and how it ended."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[float, bytes]] = []
+        """Every datagram, and when it left [s]."""
+        self.commands: list[tuple[float, Command]] = []
+        self.lines: list[str] = []
+        self.state: State | None = None
+        self.reason = ""
+        self.stage: Stage
+
+    @property
+    def frames(self) -> list[SetPoint]:
+        return read_set_points(self.sent)
+
+    def tap(self, time_s: float, source: tuple[str, int], _target: tuple[str, int], data: bytes) -> None:
+        if source[1] == 14540:
+            self.sent.append((time_s, data))
+
+    def hear(self, event: FlightEvent) -> None:
+        if isinstance(event, CommandSent):
+            self.commands.append((event.tick.time_s, event.tick.command))
+        elif isinstance(event, Notice):
+            self.lines.append(event.line)
+
+
+def fly_beside(
+    script: Script,
+    *overrides: str,
+    scenario: str = "paper",
+    seed: int = 0,
+    confirm: Callable[[], Awaitable[bool]] | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> Wire:
+    """``script(flight, stage)`` beside a flight that begins in the air, and 5 s more in which nothing may come back."""
+    world, config = prepare(SCENARIOS[scenario], list(overrides))
+    wire = Wire()
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        loop.tap = wire.tap
+        wire.stage = Stage(world, config, seed, parameters=parameters)
+        flight = make_flight(config, confirm=confirm or confirm_at(1.0), subscribers=(wire.hear,))
+        beside = asyncio.ensure_future(script(flight, wire.stage))
+        async with running(wire.stage):
+            with contextlib.suppress(UserCodeFault):
+                await flight.run()
+            wire.state, wire.reason = flight.state, flight.snapshot().reason
+            await asyncio.sleep(5.0)
+        beside.cancel()
+        await asyncio.gather(beside, return_exceptions=True)
+
+    in_virtual_time(main)()
+    return wire
 
 
 @cache

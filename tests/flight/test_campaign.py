@@ -4,6 +4,7 @@ import json
 import math
 import shlex
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -17,27 +18,17 @@ from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import USUAL, Campaign, CampaignRow, Local, report, run, text
 from sim.studies.campaign.campaign import Folder, command, draw_world, fields, overrides
+from tests.e2e.stations import run_here
 from tests.flight.flights import campaign_of, ticks_to
 
 DURATION_S = 16.0
 SEEDS = range(3, 7)
 
 
-def _campaign(*overrides: str, duration_s: float = DURATION_S, draws: tuple[str, ...] = USUAL) -> Campaign:
-    world, config = prepare(SCENARIOS["adverse"], list(overrides))
-    return Campaign(
-        scenario="adverse",
-        world=world,
-        config=config,
-        duration_s=duration_s,
-        overrides=list(overrides),
-        draws=draws,
-    )
-
-
-def _call(words: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr("sys.argv", words)
-    return main()
+def _campaign(*told: str, **settings: Any) -> Campaign:
+    world, config = prepare(SCENARIOS["adverse"], list(told))
+    settings = {"duration_s": DURATION_S} | settings
+    return Campaign(scenario="adverse", world=world, config=config, overrides=list(told), **settings)
 
 
 @pytest.fixture(scope="module")
@@ -78,14 +69,12 @@ def test_flights_of_other_settings_are_not_mixed(other: Campaign, key: str, tmp_
         run(other, SEEDS, Local(1), out=tmp_path)
 
 
-def test_the_command_of_each_flight_flies_it_again(
-    rows: list[CampaignRow], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for row in rows[:1]:
-        assert _call([*shlex.split(command(_campaign(), row.seed)), "--json"], monkeypatch) == 0
-        verdict = json.loads(capsys.readouterr().out)
-        assert verdict["rms_cm"] == pytest.approx(row.rms_cm, abs=1e-3)
-        assert verdict["max_cm"] == pytest.approx(row.max_cm, abs=1e-3)
+def test_the_command_of_each_flight_flies_it_again(rows: list[CampaignRow]) -> None:
+    row = rows[0]
+    _, *words = shlex.split(command(_campaign(), row.seed))
+    verdict = json.loads(run_here(main, *words, "--json").stdout)
+    assert verdict["rms_cm"] == pytest.approx(row.rms_cm, abs=1e-3)
+    assert verdict["max_cm"] == pytest.approx(row.max_cm, abs=1e-3)
 
 
 @given(seed=st.integers(0, 2**31), scenario=st.sampled_from(sorted(SCENARIOS)))
@@ -143,35 +132,38 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow
     assert row.thrust_margin_n == pytest.approx(margin, rel=1e-2)
 
 
+AT_ONCE = "the commands of a batch act at once"
+ONE_BODY = "the cameras of a batch never take one body for another"
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["--duration", "15"], "--duration: expected seconds, more than 15 and"),
-        (["--set", "sim.thrust_gain=0.9"], "sim.thrust_gain: a campaign draws it"),
-        (["--draw", "losses", "--set", "sim.outage_s=0.1"], "sim.outage_s: a campaign draws it, from 0 to 0.15"),
-        (["--draw", "mass,luck"], "--draw: expected some of ['mass', 'lags'"),
-        (["--set", "controller.kind=uncompensated"], "controller: a batch flies with the model's observer"),
-        (["--set", "vehicle.command_delay_s=0.01"], "vehicle.command_delay_s: the commands of a batch act at once"),
-        (["--set", "sim.command_delay_s=0.01"], "sim.command_delay_s: the commands of a batch act at once"),
-        (["--set", "sim.occlusion_s=0.1"], "sim.occlusion_s: the cameras of a batch never take one body for another"),
-        (["--set", "sim.swap_s=0.1"], "sim.swap_s: the cameras of a batch never take one body for another"),
+        ("--duration 15", "--duration: expected seconds, more than 15 and"),
+        ("--set sim.thrust_gain=0.9", "sim.thrust_gain: a campaign draws it"),
+        ("--draw losses --set sim.outage_s=0.1", "sim.outage_s: a campaign draws it, from 0 to 0.15"),
+        ("--draw mass,luck", "--draw: expected some of ['mass', 'lags'"),
+        ("--set controller.kind=uncompensated", "controller: a batch flies with the model's observer"),
+        ("--set vehicle.command_delay_s=0.01", f"vehicle.command_delay_s: {AT_ONCE}"),
+        ("--set sim.command_delay_s=0.01", f"sim.command_delay_s: {AT_ONCE}"),
+        ("--set sim.occlusion_s=0.1", f"sim.occlusion_s: {ONE_BODY}"),
+        ("--set sim.swap_s=0.1", f"sim.swap_s: {ONE_BODY}"),
     ],
 )
-def test_a_campaign_that_would_not_be_true_is_refused(
-    words: list[str], complaint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _call(["groundstation-sim", "campaign", *words], monkeypatch) == 2
-    assert complaint in capsys.readouterr().err
+def test_a_campaign_that_would_not_be_true_is_refused(words: str, complaint: str) -> None:
+    done = run_here(main, "campaign", *words.split())
+    assert done.returncode == 2
+    assert complaint in done.stderr
 
 
 def test_the_command_prints_one_object_and_says_that_a_kernel_has_no_effect(
-    rows: list[CampaignRow], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    rows: list[CampaignRow], tmp_path: Path
 ) -> None:
     Folder(tmp_path, _campaign().settings()).add(rows)
-    words = f"groundstation-sim campaign --first-seed 3 --flights 4 --duration 16 --out {tmp_path} --json --kernel c"
-    assert _call(words.split(), monkeypatch) == 0
-    said = capsys.readouterr()
-    assert "--kernel has no effect" in said.err
-    facts = json.loads(said.out)
+    words = f"campaign --first-seed 3 --flights 4 --duration 16 --out {tmp_path} --json --kernel c"
+    done = run_here(main, *words.split())
+    assert done.returncode == 0
+    assert "--kernel has no effect" in done.stderr
+    facts = json.loads(done.stdout)
     assert (facts["flights"], facts["flown_now"], facts["survived"]) == (4, 0, 1.0)
     assert facts["rms_cm"]["max"] == max(row.rms_cm or 0.0 for row in rows)

@@ -1,9 +1,8 @@
 """``groundstation carry`` towards a simulated tracker and autopilot, in virtual time and through their real bytes."""
 
 import asyncio
-import contextlib
 import json
-from collections.abc import Coroutine, Iterator
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -106,19 +105,6 @@ class Room:
             loop.call_at(when + LATENCY_S, tracker.send, frame, when, [seen])
 
 
-@contextlib.contextmanager
-def room(lab: Path, monkeypatch: pytest.MonkeyPatch, autopilot: str = "px4", **more: Any) -> Iterator[Room]:
-    told = load(lab, Config)
-    pose: Any = told.pose
-    alignment = msgspec.structs.replace(
-        pose.alignment, lab_rotation_deg=(0.0, 0.0, 40.0), body_rotation_deg=(0.0, 0.0, 15.0)
-    )
-    true = msgspec.structs.replace(pose, world="eus", body="rub", alignment=alignment)
-    made = Room(msgspec.structs.replace(told, pose=true), autopilot, **more)
-    monkeypatch.setattr(asyncio, "run", made.run)
-    yield made
-
-
 @pytest.fixture
 def lab(tmp_path: Path) -> Path:
     """A lab's file, of Vicon's cameras."""
@@ -127,14 +113,32 @@ def lab(tmp_path: Path) -> Path:
     return path
 
 
+Carry = Callable[..., tuple[Room, int, str, str]]
+
+
+@pytest.fixture
+def carry(lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Carry:
+    """Carry the vehicle of ``lab`` through a room; that room, the exit code, and what was printed to either stream."""
+
+    def carry(autopilot: str = "px4", *, as_json: bool = True, **more: Any) -> tuple[Room, int, str, str]:
+        told = load(lab, Config)
+        pose: Any = told.pose
+        turned = {"lab_rotation_deg": (0.0, 0.0, 40.0), "body_rotation_deg": (0.0, 0.0, 15.0)}
+        alignment = msgspec.structs.replace(pose.alignment, **turned)
+        true = msgspec.structs.replace(pose, world="eus", body="rub", alignment=alignment)
+        there = Room(msgspec.structs.replace(told, pose=true), autopilot, **more)
+        monkeypatch.setattr(asyncio, "run", there.run)
+        code = command.carry_command(told, lab, [], as_json=as_json, keep=False)
+        return there, code, *capsys.readouterr()
+
+    return carry
+
+
 @pytest.mark.parametrize(("kind", "autopilot"), [("vicon", "px4"), ("json", "ardupilot"), ("qualisys", "px4")])
-def test_the_axes_and_the_latency_are_found_and_written(
-    kind: str, autopilot: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_axes_and_the_latency_are_found_and_written(kind: str, autopilot: str, lab: Path, carry: Carry) -> None:
     lab.write_text(LAB.replace("vicon", kind))
-    with room(lab, monkeypatch, autopilot) as there:
-        assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == 0
-    out, errors = capsys.readouterr()
+    there, code, out, errors = carry(autopilot)
+    assert code == 0
     facts = json.loads(out)
     assert facts["ok"] is True
     assert facts["synchronised"] is True
@@ -154,27 +158,20 @@ def test_the_axes_and_the_latency_are_found_and_written(
 
 
 @pytest.mark.parametrize("armed_at_s", [-1.0, 12.0])
-def test_an_armed_vehicle_is_refused_at_once_and_on_the_way(
-    armed_at_s: float, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with room(lab, monkeypatch, armed_at_s=armed_at_s) as there:
-        assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == 1
-    out, errors = capsys.readouterr()
+def test_an_armed_vehicle_is_refused_at_once_and_on_the_way(armed_at_s: float, lab: Path, carry: Carry) -> None:
+    there, code, out, errors = carry(armed_at_s=armed_at_s)
+    assert code == 1
     assert "ARMED" in json.loads(out)["why"]
     assert "9 of 9" not in errors
     assert lab.read_text() == LAB
     assert "SET_ATTITUDE_TARGET" not in there.sent
 
 
-def test_without_an_autopilot_json_is_one_object_with_the_reason(
-    lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_an_autopilot_json_is_one_object_with_the_reason(lab: Path, carry: Carry) -> None:
     lab.write_text(LAB.replace("14540", "14541"))
-    with room(lab, monkeypatch):
-        assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == 3
-    out, errors = capsys.readouterr()
+    _, code, out, errors = carry()
     facts = json.loads(out)
-    assert (facts["ok"], facts["found"], facts["written"]) == (False, None, None)
+    assert (code, facts["ok"], facts["found"], facts["written"]) == (3, False, None, None)
     assert facts["why"] in errors
 
 
@@ -193,12 +190,10 @@ def test_ctrl_c_leaves_one_object_and_writes_nothing(
     assert lab.read_text() == LAB
 
 
-def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(
-    lab: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(lab: Path, carry: Carry) -> None:
     text = 'pose = { kind = "vicon", latency_s = 0.02 }\n'
     lab.write_text(text)
-    with room(lab, monkeypatch), pytest.raises(ConfigError, match=r'put this into it: .*world = "eus"'):
-        command.carry_command(load(lab, Config), lab, [], as_json=False, keep=False)
+    with pytest.raises(ConfigError, match=r'put this into it: .*world = "eus"'):
+        carry(as_json=False)
     assert lab.read_text() == text
     assert [*lab.parent.iterdir()] == [lab]

@@ -1,112 +1,64 @@
 """Whatever becomes of the controller in flight, by the frames that left: fresh, or the bring-down, or nothing."""
 
 import asyncio
-import contextlib
 import math
 import random
-import struct
 from typing import Any
 
 import pytest
 
-from groundstation.config import UserCodeFault
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import Ask, CommandSent, FlightEvent, Notice, Request
+from groundstation.core.messages import Ask, Request
 from groundstation.core.mission import State
-from groundstation.flight import Flight, make_flight
+from groundstation.flight import Flight
 from groundstation.flight.command_loop import Pacing, StallDetector
 from groundstation.machine import sleep_until
-from links.core import Command
 from links.io import Sleep
-from sim.runs import Stage, confirm_at
+from sim.runs import Stage
+from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import VirtualTimeLoop
-from tests.flight.flights import flying, running
+from tests.flight.flights import Wire, fly_beside, flying
 
-SET_POINT = b"\x52\x00\x00"
-
-
-class Wire:
-    """What left for the autopilot, and the commands that the controller handed to the link."""
-
-    def __init__(self) -> None:
-        self.frames: list[tuple[float, float, tuple[float, float, float]]] = []
-        """When, thrust as a share, rates."""
-        self.orders: list[tuple[float, bytes]] = []
-        self.commands: list[tuple[float, Command]] = []
-        self.state: State | None = None
-        self.reason = ""
-        self.stage: Stage
-        self.lines: list[str] = []
-
-    def tap(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
-        if source[1] == 14540:
-            if data[7:10] == SET_POINT:
-                p, q, r, thrust = struct.unpack_from("<4f", data.ljust(60, b"\0"), 10 + 20)
-                self.frames.append((time_s, thrust, (p, q, r)))
-            elif data[7:10] == b"\x4c\x00\x00":
-                self.orders.append((time_s, data))
-
-    def hear(self, event: FlightEvent) -> None:
-        if isinstance(event, CommandSent):
-            self.commands.append((event.tick.time_s, event.tick.command))
-        elif isinstance(event, Notice):
-            self.lines.append(event.line)
-
-    def check(self, thrust_max_n: float) -> None:
-        """Every frame from the first command on is that of the newest command before its deadline, or its due part."""
-        share = [c.thrust_n / thrust_max_n for _, c in self.commands]
-        index = -1
-        for time_s, thrust, rates in self.frames:
-            if time_s <= self.commands[0][0]:  # the last idle one may have left just then
-                continue
-            while index + 1 < len(self.commands) and self.commands[index + 1][0] <= time_s:
-                index += 1
-            if self.commands[index][0] == time_s and thrust != pytest.approx(share[index], abs=1e-6):
-                index -= 1  # repeated in the very instant in which the next one came
-            command = self.commands[index][1]
-            if thrust == 0.0 and self.state is State.LANDED:
-                continue
-            if time_s <= command.deadline_s:
-                assert thrust == pytest.approx(share[index], abs=1e-6)
-                assert rates == pytest.approx(command.rates_rad_s, abs=1e-6)
-                continue
-            assert index == len(self.commands) - 1 or self.state is State.LANDED
-            end = command.deadline_s
-            for part in command.bring_down:
-                end += part.duration_s
-                if time_s <= end:
-                    assert thrust == pytest.approx(part.thrust_n / thrust_max_n, abs=1e-6)
-                    assert rates == pytest.approx(part.rates_rad_s, abs=1e-6)
-                    break
-            else:
-                raise AssertionError(f"a frame left at {time_s:.3f}, {time_s - end:.3f} s after the bring-down")
+BREAKS = ("controller.kind=tests.e2e.misbehaving:make", "controller.fault=raise")
 
 
-def fly(script: Any, *overrides: str, scenario: str = "paper", seed: int = 0, pace: str = "period") -> Wire:
-    """``script(flight, stage)`` beside a flight, and 4 s more in which nothing may come back."""
-    world, config = prepare(SCENARIOS[scenario], [*overrides, f"link.pace={pace}"])
-    wire = Wire()
+def check(wire: Wire, thrust_max_n: float) -> None:
+    """Every frame from the first command on is that of the newest command before its deadline, or its due part."""
+    share = [c.thrust_n / thrust_max_n for _, c in wire.commands]
+    index = -1
+    for time_s, thrust, rates in wire.frames:
+        if time_s <= wire.commands[0][0]:  # the last idle one may have left just then
+            continue
+        while index + 1 < len(wire.commands) and wire.commands[index + 1][0] <= time_s:
+            index += 1
+        if wire.commands[index][0] == time_s and thrust != pytest.approx(share[index], abs=1e-6):
+            index -= 1  # repeated in the very instant in which the next one came
+        command = wire.commands[index][1]
+        if thrust == 0.0 and wire.state is State.LANDED:
+            continue
+        if time_s <= command.deadline_s:
+            assert thrust == pytest.approx(share[index], abs=1e-6)
+            assert rates == pytest.approx(command.rates_rad_s, abs=1e-6)
+            continue
+        assert index == len(wire.commands) - 1 or wire.state is State.LANDED
+        end = command.deadline_s
+        for part in command.bring_down:
+            end += part.duration_s
+            if time_s <= end:
+                assert thrust == pytest.approx(part.thrust_n / thrust_max_n, abs=1e-6)
+                assert rates == pytest.approx(part.rates_rad_s, abs=1e-6)
+                break
+        else:
+            raise AssertionError(f"a frame left at {time_s:.3f}, {time_s - end:.3f} s after the bring-down")
 
-    async def main() -> None:
-        wire.stage = Stage(world, config, seed, parameters={"COM_OF_LOSS_T": 1.0})  # later than what is looked at
-        flight = make_flight(config, confirm=confirm_at(1.0), subscribers=(wire.hear,))
-        beside = asyncio.create_task(script(flight, wire.stage))
-        async with running(wire.stage):
-            with contextlib.suppress(UserCodeFault):
-                await flight.run()
-            wire.state, wire.reason = flight.state, flight.snapshot().reason
-            await asyncio.sleep(4.0)
-        beside.cancel()
-        await asyncio.gather(beside, return_exceptions=True)
 
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        loop = runner.get_loop()
-        assert isinstance(loop, VirtualTimeLoop)
-        loop.tap = wire.tap
-        runner.run(main())
+def fly(script: Script, *overrides: str, scenario: str = "paper", seed: int = 0, pace: str = "period") -> Wire:
+    """A flight with ``script`` beside it, whose every frame is checked; PX4's own failsafe comes later than it ends."""
+    told = (*overrides, f"link.pace={pace}")
+    wire = fly_beside(script, *told, scenario=scenario, seed=seed, parameters={"COM_OF_LOSS_T": 1.0})
     if wire.commands:
-        wire.check(config.vehicle.thrust_max_n)
+        _, config = prepare(SCENARIOS[scenario], list(told))
+        check(wire, config.vehicle.thrust_max_n)
     return wire
 
 
@@ -116,10 +68,7 @@ async def nothing(_: Flight, __: Stage) -> None:
 
 @pytest.mark.parametrize("pace", ["period", "poses"])
 def test_a_controller_that_raises_is_survived_by_its_link(pace: str) -> None:
-    wire = fly(
-        nothing, "controller.kind=tests.e2e.misbehaving:make", "controller.fault=raise", "controller.after_s=2.0",
-        pace=pace,
-    )  # fmt: skip
+    wire = fly(nothing, *BREAKS, "controller.after_s=2.0", pace=pace)
     assert wire.state is State.ABORTED
     failed = "controller tests.e2e.misbehaving:make failed: ArithmeticError: the controller broke"
     assert wire.reason == f"stopped by UserCodeFault: {failed}"
@@ -166,13 +115,11 @@ def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -
 
 
 def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def never(*_: Any) -> None:
+        await asyncio.Event().wait()
 
     async def script(flight: Flight, _: Stage) -> None:
         await flying(flight, 2.0)
-
-        async def never(*_: Any) -> None:
-            await asyncio.Event().wait()
-
         monkeypatch.setattr(Pacing, "next", never)
 
     wire = fly(script)
@@ -228,18 +175,16 @@ def test_a_kill_stops_the_motors_in_flight_and_in_the_bring_down(after_stop_s: f
     assert wire.reason == "motors off: told to"
 
 
-def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown() -> None:
+def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """They are read all at once afterwards, and a Vicon datagram does not tell how long it has waited."""
-    monkeypatch = pytest.MonkeyPatch()
 
     async def script(flight: Flight, _: Stage) -> None:
         await flying(flight, 2.0)
         monkeypatch.setattr(StallDetector, "may_be_stale", lambda *_: True)
 
-    try:
-        wire = fly(script)
-    finally:
-        monkeypatch.undo()
+    wire = fly(script)
     assert wire.state is State.ABORTED
     assert wire.reason.startswith("no pose for")
 
@@ -263,8 +208,7 @@ def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -
                 tilts.append(so3.angle_deg(so3.third_column(truth.attitude)[2]))
             await asyncio.sleep(0.01)
 
-    breaks = ("controller.kind=tests.e2e.misbehaving:make", "controller.fault=raise", "controller.after_s=6.3")
-    told = ("trajectory.altitude_m=0.0", *(breaks if cause == "controller" else ()))
+    told = ("trajectory.altitude_m=0.0", *((*BREAKS, "controller.after_s=6.3") if cause == "controller" else ()))
     wire = fly(script, *told, scenario=scenario, seed=3)
     touchdown_m_s = wire.stage.plant.floor.touchdown_m_s
     assert touchdown_m_s is not None and touchdown_m_s < 2.5

@@ -175,8 +175,10 @@ LAYOUTS: dict[str, Callable[[Path], Path]] = {
 }
 
 
-def imported(folder: Path, path: Path, name: str) -> Path:
+def imported(folder: Path, path: Path, name: str = "nanobench") -> Path:
+    """The recording that is made of ``path`` by the mapping of that name; an older one is replaced."""
     out = folder / f"{name}.mcap"
+    out.unlink(missing_ok=True)
     assert import_command([path], name, out) == 0
     return out
 
@@ -207,7 +209,7 @@ def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str
 
 
 def test_a_flight_of_others_is_not_flown_again_but_examined(tmp_path: Path) -> None:
-    path = imported(tmp_path, nanobench(tmp_path), "nanobench")
+    path = imported(tmp_path, nanobench(tmp_path))
     with pytest.raises(ConfigError, match=r"no command of ours: `groundstation replay evidence .*nanobench\.mcap`"):
         replay_facts(path)
 
@@ -220,11 +222,9 @@ def test_an_autopilot_that_tells_when_it_flies_is_judged_there_alone(tmp_path: P
         (99.0, "on the ground all the time: nothing flies in it"),
         (10.5, "it flies for 1.5 s, limit 3 s"),
     ):
-        (tmp_path / "px4-ulog.mcap").unlink()
         facts = examine_flight(imported(tmp_path, ulog(tmp_path, grounded_s), "px4-ulog"))
         assert why in facts["note"] and why in describe_flight(facts)
         assert facts["prediction"] == {}
-    (tmp_path / "px4-ulog.mcap").unlink()
     with pytest.raises(ConfigError, match=r"holds \d+ poses of a flight, limit 50"):
         examine_flight(imported(tmp_path, ulog(tmp_path, 11.5), "px4-ulog"))
 
@@ -256,7 +256,7 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
 
 
 def test_a_configuration_with_what_was_told_flies_the_filter_that_was_judged(tmp_path: Path) -> None:
-    path = imported(tmp_path, nanobench(tmp_path), "nanobench")
+    path = imported(tmp_path, nanobench(tmp_path))
     facts = examine_flight(path)
     config = from_dict({"controller": facts["told"]}, Config)
     judged = judge_filter(drive_flight(load_flight(path)), config.controller)
@@ -314,39 +314,38 @@ def test_every_mapping_that_comes_along_is_one() -> None:
 
 
 def test_what_is_wrong_with_an_import_is_said_by_its_key(tmp_path: Path) -> None:
-    path = nanobench(tmp_path)
-    with pytest.raises(ConfigError, match=r"--map.*nanobench"):
-        import_command([path], "nanobunch", tmp_path / "out.mcap")
-    bad = tmp_path / "bad.toml"
+    path, out, bad, there = nanobench(tmp_path), *(tmp_path / name for name in ("out.mcap", "bad.toml", "there.mcap"))
     bad.write_text('title = ""\nformat = "csv"\nsource = "autopilot"\n[[pose]]\nposition = ["x", "y"]\n')
-    with pytest.raises(ConfigError, match="position"):
-        import_command([path], str(bad), tmp_path / "out.mcap")
-    with pytest.raises(ConfigError, match=r"holds no poses as the mapping has them.*ours.csv"):
-        import_command([path], "neural-fly", tmp_path / "out.mcap")
+    there.write_bytes(b"")
     short = write_csv(tmp_path / "short.csv", [{"t": 0.0, "px": 0.0, "py": 0.0, "pz": 0.0}])
-    with pytest.raises(ConfigError, match="no column qx, qy, qz, qw"):
-        import_command([short], "nanobench", tmp_path / "out.mcap")
-    (tmp_path / "there.mcap").write_bytes(b"")
-    with pytest.raises(ConfigError, match="is there already"):
-        import_command([path], "nanobench", tmp_path / "there.mcap")
-    with pytest.raises(ConfigError, match="no ulog file"):
-        import_command([path], "px4-ulog", tmp_path / "out.mcap")
-
-
-def nanobench_rows(folder: Path) -> list[dict[str, Any]]:
-    """Our flight as rows of NanoBench's columns."""
-    with gzip.open(nanobench(folder), "rt", newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def poses_only(folder: Path, change: Callable[[list[dict[str, Any]]], list[dict[str, Any]]]) -> Path:
-    """NanoBench's columns of time and pose alone, their rows changed."""
-    names = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
-    rows = [{name: float(row[name]) for name in names} for row in nanobench_rows(folder)]
-    return write_csv(folder / "poses.csv", change(rows))
+    for file, mapping, target, says in (
+        (path, "nanobunch", out, r"--map.*nanobench"),
+        (path, str(bad), out, "position"),
+        (path, "neural-fly", out, r"holds no poses as the mapping has them.*ours.csv"),
+        (short, "nanobench", out, "no column qx, qy, qz, qw"),
+        (path, "nanobench", there, "is there already"),
+        (path, "px4-ulog", out, "no ulog file"),
+    ):
+        with pytest.raises(ConfigError, match=says):
+            import_command([file], mapping, target)
 
 
 Rows = list[dict[str, Any]]
+
+
+def poses_only(folder: Path, change: Callable[[Rows], Rows]) -> Path:
+    """NanoBench's columns of time and pose alone, of our flight, their rows changed."""
+    names = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
+    with gzip.open(nanobench(folder), "rt", newline="") as file:
+        rows = [{name: float(row[name]) for name in names} for row in csv.DictReader(file)]
+    return write_csv(folder / "poses.csv", change(rows))
+
+
+def examined(folder: Path, change: Callable[[Rows], Rows]) -> dict[str, Any]:
+    """What is found out about the flight with these rows changed."""
+    return examine_flight(imported(folder, poses_only(folder, change)))
+
+
 LOGS: dict[str, Callable[[Rows], Rows]] = {
     "a second is missing": lambda rows: [row for row in rows if not 8.0 < row["t"] - rows[0]["t"] < 9.0],
     "the clock leaps": lambda rows: [row | {"t": row["t"] + (1e6 if n > 500 else 0.0)} for n, row in enumerate(rows)],
@@ -363,7 +362,7 @@ LOGS: dict[str, Callable[[Rows], Rows]] = {
 def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
     change: Callable[[Rows], Rows], tmp_path: Path
 ) -> None:
-    facts = examine_flight(imported(tmp_path, poses_only(tmp_path, change), "nanobench"))
+    facts = examined(tmp_path, change)
     row = facts["prediction"]["60"]
     assert row["rms_mm"] < 0.7 * row["pvt_rms_mm"]
     json.dumps(facts, allow_nan=False)
@@ -407,15 +406,14 @@ def test_a_file_of_vicon_counts_frames_below_three_lines_of_names(tmp_path: Path
 
 def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_no_motion(tmp_path: Path) -> None:
     """As trackers do that lose their body: noughts, a ghost, or all of the room beside where it was."""
-    still = examine_flight(imported(tmp_path, poses_only(tmp_path, list), "nanobench"))["prediction"]["60"]
-    (tmp_path / "nanobench.mcap").unlink()
+    still = examined(tmp_path, list)["prediction"]["60"]
 
-    def leap(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    def leap(rows: Rows) -> Rows:
         lost = [row | ({"px": 0.0, "py": 0.0, "pz": 0.0} if n % 100 < 5 else {}) for n, row in enumerate(rows)]
         ghost = [row | ({"px": row["px"] + 5.0} if n % 97 == 30 else {}) for n, row in enumerate(lost)]
         return [row | ({"py": row["py"] + 1.0} if n > 450 and row["py"] else {}) for n, row in enumerate(ghost)]
 
-    facts = examine_flight(imported(tmp_path, poses_only(tmp_path, leap), "nanobench"))
+    facts = examined(tmp_path, leap)
     assert facts["left_out"]["poses that repeat the one before"] == 24
     assert facts["left_out"]["poses dropped by the gate, jump"] > 12
     assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
@@ -440,11 +438,9 @@ def test_attitudes_that_do_not_lean_as_the_vehicle_accelerates_are_told(turned: 
         factor = 10.0 if told.startswith("10") else -1.0 if told.startswith("-") else 1.0
         return factor * float(row[told[-2:]])
 
-    right = drive_flight(load_flight(imported(tmp_path, poses_only(tmp_path, list), "nanobench")))
+    right = drive_flight(load_flight(imported(tmp_path, poses_only(tmp_path, list))))
     assert doubt_attitude(right) == ""
-    (tmp_path / "nanobench.mcap").unlink()
-    path = poses_only(tmp_path, lambda rows: [row | {k: value(row, of) for k, of in turned.items()} for row in rows])
-    facts = examine_flight(imported(tmp_path, path, "nanobench"))
+    facts = examined(tmp_path, lambda rows: [row | {k: value(row, of) for k, of in turned.items()} for row in rows])
     assert "not as its attitude leans" in facts["doubt"]
     assert facts["doubt"] in describe_flight(facts)
 
@@ -463,7 +459,7 @@ def test_attitudes_that_do_not_lean_as_the_vehicle_accelerates_are_told(turned: 
 def test_csv_as_other_programs_write_it_is_read(change: Callable[[str], str], tmp_path: Path) -> None:
     path = poses_only(tmp_path, list)
     path.write_text(change(path.read_text().replace("\r\n", "\n")))
-    assert len(list(Recording(imported(tmp_path, path, "nanobench")).entries(("/measured",)))) == 600
+    assert len(list(Recording(imported(tmp_path, path)).entries(("/measured",)))) == 600
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pymavlink leaves open what it refuses

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ from groundstation.core.safety import SpoolUp
 from groundstation.flight import Flight
 from links.mavlink.protocol import MavResult
 from sim.autopilots import Px4Autopilot
-from sim.runs import Stage, from_floor
+from sim.runs import MissionResult, Stage, from_floor
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import SHORT, mission
@@ -125,13 +126,8 @@ def test_landing_in_flight_begins_without_a_step_of_the_speed() -> None:
         while True:
             tick = flight._controller.tick
             if tick is not None and last is not None and tick is not last:
-                dt = tick.estimate.time_s - last.estimate.time_s
-                steps.append(
-                    max(
-                        abs(b - a) / dt
-                        for a, b in zip(last.reference.velocity_ned, tick.reference.velocity_ned, strict=True)
-                    )
-                )
+                change = math.dist(last.reference.velocity_ned, tick.reference.velocity_ned)
+                steps.append(change / (tick.estimate.time_s - last.estimate.time_s))
             last = tick
             started = flight.started_s or math.inf
             if flight.state is State.TRACKING and asyncio.get_running_loop().time() > started + 1.7:
@@ -144,28 +140,22 @@ def test_landing_in_flight_begins_without_a_step_of_the_speed() -> None:
     assert max(steps) < 1.3  # m/s²: the figure's own acceleration is 0.75
 
 
-@pytest.mark.parametrize("state", [State.TAKEOFF, State.HOLD, State.RETURNING])
-def test_landing_is_possible_in_every_state(state: State) -> None:
-    flown = mission("paper", *SHORT, script=in_state(state, Ask.LAND))
-    assert flown.states[-1].state == "landed", flown.why
-    assert flown.touchdown_m_s is None or flown.touchdown_m_s < 0.5
-
-
-@pytest.mark.tried(2)  # states
+@pytest.mark.tried(5)  # states, by either way down
 @pytest.mark.parametrize(
-    ("scenario", "state"),
+    ("ask", "scenario", "state"),
     [
-        ("paper", State.TAKEOFF),
-        ("paper", State.HOLD),
-        ("paper", State.RETURNING),
-        ("paper", State.LANDING),
-        ("storm", State.TRACKING),
+        *((Ask.LAND, "paper", state) for state in (State.TAKEOFF, State.HOLD, State.RETURNING)),
+        *((Ask.DESCEND, "paper", state) for state in (State.TAKEOFF, State.HOLD, State.RETURNING, State.LANDING)),
+        (Ask.DESCEND, "storm", State.TRACKING),
     ],
 )
-def test_a_failsafe_descent_comes_down_from_every_state(scenario: str, state: State) -> None:
-    flown = mission(scenario, *SHORT, script=in_state(state, Ask.DESCEND, 0.9), figure_s=10.0)
+def test_landing_and_the_failsafe_descent_come_down_softly_from_every_state(
+    ask: Ask, scenario: str, state: State
+) -> None:
+    after_s, limit_m_s = (0.3, 0.5) if ask is Ask.LAND else (0.9, 1.0)
+    flown = mission(scenario, *SHORT, script=in_state(state, ask, after_s))
     assert flown.states[-1].state == "landed", flown.why
-    assert flown.touchdown_m_s is None or flown.touchdown_m_s < 1.0
+    assert flown.touchdown_m_s is None or flown.touchdown_m_s < limit_m_s
     assert flown.tilt_max_deg < 45.0
 
 
@@ -195,16 +185,22 @@ ABORTED = [State.CONNECTING, State.ARMING, State.TAKEOFF, State.TRACKING, State.
     [*((Ask.KILL, State.KILLED, s) for s in KILLED), *((Ask.ABORT, State.ABORTED, s) for s in ABORTED)],
 )
 def test_abort_and_kill_end_every_state_with_the_motors_off(ask: Ask, end: State, state: State) -> None:
-    stages: list[Stage] = []
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        stages.append(stage)
-        await in_state(state, ask, 0.0 if state in (State.CONNECTING, State.DISARMING) else 0.2)(flight, stage)
-
-    flown = mission("paper", *SHORT, script=script)
+    after_s = 0.0 if state in (State.CONNECTING, State.DISARMING) else 0.2
+    flown, stage = mission_on_stage(*SHORT, script=in_state(state, ask, after_s))
     assert flown.states[-1].state == end
     assert not flown.landed
-    assert stages[0].plant._body.thrust < 0.05
+    assert stage.plant._body.thrust < 0.05
+
+
+def mission_on_stage(*overrides: str, script: Script, **options: Any) -> tuple[MissionResult, Stage]:
+    """A mission of ``paper``, and its simulated side as that was left."""
+    stages: list[Stage] = []
+
+    async def noted(flight: Flight, stage: Stage) -> None:
+        stages.append(stage)
+        await script(flight, stage)
+
+    return mission("paper", *overrides, script=noted, **options), stages[0]
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -228,20 +224,19 @@ def test_an_autopilot_that_lands_by_itself_after_an_abort_can_still_be_killed(au
     assert killed < 0.05
 
 
+async def nothing(_flight: Flight, _stage: Stage) -> None:
+    """Nothing happens beside the mission."""
+
+
 def test_motors_that_an_autopilot_will_not_stop_on_the_floor_are_stopped_by_force(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    stages: list[Stage] = []
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        stages.append(stage)
-
     denied = MavResult.TEMPORARILY_REJECTED, "Disarming denied: not landed"
     monkeypatch.setattr(Px4Autopilot, "_refuses_to_disarm", lambda self, now_s: denied)
-    flown = mission("paper", *SHORT, script=script)
+    flown, stage = mission_on_stage(*SHORT, script=nothing)
     assert flown.landed
     assert "stopped by force" in flown.why
-    assert not stages[0].autopilot.armed
+    assert not stage.autopilot.armed
 
 
 def test_a_way_down_that_does_not_end_is_ended() -> None:
@@ -258,14 +253,9 @@ def test_a_way_down_that_does_not_end_is_ended() -> None:
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_program_stays_until_an_autopilot_that_lands_by_itself_has_stopped_its_motors(autopilot: str) -> None:
-    stages: list[Stage] = []
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        stages.append(stage)
-        await in_state(State.HOLD, Ask.ABORT)(flight, stage)
-
-    mission("paper", *SHORT, "sim.own_estimate=true", script=script, autopilot=autopilot)
-    assert stages[0].plant._body.thrust < 0.05
+    abort = in_state(State.HOLD, Ask.ABORT)
+    _, stage = mission_on_stage(*SHORT, "sim.own_estimate=true", script=abort, autopilot=autopilot)
+    assert stage.plant._body.thrust < 0.05
 
 
 def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
@@ -284,12 +274,12 @@ def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
     assert names[3:] == [*WAY[3:6], "hold", *WAY[5:]]
 
 
-@pytest.mark.tried(1)  # ways to end; test_replay.py flies others again
-@pytest.mark.parametrize("ask", [Ask.LAND, Ask.DESCEND])
-def test_a_mission_from_the_floor_is_flown_again_from_its_recording_to_the_last_bit(tmp_path: Path, ask: Ask) -> None:
-    world, config = prepare(SCENARIOS["adverse"], list(SHORT))
-    world, config = from_floor(world, config, 5.0)
-    _, path = record_mission(tmp_path, world, config, in_state(State.TRACKING, ask, 1.0), "adverse")
+def test_a_mission_that_ends_in_the_failsafe_descent_is_flown_again_from_its_recording_to_the_last_bit(
+    tmp_path: Path,
+) -> None:
+    """One that lands: test_moves.py."""
+    world, config = from_floor(*prepare(SCENARIOS["adverse"], list(SHORT)), 5.0)
+    _, path = record_mission(tmp_path, world, config, in_state(State.TRACKING, Ask.DESCEND, 1.0), "adverse")
     facts = replay_facts(path)
     assert facts["first_difference"] is None
     assert facts["commands"] > 200

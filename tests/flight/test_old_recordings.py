@@ -12,21 +12,25 @@ from groundstation.__main__ import main
 from groundstation.analysis.replay import replay_facts, text_of
 from groundstation.recording import Recording, quick_headline
 from groundstation.settings import read_flown_config
+from tests.e2e.stations import run_here
 
 FOLDER = Path(__file__).parents[1] / "golden" / "recordings"
 EXPECTED: dict[str, dict[str, Any]] = json.loads((FOLDER / "expected.json").read_text())
 OLD_COMMIT = "936caf1489ad"
 
 
-def call(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+RECORDED = pytest.mark.parametrize("name", EXPECTED)
+
+
+def call(*words: str | Path) -> dict[str, Any]:
     """What ``groundstation WORDS --json`` prints."""
-    monkeypatch.setattr("sys.argv", ["groundstation", *words, "--json"])
-    assert main() == 0
-    answer: dict[str, Any] = json.loads(capsys.readouterr().out)
+    done = run_here(main, *words, "--json")
+    assert done.returncode == 0, done.stderr
+    answer: dict[str, Any] = json.loads(done.stdout)
     return answer
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+@RECORDED
 def test_an_old_recording_opens_with_the_headline_that_its_own_version_gave(name: str) -> None:
     path = FOLDER / f"{name}.mcap"
     about, headline, whole = quick_headline(path)
@@ -37,37 +41,30 @@ def test_an_old_recording_opens_with_the_headline_that_its_own_version_gave(name
     assert (counted.commands, counted.poses) == (headline.commands, headline.poses)
 
 
-@pytest.mark.parametrize("name", EXPECTED)
-def test_an_old_recording_reports_the_figures_that_its_own_version_gave(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (flight,) = call(["report", str(FOLDER / f"{name}.mcap")], monkeypatch, capsys)["flights"]
+@RECORDED
+def test_an_old_recording_reports_the_figures_that_its_own_version_gave(name: str) -> None:
+    (flight,) = call("report", FOLDER / f"{name}.mcap")["flights"]
     for event in flight["events"]:
         del event["clock_s"]  # its own version did not tell the station's clock
     for key, value in EXPECTED[name]["report"].items():
         assert flight[key] == value, key
 
 
-def test_an_old_recording_identifies_the_vehicle_that_its_own_version_found(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = call(["identify", str(FOLDER / "excitation.mcap")], monkeypatch, capsys)["parameters"]
+def test_an_old_recording_identifies_the_vehicle_that_its_own_version_found() -> None:
+    found = call("identify", FOLDER / "excitation.mcap")["parameters"]
     for key, value in EXPECTED["excitation"]["identify"].items():
         assert found[key]["value"] == (None if value is None else pytest.approx(value, rel=0.02, abs=2e-4)), key
 
 
-@pytest.mark.parametrize("name", EXPECTED)
-def test_an_old_recording_exports_the_tables_that_its_own_version_wrote(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    words = ["groundstation", "export", str(FOLDER / f"{name}.mcap"), "--out", str(tmp_path / "tables")]
-    monkeypatch.setattr("sys.argv", words)
-    assert main() == 0
-    digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in (tmp_path / "tables").iterdir()}
+@RECORDED
+def test_an_old_recording_exports_the_tables_that_its_own_version_wrote(name: str, tmp_path: Path) -> None:
+    tables = tmp_path / "tables"
+    assert run_here(main, "export", FOLDER / f"{name}.mcap", "--out", tables).returncode == 0
+    digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in tables.iterdir()}
     assert digests == EXPECTED[name]["csv_sha256"]
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+@RECORDED
 def test_the_replay_of_an_old_recording_tells_both_versions_and_the_largest_difference(name: str) -> None:
     facts = replay_facts(FOLDER / f"{name}.mcap")
     figures = EXPECTED[name]["headline"]

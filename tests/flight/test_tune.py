@@ -1,5 +1,6 @@
 """Tuning with whole flights: margins that agree with flights on either side, and a search end to end."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -7,28 +8,17 @@ import pytest
 from sim.__main__ import main
 from sim.studies.tune import SortieOutcome, sorties, stage_scenarios, tune
 from sim.studies.tune.tune import Sortie
-
-BAD = """
-[controller]
-k2 = 0.6
-k3 = 1.2
-kb = 0.3
-kappa = 0.5
-sigma_slope = 0.8
-"""
+from tests.e2e.stations import run_here
 
 
-def call(words: str, monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr("sys.argv", ["groundstation-sim", *words.split()])
-    return main()
+def call(words: str) -> "subprocess.CompletedProcess[str]":
+    return run_here(main, "tune", *words.split())
 
 
-def test_a_configuration_that_crashes_with_nothing_wrong_has_no_margins(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = "tune --report --workers 1 --seeds 1 --duration 17 --set sim.thrust_gain=0.3"
-    assert call(words, monkeypatch) == 1
-    assert "fails with nothing wrong" in capsys.readouterr().out
+def test_a_configuration_that_crashes_with_nothing_wrong_has_no_margins() -> None:
+    done = call("--report --workers 1 --seeds 1 --duration 17 --set sim.thrust_gain=0.3")
+    assert done.returncode == 1
+    assert "fails with nothing wrong" in done.stdout
 
 
 def test_flights_through_a_step_of_the_wind_last_beyond_it() -> None:
@@ -37,7 +27,7 @@ def test_flights_through_a_step_of_the_wind_last_beyond_it() -> None:
 
 
 def test_an_interrupted_search_says_how_to_go_on_and_ends_with_the_trials_it_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, flown = tmp_path / "x.toml", list[Sortie]()
 
@@ -48,14 +38,15 @@ def test_an_interrupted_search_says_how_to_go_on_and_ends_with_the_trials_it_has
         return SortieOutcome(1.0 / len(flown), "flown to the end")
 
     monkeypatch.setattr(tune, "fly_sortie", come_to)
-    words = f"tune --scenarios paper --seeds 1 --workers 1 --verify 1 --out {out}"
-    assert call(words, monkeypatch) == 130
-    assert "the same command goes on with them, or with --trials N ends at N" in capsys.readouterr().err
+    words = f"--scenarios paper --seeds 1 --workers 1 --verify 1 --out {out}"
+    done = call(words)
+    assert done.returncode == 130
+    assert "the same command goes on with them, or with --trials N ends at N" in done.stderr
     assert not out.exists()
     monkeypatch.setattr(tune, "fly_sortie", lambda _: SortieOutcome(0.5, "flown to the end"))
-    assert call(f"{words} --trials 3", monkeypatch) == 1, "no better on other seeds"
-    said = capsys.readouterr().out
-    assert said.startswith("trial 2 of 3:") and "NOT to be used, and not written" in said
+    done = call(f"{words} --trials 3")
+    assert done.returncode == 1, "no better on other seeds"
+    assert done.stdout.startswith("trial 2 of 3:") and "NOT to be used, and not written" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -71,22 +62,16 @@ def test_an_interrupted_search_says_how_to_go_on_and_ends_with_the_trials_it_has
         ("--keys k9", "--keys: expected some of"),
         ("--set controller.kind=no.such:thing", "can't import"),
         ("--config nowhere.toml", "cannot read the configuration"),
+        ("--config {mine} --out {mine}", "is the configuration to start from"),
+        ("--out {mine}", "no search has written it"),
     ],
 )
-def test_what_cannot_be_tuned_is_refused_before_anything_flies(
-    words: str, complaint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call(f"tune {words}", monkeypatch) == 2
-    assert complaint in capsys.readouterr().err
-
-
-def test_a_search_overwrites_neither_its_start_nor_what_no_search_has_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_what_cannot_be_tuned_is_refused_before_anything_flies_or_is_written_over(
+    words: str, complaint: str, tmp_path: Path
 ) -> None:
     mine = tmp_path / "mine.toml"
-    mine.write_text(BAD)
-    assert call(f"tune --config {mine} --out {mine}", monkeypatch) == 2
-    assert "is the configuration to start from" in capsys.readouterr().err
-    assert call(f"tune --out {mine}", monkeypatch) == 2
-    assert "no search has written it" in capsys.readouterr().err
-    assert mine.read_text() == BAD
+    mine.write_text("[controller]\nk2 = 0.6\n")
+    done = call(words.format(mine=mine))
+    assert done.returncode == 2
+    assert complaint in done.stderr
+    assert mine.read_text() == "[controller]\nk2 = 0.6\n"

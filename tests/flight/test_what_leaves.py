@@ -2,7 +2,6 @@
 
 import asyncio
 import re
-import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -32,13 +31,12 @@ from sim.runs import Stage, confirm_at, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World
-from tests.flight.flights import running
+from tests.flight.flights import read_set_points, running
 from tests.loops import in_virtual_time, until
 
 Tap = Callable[[float, tuple[str, int], tuple[str, int], bytes], None]
 Event = Callable[[Flight, Stage], None]
 SAFETY = Path(__file__).parents[2] / "docs" / "explanation" / "safety.md"
-SET_POINT = b"\x52\x00\x00"
 LOOKS_S = operator.DEBOUNCE_S + 2.0 * hold_to_run.LOOK_S
 TIMES = {
     "pose to deadline, `flight.coast_s`": FlightConfig().coast_s,
@@ -136,8 +134,8 @@ def test_nothing_lifts_later_than_the_table_says(overrides: list[str], fresh_ms:
     left: list[tuple[float, float]] = []
 
     def tap(time_s: float, source: tuple[str, int], _: object, data: bytes) -> None:
-        if source[1] == 14540 and data[7:10] == SET_POINT:
-            left.append((time_s, struct.unpack_from("<4f", data.ljust(60, b"\0"), 30)[3]))
+        if source[1] == 14540:
+            left.extend((frame.time_s, frame.thrust) for frame in read_set_points([(time_s, data)]))
 
     # No pose is newer than the moment at which the cameras were covered.
     *_, stamp_s = struck(world, config, tap, _poses_stop)
@@ -192,8 +190,8 @@ def test_what_is_owed_leaves_until_the_instant_that_the_table_has(event: Event, 
     decoder, channels = codec.decoder(), Channels(module.map, count=codec.channels, thrust_max_n=1.0)
 
     def tap(time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
-        if link == "mavlink" and source[1] == 14540 and data[7:10] == SET_POINT:
-            left.append((time_s, struct.unpack_from("<4f", data.ljust(60, b"\0"), 30)[3]))
+        if link == "mavlink" and source[1] == 14540:
+            left.extend((frame.time_s, frame.thrust) for frame in read_set_points([(time_s, data)]))
         elif target == MODULE:
             for heard in decoder.feed(data):
                 assert heard.positions is not None
