@@ -1,7 +1,6 @@
 """A recording of somebody else's: nothing in it runs, and nothing in it steers the screen."""
 
 import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from groundstation.analysis.replay import replay_facts
 from groundstation.analysis.report import figures
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.app import Tape
+from tests.e2e.stations import run_here
 from tests.recordings import recorded, rewrite
 
 MODULE = """import pathlib
@@ -86,18 +86,10 @@ def test_a_configuration_that_is_none_is_told_by_the_name_of_the_file(config: st
     Tape(path)
 
 
-def test_a_list_of_recordings_shows_letters_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_list_of_recordings_shows_letters_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hostile = "\x1b]0;owned\x07\r\n20260101-000000-mqx.mcap  landed\u202e"
     path = changed(tmp_path / "20260101-000000-mqx.mcap", lambda about: {**about, "controller": hostile})
     monkeypatch.setattr(figures, "FIGURES", figures.FIGURES[:1])
-    for words in (
-        ["logs", str(tmp_path)],
-        ["report", str(path), "--out", str(tmp_path / "page.html")],
-        ["replay", str(path)],
-    ):
-        monkeypatch.setattr(sys, "argv", ["groundstation", *words])
-        program.main()
-        out = capsys.readouterr().out
-        assert all(line.isprintable() for line in out.split("\n"))
+    for words in (("logs", tmp_path), ("report", path, "--out", tmp_path / "page.html"), ("replay", path)):
+        out = run_here(program.main, *words).stdout
+        assert all(line.isprintable() for line in out.split("\n")), words

@@ -7,6 +7,8 @@ import pytest
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.mission import State
+from groundstation.core.safety import Fence
+from groundstation.core.safety.geofence import BoxFence
 from groundstation.flight import Flight
 from sim.autopilots import Px4Autopilot
 from sim.autopilots.dialects import Px4Mode
@@ -18,7 +20,7 @@ from tests.loops import until
 Wrong = Callable[[Vec3, Quat], tuple[Vec3, Quat]]
 
 
-def mission(script: Script, *overrides: str, figure_s: float = 6.0) -> MissionResult:
+def mission(script: Script, *overrides: str, figure_s: float = 3.0) -> MissionResult:
     return fly("paper", *SHORT, *overrides, figure_s=figure_s, script=script)
 
 
@@ -154,11 +156,19 @@ async def nothing(_flight: Flight, _stage: Stage) -> None:
     """Nothing happens beside the flight."""
 
 
+GUST = "sim.wind_step_time_s=12.0"
+
+
 def test_a_gust_beyond_all_limits_ends_the_flight_softly() -> None:
-    flown = mission(nothing, "sim.wind_step=[12.0, 0.0, 0.0]", "sim.wind_step_time_s=12.0", figure_s=20.0)
+    flown = mission(nothing, "sim.wind_step=[12.0, 0.0, 0.0]", GUST, figure_s=20.0)
     assert not flown.landed
     assert flown.fault
     assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 3.5
+
+
+def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
+    flown = mission(nothing, "sim.wind_step=[5.0, 0.0, 0.0]", GUST, figure_s=20.0)
+    assert flown.landed, flown.fault
 
 
 def test_a_hold_at_full_thrust_lands_though_tones_are_flown_in_it() -> None:
@@ -170,11 +180,6 @@ def test_a_hold_at_full_thrust_lands_though_tones_are_flown_in_it() -> None:
 
     flown = mission(hold_down, "guards.error_m=50.0", "guards.speed_m_s=50.0", "vehicle.hover_range=[0.5, 1.9]")
     assert "thrust at its limit" in flown.fault
-
-
-def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
-    flown = mission(nothing, "sim.wind_step=[5.0, 0.0, 0.0]", "sim.wind_step_time_s=12.0", figure_s=20.0)
-    assert flown.landed, flown.fault
 
 
 def test_a_bridge_s_own_period_is_what_its_frames_are_late_by() -> None:
@@ -195,9 +200,6 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
     """The fence is laid once it flies: before, the pre-flight checks refuse such a trajectory."""
 
     async def script(flight: Flight, stage: Stage) -> None:
-        from groundstation.core.safety import Fence
-        from groundstation.core.safety.geofence import BoxFence
-
         await tracking(flight, 6.0)
         guards = flight._controller._guards
         assert guards is not None
@@ -221,6 +223,9 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
     assert states(flown)[-4:] == ["hold", "landing", "disarming", "landed"]
 
 
+BOX = ("fence.kind=box", "fence.height_m=3.0")
+
+
 @pytest.mark.parametrize(
     ("overrides", "says"),
     [
@@ -228,19 +233,11 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
         (("sim.pose_rate_hz=10", "pose.drop_frozen=false"), "pose rate: 10 poses a second"),
         (("sim.pose_noise_m=0.009",), "noise of"),
         (("sim.attitude_noise_rad=0.025",), "noise of"),
-        (
-            (
-                "fence.kind=box", "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]", "fence.height_m=3.0",
-            ),
-            "could not brake within the fence",
-        ),
-        (
-            ("fence.kind=box", "fence.north_m=[-3, 0]", "fence.east_m=[-3, 3]", "fence.height_m=3.0"),
-            "0.70 m outside the fence",
-        ),
+        ((*BOX, "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]"), "could not brake within the fence"),
+        ((*BOX, "fence.north_m=[-3, 0]", "fence.east_m=[-3, 3]"), "0.70 m outside the fence"),
         (("limits.max_speed_m_s=0.3",), "trajectory: "),
     ],
-)  # fmt: skip
+)
 def test_a_flight_that_fails_its_checks_does_not_begin(overrides: tuple[str, ...], says: str) -> None:
     flown = mission(nothing, *overrides)
     assert states(flown) == ["connecting", "aborted"]

@@ -2,8 +2,6 @@
 
 import json
 import os
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,9 +11,9 @@ from groundstation.core.messages import STEADY_S
 from groundstation.machine import RecordingConfig, folder_of
 from groundstation.recording import quick_headline
 from groundstation.recording.__main__ import _tell_figures
+from tests.e2e.stations import run_here
 from tests.recordings import recorded
 
-Run = Callable[..., tuple[int, str, str]]
 OLD, NEW = "20270101-120000-mqx.mcap", "20270101-110000-mqx.mcap"
 """The newest is the one that was written last, whatever its name says."""
 
@@ -27,17 +25,6 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     folder = folder_of(RecordingConfig())
     (folder / "simulated").mkdir(parents=True)
     return folder
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
-    def run(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["groundstation", *words])
-        code = main()
-        captured = capfd.readouterr()
-        return code, captured.out, captured.err
-
-    return run
 
 
 def put(path: Path, age_s: float) -> None:
@@ -57,24 +44,24 @@ def put(path: Path, age_s: float) -> None:
     ],
 )
 def test_every_name_that_logs_lists_is_accepted_and_without_one_the_newest_is_taken(
-    folder: Path, run: Run, command: str, name: str, ending: str
+    folder: Path, command: str, name: str, ending: str
 ) -> None:
     put(folder / name, 100.0)
-    (listed,) = json.loads(run("logs", "--json")[1])["flights"]
+    (listed,) = json.loads(run_here(main, "logs", "--json").stdout)["flights"]
     assert listed["file"] == name
-    code, out, err = run(*command.split(), name.removesuffix(".mcap") + ending)
-    assert "No such file" not in err and Path(name).stem in out + err
+    named = run_here(main, *command.split(), name.removesuffix(".mcap") + ending)
+    assert "No such file" not in named.stderr and Path(name).stem in named.stdout + named.stderr
     put(folder / NEW, 0.0)
-    again, _, told = run(*command.split())
-    assert again == code
-    assert told.startswith(f"the newest recording: {folder / NEW}\n")
+    newest = run_here(main, *command.split())
+    assert newest.returncode == named.returncode
+    assert newest.stderr.startswith(f"the newest recording: {folder / NEW}\n")
 
 
 @pytest.mark.parametrize("command", ["replay", "report", "identify", "export", "view"])
-def test_without_any_recording_it_is_said_where_they_would_be(folder: Path, run: Run, command: str) -> None:
-    code, _, err = run(command)
-    assert code == 2
-    assert f"no flight is recorded in {folder}" in err
+def test_without_any_recording_it_is_said_where_they_would_be(folder: Path, command: str) -> None:
+    done = run_here(main, command)
+    assert done.returncode == 2
+    assert f"no flight is recorded in {folder}" in done.stderr
 
 
 def test_a_flight_ends_with_its_error_figures_and_the_path(capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """groundstation/replay: a recorded flight flown again, to the last bit; and what is said where it is not."""
 
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -90,31 +91,23 @@ def test_one_last_bit_of_one_command_is_found(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_a_datagram_that_is_missing_is_missed(tmp_path: Path) -> None:
-    path, _, _ = recorded()
-    count = 0
+    datagrams = itertools.count(1)
 
     def edit(topic: str, value: dict[str, Any]) -> dict[str, Any] | None:
-        nonlocal count
-        if topic == "/raw/received" and len(value["data"]) > 90:
-            count += 1
-            if count == 200:
-                return None
-        return value
+        is_pose = topic == "/raw/received" and len(value["data"]) > 90
+        return None if is_pose and next(datagrams) == 200 else value
 
-    facts = replay_facts(edited(path, tmp_path / "gap.mcap", edit))
+    facts = replay_facts(edited(recorded()[0], tmp_path / "gap.mcap", edit))
     assert facts["identical"] is False
     assert facts["first_difference"]["what"] == "pose"
 
 
 def test_records_that_the_recorder_left_out_are_never_called_identical(tmp_path: Path) -> None:
     path, _, _ = recorded()
-
-    told = False
+    losses = iter([[("/lost", b'{"time_s": 1.0, "count": 7}')]])
 
     def with_loss(entry: Entry) -> list[tuple[str, bytes]]:
-        nonlocal told
-        lost = [] if told or entry.topic != "/command" else [("/lost", b'{"time_s": 1.0, "count": 7}')]
-        told = told or bool(lost)
+        lost = next(losses, []) if entry.topic == "/command" else []
         return [*lost, (entry.topic, entry.data)]
 
     assert replay_facts(rewrite(path, tmp_path / "same.mcap"))["identical"] is True

@@ -1,6 +1,7 @@
 """The scenarios through the radio links' bytes, quantised channels and all, in virtual time."""
 
 import asyncio
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,9 +20,20 @@ from sim.runs import RECORDING, Stage, fly, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import SHORT, mission
+from tests.flown_once import once
 from tests.loops import until
 from tests.recordings import record_mission
 from tests.unit.links.rf.test_crsf_telemetry import BATTERY, LINK, frame
+
+
+@cache
+def rms_cm(scenario: str, link: str, *overrides: str) -> float:
+    """RMS error over the steady part of a flight, which is flown once however many tests look at it [cm]."""
+    world, config = prepare(SCENARIOS[scenario], list(overrides), link=link)
+    result = once(("rf", world, config), lambda _: fly(world, config, seed=0, duration_s=17.0))
+    assert result.completed, result.why
+    assert result.verdict.rms_cm is not None
+    return result.verdict.rms_cm
 
 
 @pytest.mark.tried(1)  # links, in two airs
@@ -35,20 +47,13 @@ from tests.unit.links.rf.test_crsf_telemetry import BATTERY, LINK, frame
     ],
 )
 def test_every_radio_link_flies_as_well_as_the_scenario_demands(scenario: str, link: str, limit_cm: float) -> None:
-    world, config = prepare(SCENARIOS[scenario], [], link=link)
-    result = fly(world, config, seed=0, duration_s=25.0)
-    assert result.completed, result.why
-    assert result.verdict.rms_cm is not None and result.verdict.rms_cm < limit_cm
+    assert rms_cm(scenario, link) < limit_cm
 
 
 def test_channels_are_quantised_as_on_the_wire() -> None:
     """With sticks that reach a hundred times as far a step is as much coarser, and the flight shows it."""
-    world, config = prepare(SCENARIOS["paper"], [], link="dsm")
     rough = [f"link.map.{axis}.full_rate_deg_s=20000" for axis in ("roll", "pitch", "yaw")]
-    _, coarse = prepare(SCENARIOS["paper"], rough, link="dsm")
-    fine_cm, coarse_cm = (fly(world, c, seed=0, duration_s=20.0).verdict.rms_cm for c in (config, coarse))
-    assert fine_cm is not None
-    assert coarse_cm is not None and coarse_cm > 2.0 * fine_cm
+    assert rms_cm("paper", "dsm", *rough) > 2.0 * rms_cm("paper", "dsm")
 
 
 def test_a_radio_brings_no_poses() -> None:
@@ -60,12 +65,9 @@ def test_a_radio_brings_no_poses() -> None:
 @pytest.mark.tried(1)  # links
 @pytest.mark.parametrize("link", ["dsm", "crsf", "rf_bridge"])
 def test_the_vehicles_thrust_curve_is_straightened_on_the_way(link: str) -> None:
-    curved = ["sim.thrust_curve=0.6"]
-    world, config = prepare(SCENARIOS["paper"], [*curved, "vehicle.thrust_curve=0.6"], link=link)
-    straightened = fly(world, config, seed=0, duration_s=20.0).verdict.rms_cm
-    assert straightened is not None and straightened < 0.3
-    world, config = prepare(SCENARIOS["paper"], curved, link=link)
-    assert (fly(world, config, seed=0, duration_s=20.0).verdict.rms_cm or 0.0) > straightened
+    straightened = rms_cm("paper", link, "sim.thrust_curve=0.6", "vehicle.thrust_curve=0.6")
+    assert straightened < 0.3
+    assert rms_cm("paper", link, "sim.thrust_curve=0.6") > straightened
 
 
 @pytest.mark.parametrize("link", ["dsm", "rf_bridge"])

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from groundstation.core.messages import Verdict, tell_lines
 from groundstation.core.mission import State
@@ -10,51 +10,34 @@ from groundstation.flight import make_flight
 from groundstation.lab.pose_monitor import listen
 from groundstation.settings import Config
 from links.io import parse_address
-from links.mavlink.protocol import PX4, MavCommand, MavlinkCodec
+from links.mavlink.protocol import MavCommand
 from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import running
 from tests.loops import in_virtual_time
+from tests.unit.links.mavlink.test_mavlink_link import Endpoint
 
 T = TypeVar("T")
-
-
-class SecondVehicle(asyncio.DatagramProtocol):
-    """Sends the heartbeat of system 1, and notes what it is sent."""
-
-    def __init__(self) -> None:
-        self.codec = MavlinkCodec(1, 1)
-        self.heard: list[Any] = []
-
-    def datagram_received(self, data: bytes, addr: Any) -> None:
-        self.heard += self.codec.feed(data, addr)
-
-    async def run(self, station: tuple[str, int], begin_s: float) -> None:
-        await asyncio.sleep(begin_s)
-        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: self)
-        while True:
-            beat = self.codec.dialect.MAVLink_heartbeat_message(2, PX4, 0, 6 << 16, 3, 3)
-            transport.sendto(self.codec.pack(beat), station)
-            await asyncio.sleep(1.0)
-
-    @property
-    def commands(self) -> list[int]:
-        return [m.command for m in self.heard if m.get_type() == "COMMAND_LONG"]
 
 
 def beside(work: Callable[[Config], Awaitable[T]], begin_s: float, source: str = "vicon") -> tuple[T, list[int]]:
     """Return what ``work`` returns beside a second vehicle that sends after ``begin_s`` [s], and its commands."""
     world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4"], source=source)
-    second = SecondVehicle()
+    second = Endpoint()
+
+    async def send() -> None:
+        await asyncio.sleep(begin_s)
+        await second.open(remote=parse_address(config.link.endpoint))
+        await second.beating()
 
     async def main() -> T:
-        other = asyncio.create_task(second.run(parse_address(config.link.endpoint), begin_s))
+        other = asyncio.create_task(send())
         async with running(Stage(world, config, 0)):
             found = await work(config)
         other.cancel()
         return found
 
-    return in_virtual_time(main)(), second.commands
+    return in_virtual_time(main)(), [m.command for m in second.of("COMMAND_LONG")]
 
 
 def test_the_check_fails_and_names_both_addresses() -> None:
