@@ -57,6 +57,8 @@ class ExcitationTones:
     def __init__(self, vehicle: Vehicle, gravity: float) -> None:
         """Scale the tones for the configured ``vehicle``; ``gravity`` is g [m/s²]."""
         self._gravity = gravity
+        roll, pitch, _ = vehicle.rate_limits_deg_s
+        self._limits_rad_s = math.radians(roll), math.radians(pitch)
         self._rate_delay = vehicle.command_delay_s + vehicle.rate_delay_s + 0.5 * vehicle.frame_period_s
         self._thrust_delay = vehicle.command_delay_s + vehicle.thrust_delay_s + 0.5 * vehicle.frame_period_s
         lag = vehicle.rate_lag_s
@@ -75,6 +77,15 @@ class ExcitationTones:
         if target != self._target:
             self._level = self.share(time_s)
             self._since_s, self._target = time_s, target
+
+    def has_room(self, drive: ActuatorCommand) -> bool:
+        """Whether ``drive`` leaves room for tones: its roll and pitch rates are within the vehicle's limits.
+
+        At a limit a tone would only take from the law, and its motion would not be that of :meth:`motion`.
+        """
+        roll, pitch, _ = drive.rates
+        most_roll, most_pitch = self._limits_rad_s
+        return abs(roll) < most_roll and abs(pitch) < most_pitch
 
     def share(self, time_s: float) -> float:
         """Level of the tones at ``time_s`` [-]."""

@@ -288,12 +288,14 @@ class Pilot:
         return law.decide_apart(sooner, estimate, reference, interval_s)
 
     def _excite(self, time_s: float, drive: ActuatorCommand) -> ActuatorCommand:
-        """Return ``drive`` with excitation tones, where they are needed."""
+        """Return ``drive`` with excitation tones, where they are needed and the law leaves room for them."""
         settled = self._limits.first_climb.has_climbed_for(time_s) > EXCITATION_DELAY_S
         is_calm = self.state.descent is not None or self._profile.is_excited
         level = SUSPECT_LEVEL if self.state.health.is_suspect or self.state.is_blind else float(is_calm)
-        self.state.tones.set_level(time_s, level if settled and not self.state.is_uplink_lost else 0.0)
-        thrust, rates = self.state.tones.add_to(drive, time_s)
+        tones = self.state.tones
+        is_possible = settled and not self.state.is_uplink_lost and tones.has_room(drive)
+        tones.set_level(time_s, level if is_possible else 0.0)
+        thrust, rates = tones.add_to(drive, time_s)
         if drive.thrust >= self._vehicle.thrust_max_n:
             thrust = drive.thrust  # the tone would only take from it
         return clamp_command(self._vehicle, thrust, rates)[0]

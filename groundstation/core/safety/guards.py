@@ -110,7 +110,7 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     )
     rate_limit_s: Annotated[
         Seconds, msgspec.Meta(description="Longest time with a body rate at its limit within about the last 2 s [s].")
-    ] = 1.0
+    ] = 1.5
     effectiveness: Annotated[
         Share, msgspec.Meta(description="Least thrust scale [-]: the only measure of a battery without telemetry.")
     ] = 0.7

@@ -88,3 +88,20 @@ def test_tones_come_and_go_without_a_step() -> None:
     tones.set_level(9.0, 0.0)
     assert tones.share(9.0) == 1.0
     assert tones.add_to(hover, 9.6) == hover
+
+
+@pytest.mark.parametrize(
+    ("rates_rad_s", "has_room"),
+    [
+        ((3.4, -3.4, 0.0), True),
+        ((3.5, 0.0, 0.0), False),
+        ((0.0, -3.5, 0.0), False),
+        ((0.0, 0.0, 3.5), True),
+    ],
+)
+def test_tones_have_no_room_where_roll_or_pitch_is_limited(
+    rates_rad_s: tuple[float, float, float], has_room: bool
+) -> None:
+    """200 deg/s are 3.49 rad/s; the tones do not turn about yaw."""
+    tones = ExcitationTones(Vehicle(rate_limits_deg_s=(200.0, 200.0, 200.0)), G)
+    assert tones.has_room(ActuatorCommand(0.8, rates_rad_s)) is has_room
