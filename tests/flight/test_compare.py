@@ -1,17 +1,15 @@
 """``groundstation-sim compare``: its JSON, its table in a document, and who flies best."""
 
 import argparse
-import contextlib
-import io
 import json
 import math
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from groundstation.config import ConfigError
-from groundstation.core.geometry import ZERO
 from sim.__main__ import main, parser
 from sim.cli import commands
 from sim.runs import FlightVerdict
@@ -26,6 +24,8 @@ from sim.studies import (
     text_table,
     write_between_markers,
 )
+from tests.e2e.stations import run_here
+from tests.flight.flights import flown
 
 SCENARIO = "storm"
 DURATION_S = 17.0
@@ -53,15 +53,10 @@ def controllers(request: pytest.FixtureRequest) -> tuple[str, ...]:
 def compared(folder: Path, controllers: tuple[str, ...]) -> list[dict[str, Any]]:
     """One comparison by the command itself: its rows."""
     asked = () if controllers == tuple(CONTROLLERS) else ("--controllers", ",".join(controllers))
-    words = (
-        *("groundstation-sim", "compare", "--scenarios", SCENARIO, "--seeds", "1", *asked, "--workers", "1"),
-        *("--duration", str(DURATION_S), "--json"),
-        *("--write", str(folder / "PAGE.md")),
-    )
-    with pytest.MonkeyPatch.context() as patched, contextlib.redirect_stdout(io.StringIO()) as printed:
-        patched.setattr("sys.argv", words)
-        assert main() == 0
-    result = json.loads(printed.getvalue())
+    words = ("--scenarios", SCENARIO, "--seeds", "1", *asked, "--workers", "1", "--duration", str(DURATION_S))
+    done = run_here(main, "compare", *words, "--json", "--write", folder / "PAGE.md")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
     assert list(result) == ["rows"]
     found: list[dict[str, Any]] = result["rows"]
     return found
@@ -103,26 +98,10 @@ def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
 
 
 def verdict(rms_cm: float | None, peak_cm: float | None = None, back_s: float | None = None) -> FlightVerdict:
-    return FlightVerdict(
-        rms_cm=rms_cm,
-        max_cm=None if rms_cm is None else 2 * rms_cm,
-        settle_s=3.0,
-        wind_true=ZERO,
-        wind_estimate=ZERO,
-        thrust_effectiveness=1.0,
-        thrust_min_n=None,
-        thrust_max_n=None,
-        effort_rad_s=0.5,
-        saturated_fraction=0.0,
-        lyapunov_increase_max=None,
-        lyapunov_floor=None,
-        lyapunov_start=None,
-        certificate_violated=0.0,
-        certificate_suspended=0.0,
-        certificate_warnings=(),
-        gust_peak_cm=peak_cm,
-        gust_back_s=back_s,
-    )
+    """That of a flight, but for these figures."""
+    max_cm = None if rms_cm is None else 2 * rms_cm
+    errors = {"rms_cm": rms_cm, "max_cm": max_cm, "gust_peak_cm": peak_cm, "gust_back_s": back_s}
+    return msgspec.structs.replace(flown("paper", duration_s=20.0).verdict, **errors)
 
 
 def made_up(controller: str, rms: list[float | None], scenario: str = "paper") -> list[ComparedFlight]:

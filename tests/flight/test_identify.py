@@ -1,8 +1,10 @@
 """``groundstation identify``: a vehicle that is not as told is found from a recorded flight of it."""
 
+import io
 import json
 import os
 import sys
+from contextlib import redirect_stdout
 from functools import cache
 from itertools import compress
 from pathlib import Path
@@ -18,12 +20,7 @@ from sim.scenarios import SCENARIOS, prepare
 from tests.recordings import recorded
 
 GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 24.0
-TRUTH = {
-    "thrust_gain": GAIN,
-    "thrust_lag_s": THRUST_LAG_S,
-    "rate_lag_s": RATE_LAG_S,
-    "command_delay_s": DELAY_S,
-}
+TRUTH = {"thrust_gain": GAIN, "thrust_lag_s": THRUST_LAG_S, "rate_lag_s": RATE_LAG_S, "command_delay_s": DELAY_S}
 SET = ("trajectory.kind=excitation", "trajectory.laps=1", *(f"sim.{key}={value}" for key, value in TRUTH.items()))
 
 
@@ -32,27 +29,14 @@ def log() -> Path:
 
 
 @cache
-def printed(path: Path, out: Path) -> dict[str, Any]:
+def facts() -> dict[str, Any]:
     """What --json prints."""
-    with pytest.MonkeyPatch.context() as patched:
-        lines: list[str] = []
-        patched.setattr("builtins.print", lines.append)
-        assert identify_command(path, out, None, as_json=True) == 0
-    (line,) = lines
-    found: dict[str, Any] = json.loads(line)
-    return found
-
-
-@cache
-def folder() -> Path:
     mine = log().parent / str(os.getpid())  # several processes test at once, and share the recording
     mine.mkdir()
-    return mine
-
-
-@cache
-def facts() -> dict[str, Any]:
-    return printed(log(), folder() / "found.toml")
+    with redirect_stdout(io.StringIO()) as printed:
+        assert identify_command(log(), mine / "found.toml", None, as_json=True) == 0
+    found: dict[str, Any] = json.loads(printed.getvalue())
+    return found
 
 
 def value(name: str) -> float:

@@ -1,7 +1,5 @@
 """``groundstation-sim dev upsets``: large pushes and drawn starts, and the table of both."""
 
-import contextlib
-import io
 import math
 from pathlib import Path
 
@@ -24,15 +22,21 @@ from sim.studies.upsets import (
     list_upsets,
     upsets_table,
 )
+from tests.e2e.stations import run_here
 
 ONE = "step 5"
 """An upset of eight directions."""
 
 
-def test_a_step_of_five_is_held_closer_on_the_figure_than_in_a_calm_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+def shorten(monkeypatch: pytest.MonkeyPatch, **durations_s: float) -> None:
+    """Fly one upset from one direction, with these durations [s]."""
     monkeypatch.setattr(upsets, "list_upsets", lambda: {ONE: list_upsets()[ONE][:1]})
-    for name, duration_s in (("UPSET_AT_S", 5.0), ("PUSHED_S", 7.0)):
+    for name, duration_s in durations_s.items():
         monkeypatch.setattr(upsets, name, duration_s)
+
+
+def test_a_step_of_five_is_held_closer_on_the_figure_than_in_a_calm_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    shorten(monkeypatch, UPSET_AT_S=5.0, PUSHED_S=7.0)
     done: list[None] = []
     (figure,), (hold,) = (
         fly_upsets("paper", phase, seeds=1, laws=laws, on_done=lambda: done.append(None))
@@ -108,18 +112,14 @@ def test_a_row_is_judged_by_the_best_baseline(ours: float | None, best: float | 
 def test_the_command_writes_its_table(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     page = tmp_path / "PAGE.md"
     page.write_text("# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8")
-    monkeypatch.setattr(upsets, "list_upsets", lambda: {ONE: list_upsets()[ONE][:1]})
-    for name, duration_s in (("UPSET_AT_S", 0.5), ("PUSHED_S", 1.0), ("STATES_S", 0.5)):
-        monkeypatch.setattr(upsets, name, duration_s)
-    told = ("--scenarios", "paper", "--seeds", "1", "--states", "2", "--write", str(page))
-    words = ("groundstation-sim", "dev", "upsets", *told)
-    monkeypatch.setattr("sys.argv", words)
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        assert main() == 0
+    shorten(monkeypatch, UPSET_AT_S=0.5, PUSHED_S=1.0, STATES_S=0.5)
+    words = ("dev", "upsets", "--scenarios", "paper", "--seeds", "1", "--states", "2", "--write", page)
+    done = run_here(main, *words)
+    assert done.returncode == 0
     text = page.read_text("utf-8")
     assert "\nold\n" not in text
     assert text.endswith("<!-- figures:end -->\n\nlast\n")
-    assert f"Made by `groundstation-sim dev upsets --scenarios paper --seeds 1 --states 2 --write {page}`." in text
+    assert f"Made by `groundstation-sim {' '.join(map(str, words))}`." in text
     for part in ("`paper`, figure: step 5", "`paper`, hold: step 5", *(f"`paper`, {law} |" for law in LAWS)):
-        assert part in printed.getvalue()
+        assert part in done.stdout
         assert part in text
