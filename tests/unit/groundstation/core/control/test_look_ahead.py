@@ -92,7 +92,7 @@ HERE = Reference((0.0, 0.0, -1.0))
 LATE_THRUST = Vehicle(thrust_delay_s=0.06)
 HOVERS = Motion((0.0, 0.0, -1.0), ZERO, IDENTITY, 9.81 * LATE_THRUST.mass_kg, ZERO)
 HANGS = Estimate(0.0, HOVERS, ZERO, ZERO)
-SPINS = Estimate(0.0, HOVERS._replace(rates=(20.0, 0.0, 0.0)), ZERO, ZERO)
+SPINS = Estimate(0.0, HOVERS._replace(velocity=(0.0, 0.0, 0.02), rates=(20.0, 0.0, 0.0)), ZERO, ZERO)
 
 
 def test_each_half_of_a_command_is_of_the_instant_at_which_it_begins_to_act_and_told_where_it_is_clamped() -> None:
@@ -100,6 +100,7 @@ def test_each_half_of_a_command_is_of_the_instant_at_which_it_begins_to_act_and_
     drive, saturated, _ = apart.decide_apart(HANGS, SPINS, HERE, PERIOD_S)
     first, last = sooner.decide(HANGS, HERE, PERIOD_S), later.decide(SPINS, HERE, PERIOD_S)
     assert (drive.rates, drive.thrust) == (first.drive.rates, last.drive.thrust)
+    assert first.drive.thrust != last.drive.thrust and first.drive.rates != last.drive.rates
     assert (last.saturated, saturated) == (True, False)
     assert spinning.decide_apart(SPINS, HANGS, HERE, PERIOD_S).saturated
 
