@@ -78,8 +78,8 @@ def _prove(command: str, module: str, args: argparse.Namespace) -> int:
     return int(getattr(load_proving(command, module), command)(args))
 
 
-bench = partial(_prove, "bench", "bench.bench")
-dev_faults = partial(_prove, "faults", "commands")
+bench = partial(_prove, "bench", "bench.links")
+dev_faults = partial(_prove, "faults", "faults.deal")
 dev_alarms = partial(_prove, "alarms", "alarms")
 dev_firmware = partial(_prove, "firmware", "firmware")
 dev_autopilots = partial(_prove, "autopilots", "onboard")

@@ -17,7 +17,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.messages import FlightEvent, Notice, Subscriber
 from groundstation.core.mission import State
 from groundstation.flight import Flight, make_flight
-from groundstation.lab import FleetPlan, Relay, read_fleet
+from groundstation.lab import FleetPlan, Member, Relay, read_fleet
 from groundstation.settings import Config
 from sim.runs.flight import LIMIT_S, MISSION_CONFIRM_S, confirm_at, run_missions
 from sim.runs.referee import MissionVerdict, StateEntry, TrueTrack
@@ -88,8 +88,7 @@ class Tracks:
 
 def judge(
     number: int,
-    name: str,
-    config: Config,
+    member: Member,
     states: Sequence[StateEntry],
     started_s: float | None,
     fault: str,
@@ -100,8 +99,7 @@ def judge(
 
     Args:
         number: that of the vehicle.
-        name: its name.
-        config: what its ground station is told.
+        member: its name, and what its ground station is told.
         states: those that its ground station went through.
         started_s: when its figure began, on the event loop's clock [s]; None where it did not.
         fault: what made it come down early; empty where nothing did.
@@ -112,12 +110,12 @@ def judge(
     begun = tracks.begun_s
     last = states[-1] if states else StateEntry(State.IDLE, begun, "nothing was heard of it")
     return FleetFlight(
-        name=name,
+        name=member.name,
         landed=last.state == State.LANDED and not fault,
         why=fault or last.reason,
         states=tuple(StateEntry(one.state, round(one.time_s - begun, 6), one.reason) for one in states),
         touchdown_m_s=plant.floor.hardest_m_s,
-        **tracks.of[number].judge_figure(config.trajectory.build(), started_s, states, world.step_s),
+        **tracks.of[number].judge_figure(member.core.trajectory.build(), started_s, states, world.step_s),
         home_m=math.dist(world.start_ned[:2], tracks.last(number, world.start_ned)[:2]),
     )
 
@@ -175,13 +173,7 @@ async def fly_fleet(
     loop, tracks = asyncio.get_running_loop(), Tracks(len(worlds))
     stage = FleetStage(worlds, [member.lab for member in fleet.members], seed, tracks.step, autopilot=autopilot)
     states: dict[str, list[StateEntry]] = {member.name: [] for member in fleet.members}
-    hear = {name: _note(noted, name, on_event) for name, noted in states.items()}
-    flights = {
-        member.name: make_flight(
-            member.core, confirm=confirm_at(MISSION_CONFIRM_S + APART_S * number), subscribers=(hear[member.name],)
-        )
-        for number, member in enumerate(fleet.members)
-    }
+    flights = _make_flights(fleet, states, on_event)
     limit = LIMIT_S + max(member.core.flight.duration_s or 0.0 for member in fleet.members)
     async with _relaying(fleet):
         outcomes, ended_s = await run_missions(
@@ -191,13 +183,29 @@ async def fly_fleet(
         one.plant.advance(loop.time())
     vehicles = []
     for number, (member, outcome) in enumerate(zip(fleet.members, outcomes, strict=True)):
-        started_s = flights[member.name].started_s
         fault = f"not over after {limit:g} s" if outcome is None else outcome.fault
-        vehicles.append(judge(number, member.name, member.core, states[member.name], started_s, fault, tracks, stage))
-    nearest = tracks.nearest(list(flights), [world.start_ned for world in worlds])
+        started_s = flights[member.name].started_s
+        vehicles.append(judge(number, member, states[member.name], started_s, fault, tracks, stage))
     return FleetMission(
-        vehicles=tuple(vehicles), nearest=nearest, duration_s=ended_s, wall_s=time.perf_counter() - start
+        vehicles=tuple(vehicles),
+        nearest=tracks.nearest(list(flights), [world.start_ned for world in worlds]),
+        duration_s=ended_s,
+        wall_s=time.perf_counter() - start,
     )
+
+
+def _make_flights(
+    fleet: FleetPlan, states: dict[str, list[StateEntry]], on_event: Callable[[str, Notice], None] | None
+) -> dict[str, Flight]:
+    """Return the ground station of each vehicle by its name; arming is confirmed one after the other."""
+    return {
+        member.name: make_flight(
+            member.core,
+            confirm=confirm_at(MISSION_CONFIRM_S + APART_S * number),
+            subscribers=(_note(states[member.name], member.name, on_event),),
+        )
+        for number, member in enumerate(fleet.members)
+    }
 
 
 @asynccontextmanager

@@ -3,6 +3,7 @@
 from sim.studies.budget import Contribution
 from sim.studies.comparison import (
     CONTROLLERS,
+    FLOORED,
     FLOORS,
     SEARCHED_LAWS,
     TRIALS,

@@ -144,8 +144,7 @@ def compare(
     own: dict[str, object] = {}
     given = several(controllers)
     if not given or any(one is None for one in given):
-        says = notice("compare.controllers", choices=list(CONTROLLERS), found=controllers)
-        raise ConfigError("--controllers", says)
+        raise ConfigError("--controllers", notice("compare.controllers", choices=list(CONTROLLERS), found=controllers))
     names = [str(lend_name(controller, own)) for controller in given]
     work = cases(places, names, [str(one) for one in several(overrides)])
     with lend(own):
@@ -154,10 +153,8 @@ def compare(
             make_controller(config.controller, config.vehicle)
         count, done = len(work) * seeds, on_done or (lambda flown, of: None)
         done(0, count)
-        here = not all(_can_be_imported(name, thing) for name, thing in own.items())
-        with Flyers(1 if here else workers) as flyers:
-            flights = fly_all(work, seeds, duration, flyers, on_done=lambda flown: done(flown, count))
-            return ControllerComparison(flights)
+        with Flyers(workers if all(_can_be_imported(*one) for one in own.items()) else 1) as flyers:
+            return ControllerComparison(fly_all(work, seeds, duration, flyers, lambda flown: done(flown, count)))
 
 
 class Case(msgspec.Struct, frozen=True):
@@ -238,7 +235,6 @@ def fly_all(
     seeds: int,
     duration_s: float,
     flyers: Flyers,
-    *,
     on_done: Callable[[int], None] = lambda done: None,
 ) -> list[ComparedFlight]:
     """Every case with seeds 0 … ``seeds`` - 1, in the order of ``work``; ``on_done`` hears how many are flown."""

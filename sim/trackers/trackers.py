@@ -7,7 +7,7 @@ Motive answers NatNet clients and streams rigid bodies to them, or to a multicas
 import asyncio
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from groundstation.core.geometry import Frames, Quat, Vec3, frames_of, so3
 from groundstation.machine import sleep_until
@@ -61,6 +61,7 @@ class Tracker(Protocol):
         """Leave the network."""
 
 
+W = TypeVar("W", bound=Tracker)
 Encoder = Callable[[int, float, Sequence[TrackedBody]], bytes]
 """Frame number, its stamp [s, the tracker's clock] and the bodies → the datagram; empty: nothing is sent."""
 
@@ -214,9 +215,10 @@ class Mocap:
         """Track ``plant`` as our vehicle from now on."""
         self._vehicles[0].plant = plant
 
-    def through(self, wrap: Callable[[Tracker], Tracker]) -> None:
-        """Put ``wrap`` before the tracking computer: every frame passes it from now on."""
-        self._tracker = wrap(self._tracker)
+    def through(self, wrap: Callable[[Tracker], W]) -> W:
+        """Put ``wrap`` before the tracking computer, and return it: every frame passes it from now on."""
+        self._tracker = wrapped = wrap(self._tracker)
+        return wrapped
 
     async def run(self) -> None:
         """Emit until cancelled."""

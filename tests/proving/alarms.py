@@ -23,12 +23,10 @@ from groundstation.settings import Config
 from sim.cli import ProgressBar
 from sim.runs import Flyers, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
-from sim.studies import FLOORS, ModelError
+from sim.studies import FLOORED, FLOORS, ModelError
 from sim.text import notice
 from sim.world import World
 
-FLOORED = ("paper", "adverse")
-"""Scenarios that are flown at the floors."""
 TAKES_OFF = ("takeoff.thrust_limit=1.74", "vehicle.hover_range=[0.5, 1.9]")
 """``--set`` of a take-off with a thrust that is configured wrong: it is not refused."""
 WRONGS = (
@@ -68,11 +66,6 @@ class Alarms(msgspec.Struct, frozen=True, kw_only=True):
     flights: tuple[WatchedFlight, ...]
 
     @property
-    def windows(self) -> int:
-        """Evaluations in all."""
-        return sum(one.windows for one in self.flights)
-
-    @property
     def alarm(self) -> float:
         """Largest test statistic of all, as a share of its threshold [-]."""
         return max((one.alarm for one in self.flights), default=0.0)
@@ -86,11 +79,6 @@ class Alarms(msgspec.Struct, frozen=True, kw_only=True):
     def grounded(self) -> int:
         """Flights that were refused, or did not lift off."""
         return sum(one.windows == 0 for one in self.flights)
-
-    @property
-    def suspected(self) -> int:
-        """Flights whose poses were suspected."""
-        return sum(one.suspected > 0 for one in self.flights)
 
 
 class WatchedHealth(PoseHealth):
@@ -211,10 +199,10 @@ def facts(found: Alarms) -> dict[str, object]:
     """Return the figures of ``found``; ``flights`` has every one of them."""
     return {
         "name": found.name,
-        "windows": found.windows,
+        "windows": sum(one.windows for one in found.flights),
         "alarm": found.alarm,
         "not_flown": found.grounded,
-        "suspected": found.suspected,
+        "suspected": sum(one.suspected > 0 for one in found.flights),
         "ended_by_poses": len(found.ended),
         "flights": msgspec.to_builtins(found.flights),
     }
@@ -222,10 +210,11 @@ def facts(found: Alarms) -> dict[str, object]:
 
 def text(found: Alarms) -> str:
     """Return the same as lines of text."""
+    told = facts(found)
     lines = [
         f"{found.name}: {len(found.flights)} flights, {len(found.ended)} ended by their poses, "
-        f"{found.suspected} suspected; largest alarm {found.alarm:.2f}; "
-        f"{found.windows} windows" + (f"; {found.grounded} NOT FLOWN" if found.grounded else "")
+        f"{told['suspected']} suspected; largest alarm {found.alarm:.2f}; "
+        f"{told['windows']} windows" + (f"; {found.grounded} NOT FLOWN" if found.grounded else "")
     ]
     for one in found.flights:
         if one.ended_by_poses:

@@ -7,6 +7,7 @@ import argparse
 import asyncio
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -16,20 +17,18 @@ from groundstation.core.mission import State
 from groundstation.flight import make_flight
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit
-from sim.radio import InlinePacer, PulseReceiver
+from sim.radio import Failsafe, InlinePacer, PulseReceiver
 from sim.runs import Stage, confirm_at, fly, from_floor
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from sim.time import in_virtual_time
 from sim.world import FourRotors
-from tests.proving.takeoff_start import HEAD, TakeOff, describe, fly_take_off
+from tests.proving.takeoff_start import HEAD, SEEDS, TakeOff, describe, fly_take_off
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
 WATCHED_S = 5.0
 """Time that the world goes on after a strike [s]."""
 TAKE_OFFS = {"paper": range(20), "adverse": range(10)}
 """Seeds; every other take-off is over CRSF."""
-SEEDS = range(3)
-"""Seeds of the flights."""
 
 
 class StrikeOutcome(NamedTuple):
@@ -83,32 +82,21 @@ def interrupt_bridge(stage: Stage) -> None:
 
 def cut_bridge_off(stage: Stage) -> None:
     """The bridge's network is gone."""
-    assert stage._bridge is not None, "there is a bridge"
-    assert stage._bridge._wire is not None, "it listens"
-    stage._bridge._wire.abort()
+    wire = None if stage._bridge is None else stage._bridge._wire
+    assert wire is not None, "a bridge listens"
+    wire.abort()
 
 
-def cut_wire(stage: Stage) -> None:
-    """No frame leaves any more: the port is gone, or pacer and stand-by are."""
+def cut_wire(stage: Stage, failsafe: Failsafe = "cut") -> None:
+    """No frame leaves any more: the port is gone, or pacer and stand-by are; the receiver does as ``failsafe`` says."""
+    assert stage.radio is not None, "there is a radio"
+    assert isinstance(stage.radio.receiver, PulseReceiver), "before Betaflight"
+    stage.radio.receiver.failsafe_gives = failsafe
     stage.port.cut = True
 
 
-def hold_for_ever(stage: Stage) -> None:
-    """Cut the wire before a receiver that holds its last pulses."""
-    _set_failsafe(stage).failsafe_gives = "hold"
-    cut_wire(stage)
-
-
-def give_invalid(stage: Stage) -> None:
-    """Cut the wire before a receiver whose pulses then mean nothing."""
-    _set_failsafe(stage).failsafe_gives = "invalid"
-    cut_wire(stage)
-
-
-def _set_failsafe(stage: Stage) -> PulseReceiver:
-    assert stage.radio is not None, "there is a radio"
-    assert isinstance(stage.radio.receiver, PulseReceiver), "before Betaflight"
-    return stage.radio.receiver
+hold_for_ever = partial(cut_wire, failsafe="hold")
+give_invalid = partial(cut_wire, failsafe="invalid")
 
 
 STRIKES: tuple[tuple[str, Callable[[Stage], None], str], ...] = (

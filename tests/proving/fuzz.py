@@ -7,6 +7,7 @@ import random
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -220,14 +221,11 @@ def repair_mavlink(frame: bytes) -> bytes:
 
 
 SOURCES: dict[str, Callable[[], Subject]] = {
-    "vicon": lambda: read_poses("vicon"),
-    "natnet": lambda: read_natnet("natnet", (4, 1)),
-    "natnet 3.0": lambda: read_natnet("natnet 3.0", (3, 0)),
-    "qualisys": lambda: read_poses("qualisys", decode_stream=_frame),
-    "odometry": lambda: read_poses("odometry", repair_mavlink),
-    "local_position": lambda: read_poses("local_position", repair_mavlink),
-    "vision": lambda: read_poses("vision", repair_mavlink),
-    "json": lambda: read_poses("json"),
+    **{name: partial(read_poses, name) for name in ("vicon", "json")},
+    **{name: partial(read_poses, name, repair_mavlink) for name in ("odometry", "local_position", "vision")},
+    "natnet": partial(read_natnet, "natnet", (4, 1)),
+    "natnet 3.0": partial(read_natnet, "natnet 3.0", (3, 0)),
+    "qualisys": partial(read_poses, "qualisys", decode_stream=_frame),
     "tlog": read_tlog,
 }
 """Decoders of pose sources; a new source adds its own here."""

@@ -35,7 +35,7 @@ from sim.time import in_virtual_time
 from sim.world import FourRotors, World
 from tests.loops import SuspendableLoop, in_suspendable_time
 from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Scene, Strike, comes_late, shows, stand_between, still
-from tests.proving.takeoff_start import HEAD, TakeOff, describe, fly_take_off
+from tests.proving.takeoff_start import HEAD, SEEDS, TakeOff, describe, fly_take_off
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduCopter"}
 MAKERS: Mapping[str, Callable[[Path], Make]] = {"px4": make_px4, "ardupilot": make_ardupilot}
@@ -142,8 +142,6 @@ FLIGHTS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "hover, wind steps by 5 m/s²": (step_of(5.0), "–"),
 }
 """Flights by name: their settings, and the RMS aimed at [cm]."""
-SEEDS = range(3)
-"""Seeds of the figures."""
 SOURCES = ("vicon", "natnet")
 """Trackers in turn."""
 

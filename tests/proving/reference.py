@@ -50,23 +50,6 @@ def describe_rooms() -> str:
     return "\n".join(lines)
 
 
-def tree_imports(tree: ast.AST, *, typing: bool = False) -> Iterator[tuple[str, str]]:
-    """Modules and the names that are asked of them ("" for the module itself), with or without what only types need."""
-    for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.Import):
-            yield from ((alias.name, "") for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, "imports are absolute"
-            yield from ((node.module or "", alias.name) for alias in node.names)
-        elif not isinstance(node, ast.expr) and (typing or not is_for_types(node)):
-            yield from tree_imports(node, typing=typing)
-
-
-def is_for_types(node: ast.AST) -> bool:
-    """Whether that is what only types need."""
-    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-
-
 ROLE = re.compile(r":\w+:`~?([^`]+)`")
 
 

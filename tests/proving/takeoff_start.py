@@ -15,6 +15,9 @@ from sim.autopilots import Airworthy
 from sim.runs import MISSION_CONFIRM_S, MissionResult, Stage, fly_mission
 from sim.world import World
 
+SEEDS = range(3)
+"""Seeds of a firmware's flights in the air."""
+
 
 class TakeoffStart(msgspec.Struct):
     """True motion in the first second of a flight's law after the floor, at each command."""

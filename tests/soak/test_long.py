@@ -16,7 +16,7 @@ from tests.e2e.test_vehicles import fleet, until
 from tests.flight.flights import campaign_of, flown
 from tests.growth import look, looks_within
 from tests.mavlink_table import FRAMES
-from tests.proving.bench.bench import measure_all
+from tests.proving.bench.links import measure_all
 from tests.proving.fuzz import LINKS, SOURCES, try_damaged
 
 pytestmark = pytest.mark.soak

@@ -2,11 +2,10 @@
 
 import ast
 import tomllib
+from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-
-from tests.proving.reference import is_for_types, tree_imports
 
 ROOT = Path(__file__).resolve().parents[2]
 HOUSES = ("links", "groundstation", "sim", "tests/proving")
@@ -41,6 +40,23 @@ def table(face: str) -> dict[str, str]:
 @cache
 def imports(module: str, *, typing: bool) -> tuple[tuple[str, str], ...]:
     return tuple(tree_imports(parse(module), typing=typing))
+
+
+def tree_imports(tree: ast.AST, *, typing: bool = False) -> Iterator[tuple[str, str]]:
+    """Modules and the names that are asked of them ("" for the module itself), with or without what only types need."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, "") for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            yield from ((node.module or "", alias.name) for alias in node.names)
+        elif not isinstance(node, ast.expr) and (typing or not is_for_types(node)):
+            yield from tree_imports(node, typing=typing)
+
+
+def is_for_types(node: ast.AST) -> bool:
+    """Whether that is what only types need."""
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
 
 
 def module_of(module: str, name: str) -> str:

@@ -1,13 +1,17 @@
-"""Timing of frames beside a bare sleep loop, and of pose to command beside a bare echo.
+"""Timing of commands on this machine, ``groundstation-sim bench``. An edge file: it reads the machine's clock.
 
+Frames are timed beside a bare sleep loop, and the way from pose to command beside a bare echo.
 ``groundstation daemon`` flies a simulated vehicle that lives here; poses leave at 50, 100 and 250 Hz, and between any
 two of them a datagram of the same size goes to a bare asyncio echo in a process of its own. Both times are taken here,
 by one clock. Poses are a thousandth slower than they say: they slide along what the autopilot tells of itself.
 """
 
+import argparse
 import asyncio
 import gc
+import json
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -21,10 +25,12 @@ from subprocess import DEVNULL, PIPE
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from groundstation.config import dump
 from groundstation.machine import sleep_until
 from groundstation.pose.sources import ViconConfig
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import Command, Segment
 from links.io import make_child_command, parse_address
@@ -34,7 +40,7 @@ from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.radio import PtyWire
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, vicon_encoder
-from sim.world import Quadrotor, SimulatedVehicle, Wind, generator, rows
+from sim.world import Quadrotor, SimulatedVehicle, Wind, normals
 from tests.loops import free_address
 
 
@@ -213,22 +219,25 @@ async def _config(rate_hz: int, folder: Path) -> Config:
     return config
 
 
+def _make_vehicle(now_s: float) -> SimulatedVehicle:
+    """Return a vehicle that is held at ``now_s`` [s]."""
+    world = SCENARIOS["paper"].world
+    plant = Quadrotor(world, Wind(world, normals(0, "turbulence", 3)))
+    plant.advance(now_s)
+    return SimulatedVehicle(plant, world, normals(0, "estimate", 6), normals(0, "wander", 3))
+
+
 async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: int) -> tuple[Answers, Answers]:
     loop = asyncio.get_running_loop()
-    world = SCENARIOS["paper"].world
-    plant = Quadrotor(world, Wind(world, rows(generator(0, "turbulence").standard_normal, 3)))
-    plant.advance(loop.time())
-    noise, wander = (rows(generator(0, what).standard_normal, n) for what, n in (("estimate", 6), ("wander", 3)))
-    vehicle = SimulatedVehicle(plant, world, noise, wander)
+    vehicle = _make_vehicle(loop.time())
     autopilot = Px4Autopilot(vehicle)
     assert isinstance(config.link, MavlinkLinkConfig)
     peer = _Peer(autopilot, parse_address(config.link.endpoint))
     waiting = peer.waiting = Waiting()
     assert isinstance(config.pose, ViconConfig)
     encode = vicon_encoder(config.pose)
-    poses, _ = await loop.create_datagram_endpoint(
-        asyncio.DatagramProtocol, remote_addr=parse_address(config.pose.listen)
-    )
+    listener = parse_address(config.pose.listen)
+    poses, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=listener)
     echo, echoes = await loop.create_datagram_endpoint(_Echoes, remote_addr=("127.0.0.1", port))
     running = asyncio.create_task(peer.run())
     period, frame, sent = SLIDE / rate_hz, 0, 0
@@ -248,7 +257,7 @@ async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: in
             poses.sendto(data)
             frame += 1
             if counts_from is None:
-                if plant.released_s is not None:
+                if vehicle.plant.released_s is not None:
                     counts_from = loop.time() + SETTLE_S
                 elif loop.time() > begun + START_LIMIT_S:
                     raise LatencyFailed(f"the vehicle was not armed within {START_LIMIT_S:g} s")
@@ -268,10 +277,8 @@ async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: in
     return Answers(waiting.latencies_s, sent, waiting.overtaken), Answers(echoes.latencies_s, sent)
 
 
-PERIOD_S = 0.0225
-"""Period of the paced frames [s]."""
-PRIORITY = 50
-"""Real-time priority of the pacer."""
+MODULE = DsmLinkConfig()
+"""Module whose frames are paced, every 22.5 ms."""
 HOGS_PER_CPU = 1.5
 """Processes that compute and never wait, for each processor."""
 
@@ -283,20 +290,18 @@ async def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
     floor's when it wakes up. Both have the same scheduling policy: real-time where that is allowed, and ``fifo`` tells.
     With ``busy``, processes that never wait have every processor meanwhile.
     """
-    count = max(10, round(seconds / PERIOD_S))
+    count = max(10, round(seconds / MODULE.period_s))
     reports: list[PacerReport] = []
     wire = PtyWire()
     wire.listen(lambda data: None)
     with tempfile.TemporaryDirectory(prefix="bench-") as folder, _hogs(busy):
         pacer = await open_process(
-            DsmLinkConfig(port=wire.path, period_s=PERIOD_S, fifo_priority=PRIORITY),
-            1.0,
-            lambda report: reports.append(report) if report is not None else None,
+            replace(MODULE, port=wire.path), 1.0, lambda report: reports.append(report) if report is not None else None
         )
         flying = asyncio.create_task(_fly(pacer))
         try:
             fifo = reports[-1].fifo
-            floor = await _floor(Path(folder), count, PRIORITY if fifo else 0)
+            floor = await _floor(Path(folder), count, MODULE.fifo_priority if fifo else 0)
         finally:
             flying.cancel()
             pacer.give(Stop())
@@ -306,7 +311,7 @@ async def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
     last = reports[-1]
     return {
         "pacer": {**dict(zip(SHOWN, last.late_us, strict=True)), "lost": last.lost},
-        "floor": {**find_percentiles(floor), "lost": sum(late >= 1e6 * PERIOD_S for late in floor)},
+        "floor": {**find_percentiles(floor), "lost": sum(late >= 1e6 * MODULE.period_s for late in floor)},
         "fifo": fifo,
     }
 
@@ -318,12 +323,12 @@ async def _fly(pacer: Pacer) -> None:
     while True:
         now = loop.time()
         pacer.give(Give(1, Command(0.5, (0.1, -0.1, 0.0), 1, now, now + 1.0, down)))
-        await asyncio.sleep(PERIOD_S)
+        await asyncio.sleep(MODULE.period_s)
 
 
 async def _floor(folder: Path, count: int, priority: int) -> list[int]:
     """Lateness of each wake-up of a bare loop in C [µs]."""
-    words = [str(round(1e9 * PERIOD_S)), str(count), str(priority)]
+    words = [str(round(1e9 * MODULE.period_s)), str(count), str(priority)]
     compiler = shutil.which("cc")
     program, source = folder / "floor", Path(__file__).with_name("bench_floor.c")
     if compiler is None:
@@ -349,11 +354,14 @@ def _hogs(busy: bool) -> Iterator[None]:
             hog.wait()
 
 
-def measure(seconds: float) -> dict[str, Any]:
-    """The pacer idle and with every processor busy, ``seconds`` [s] each; the latencies as long, all together."""
+def measure_all(seconds: float) -> dict[str, Any]:
+    """Return the facts of the machine, and of its links.
+
+    The pacer is measured idle and with every processor busy, ``seconds`` [s] each; latencies as long, all together.
+    """
     idle, busy = (asyncio.run(measure_pacer(seconds, busy=busy)) for busy in (False, True))
     latency = measure_latency(seconds / len(RATES_HZ))
-    return {
+    links = {
         **busy,
         "ratios": _ratios(busy["pacer"], busy["floor"]),
         "idle": {**idle, "ratios": _ratios(idle["pacer"], idle["floor"])},
@@ -362,30 +370,42 @@ def measure(seconds: float) -> dict[str, Any]:
             rate: _ratios(figures, latency["echo"][rate]) for rate, figures in latency["pose_to_command"].items()
         },
         "seconds": seconds,
-        "period_s": PERIOD_S,
+        "period_s": MODULE.period_s,
     }
+    machine = {
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "cpus": os.cpu_count(),
+        "load": os.getloadavg()[0],
+    }
+    return {"machine": machine, "links": links}
 
 
 def _ratios(ours: dict[str, float], floor: dict[str, float]) -> dict[str, float]:
     return {key.removesuffix("_us"): round(ours[key] / max(floor[key], 1.0), 2) for key in SHOWN}
 
 
-def text(facts: dict[str, Any]) -> list[str]:
-    """A few lines; see :func:`measure`."""
-    policy = "real-time priority" if facts["fifo"] else "ordinary priority: SCHED_FIFO is not allowed here"
-    lines = [f"lateness of frames every {1e3 * facts['period_s']:g} ms for {facts['seconds']:g} s, {policy}"]
-    for name, these in (("processors busy", facts), ("idle", facts["idle"])):
+def text(facts: dict[str, Any]) -> str:
+    """Return the facts as lines for people."""
+    machine, links = facts["machine"], facts["links"]
+    policy = "real-time priority" if links["fifo"] else "ordinary priority: SCHED_FIFO is not allowed here"
+    lines = [
+        f"Python {machine['python']}, {machine['system']}, {machine['cpus']} CPUs, load {machine['load']:.1f}",
+        "",
+        "links:",
+        f"  lateness of frames every {1e3 * links['period_s']:g} ms for {links['seconds']:g} s, {policy}",
+    ]
+    for name, these in (("processors busy", links), ("idle", links["idle"])):
         for what, label in (("pacer", "the pacer"), ("floor", "a bare loop")):
-            lost = these[what]["lost"]
-            lines.append(f"  {name:16} {label:12} {_figures(these[what])}; {lost} lost")
-        lines.append(f"  {name:16} {'ratio':12} {_words(these['ratios'])}")
-    lines.append("pose's datagram in to command's datagram out")
-    for rate, ours in facts["pose_to_command"].items():
+            lines.append(f"    {name:16} {label:12} {_figures(these[what])}; {these[what]['lost']} lost")
+        lines.append(f"    {name:16} {'ratio':12} {_words(these['ratios'])}")
+    lines.append("  pose's datagram in to command's datagram out")
+    for rate, ours in links["pose_to_command"].items():
         lost = f"{ours['overtaken']} overtaken by a newer pose, {ours['unanswered']} unanswered"
-        lines.append(f"  {rate + ' Hz':16} {'the program':12} {_figures(ours)}; {lost}")
-        lines.append(f"  {rate + ' Hz':16} {'a bare echo':12} {_figures(facts['echo'][rate])}")
-        lines.append(f"  {rate + ' Hz':16} {'ratio':12} {_words(facts['latency_ratios'][rate])}")
-    return lines
+        lines.append(f"    {rate + ' Hz':16} {'the program':12} {_figures(ours)}; {lost}")
+        lines.append(f"    {rate + ' Hz':16} {'a bare echo':12} {_figures(links['echo'][rate])}")
+        lines.append(f"    {rate + ' Hz':16} {'ratio':12} {_words(links['latency_ratios'][rate])}")
+    return "\n".join(lines)
 
 
 def _figures(these: dict[str, float]) -> str:
@@ -394,3 +414,12 @@ def _figures(these: dict[str, float]) -> str:
 
 def _words(ratios: dict[str, float]) -> str:
     return f"{ratios['p50']:g}, {ratios['p99']:g}, {ratios['p999']:g}"
+
+
+def bench(args: argparse.Namespace) -> Exit:
+    """Measure this machine."""
+    facts = measure_all(args.seconds)
+    if args.json and args.what:
+        facts |= facts.pop("links")
+    print(json.dumps(facts) if args.json else text(facts))
+    return Exit.DONE

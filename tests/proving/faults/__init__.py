@@ -1,7 +1,7 @@
 """The fault deck: one thing is broken in every state of a mission."""
 
 from tests.proving.faults.cell import FlightCopy, fly_cell, fly_here, fly_together
-from tests.proving.faults.deal import Cell, Planned, deal_cells, fly_all, pick_worst
+from tests.proving.faults.deal import Cell, Planned, deal_cells, fly_all
 from tests.proving.faults.fault import (
     MOMENTS,
     REASONS,
@@ -16,6 +16,5 @@ from tests.proving.faults.fault import (
 )
 from tests.proving.faults.faults import CASES, FAULTS, comes_late, shows
 from tests.proving.faults.judge import STRICT, TOUCHDOWN_M_S, Row
-from tests.proving.faults.monitors import check_forced
 from tests.proving.faults.pictures import still
 from tests.proving.faults.table import is_within, text, write

@@ -23,7 +23,7 @@ from groundstation.settings import Config
 from links.core import thrust as thrust_of
 from sim.autopilots import Px4Autopilot
 from sim.radio import FAILSAFE_S
-from sim.runs import Stage, confirm_at, from_floor
+from sim.runs import MISSION_CONFIRM_S, Stage, confirm_at, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World, generator
@@ -36,8 +36,6 @@ LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
 AUTOPILOT = {"COM_OF_LOSS_T": 0.3}
 """Time for which PX4 holds the last set-point [s]; its default is 1 s, docs/how-to/px4.md asks for 0.2 to 1."""
-CONFIRM_S = 3.0
-"""When arming is confirmed, in virtual time [s]."""
 FIGURE_S = 5.0
 """Duration of the figure where nothing ends it early [s]."""
 NEAR = ("trajectory.centre_ned=[0.093,-1.507,0]",)
@@ -106,10 +104,7 @@ def fly_cell(
 
 def not_struck(case: str, fault: Fault, state: str, why: str, scenario: str = "paper") -> Row:
     """Return the row of a flight that never came to its strike."""
-    return judge(
-        case, fault, state, Truth(0.0), [],
-        wrong=why, exemption=Exemption.NONE, begun_s=0.0, drift_m=0.0, touchdown_m_s=None, scenario=scenario,
-    )  # fmt: skip
+    return judge(case, fault, state, Truth(0.0), [], wrong=why, scenario=scenario)
 
 
 class _Broken(Exception):
@@ -201,7 +196,7 @@ async def fly_here(
     monitors = DeckMonitors()
     flight = make_flight(
         config,
-        confirm=confirm_at(begun_s + CONFIRM_S),
+        confirm=confirm_at(begun_s + MISSION_CONFIRM_S),
         subscribers=(watch,),
         wires=stage.wires,
         give=give,
@@ -415,10 +410,7 @@ def fly_together(
         raise _CopiesFlown
 
     try:
-        found = fly_cell(
-            case, state,
-            link=link, seed=seed, scenario=scenario, overrides=overrides, split=split,
-        )  # fmt: skip
+        found = fly_cell(case, state, link=link, seed=seed, scenario=scenario, overrides=overrides, split=split)
     except _CopiesFlown:
         return rows
     except BaseException as error:

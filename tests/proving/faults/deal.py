@@ -1,19 +1,28 @@
-"""The cells of the fault deck, and how several processes fly them in virtual time.
+"""The cells of the fault deck, how several processes fly them, and ``groundstation-sim dev faults``.
 
 Processes that die in real time are no part of it: tests/e2e kills and freezes each of them.
 """
 
+import argparse
+import json
+import os
 from collections.abc import Callable, Sequence
 from functools import partial
 
 import msgspec
 
+from groundstation.config import ConfigError
+from groundstation.runtime import Exit
+from sim.cli import ProgressBar
 from sim.runs import Flyers
+from sim.scenarios import scenario_of
+from sim.text import notice
 from tests.proving.faults.cell import FlightCopy, fly_together
-from tests.proving.faults.fault import Fault, Kind, name_of
-from tests.proving.faults.faults import CASES, STATES, find_fault
+from tests.proving.faults.fault import MOMENTS, Fault, Kind, name_of
+from tests.proving.faults.faults import CASES, FAULTS, STATES, find_fault
 from tests.proving.faults.judge import Row, judge_honest
-from tests.proving.faults.monitors import FAILED, UNGUARDED
+from tests.proving.faults.monitors import FAILED, UNGUARDED, check_forced
+from tests.proving.faults.table import is_within, text, write
 
 TOGETHER = 12
 """At most this many cells are flown together by one process, so that all processes have enough to do."""
@@ -89,20 +98,44 @@ def fly_all(
         alike.setdefault((planned.scenario, planned.seed, *setting), []).append(planned)
     jobs = [some[i : i + TOGETHER] for some in alike.values() for i in range(0, len(some), TOGETHER)]
     with Flyers(max(1, min(workers, len(jobs)))) as flyers:
-        for number, flown in flyers.as_done(partial(_fly_job, overrides=tuple(overrides)), jobs):
-            rows |= zip(jobs[number], flown, strict=True)
+        for number, found in flyers.as_done(partial(_fly_job, tuple(overrides)), jobs):
+            rows |= zip(jobs[number], found, strict=True)
             on_done(len(rows))
     return [rows[planned] for planned in work]
 
 
-def _fly_job(job: Sequence[Planned], *, overrides: tuple[str, ...]) -> list[Row]:
+def _fly_job(overrides: tuple[str, ...], job: Sequence[Planned]) -> list[Row]:
     """Return the rows of flights that are set up alike."""
-    first = job[0]
     copies = [copy for planned in job for copy in planned.copies()]
-    flown = iter(
-        fly_together(
-            copies, first.cell.state,
-            link=first.cell.link, seed=first.seed, scenario=first.scenario, overrides=overrides,
-        )
-    )  # fmt: skip
+    cell, scenario, seed, _ = msgspec.structs.astuple(job[0])
+    flown = iter(fly_together(copies, cell.state, link=cell.link, seed=seed, scenario=scenario, overrides=overrides))
     return [planned.row([next(flown) for _ in planned.copies()]) for planned in job]
+
+
+def faults(args: argparse.Namespace) -> Exit:
+    """Break one thing in every state of a mission."""
+    scenario_of(args.scenario)
+    kinds = set(args.kind or ())
+    cases = list({**CASES, **FAULTS})
+    choices = [("--fault", args.fault, cases), ("--state", args.state, list(MOMENTS))]
+    choices += [("--kind", kind, list(map(str, Kind))) for kind in args.kind or ()]
+    for option, given, known in choices:
+        if given is not None and given not in known:
+            raise ConfigError(option, notice("value.choice", choices=known, found=given))
+    check_forced(args.forced)
+    if args.forced and kinds != {Kind.HONEST}:
+        raise ConfigError("--forced", notice("dev.forced"))
+    cells = deal_cells(args.fault, args.state, args.link)
+    work = [cell for cell in cells if not kinds or cell.fault.kind in kinds]
+    if not work:
+        raise ConfigError("--state", notice("dev.state", fault=args.fault or "nothing"))
+    seeds = range(args.seed, args.seed + args.seeds)
+    plan = [Planned(cell, args.scenario, seed, args.forced) for seed in seeds for cell in work]
+    with ProgressBar("flights", len(plan), quiet=args.json) as counter:
+        workers = args.workers or os.cpu_count() or 1
+        flown = fly_all(plan, overrides=args.overrides, workers=workers, on_done=counter.at)
+    rows = pick_worst([flown[i : i + len(work)] for i in range(0, len(flown), len(work))])
+    if args.write is not None:
+        write(args.write, rows)
+    print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
+    return Exit.DONE if is_within(rows) else Exit.FAILED

@@ -13,7 +13,7 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import Stage
 from sim.trackers import TrackedBody, Tracker
-from sim.world import generator, rows
+from sim.world import normals
 from tests.proving.faults.pictures import Picture, Struck, Way
 
 
@@ -50,16 +50,7 @@ class Meddler:
 
 def stand_between(stage: Stage) -> Meddler | None:
     """Return the meddler that stands behind the cameras of ``stage`` from now on; None where there are none."""
-    if stage.mocap is None:
-        return None
-    made: list[Meddler] = []
-
-    def meddle(tracker: Tracker) -> Tracker:
-        made.append(Meddler(tracker))
-        return made[0]
-
-    stage.mocap.through(meddle)
-    return made[0]
+    return None if stage.mocap is None else stage.mocap.through(Meddler)
 
 
 class Kind(StrEnum):
@@ -127,7 +118,7 @@ class Scene:
         """Nothing is broken; ``meddler`` stands behind the cameras, where there are any."""
         self.flight, self.stage, self.seed = flight, stage, seed
         self._meddler = meddler
-        self.normals = rows(generator(seed, "fault").standard_normal, 6)
+        self.normals = normals(seed, "fault", 6)
         """Rows of six standard normal numbers for what a fault draws."""
         self.controller_raises = False
         """The next step of the controller raises."""
@@ -186,11 +177,6 @@ class Fault(NamedTuple):
     """States in which the mission must go on as planned."""
 
 
-LIFTED_M = 0.1
-"""Faults at lift-off begin at this height above the floor [m]."""
-CLIMBED_M = 0.3
-"""Faults during take-off begin at this height above the floor [m]."""
-
 PLANNED = {
     (State.IDLE, State.CONNECTING), (State.CONNECTING, State.READY), (State.READY, State.ARMING),
     (State.ARMING, State.TAKEOFF), (State.TAKEOFF, State.HOLD), (State.HOLD, State.TRACKING),
@@ -238,6 +224,7 @@ class Moment(NamedTuple):
     flying: bool = True
     """Whether it is in the air then."""
     climbed_m: float = -math.inf
+    """Least height above the floor [m]."""
 
     def is_now(self, moves: Moves, height_m: float) -> bool:
         """Whether it has come for a flight with ``moves``, ``height_m`` above the floor [m]."""
@@ -249,8 +236,8 @@ MOMENTS = {
     "ready": Moment(State.READY, 0.3, flying=False),
     "arming": Moment(State.ARMING, 0.4, flying=False),
     "spool-up": Moment(State.TAKEOFF, 1.0, flying=False),
-    "lift-off": Moment(State.TAKEOFF, 0.0, climbed_m=LIFTED_M),
-    "take-off": Moment(State.TAKEOFF, 0.0, climbed_m=CLIMBED_M),
+    "lift-off": Moment(State.TAKEOFF, 0.0, climbed_m=0.1),
+    "take-off": Moment(State.TAKEOFF, 0.0, climbed_m=0.3),
     "hold": Moment(State.HOLD, 0.5),
     "tracking": Moment(State.TRACKING, 1.0),
     "moving": Moment(State.MOVING, 2.0),

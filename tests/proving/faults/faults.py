@@ -15,7 +15,7 @@ import msgspec
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.mission import Interrupts
 from sim.autopilots import Px4Autopilot
-from sim.world import Body, Wind, generator, rows
+from sim.world import Body, Wind, normals
 from tests.proving.faults import pictures
 from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Kind, Poses, Scene, Strike, name_of
 from tests.proving.faults.pictures import Picture, Way, late
@@ -121,7 +121,7 @@ async def partner(scene: Scene, more_m_s2: Vec3) -> None:
     x, y, z = stage.world.wind_mean
     north, east, down = more_m_s2
     world = msgspec.structs.replace(stage.world, wind_mean=(x + north, y + east, z + down))
-    other = stage.plant.twin(scene.now_s, world, Wind(world, rows(generator(0, "partner").standard_normal, 3)))
+    other = stage.plant.twin(scene.now_s, world, Wind(world, normals(0, "partner", 3)))
     stage.plant.partner = other
     stage.mocap.see(other)
 
@@ -392,12 +392,12 @@ MIRROR: dict[str, tuple[Vec3, Vec3, Vec3]] = {
     "x": ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     "y": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
     "z": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)),
+    "north is east": ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
 }
-"""Matrices that give one coordinate the other sign: north is south, east is west, up is down."""
-SWAP_NORTH_EAST: tuple[Vec3, Vec3, Vec3] = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+"""Matrices that give one coordinate the other sign (north is south, east is west, up is down), or swap two."""
 
 _LYING: dict[str, Fault] = {
-    "frozen: but for a nanometre": Fault(shows(pictures.flicker)),
+    "frozen: but for a nanometre": Fault(shows(pictures.freeze, 1e-9)),
     "frozen": Fault(shows(pictures.still)),
     "position frozen": Fault(shows(pictures.still_position)),
     "position frozen: x": Fault(shows(pictures.still_coordinate, 0), states=("start", *SEEN_IN_TIME)),
@@ -432,7 +432,7 @@ _LYING: dict[str, Fault] = {
     "frozen by and by: x": Fault(shows(pictures.fading_coordinate, 0, 4.0)),
     "frozen by and by: z": Fault(shows(pictures.fading_coordinate, 2, 4.0)),
     "height sinks": Fault(shows(pictures.sinking_height, 0.5, 0.8), states=("hold", "landing")),
-    "swapped": Fault(shows(pictures.map_positions, SWAP_NORTH_EAST), states=FROM_START),
+    "swapped": Fault(shows(pictures.map_positions, MIRROR["north is east"]), states=FROM_START),
     "tilt axes: swapped": Fault(shows(pictures.mix_angles, lambda roll, pitch: (pitch, roll)), states=FROM_START),
     "tilt axes: roll mirrored": Fault(
         shows(pictures.mix_angles, lambda roll, pitch: (-roll, pitch)), states=FROM_START
@@ -510,12 +510,6 @@ OBEYING = {name: fault._replace(obeys=True) for name, fault in _OBEYING.items()}
 
 HONEST_STATES = ("take-off", "hold", "tracking", "landing")
 """Where honest disturbances strike."""
-PUSHES_M_S2 = (2, 4, 6, 8, 10)
-"""Peaks of a hand's sideways push [m/s²]."""
-LIFTS_M_S2 = (4, 6)
-"""Peaks of a hand's push up and down [m/s²]."""
-WIND_STEPS_M_S2 = (2, 3, 4, 5, 8)
-"""Accelerations by which the wind steps [m/s²]."""
 FLIES_ON_M_S2 = 6
 """A push sideways or down up to this peak must not end a mission [m/s²]."""
 STEP_FLIES_ON_M_S2 = 5
@@ -523,6 +517,7 @@ STEP_FLIES_ON_M_S2 = 5
 HONEST_HOLD = ("takeoff.hold_s=12",)
 """``--set`` of a hold that lasts longer than an honest flight is looked at."""
 
+# Numbers are peaks of a hand's push, and accelerations by which the wind steps [m/s²].
 _HONEST: dict[str, Fault] = {
     **{
         f"push: {peak} for {duration:g} s": Fault(
@@ -531,7 +526,7 @@ _HONEST: dict[str, Fault] = {
             flies_on=HONEST_STATES if peak <= FLIES_ON_M_S2 else (),
         )
         for duration in (1.0, 0.4)
-        for peak in PUSHES_M_S2
+        for peak in (2, 4, 6, 8, 10)
     },
     **{
         f"push: {where} {peak} for 1 s": Fault(
@@ -539,7 +534,7 @@ _HONEST: dict[str, Fault] = {
             states=HONEST_STATES,
             flies_on=HONEST_STATES if where == "down" or peak < FLIES_ON_M_S2 else (),
         )
-        for peak in LIFTS_M_S2
+        for peak in (4, 6)
         for where in ("up", "down")
     },
     **{
@@ -548,7 +543,7 @@ _HONEST: dict[str, Fault] = {
             states=HONEST_STATES,
             flies_on=HONEST_STATES if step <= STEP_FLIES_ON_M_S2 else (),
         )
-        for step in WIND_STEPS_M_S2
+        for step in (2, 3, 4, 5, 8)
     },
     "tether": Fault(
         tether(0.3),

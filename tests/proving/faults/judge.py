@@ -6,7 +6,6 @@ newest is made) before its deadline, or the part of its bring-down whose time it
 """
 
 import math
-import struct
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -22,6 +21,7 @@ from groundstation.recording import Record
 from groundstation.settings import Config
 from links.core import Command, Segment, signal
 from links.mavlink import MavlinkLinkConfig
+from links.mavlink.protocol import MavlinkCodec
 from links.rf import Channels, RfLinkConfig
 from sim.radio import MODULE
 from sim.time import Address
@@ -354,10 +354,10 @@ def judge(
     answers: Sequence[Answer],
     *,
     wrong: str,
-    exemption: Exemption,
-    begun_s: float,
-    drift_m: float,
-    touchdown_m_s: float | None,
+    exemption: Exemption = Exemption.NONE,
+    begun_s: float = 0.0,
+    drift_m: float = 0.0,
+    touchdown_m_s: float | None = None,
     thrust: Thrust | None = None,
     land_s: float | None = None,
     failure: Failure | None = None,
@@ -513,12 +513,6 @@ def _find_false_alarm(fault: Fault, failure: Failure | None) -> str:
     return f"true poses failed: {failure.reason}" if failure is not None and is_false else ""
 
 
-SET_POINT = b"\x52\x00\x00"
-"""SET_ATTITUDE_TARGET, in bytes 7 to 9 of a MAVLink 2 frame."""
-RATES_AT = 30
-"""Place of the body rates in it, with the thrust behind them [bytes]."""
-LONGEST_BYTES = 60
-"""Length of the longest frame that is judged [bytes]; zeros at its end may be cut."""
 AGREES = 2e-6
 """32-bit floats agree so well with what they were made of [-]."""
 INSTANT_S = 2e-6
@@ -542,6 +536,7 @@ class WireJudge:
         link = config.link
         if isinstance(link, MavlinkLinkConfig):
             self._port = int(link.endpoint.rpartition(":")[2])
+            self._codec = MavlinkCodec(1, 1)
         elif isinstance(link, RfLinkConfig):
             codec = link.codec()
             self._decoder = codec.decoder()
@@ -559,8 +554,9 @@ class WireJudge:
         """Take one datagram of the simulated network."""
         if source[1] == self._port:
             self.last_s = time_s
-            if data[7:10] == SET_POINT:
-                self._frame(time_s, *struct.unpack_from("<4f", data.ljust(LONGEST_BYTES, b"\0"), RATES_AT))
+            for m in self._codec.feed(data, source):
+                if m.get_type() == "SET_ATTITUDE_TARGET":
+                    self._frame(time_s, m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate, m.thrust)
         elif self._sticks is not None and target == MODULE:
             self._radio(time_s, data)
 

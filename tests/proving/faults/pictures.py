@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from sim.trackers import TrackedBody
+from sim.world import World
 
-NOISE_M = 0.0003
+NOISE_M = World().pose_noise_m
 """Position noise of invented poses [m], 1σ an axis: as much as the cameras' own."""
-NOISE_RAD = 0.002
+NOISE_RAD = World().attitude_noise_rad
 """Attitude noise of invented poses [rad], 1σ an axis."""
-FLICKER_M = 1e-9
-"""Flicker of a frozen picture [m]."""
 NEAR_M = 0.08
 """Distance of another body that is taken for ours in flight [m]: too near for a visible jump."""
 CARRY_M_S = 0.5
@@ -78,18 +77,13 @@ def _axis_of(position: Vec3, axis: int, value: float) -> Vec3:
 # ---- pictures that stand still
 
 
-def freeze(struck: Struck) -> Picture:
-    """Frames go on, and show to the last bit what they showed last."""
-    return _ours(lambda time_s, position, attitude: (struck.position_ned, struck.attitude))
-
-
-def flicker(struck: Struck) -> Picture:
-    """Freeze the pose but for a nanometre."""
+def freeze(struck: Struck, flicker_m: float = 0.0) -> Picture:
+    """Frames go on, and show what they showed last: to the last bit, or but for a flicker [m]."""
 
     def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
         x, y, z = struck.position_ned
         i, j, k, *_ = next(struck.normals)
-        return (x + FLICKER_M * i, y + FLICKER_M * j, z + FLICKER_M * k), struck.attitude
+        return (x + flicker_m * i, y + flicker_m * j, z + flicker_m * k), struck.attitude
 
     return _ours(change)
 
