@@ -170,7 +170,10 @@ def test_who_stands_too_near_to_another_does_not_take_off() -> None:
         (["--vehicles", "14"], "--vehicles"),
         (["--vehicles", "2", "--link", "dsm"], "--link"),
         (["--vehicles", "2", "--source", "vision"], "must see the others"),
-        (["--vehicles", "2", "--set", "trajectory.kind=transit", "--set", "trajectory.to_ned=[1, 1, 0]"], "trajectory"),
+        (
+            ["--vehicles", "2", "--set", "trajectory.kind=waypoints", "--set", "trajectory.points_ned=[[1, 1, 0]]"],
+            "trajectory",
+        ),
     ],
 )
 def test_a_fleet_that_can_not_be_simulated_says_why(words: list[str], says: str) -> None:

@@ -65,6 +65,28 @@ class PeriodicTrajectory(Trajectory, Protocol):
         """Time of one turn at full speed [s]."""
 
 
+class Positioned:
+    """Base of a trajectory whose position costs as much as the whole reference."""
+
+    def position_at(self: "Trajectory", time_s: float) -> Vec3:
+        """Position [m], world NED."""
+        return self.at(time_s).position_ned
+
+
+class Endless:
+    """Base of a closed curve at full speed, which never ends."""
+
+    duration_s: float | None = None
+    """None: it never ends."""
+    period_s: float
+    """Time of one turn [s]."""
+
+    @property
+    def joints_s(self) -> tuple[float, float]:
+        """One turn [s]."""
+        return (0.0, self.period_s)
+
+
 Point: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 """A point [m], world NED: north, east, down."""
 Length: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=FARTHEST_M)]
@@ -121,8 +143,8 @@ class Paced:
         self._length = length_s
         self.duration_s = None if length_s is None else length_s + ramp_s
         self.period_s = period_s
-        self._start = _resting(curve.at(0.0))
-        self._end = self._start if length_s is None else _resting(curve.at(length_s))
+        self._start = rest_there(curve.at(0.0))
+        self._end = self._start if length_s is None else rest_there(curve.at(length_s))
 
     @property
     def joints_s(self) -> list[float]:
@@ -198,7 +220,8 @@ def _ramp(time_s: float, ramp_s: float) -> tuple[float, float, float, float]:
     )
 
 
-def _resting(reference: Reference) -> Reference:
+def rest_there(reference: Reference) -> Reference:
+    """Place and heading of ``reference``, without motion."""
     return Reference(reference.position_ned, yaw_rad=reference.yaw_rad)
 
 
@@ -290,7 +313,7 @@ def _dying(moving: Reference, limits: Limits, way: float) -> "Blend":
     return best
 
 
-class Blend:
+class Blend(Positioned):
     """Blend between two states of motion without a step. It stays in its end's motion.
 
     Each coordinate is the polynomial of degree 7 that meets position, velocity, acceleration and jerk at both ends, so
@@ -322,10 +345,6 @@ class Blend:
         """Start and end [s]."""
         return (0.0, self.duration_s)
 
-    def position_at(self, time_s: float) -> Vec3:
-        """Position [m], world NED."""
-        return self.at(time_s).position_ned
-
     def peaks(self) -> tuple[float, float]:
         """Largest speed [m/s] and acceleration [m/s²]. Looked for in flight, within a tick: about 0.1 ms."""
         speed = acceleration = 0.0
@@ -346,12 +365,12 @@ class Blend:
         if time_s >= self.duration_s:
             return _straight(self._end, time_s - self.duration_s)
         x, h = time_s / self.duration_s, self.duration_s
-        (a, da, dda, ddda), (b, db, ddb, dddb), (c, dc, ddc, dddc) = (_at(part, x, h) for part in self._parts)
-        yaw, turning, _, _ = _at(self._yaw, x, h)
+        (a, da, dda, ddda), (b, db, ddb, dddb), (c, dc, ddc, dddc) = (_derive(part, x, h) for part in self._parts)
+        yaw, turning, _, _ = _derive(self._yaw, x, h)
         return Reference((a, b, c), (da, db, dc), (dda, ddb, ddc), (ddda, dddb, dddc), yaw, turning)
 
 
-class Chain:
+class Chain(Positioned):
     """Ways one after the other. Time counts from the start of the last, so that it is below 0 on all before."""
 
     def __init__(self, ways: Sequence[Blend], last: Trajectory) -> None:
@@ -370,10 +389,6 @@ class Chain:
     def joints_s(self) -> tuple[float, ...]:
         """Those of the last way [s]."""
         return tuple(self._last.joints_s)
-
-    def position_at(self, time_s: float) -> Vec3:
-        """Position [m], world NED."""
-        return self.at(time_s).position_ned
 
     def at(self, time_s: float) -> Reference:
         """The reference ``time_s`` after the start of the last way [s]."""
@@ -410,14 +425,25 @@ def _coefficients(
     )  # fmt: skip
 
 
-def _at(part: Coefficients, x: float, h: float) -> tuple[float, float, float, float]:
-    """Value and three derivatives by time."""
+def evaluate(part: Coefficients, x: float) -> float:
+    """Value of the polynomial at ``x``."""
     c0, c1, c2, c3, c4, c5, c6, c7 = part
-    value = c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * (c6 + x * c7))))))
+    return c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * (c6 + x * c7))))))
+
+
+def differentiate(part: Coefficients, x: float) -> tuple[float, float, float]:
+    """First three derivatives of the polynomial by ``x``."""
+    _, c1, c2, c3, c4, c5, c6, c7 = part
     first = c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * (5 * c5 + x * (6 * c6 + x * 7 * c7)))))
     second = 2 * c2 + x * (6 * c3 + x * (12 * c4 + x * (20 * c5 + x * (30 * c6 + x * 42 * c7))))
     third = 6 * c3 + x * (24 * c4 + x * (60 * c5 + x * (120 * c6 + x * 210 * c7)))
-    return value, first / h, second / (h * h), third / (h * h * h)
+    return first, second, third
+
+
+def _derive(part: Coefficients, x: float, h: float) -> tuple[float, float, float, float]:
+    """Value and three derivatives by time, of a polynomial that lasts ``h`` [s]."""
+    first, second, third = differentiate(part, x)
+    return evaluate(part, x), first / h, second / (h * h), third / (h * h * h)
 
 
 class HoldConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="hold"):
@@ -451,96 +477,3 @@ class Hold:
     def at(self, time_s: float) -> Reference:
         """The reference at rest."""
         return self._reference
-
-
-_PEAK_1 = 35.0 / 16.0
-"""Largest f', at x = 1/2."""
-_PEAK_2 = 84.0 / (5.0 * math.sqrt(5.0))
-"""Largest |f''|, where w = 1/5."""
-
-
-class TransitConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="transit"
-):
-    """A straight way between two points, as fast as two limits allow, and a hold at its end."""
-
-    start_ned: Annotated[Point, msgspec.Meta(description="Where it starts [m], world NED.")]
-    end_ned: Annotated[Point, msgspec.Meta(description="Where it ends and stays [m], world NED.")]
-    max_speed_m_s: Annotated[Speed, msgspec.Meta(description="Never faster than this [m/s].")] = 0.5
-    max_acceleration_m_s2: Annotated[
-        Acceleration, msgspec.Meta(description="Never more acceleration than this [m/s²].")
-    ] = 1.0
-    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading [deg], from north towards east; it stays.")] = 0.0
-
-    def build(self) -> "Transit":
-        """The trajectory of this config."""
-        return Transit(
-            self.start_ned,
-            self.end_ned,
-            max_speed_m_s=self.max_speed_m_s,
-            max_acceleration_m_s2=self.max_acceleration_m_s2,
-            yaw_rad=math.radians(self.yaw_deg),
-        )
-
-
-class Transit:
-    """Way straight from rest to rest, in the shortest time that keeps both limits. See the port.
-
-        pd = start + (end - start) f(x),    x = t / duration,    f = x⁴ (35 - 84x + 70x² - 20x³)
-
-    f is the polynomial of degree 7 whose first three derivatives vanish at both ends: position is C³, so that thrust
-    and body rates, which follow acceleration and jerk, start and stop without a step. With w = x (1 - x):
-        f' = 140 w³        f'' = 420 w² (1 - 2x)        f''' = 840 w (1 - 5w)
-    """
-
-    def __init__(
-        self, start_ned: Vec3, end_ned: Vec3, *, max_speed_m_s: float, max_acceleration_m_s2: float, yaw_rad: float
-    ) -> None:
-        """Plan the way from ``start_ned`` to ``end_ned`` [m]; both limits must be above 0."""
-        way = (end_ned[0] - start_ned[0], end_ned[1] - start_ned[1], end_ned[2] - start_ned[2])
-        length = math.hypot(*way)
-        self._way = way
-        self._yaw = yaw_rad
-        self._start = Reference(start_ned, yaw_rad=yaw_rad)
-        self._end = Reference(end_ned, yaw_rad=yaw_rad)
-        self._duration_s = max(
-            _PEAK_1 * length / max_speed_m_s,
-            math.sqrt(_PEAK_2 * length / max_acceleration_m_s2),
-        )
-
-    @property
-    def duration_s(self) -> float:
-        """Time from one point to the other [s]; 0 where they are the same."""
-        return self._duration_s
-
-    @property
-    def joints_s(self) -> tuple[float, float]:
-        """Start and end [s]."""
-        return (0.0, self._duration_s)
-
-    def position_at(self, time_s: float) -> Vec3:
-        """Position [m], world NED."""
-        return self.at(time_s).position_ned
-
-    def at(self, time_s: float) -> Reference:
-        """The reference ``time_s`` after the start [s]."""
-        duration = self._duration_s
-        if time_s >= duration:
-            return self._end
-        if time_s <= 0.0:
-            return self._start
-        x = time_s / duration
-        w = x * (1.0 - x)
-        f = x * x * x * x * (35.0 - x * (84.0 - x * (70.0 - x * 20.0)))
-        f1 = 140.0 * w * w * w / duration
-        f2 = 420.0 * w * w * (1.0 - 2.0 * x) / (duration * duration)
-        f3 = 840.0 * w * (1.0 - 5.0 * w) / (duration * duration * duration)
-        start = self._start.position_ned
-        a, b, c = self._way
-        return Reference(
-            (start[0] + f * a, start[1] + f * b, start[2] + f * c),
-            (f1 * a, f1 * b, f1 * c),
-            (f2 * a, f2 * b, f2 * c),
-            (f3 * a, f3 * b, f3 * c),
-            self._yaw,
-        )

@@ -34,16 +34,17 @@ from groundstation.core.geometry import Coordinate, Vec3
 from groundstation.core.trajectory.port import (
     Acceleration,
     Degrees,
+    Endless,
     HoldConfig,
     Length,
     Paced,
     PeriodicTrajectory,
     Point,
+    Positioned,
     Ramp,
     Reference,
     Speed,
     Trajectory,
-    TransitConfig,
 )
 from groundstation.core.trajectory.waypoints import SamplesConfig, WaypointsConfig
 
@@ -87,7 +88,7 @@ class OwnTrajectoryConfig(
         return OwnTrajectory(made, made.at, self.factory)
 
 
-class OwnTrajectory:
+class OwnTrajectory(Positioned):
     """A user's curve with the missing parts of :class:`Trajectory`; an invalid reference ends the flight."""
 
     def __init__(self, curve: Any, at: Any, name: str) -> None:
@@ -134,10 +135,6 @@ class OwnTrajectory:
             if len(joints) == len(value) >= len(ends) and all(a < b for a, b in pairwise(joints)):
                 return joints
         raise ConfigError(KEY, config_notice("trajectory.joints", name=self._name, found=value))
-
-    def position_at(self, time_s: float) -> Vec3:
-        """Position [m], world NED."""
-        return self.at(time_s).position_ned
 
     def at(self, time_s: float) -> Reference:
         """The reference ``time_s`` after the start [s]; numbers may be any that Python makes floats of.
@@ -308,11 +305,8 @@ class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, 
         return self.pace_and_tilt(Circle(self), (north, east, down - self.altitude_m))
 
 
-class Circle:
+class Circle(Endless):
     """pd = centre + r (cos θ, sin θ), θ = θ0 ± (V/r) t. See the port for ``at`` and ``position_at``."""
-
-    duration_s: float | None = None
-    """None: a circle never ends."""
 
     def __init__(self, config: CircleConfig) -> None:
         self._north, self._east, down = config.centre_ned
@@ -322,11 +316,6 @@ class Circle:
         self._yaw = math.radians(config.yaw_deg)
         self.period_s = config.lap_s
         self._rate = config.speed_m_s / config.radius_m * (1.0 if config.clockwise else -1.0)
-
-    @property
-    def joints_s(self) -> tuple[float, float]:
-        """One turn [s]."""
-        return (0.0, self.period_s)
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""
@@ -401,7 +390,7 @@ class LemniscateConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return self.pace_and_tilt(Lemniscate(self), (north, east, down - self.altitude_m))
 
 
-class Lemniscate:
+class Lemniscate(Endless):
     """Figure of eight at constant speed, the trajectory of the paper's experiment. See the port for its methods.
 
         pd = Rz(rotation) [ sinφ cosφ, cosφ ] / (1 + sin²φ) · scale,    φ˙ = (V/scale) √(1 + sin²φ),    φ(0) = 0
@@ -415,9 +404,6 @@ class Lemniscate:
         curvature     κ = -3 c / d,   dκ/du = 6 s / d²
         dT/du = κ N,  d²T/du² = κ' N - κ² T,                 N = T turned by +90° about down
     """
-
-    duration_s: float | None = None
-    """None: a lemniscate never ends."""
 
     def __init__(self, config: LemniscateConfig) -> None:
         self._north, self._east, down = config.centre_ned
@@ -438,11 +424,6 @@ class Lemniscate:
         for ratio in _RATIOS:
             phi = 0.5 * (phi + asin(ratio * sin(phi)))
         return phi
-
-    @property
-    def joints_s(self) -> tuple[float, float]:
-        """One turn [s]."""
-        return (0.0, self.period_s)
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""
@@ -555,7 +536,7 @@ class Sine(NamedTuple):
     phase: float
 
 
-class Excitation:
+class Excitation(Endless, Positioned):
     """The sines at full speed, for ever. See the port for ``at`` and ``position_at``.
 
     Each axis, and the heading, is a sum of sines at whole multiples of 1/period, no two of them at the same frequency,
@@ -563,9 +544,6 @@ class Excitation:
     Schroeder's phases (IEEE Trans. Inf. Theory 16, 1970) keep their sum flat. The whole is scaled to the acceleration
     that is asked for. It begins and ends at rest.
     """
-
-    duration_s: float | None = None
-    """None: an excitation never ends."""
 
     def __init__(self, config: ExcitationConfig) -> None:
         self.period_s = config.period_s
@@ -585,15 +563,6 @@ class Excitation:
         yaws = _sines(heading[: max(1, len(heading) // 2)], config.period_s, 1)
         swing = max(abs(_sum(yaws, t)[0]) for t in looks)
         self._yaw_sines = _scale(yaws, math.radians(config.yaw_swing_deg) / swing)
-
-    @property
-    def joints_s(self) -> tuple[float, float]:
-        """One period [s]."""
-        return (0.0, self.period_s)
-
-    def position_at(self, time_s: float) -> Vec3:
-        """Position [m], world NED."""
-        return self.at(time_s).position_ned
 
     def at(self, time_s: float) -> Reference:
         """The reference ``time_s`` after the start [s]."""
@@ -643,7 +612,6 @@ TrajectoryConfig: TypeAlias = (
     | HoldConfig
     | LemniscateConfig
     | SamplesConfig
-    | TransitConfig
     | WaypointsConfig
     | OwnTrajectoryConfig
 )

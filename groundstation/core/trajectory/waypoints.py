@@ -37,6 +37,7 @@ from groundstation.core.trajectory.port import (
     LATEST_S,
     SLOWEST_M_S,
     Acceleration,
+    Coefficients,
     Degrees,
     Moment,
     Paced,
@@ -46,6 +47,9 @@ from groundstation.core.trajectory.port import (
     Speed,
     Trajectory,
     Velocity,
+    differentiate,
+    evaluate,
+    rest_there,
 )
 
 if TYPE_CHECKING:
@@ -131,17 +135,14 @@ def roughness(order: int) -> "Array":
     return products
 
 
-Axis = tuple[float, float, float, float, float, float, float, float]
-
-
 class _Span(NamedTuple):
     start_s: float
     rate: float
     """One over its length [1/s]."""
-    north: Axis
-    east: Axis
-    down: Axis
-    yaw: Axis
+    north: Coefficients
+    east: Coefficients
+    down: Coefficients
+    yaw: Coefficients
 
 
 class Spline:
@@ -163,8 +164,8 @@ class Spline:
             _Span(start, 1.0 / (end - start), *(tuple(axis) for axis in span.T.tolist()))
             for start, end, span in zip(self.joints_s, self.joints_s[1:], coefficients, strict=False)
         ]
-        self._start = _resting(self._moving(0.0))
-        self._end = _resting(self._moving(self.duration_s))
+        self._start = rest_there(self._moving(0.0))
+        self._end = rest_there(self._moving(self.duration_s))
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""
@@ -173,7 +174,7 @@ class Spline:
         if time_s >= self.duration_s:
             return self._end.position_ned
         span, x = self._place(time_s)
-        return (_value(span.north, x), _value(span.east, x), _value(span.down, x))
+        return (evaluate(span.north, x), evaluate(span.east, x), evaluate(span.down, x))
 
     def at(self, time_s: float) -> Reference:
         """The reference ``time_s`` after the start [s]."""
@@ -192,39 +193,15 @@ class Spline:
         r1 = span.rate
         r2 = r1 * r1
         r3 = r1 * r2
-        n, e, d, yaw = span.north, span.east, span.down, span.yaw
+        north, east, down = (differentiate(axis, x) for axis in (span.north, span.east, span.down))
         return Reference(
-            (_value(n, x), _value(e, x), _value(d, x)),
-            (r1 * _first(n, x), r1 * _first(e, x), r1 * _first(d, x)),
-            (r2 * _second(n, x), r2 * _second(e, x), r2 * _second(d, x)),
-            (r3 * _third(n, x), r3 * _third(e, x), r3 * _third(d, x)),
-            _value(yaw, x),
-            r1 * _first(yaw, x),
+            (evaluate(span.north, x), evaluate(span.east, x), evaluate(span.down, x)),
+            (r1 * north[0], r1 * east[0], r1 * down[0]),
+            (r2 * north[1], r2 * east[1], r2 * down[1]),
+            (r3 * north[2], r3 * east[2], r3 * down[2]),
+            evaluate(span.yaw, x),
+            r1 * differentiate(span.yaw, x)[0],
         )
-
-
-def _value(c: Axis, x: float) -> float:
-    c0, c1, c2, c3, c4, c5, c6, c7 = c
-    return c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * (c6 + x * c7))))))
-
-
-def _first(c: Axis, x: float) -> float:
-    _, c1, c2, c3, c4, c5, c6, c7 = c
-    return c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * (4.0 * c4 + x * (5.0 * c5 + x * (6.0 * c6 + x * 7.0 * c7)))))
-
-
-def _second(c: Axis, x: float) -> float:
-    _, _, c2, c3, c4, c5, c6, c7 = c
-    return 2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * (20.0 * c5 + x * (30.0 * c6 + x * 42.0 * c7))))
-
-
-def _third(c: Axis, x: float) -> float:
-    _, _, _, c3, c4, c5, c6, c7 = c
-    return 6.0 * c3 + x * (24.0 * c4 + x * (60.0 * c5 + x * (120.0 * c6 + x * 210.0 * c7)))
-
-
-def _resting(reference: Reference) -> Reference:
-    return Reference(reference.position_ned, yaw_rad=reference.yaw_rad)
 
 
 _SHORT = {
@@ -418,14 +395,28 @@ MAX_POINTS = 2000
 """Waypoints of all laps together."""
 
 
-class WaypointsConfig(
-    FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="waypoints"
-):
-    """A course through points, from rest to rest."""
+class Course(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Keys of every course: where its points come from, and its headings."""
 
     file: Annotated[
-        str | None, msgspec.Meta(description="CSV of the waypoints, beside the configuration; they are then here.")
+        str | None, msgspec.Meta(description="CSV of the points, beside the configuration; they are then here.")
     ] = None
+    yaws_deg: Annotated[
+        tuple[Annotated[float, msgspec.Meta(ge=-36000.0, le=36000.0)], ...] | None,
+        msgspec.Meta(description="Heading at each point [deg], from north towards east; it turns the shorter way."),
+    ] = None
+    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading where `yaws_deg` is not given [deg]; it stays.")] = (
+        0.0
+    )
+
+    def __post_init__(self) -> None:
+        if self.file is not None:
+            raise ValueError(config_notice("file.in_python", key="file"))
+
+
+class WaypointsConfig(Course, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="waypoints"):
+    """A course through points, from rest to rest."""
+
     points_ned: Annotated[
         tuple[Point, ...],
         msgspec.Meta(
@@ -438,13 +429,6 @@ class WaypointsConfig(
         tuple[Moment, ...] | None,
         msgspec.Meta(description="When to be at each [s], from the first on; without them the limits below say."),
     ] = None
-    yaws_deg: Annotated[
-        tuple[Annotated[float, msgspec.Meta(ge=-36000.0, le=36000.0)], ...] | None,
-        msgspec.Meta(description="Heading at each [deg], from north towards east; it turns the shorter way."),
-    ] = None
-    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading where `yaws_deg` is not given [deg]; it stays.")] = (
-        0.0
-    )
     method: Annotated[
         Literal["minimum_snap", "quintic"],
         msgspec.Meta(description="Polynomials of degree 7 and least snap, or of degree 5 and least jerk."),
@@ -465,8 +449,7 @@ class WaypointsConfig(
     ] = 1
 
     def __post_init__(self) -> None:
-        if self.file is not None:
-            raise ValueError(config_notice("file.in_python", key="file"))
+        super().__post_init__()
         check_lists(self.points_ned, self.times_s, yaws_deg=self.yaws_deg)
         if self.times_s is None:
             for i, (a, b) in enumerate(zip(self.points_ned, self.points_ned[1:], strict=False), start=1):
@@ -545,9 +528,7 @@ MAX_SAMPLES = 50_000
 """Most samples in a file of a course."""
 
 
-class SamplesConfig(
-    FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="samples"
-):
+class SamplesConfig(Course, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="samples"):
     """A motion given densely in time, such as one computed or recorded elsewhere.
 
     Between the samples fly polynomials of degree 7 with the least snap: C⁶, or C⁵ where velocities are given too. They
@@ -556,9 +537,6 @@ class SamplesConfig(
     the ends.
     """
 
-    file: Annotated[
-        str | None, msgspec.Meta(description="CSV of the samples, beside the configuration; they are then here.")
-    ] = None
     times_s: Annotated[
         tuple[Moment, ...],
         msgspec.Meta(min_length=2, max_length=MAX_SAMPLES, description="When each was [s], from the first on."),
@@ -569,13 +547,6 @@ class SamplesConfig(
     velocities_ned: Annotated[
         tuple[Velocity, ...] | None, msgspec.Meta(description="The velocities [m/s], world NED, where they are known.")
     ] = None
-    yaws_deg: Annotated[
-        tuple[Annotated[float, msgspec.Meta(ge=-36000.0, le=36000.0)], ...] | None,
-        msgspec.Meta(description="The headings [deg], from north towards east; it turns the shorter way."),
-    ] = None
-    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading where `yaws_deg` is not given [deg]; it stays.")] = (
-        0.0
-    )
     ramp_s: Annotated[
         Ramp,
         msgspec.Meta(
@@ -585,8 +556,7 @@ class SamplesConfig(
     ] = 0.0
 
     def __post_init__(self) -> None:
-        if self.file is not None:
-            raise ValueError(config_notice("file.in_python", key="file"))
+        super().__post_init__()
         check_lists(self.points_ned, self.times_s, velocities_ned=self.velocities_ned, yaws_deg=self.yaws_deg)
         length = self.times_s[-1] - self.times_s[0]
         if self.ramp_s > length:
