@@ -56,7 +56,8 @@ class RecorderProcess:
         self._timer: asyncio.TimerHandle | None = None
         self._moment: asyncio.Future[None] | None = None
         self._told = False
-        self._has_told_error = False
+        self.has_told_error = False
+        """Whether the recorder has told the operator the flight's error, or that it was too short for one."""
         self._gone = self._loop.create_future()
         self._words = b""
         self._process = start_child("groundstation.recording", stdin=subprocess.PIPE, stdout=subprocess.PIPE)
@@ -74,11 +75,6 @@ class RecorderProcess:
     def pid(self) -> int:
         """The number of the recorder's process."""
         return self._process.pid
-
-    @property
-    def has_told_error(self) -> bool:
-        """Whether the recorder has told the operator the flight's error, or that it was too short for one."""
-        return self._has_told_error
 
     @property
     def waiting(self) -> int:
@@ -190,7 +186,7 @@ class RecorderProcess:
         *lines, self._words = (self._words + data).split(b"\n")
         for line in lines:
             sentence = msgspec.json.decode(line, type=Sentence)
-            self._has_told_error = self._has_told_error or sentence.id in ERROR_NOTICES
+            self.has_told_error = self.has_told_error or sentence.id in ERROR_NOTICES
             self._say(sentence)
         if not data:
             code = self._process.wait()  # its end of the pipe closes with its last breath

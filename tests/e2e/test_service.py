@@ -61,10 +61,10 @@ def test_the_manager_is_told_on_a_path_and_on_an_abstract_name(tmp_path: Path, a
         manager.settimeout(5.0)
 
         notify = Notify({"NOTIFY_SOCKET": name.replace("\0", "@"), "WATCHDOG_USEC": "3000000"})
-        notify.ready()
-        notify.status("landing:\nnow")
-        notify.feed()
-        notify.stopping()
+        notify.send("READY=1")
+        notify.send("STATUS=landing:\nnow")
+        notify.send("WATCHDOG=1")
+        notify.send("STOPPING=1")
         assert notify.feed_s == pytest.approx(1.0)
         assert [manager.recv(200) for _ in range(4)] == [
             b"READY=1",
@@ -80,8 +80,8 @@ def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path) -> N
     with sockets.socket(sockets.AF_UNIX, sockets.SOCK_DGRAM) as manager:
         manager.bind(path)
         for number in range(2000):
-            notify.status(f"{number}")
-    notify.feed()
+            notify.send(f"STATUS={number}")
+    notify.send("WATCHDOG=1")
 
 
 def test_the_unit_waits_longer_than_the_longest_landing() -> None:

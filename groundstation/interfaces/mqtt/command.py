@@ -125,30 +125,27 @@ class _Asking:
         self._repeating: asyncio.Task[None] | None = None
 
     async def run(self, connection: "aiomqtt.Client") -> SealedAnswer:
+        root = f"{self._place.prefix}/{self._place.vehicle}/"
+        await connection.subscribe([(root + topic.name, 1) for topic in (STATE, ANSWER, SESSION)])
+        heed_cancellation()
         try:
-            return await self._run(connection)
+            async for message in connection.messages:
+                match str(message.topic).removeprefix(root):
+                    case STATE.name:
+                        self._state = message.payload.decode(errors="replace")
+                    case SESSION.name if (
+                        message.payload and message.payload not in self._sessions and len(self._ids) < SESSIONS_TRIED
+                    ):
+                        self._sessions.add(message.payload)
+                        await self._send(connection, root + REQUEST.name, message.payload)
+                    case ANSWER.name:
+                        answer = open_answer(message.payload, self._key, self._place)
+                        if answer is not None and answer.client == self._client and answer.id in self._ids:
+                            return answer
         finally:
             if self._repeating is not None:
                 self._repeating.cancel()
                 await asyncio.gather(self._repeating, return_exceptions=True)
-
-    async def _run(self, connection: "aiomqtt.Client") -> SealedAnswer:
-        root = f"{self._place.prefix}/{self._place.vehicle}/"
-        await connection.subscribe([(root + topic.name, 1) for topic in (STATE, ANSWER, SESSION)])
-        heed_cancellation()
-        async for message in connection.messages:
-            match str(message.topic).removeprefix(root):
-                case STATE.name:
-                    self._state = message.payload.decode(errors="replace")
-                case SESSION.name if (
-                    message.payload and message.payload not in self._sessions and len(self._ids) < SESSIONS_TRIED
-                ):
-                    self._sessions.add(message.payload)
-                    await self._send(connection, root + REQUEST.name, message.payload)
-                case ANSWER.name:
-                    answer = open_answer(message.payload, self._key, self._place)
-                    if answer is not None and answer.client == self._client and answer.id in self._ids:
-                        return answer
         raise Unanswered(notice("mqtt.closed"))
 
     async def _send(self, connection: "aiomqtt.Client", topic: str, payload: bytes) -> None:

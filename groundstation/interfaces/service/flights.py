@@ -230,27 +230,12 @@ class Notify:
         self.feed_s = float(usec) / 1e6 * WATCHDOG_SHARE if usec.isdigit() and ours and int(usec) > 0 else None
         """Period of feeding the watchdog [s]; None for never."""
 
-    def ready(self) -> None:
-        """All that is needed is open."""
-        self._send("READY=1")
-
-    def status(self, text: str) -> None:
-        """One line for ``systemctl status``."""
-        self._send("STATUS=" + text.replace("\n", " "))
-
-    def feed(self) -> None:
-        """The event loop is alive."""
-        self._send("WATCHDOG=1")
-
-    def stopping(self) -> None:
-        """On the way out: landing first, where it flies."""
-        self._send("STOPPING=1")
-
-    def _send(self, text: str) -> None:
+    def send(self, text: str) -> None:
+        """Send a line of sd_notify(3), such as READY=1 once all that is needed is open."""
         if self._address[:1] in ("/", "\0"):
             wire = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)  # noqa: TID251  # no daemon is simulated
             with wire, suppress(OSError):
-                wire.sendto(text.encode(), socket.MSG_DONTWAIT, self._address)
+                wire.sendto(text.replace("\n", " ").encode(), socket.MSG_DONTWAIT, self._address)
 
 
 class WatchedCore(Core, Protocol):
@@ -384,7 +369,7 @@ class Daemon:
     def stop(self) -> None:
         """No flight after this one. Whoever asks the flight to land does that beside it."""
         self._stop.set()
-        self._notify.stopping()
+        self._notify.send("STOPPING=1")  # landing first, where it flies
 
     # ---- its life
 
@@ -405,7 +390,7 @@ class Daemon:
 
     async def _flights(self) -> Exit:
         pause_s, first = PAUSE_S, True
-        self._notify.ready()
+        self._notify.send("READY=1")
         while not self._stop.is_set():
             before = self._armed
             try:
@@ -420,7 +405,8 @@ class Daemon:
             if self._once or (flew and self._stop.is_set()):
                 return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAILED
             pause_s = PAUSE_S if flew else min(2.0 * pause_s, PAUSE_MAX_S)
-            self._notify.status(notice("service.next", state=self._flight.state, pause_s=pause_s).text)
+            next_flight = notice("service.next", state=self._flight.state, pause_s=pause_s)
+            self._notify.send(f"STATUS={next_flight}")
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._stop.wait(), pause_s)
         return Exit.DONE
@@ -469,7 +455,7 @@ class Daemon:
             self._armed += event.state == State.ARMING
             if event.state == State.ARMING or event.state in FINAL:
                 self._arm = False
-            self._notify.status(event.says)
+            self._notify.send(f"STATUS={event.says}")
 
     async def _renew(self, flight: Flight) -> None:
         """End a flight that nobody has armed for long, unless somebody is about to."""
@@ -484,7 +470,7 @@ class Daemon:
     async def _feed_watchdog(self) -> None:
         """Feed it from the loop that flies: a loop that hangs does not."""
         while self._notify.feed_s is not None:
-            self._notify.feed()
+            self._notify.send("WATCHDOG=1")
             await asyncio.sleep(self._notify.feed_s)
 
 
