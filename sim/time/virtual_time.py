@@ -313,13 +313,13 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
 
 def in_virtual_time(
-    work: Callable[P, Coroutine[Any, Any, T]], loop: Callable[[], VirtualTimeLoop] = VirtualTimeLoop
+    work: Callable[P, Coroutine[Any, Any, T]], loop: Callable[[], VirtualTimeLoop] | None = None
 ) -> Callable[P, T]:
-    """``work`` as a plain function: each call runs on a ``loop`` of its own."""
+    """``work`` as a plain function: each call runs on a loop of its own, which ``loop`` makes."""
 
     @wraps(work)
     def run(*args: P.args, **options: P.kwargs) -> T:
-        with asyncio.Runner(loop_factory=loop) as runner:
+        with asyncio.Runner(loop_factory=loop or VirtualTimeLoop) as runner:
             return runner.run(work(*args, **options))
 
     return run

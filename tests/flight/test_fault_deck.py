@@ -5,7 +5,6 @@ The whole of it is `groundstation-sim dev faults`.
 
 import asyncio
 import math
-import struct
 
 import pytest
 from msgspec.structs import replace
@@ -183,8 +182,7 @@ def judged(time_s: float, thrust: float, rates: tuple[float, float, float]) -> s
     wire = WireJudge(config, Thrust(0.8, lambda time_s, signal: signal, 0.3))
     parts = (Segment(0.5, 0.6, (0.1, 0.0, 0.0)), Segment(0.1, 0.0, (0.0, 0.0, 0.0)))
     wire.record(IdleRecord(0.75, 0.8, Command(0.8, (0.0, 0.0, 0.0), 0, 0.75, 1.0, parts)))
-    frame = MavlinkCodec(245, 190).attitude_target(time_s, 1, 1, 0.5, (0.0, 0.0, 0.0))
-    frame = frame.ljust(60, b"\0")[:30] + struct.pack("<4f", *rates, thrust / config.full_thrust_n)
+    frame = MavlinkCodec(245, 190).attitude_target(time_s, 1, 1, thrust / config.full_thrust_n, rates)
     wire.tap(time_s, STATION, VEHICLE, frame)
     return wire.wrong
 
