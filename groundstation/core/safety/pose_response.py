@@ -122,7 +122,7 @@ TONES_LEAST = 2.0
 RIDGE = 1e-10
 """Excitation below which nothing was excited [m² s or rad² s]."""
 RIDGES = RIDGE * np.eye(2)
-"""The same for both signals; added to their products, so that these have an inverse."""
+"""Excitation that is added to both signals' products, so that these have an inverse [m² s or rad² s]."""
 DIAGONAL = math.sqrt(0.5)
 
 
