@@ -14,7 +14,7 @@ import msgspec
 from groundstation.config import ConfigError
 from groundstation.runtime import Exit
 from sim.cli import ProgressBar
-from sim.runs import Flyers
+from sim.runs.pool import Workers
 from sim.scenarios import scenario_of
 from sim.text import notice
 from tests.proving.faults.cell import FlightCopy, fly_together
@@ -97,8 +97,9 @@ def fly_all(
         setting = (cell.state, cell.link, told.source, told.overrides, told.kind is Kind.HONEST)
         alike.setdefault((planned.scenario, planned.seed, *setting), []).append(planned)
     jobs = [some[i : i + TOGETHER] for some in alike.values() for i in range(0, len(some), TOGETHER)]
-    with Flyers(max(1, min(workers, len(jobs)))) as flyers:
-        for number, found in flyers.as_done(partial(_fly_job, tuple(overrides)), jobs):
+    # Never in this process, also with one worker: the bar that counts has a thread, and a flight that is copied has none.
+    with Workers(max(1, min(workers, len(jobs)))) as pool:
+        for number, found in pool.as_done(partial(_fly_job, tuple(overrides)), jobs):
             rows |= zip(jobs[number], found, strict=True)
             on_done(len(rows))
     return [rows[planned] for planned in work]
