@@ -97,7 +97,7 @@ def fly_all(
         setting = (cell.state, cell.link, told.source, told.overrides, told.kind is Kind.HONEST)
         alike.setdefault((planned.scenario, planned.seed, *setting), []).append(planned)
     jobs = [some[i : i + TOGETHER] for some in alike.values() for i in range(0, len(some), TOGETHER)]
-    # Never in this process, not even with one worker: the bar has a thread, and a process that is copied must have none.
+    # Never in this process, even with one worker: its bar has a thread, and a process that is copied must have none.
     with Workers(max(1, min(workers, len(jobs)))) as pool:
         for number, found in pool.as_done(partial(_fly_job, tuple(overrides)), jobs):
             rows |= zip(jobs[number], found, strict=True)
