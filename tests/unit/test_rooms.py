@@ -19,6 +19,8 @@ ROOTS = ("groundstation", "links", "sim")
 PAST_A_FACE = {
     # The pages of the reference show the options of both programs, which their entry points hold.
     "tests.proving.reference": {"groundstation.__main__", "sim.__main__"},
+    # The face would load it with every flight. One worker, too, must be a process here: flights are copied.
+    "tests.proving.faults.deal": {"sim.runs.pool"},
 }
 
 
