@@ -63,7 +63,7 @@ class FoxgloveScene:
         """Topic and bytes of what one message of the recording becomes; most stay as they are."""
         yield entry.topic, entry.data
         time_s, stamp = 1e-9 * entry.stamp_ns, self._stamp(entry.stamp_ns)
-        if self._is_due("tf_static", time_s):  # again and again, for whoever begins to look in between
+        if self._claim_drawing("tf_static", time_s):  # again and again, for whoever begins to look in between
             yield "/tf_static", self._transform(stamp).encode()
         name = entry.topic.strip("/")
         if name not in TRAILS:
@@ -74,13 +74,13 @@ class FoxgloveScene:
             trail.append((time_s, (told["x"], told["y"], told["z"])))
             while time_s - trail[0][0] > TRAIL_S:
                 trail.popleft()
-        if self._is_due(name, time_s):
+        if self._claim_drawing(name, time_s):
             poses = [self._pose(point) for _, point in trail]
             made = self._messages.PosesInFrame(timestamp=stamp, frame_id=WORLD, poses=poses)
             yield f"/scene/{name}", made.encode()
 
-    def _is_due(self, name: str, time_s: float) -> bool:
-        """Whether ``name`` is to be drawn again at ``time_s`` [s]."""
+    def _claim_drawing(self, name: str, time_s: float) -> bool:
+        """Whether ``name`` is to be drawn at ``time_s`` [s]; then it counts as drawn."""
         due = time_s - self._drawn_s[name] >= DRAW_S
         if due:
             self._drawn_s[name] = time_s

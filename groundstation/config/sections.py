@@ -116,7 +116,7 @@ def _read_text(file: Path, path: KeyPath) -> str:
         raise Problem(path, config_notice("file.unread", path=repr(str(file)), why=error)) from None
 
 
-def _shipped(folder: str) -> "Traversable":
+def _find_shipped(folder: str) -> "Traversable":
     """Return a folder that comes along."""
     from importlib import resources  # with what it brings, milliseconds of every start
 
@@ -125,7 +125,7 @@ def _shipped(folder: str) -> "Traversable":
 
 def shipped_texts(folder: str) -> dict[str, str]:
     """Return the text of each TOML file in a folder that comes along, by name and in the order of their names."""
-    files = [file for file in _shipped(folder).iterdir() if file.name.endswith(".toml")]
+    files = [file for file in _find_shipped(folder).iterdir() if file.name.endswith(".toml")]
     texts = {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files}
     return dict(sorted(texts.items()))
 
@@ -157,7 +157,7 @@ def copy_examples(folder: Path) -> None:
         ConfigError: it exists, or can't be written.
     """
     with refuse_io("--all", "file.unwritten", folder):
-        _copy(_shipped("examples"), folder)
+        _copy(_find_shipped("examples"), folder)
 
 
 def _copy(source: "Traversable", target: Path) -> None:

@@ -36,7 +36,7 @@ def program(*words: str | Path) -> list[str]:
 
 
 def run_command(command: Sequence[str | Path], **more: Any) -> "subprocess.CompletedProcess[str]":
-    """How a process of its own ends within a minute and what it says; nobody is at its standard input."""
+    """Run a process of its own to its end, a minute at most, and return what it says; its standard input is empty."""
     usual = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.run(command, **usual | more, text=True, timeout=60, check=False)
 

@@ -88,7 +88,7 @@ def read_set_points(sent: Iterable[tuple[float, bytes]]) -> list[SetPoint]:
 
 
 class Wire:
-    """What left for the autopilot of a flight, what the controller handed to the link, and how it ended."""
+    """Record of a flight: datagrams to its autopilot, commands that the controller gave the link, and its end."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[float, bytes]] = []

@@ -17,7 +17,7 @@ LONGEST = 60.0
 @pytest.mark.tried(1)  # links
 @pytest.mark.parametrize("link", ["mavlink", "rf_bridge"])
 def test_another_process_with_another_hash_seed_gives_the_same_bytes(link: str) -> None:
-    """The same process: test_library.py."""
+    """test_library.py flies twice in one process."""
     code = (
         "from sim.scenarios import SCENARIOS, prepare; from sim.runs import fly;"
         f"w, c = prepare(SCENARIOS['adverse'], [], link='{link}'); print(fly(w, c, seed=3, duration_s=4.0).log_sha256)"

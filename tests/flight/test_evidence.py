@@ -342,7 +342,7 @@ def poses_only(folder: Path, change: Callable[[Rows], Rows]) -> Path:
 
 
 def examined(folder: Path, change: Callable[[Rows], Rows]) -> dict[str, Any]:
-    """What is found out about the flight with these rows changed."""
+    """Examine the flight with its rows changed."""
     return examine_flight(imported(folder, poses_only(folder, change)))
 
 

@@ -12,7 +12,8 @@ import cmath
 import math
 from typing import NamedTuple
 
-from groundstation.core.geometry import ZERO, Vec3, rotate, subtract
+from groundstation.core.control.demand_limits import DemandLimits
+from groundstation.core.geometry import FLOATS, ZERO, Vec3, rotate, subtract
 from groundstation.core.messages import Estimate
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
@@ -57,8 +58,7 @@ class ExcitationTones:
     def __init__(self, vehicle: Vehicle, gravity: float) -> None:
         """Scale the tones for the configured ``vehicle``; ``gravity`` is g [m/s²]."""
         self._gravity = gravity
-        roll, pitch, _ = vehicle.rate_limits_deg_s
-        self._limits_rad_s = math.radians(roll), math.radians(pitch)
+        self._most_rates = DemandLimits(FLOATS, vehicle).rates
         self._rate_delay = vehicle.command_delay_s + vehicle.rate_delay_s + 0.5 * vehicle.frame_period_s
         self._thrust_delay = vehicle.command_delay_s + vehicle.thrust_delay_s + 0.5 * vehicle.frame_period_s
         lag = vehicle.rate_lag_s
@@ -84,7 +84,7 @@ class ExcitationTones:
         At a limit a tone would only take from the law, and its motion would not be that of :meth:`motion`.
         """
         roll, pitch, _ = drive.rates
-        most_roll, most_pitch = self._limits_rad_s
+        most_roll, most_pitch, _ = self._most_rates
         return abs(roll) < most_roll and abs(pitch) < most_pitch
 
     def share(self, time_s: float) -> float:

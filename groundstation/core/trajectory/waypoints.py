@@ -193,14 +193,17 @@ class Spline:
         r1 = span.rate
         r2 = r1 * r1
         r3 = r1 * r2
-        north, east, down = (differentiate(axis, x) for axis in (span.north, span.east, span.down))
+        (n1, n2, n3), (e1, e2, e3), (d1, d2, d3) = (
+            differentiate(axis, x) for axis in (span.north, span.east, span.down)
+        )
+        turning, _, _ = differentiate(span.yaw, x)
         return Reference(
             (evaluate(span.north, x), evaluate(span.east, x), evaluate(span.down, x)),
-            (r1 * north[0], r1 * east[0], r1 * down[0]),
-            (r2 * north[1], r2 * east[1], r2 * down[1]),
-            (r3 * north[2], r3 * east[2], r3 * down[2]),
+            (r1 * n1, r1 * e1, r1 * d1),
+            (r2 * n2, r2 * e2, r2 * d2),
+            (r3 * n3, r3 * e3, r3 * d3),
             evaluate(span.yaw, x),
-            r1 * differentiate(span.yaw, x)[0],
+            r1 * turning,
         )
 
 
@@ -395,7 +398,7 @@ MAX_POINTS = 2000
 """Waypoints of all laps together."""
 
 
-class Course(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class CourseConfig(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Keys of every course: where its points come from, and its headings."""
 
     file: Annotated[
@@ -414,7 +417,9 @@ class Course(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
             raise ValueError(config_notice("file.in_python", key="file"))
 
 
-class WaypointsConfig(Course, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="waypoints"):
+class WaypointsConfig(
+    CourseConfig, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="waypoints"
+):
     """A course through points, from rest to rest."""
 
     points_ned: Annotated[
@@ -528,7 +533,9 @@ MAX_SAMPLES = 50_000
 """Most samples in a file of a course."""
 
 
-class SamplesConfig(Course, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="samples"):
+class SamplesConfig(
+    CourseConfig, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="samples"
+):
     """A motion given densely in time, such as one computed or recorded elsewhere.
 
     Between the samples fly polynomials of degree 7 with the least snap: C⁶, or C⁵ where velocities are given too. They

@@ -301,7 +301,7 @@ def test_betaflight_flies_behind_a_receiver_only(
 
 
 def slot_verdicts(slots: dict[str, str], **link_map: Any) -> dict[str, str]:
-    """What is said of a board's rows of modes, where arming is on channel 5."""
+    """Return the verdicts on a board's rows of modes, where arming is on channel 5."""
     config = from_dict({"link": {"kind": "crsf", "map": {"arm": {"channel": 5}, **link_map}}}, Config)
     visit = BoardVisit(config, "/dev/ttyACM0")
     visit.parameters = {name: Setting(name, row) for name, row in slots.items()}

@@ -103,7 +103,8 @@ WRONG: list[tuple[dict[str, Any], tuple[str, ...]]] = [
     ({"pose": 3}, ("vehicle bee", "pose", "expected a table")),
 ]
 """What is wrong with a second vehicle."""
-DSM, REMOTE = {"kind": "dsm", "port": "/dev/ttyUSB0"}, {"remote": "10.0.0.9:14550"}
+DSM = {"kind": "dsm", "port": "/dev/ttyUSB0"}
+REMOTE = {"remote": "10.0.0.9:14550"}
 HOSTS = [{**who, "pose": {"kind": "libmotioncapture", "hostname": host}} for who, host in ((ANT, "a"), (BEE, "b"))]
 SERVED = [{"name": name, "link": {"listen": f"127.0.0.1:{port}"}, "status": {"path": "/x"}} for name, port in
           (("bee", 9998), ("cat", 9999))]  # fmt: skip

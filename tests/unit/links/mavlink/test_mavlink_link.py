@@ -363,7 +363,7 @@ def test_a_bad_configuration_is_refused(options: dict[str, Any], complaint: str)
 async def test_another_program_that_steers_the_same_autopilot_is_told_by_name_but_not_what_may_be_our_echo(
     link: MavlinkLink, autopilot: Endpoint
 ) -> None:
-    """How long, and which vehicle it has to steer: test_mavlink_connection.py."""
+    """test_mavlink_connection.py tries how long it must steer, and which vehicle."""
 
     async def steer(system: int, component: int) -> str:
         frame = MavlinkCodec(system, component).attitude_target(0.0, 1, 1, 0.5, (0.0, 0.0, 0.0))

@@ -37,7 +37,7 @@ class End:
         self.heard: list[str] = []
         self.armed = False
         self.options: dict[str, Any] = {}
-        """How a link reaches it."""
+        """Keys of a link that reaches it."""
 
     async def start(self) -> None:
         raise NotImplementedError
@@ -289,7 +289,7 @@ def play(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
 
 
 def troubles(codec: MavlinkCodec, seed: int) -> Iterator[bytes]:
-    """What noise, wrong baud rates, collisions and strangers put on a wire; what is whole of it, says what is true."""
+    """Yield the bytes of noise, wrong baud rates, collisions and strangers; a whole frame among them is true."""
     luck = random.Random(seed)
     beat = codec.dialect.MAVLink_heartbeat_message(2, 12, ARMED, 0, 3, 3)
     for _ in range(60):

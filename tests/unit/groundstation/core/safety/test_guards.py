@@ -84,7 +84,7 @@ def first(
 def findings(
     ticks: Iterable[Shown], fence: Fence | None = None, vehicle: Vehicle = VEHICLE
 ) -> list[GuardFinding | None]:
-    """What is found at each tick of a flight along its trajectory."""
+    """Return the finding at each tick of a flight along its trajectory."""
     guards = Guards(CONFIG, fence, vehicle, lambda: PERIOD_S)
     return [guards.check_command(tick, State.TRACKING) for tick in ticks]
 

@@ -252,7 +252,7 @@ def pair() -> Desk:
 
 
 def kill(pair: Desk, number: int = 1, client: str = "phone", **more: Any) -> tuple[bool, str] | None:
-    """What is answered to a client's kill."""
+    """Return the answer to a client's kill."""
     return pair.answer(sealed(number, "kill", key=KEYS[client], client=client, **more), KEYS[client])
 
 
