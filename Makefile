@@ -37,7 +37,7 @@ fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
 	@rm -rf runs/screenshot
 	@$(BIN)/groundstation-sim fly gust_front --set 'sim.start_ned=[0.7,0.7,-1.0]' --out runs/screenshot > /dev/null
-	@$(BIN)/groundstation tui --screenshot docs/dashboard.svg --at 36 runs/screenshot/flight.mcap
+	@$(BIN)/python -m tests.tui_pictures runs/screenshot/flight.mcap 36 docs/dashboard.svg
 
 # Rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
 test: setup ## everything that must hold before a commit, in minutes

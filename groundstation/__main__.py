@@ -139,9 +139,7 @@ TUI: Arguments = {
     **_vehicle("name of the vehicle in its config; without it, the one that runs"),
     **SOCKET,
     "--read-only": {"action": "store_true", "help": "nothing can be ordered from this screen"},
-    "--screenshot": {"type": path, "metavar": "FILE.svg", "help": "draw LOG.mcap into this file, and end"},
     "--at": {"type": float, "metavar": "S", "help": "begin so many seconds after the recording's start"},
-    "--size": {"default": "120x36", "metavar": "COLSxROWS", "help": "of the screenshot (default 120x36)"},
     **THEME,
     "--fleet": {"metavar": "URL", "help": "all vehicles at this broker: mqtts://[USER@]HOST[:PORT][/PREFIX]"},
     **BROKER,
@@ -340,6 +338,7 @@ MOVED = {
 
 GONE = {
     "fly --view": "`groundstation view` shows the newest flight, also while it is flown",
+    "tui --screenshot": "play the recording, and take the picture with the terminal's own means",
     "tui --browser": "from another computer `ssh -t HOST groundstation tui` shows the dashboard",
     "export --format poses": "`--channel /measured` has the poses",
     "export --format rrd": "`groundstation view` shows a recording in Foxglove",

@@ -108,13 +108,15 @@ class Stage:
         """It is served."""
         config = StatusConfig(path=str(self.path), rate_hz=50.0)
         server = Server(config, "mqx", self.latest, self.core, config_text=dump(Config()))
-        tasks = [asyncio.create_task(server.serve()), asyncio.create_task(self._beat())]
+        await server.open()
+        tasks = [asyncio.create_task(server.publish()), asyncio.create_task(self._beat())]
         try:
             yield server
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+            server.close()
 
     async def _beat(self) -> None:
         while True:

@@ -1,7 +1,6 @@
 """Snapshots of a made-up flight, and a process that serves them: ``python -m tests.sample_flight SOCKET [SECONDS]``."""
 
 import asyncio
-import contextlib
 import math
 import sys
 
@@ -126,15 +125,16 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text
 async def serve(path: str, seconds: float, rate_hz: float) -> None:
     """Fly the made-up flight for so long [s], with its status socket at ``path``."""
     latest: Latest[Snapshot] = Latest()
-    server = asyncio.create_task(Server(StatusConfig(path=path, rate_hz=rate_hz), "mqx", latest, Outspoken()).serve())
+    server = Server(StatusConfig(path=path, rate_hz=rate_hz), "mqx", latest, Outspoken())
+    await server.open()
+    publishing = asyncio.create_task(server.publish())
     loop = asyncio.get_running_loop()
     start = loop.time()
-    while (now := loop.time() - start) < seconds and not server.done():
+    while (now := loop.time() - start) < seconds:
         latest.put(sample(now))
         await asyncio.sleep(0.5 / rate_hz)
-    server.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await server
+    publishing.cancel()
+    server.close()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,11 @@
-"""The pictures of the dashboard that tests compare with: ``python -m tests.tui_pictures`` draws them anew."""
+"""The pictures of the dashboard that tests compare with: ``python -m tests.tui_pictures`` draws them anew.
+
+With a recording, ``python -m tests.tui_pictures LOG.mcap SECONDS FILE.svg``, it draws the one of the documents.
+"""
 
 import asyncio
+import re
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -8,12 +13,15 @@ from typing import NamedTuple
 import msgspec
 from textual.widgets import Input
 
-from groundstation.interfaces.tui.app import Dashboard, normal
-from groundstation.interfaces.tui.model import Holder, News
+from groundstation.interfaces.api import Control
+from groundstation.interfaces.tui.app import Dashboard, open_playback
+from groundstation.interfaces.tui.model import News
 from groundstation.interfaces.tui.widgets import Banner
 from tests.dashboards import Fixed, flown, keep_fresh, on_ground, until
 from tests.sample_flight import sample
 
+ID = re.compile(r"terminal-\d+-")
+FAR_FONT = re.compile(r',\s*url\("https?://[^"]*"\) format\("[^"]*"\)')
 FOLDER = Path(__file__).parent / "pictures"
 
 
@@ -27,7 +35,7 @@ class Pictured(NamedTuple):
     live: bool = True
 
 
-YOURS = Holder("tui 7", yours=True)
+YOURS = Control("tui 7", yours=True)
 LOST = msgspec.structs.replace(sample(20.0).link, state="lost", dropped={"bad_checksum": 41})
 LATE = {"late_us": (180, 950, 2100), "late_octaves": (0, 0, 0, 0, 0, 0, 4, 90, 160, 41, 7, 1)}
 PICTURES = {
@@ -63,7 +71,24 @@ async def _draw(wanted: Pictured) -> str:
         return normal(dashboard.export_screenshot())
 
 
-if __name__ == "__main__":
+def normal(svg: str) -> str:
+    """``svg`` without the numbers that differ from run to run, and without fonts that would have to be fetched."""
+    return FAR_FONT.sub("", ID.sub("terminal-", svg))
+
+
+async def draw_recording(log: Path, at_s: float) -> str:
+    """The dashboard of a recording, ``at_s`` after its start."""
+    playback = open_playback(log, at_s)
+    playback.paused = True
+    async with Dashboard(playback).run_test(size=(120, 36)) as pilot:
+        await pilot.pause(1.2)
+        return normal(pilot.app.export_screenshot())
+
+
+if __name__ == "__main__" and len(sys.argv) > 1:
+    _, recording, instant_s, picture = sys.argv
+    Path(picture).write_text(asyncio.run(draw_recording(Path(recording), float(instant_s))), "utf-8")
+elif __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     for one in PICTURES:
         (FOLDER / f"{one}.svg").write_text(draw(one), "utf-8")

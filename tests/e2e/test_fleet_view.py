@@ -23,7 +23,7 @@ def shown(screen: FleetScreen) -> list[list[str]]:
 
 
 def told(screen: FleetScreen) -> str:
-    return str(screen.query_one("#details", Static).content)
+    return str(screen.query_one("#chosen", Static).content)
 
 
 def headline(screen: FleetScreen) -> str:

@@ -5,7 +5,6 @@ from links.text import NoticeTemplate
 SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("screen.needs_recording", "need a recording, LOG.mcap"),
     NoticeTemplate("screen.at", "expected seconds from the recording's start, 0 or more, got {at_s:g}"),
-    NoticeTemplate("screen.size", "expected COLUMNSxROWS, 40x12 to 400x200, got {found!r}"),
     # The dashboard's answers to keys.
     NoticeTemplate("screen.closed", "the ground station closed its status socket"),
     NoticeTemplate(

@@ -3,7 +3,6 @@
 from groundstation.interfaces.api.client import (
     StationClient,
     ask_station,
-    attach,
     open_client,
     request_command,
     snapshots,

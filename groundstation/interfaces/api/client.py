@@ -55,7 +55,7 @@ ANSWER_S = 3.0
 
 
 class StationClient:
-    """One connection; iterate over it for the newest snapshot and every change of control. Made by :func:`attach`."""
+    """One connection, made by :func:`open_client`; iterate over it for the newest snapshot and changes of control."""
 
     hello: StationHello
     """The station's introduction."""
@@ -233,8 +233,9 @@ class StationClient:
                 pass
 
 
-async def attach(path: Path, name: str = "client") -> StationClient:
-    """A client of the ground station at ``path``, to be closed after use; see :func:`open_client`.
+@asynccontextmanager
+async def open_client(path: Path, name: str = "client") -> AsyncIterator[StationClient]:
+    """A client of the ground station at ``path``; leaving gives up what control it has.
 
     Raises:
         OSError: nobody serves there.
@@ -243,28 +244,12 @@ async def attach(path: Path, name: str = "client") -> StationClient:
     try:
         client = StationClient(path, name, *await asyncio.open_unix_connection(path, limit=LINE_MAX_BYTES))
     except PermissionError:
-        whose = owner(path)
-        raise ApiError(notice("station.other_user", path=path, user=whose)) from None
+        raise ApiError(notice("station.other_user", path=path, user=owner(path))) from None
     try:
-        await asyncio.wait_for(client.ready, ANSWER_S)
-    except BaseException as error:
-        client.close()
-        if isinstance(error, TimeoutError):
+        try:
+            await asyncio.wait_for(client.ready, ANSWER_S)
+        except TimeoutError:
             raise ApiError(notice("station.no_greeting", path=path, limit_s=ANSWER_S)) from None
-        raise
-    return client
-
-
-@asynccontextmanager
-async def open_client(path: Path, name: str = "client") -> AsyncIterator[StationClient]:
-    """A client of the ground station at ``path``; leaving gives up what control it has.
-
-    Raises:
-        OSError: nobody serves there.
-        ApiError: what serves there is no ground station of this version, or has too many clients.
-    """
-    client = await attach(path, name)
-    try:
         yield client
     finally:
         client.close()
@@ -345,22 +330,19 @@ async def ask_station(request: Request, vehicle: str | None = None, socket: Path
             raise ConfigError(name, notice("value.form", form="text", found=given))
     path = Path(socket) if socket is not None else await find_socket(vehicle)
     try:
-        client = await attach(path, "request")
+        async with open_client(path, "request") as client:
+            served = client.hello.vehicle
+            if request.ask is Ask.ARM and vehicle is None:
+                raise ApiError(notice("request.name_it", vehicle=served))
+            if vehicle is not None and vehicle != served:
+                raise ApiError(notice("request.other_vehicle", path=path, found=served, wanted=vehicle))
+            if request.ask not in ANYONE:
+                taken = await client.take_control()
+                if not taken.done:
+                    return taken
+            return await client.ask(request, vehicle=vehicle or "")
     except (FileNotFoundError, ConnectionRefusedError):
         raise ApiError(notice("request.nobody", path=path)) from None
-    try:
-        served = client.hello.vehicle
-        if request.ask is Ask.ARM and vehicle is None:
-            raise ApiError(notice("request.name_it", vehicle=served))
-        if vehicle is not None and vehicle != served:
-            raise ApiError(notice("request.other_vehicle", path=path, found=served, wanted=vehicle))
-        if request.ask not in ANYONE:
-            taken = await client.take_control()
-            if not taken.done:
-                return taken
-        return await client.ask(request, vehicle=vehicle or "")
-    finally:
-        client.close()
 
 
 def _as_sent(request: object) -> Request:

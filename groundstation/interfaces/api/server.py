@@ -3,7 +3,6 @@
 import asyncio
 import socket
 import struct
-from collections import Counter
 from typing import cast
 
 from groundstation.core.messages import Say, Snapshot, notice
@@ -40,8 +39,6 @@ BACKLOG_MAX_BYTES = 65536
 """A client that leaves more than this unread, beyond what the kernel holds for it, is dropped."""
 ORDERS = Allowance(rate_hz=20.0, burst=20.0)
 """Lines read of a client; more wait in its own socket."""
-BAD_MAX = 10
-"""A client that has sent so many lines that were no order is dropped; one with a line without an end, at once."""
 
 
 class Server:
@@ -67,8 +64,6 @@ class Server:
         """
         self.path = socket_path(config, vehicle)
         self.desk = Desk(vehicle, core)
-        self.refused: Counter[str] = Counter()
-        """Lines that were no order, by reason."""
         self._period_s = 1.0 / config.rate_hz
         self._latest = latest
         self._quiet = quiet or IdleSlots()
@@ -76,32 +71,24 @@ class Server:
         self._log = log
         self._clients: dict[_AttachedClient, int] = {}  # to the number of the snapshot that it got last
         self._attached = asyncio.Event()
-        self.serving = asyncio.Event()
-        """Set once clients can attach."""
         self._line = (0, b"")
+        self._server: asyncio.Server | None = None
 
-    async def serve(self) -> None:
-        """Serve until cancelled; attached clients then get the last snapshot, and the socket goes away.
+    async def open(self) -> None:
+        """Let clients attach, until :meth:`close`.
 
         Raises:
             ApiError: another ground station serves there, or the path can't be used.
         """
         await claim_socket(self.path)
         try:
-            server = await asyncio.start_unix_server(
+            self._server = await asyncio.start_unix_server(
                 self._talk, self.path, limit=ORDER_MAX_BYTES, start_serving=False, backlog=CLIENTS_MAX
             )
         except (OSError, ValueError) as error:
             raise ApiError(notice("socket.failed", path=self.path, why=error)) from error
-        try:
-            self.path.chmod(0o600)  # nobody can connect before it: not listening yet
-            await server.start_serving()
-            self.serving.set()
-            await self.publish()
-        finally:
-            self.path.unlink(missing_ok=True)
-            server.close()
-            self.close()
+        self.path.chmod(0o600)  # nobody can connect before it: not listening yet
+        await self._server.start_serving()
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take the lines of one more client, as many as it may send by then; the others fill its own socket."""
@@ -129,7 +116,10 @@ class Server:
             await asyncio.sleep(self._period_s)
 
     def close(self) -> None:
-        """Send the last snapshot, and the end."""
+        """Send the last snapshot, and the end; the socket goes away."""
+        if self._server is not None:
+            self.path.unlink(missing_ok=True)
+            self._server.close()
         self._publish()
         for client in list(self._clients):
             client.transport.close()
@@ -175,13 +165,10 @@ class Server:
         return None
 
     def _refuse(self, client: "_AttachedClient", reason: str, text: str) -> None:
-        self.refused[reason] += 1
-        client.bad[reason] += 1
-        if client.bad[reason] == 1:
+        if reason not in client.refused:
+            client.refused.add(reason)
             self._log(notice("order.none", client=client.party.label, why=text).as_warning())
         client.write(encode(Refusal(text)))
-        if client.bad.total() >= BAD_MAX:
-            client.transport.close()
 
     def _tell_control(self) -> None:
         for client in list(self._clients):
@@ -206,7 +193,8 @@ class _AttachedClient:
     def __init__(self, transport: asyncio.WriteTransport) -> None:
         self.transport = transport
         self.party = Party(_pid(transport))
-        self.bad: Counter[str] = Counter()
+        self.refused: set[str] = set()
+        """Reasons for which lines of it were no order, each of which is logged once."""
         self.orders = False
         """Whether it has ever sent an order, and does not only read."""
 

@@ -2,5 +2,5 @@
 
 from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
 from groundstation.interfaces.mqtt.command import ask_command, schema_text, schemas, topics_table
-from groundstation.interfaces.mqtt.messages import EVENT, OFFLINE, SNAPSHOT, STATE, EventMessage
+from groundstation.interfaces.mqtt.messages import OFFLINE, SNAPSHOT, STATE
 from groundstation.interfaces.mqtt.publisher import ensure_mqtt, publish_forever

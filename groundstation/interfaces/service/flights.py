@@ -274,19 +274,14 @@ async def crew(
         config_text=dump(config),
         log=say,
     )
-    serve = asyncio.create_task(server.serve() if needed else _isolate("status socket", server.serve(), say))
-    tasks: list[asyncio.Task[Any]] = [
-        serve,
-        asyncio.create_task(_isolate("snapshots", _publish(core, latest, quiet), say)),
-    ]
-    try:
-        if needed:
-            await _wait_served(server, serve)
-        if config.mqtt.enabled:
-            from groundstation.interfaces.mqtt import publish_forever
+    await (server.open() if needed else _isolate("status socket", server.open(), say))
+    work = {"status socket": server.publish(), "snapshots": _publish(core, latest, quiet)}
+    if config.mqtt.enabled:
+        from groundstation.interfaces.mqtt import publish_forever
 
-            publishing = publish_forever(config.mqtt, latest, server.desk.from_afar)
-            tasks.append(asyncio.create_task(_isolate("MQTT", publishing, say)))
+        work["MQTT"] = publish_forever(config.mqtt, latest, server.desk.from_afar)
+    tasks = [asyncio.create_task(_isolate(what, one, say)) for what, one in work.items()]
+    try:
         try:
             yield server
         finally:
@@ -296,17 +291,7 @@ async def crew(
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-
-async def _wait_served(server: Server, serve: "asyncio.Task[None]") -> None:
-    """Wait until clients can connect; raises what ``serve`` raises before."""
-    serving = asyncio.create_task(server.serving.wait())
-    try:
-        await asyncio.wait({serve, serving}, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        serving.cancel()
-    if serve.done():
-        serve.result()
+        server.close()
 
 
 async def _publish(core: WatchedCore, latest: Latest[Snapshot], quiet: IdleSlots) -> None:

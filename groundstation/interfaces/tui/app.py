@@ -10,7 +10,6 @@ import argparse
 import asyncio
 import math
 import os
-import re
 import shlex
 import subprocess
 import sys
@@ -28,7 +27,6 @@ from textual.binding import Binding, BindingType
 from textual.command import CommandPalette
 from textual.css.query import NoMatches
 from textual.notifications import SeverityLevel
-from textual.pilot import Pilot
 from textual.screen import Screen
 
 from groundstation.config import ConfigError, parse_toml, refuse_io
@@ -52,7 +50,7 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, REPEAT_S, State
 from groundstation.core.safety import LIVE, PREFIX
-from groundstation.interfaces.api import Control, OrderAnswer, StationClient, attach, stop_all
+from groundstation.interfaces.api import OrderAnswer, StationClient, open_client, stop_all
 from groundstation.interfaces.tui.drawing import flight_time
 from groundstation.interfaces.tui.model import (
     BY_ASK,
@@ -65,7 +63,6 @@ from groundstation.interfaces.tui.model import (
     FeedTrouble,
     FlightIdentity,
     GainRow,
-    Holder,
     Jump,
     News,
     OperatorOrder,
@@ -96,10 +93,8 @@ from groundstation.machine import (
     open_private,
     served_sockets,
     socket_path,
-    write_whole,
 )
 from groundstation.recording import Entry, Recording, refuse_recordings
-from groundstation.runtime import Exit
 from groundstation.settings import Config, is_rehearsal
 from links.core import LinkStatus
 from links.io import start_child
@@ -130,16 +125,13 @@ class Attached:
         while True:
             trouble = str(notice("screen.closed"))
             try:
-                self._client = await attach(self._path, NAME)
-                hello = self._client.hello
-                if self._pid not in (None, hello.pid):
-                    raise ApiError(notice("screen.other_station", path=self._path, pid=hello.pid))
-                origin = f"process {hello.pid}, groundstation {hello.groundstation}"
-                yield FlightIdentity(hello.vehicle, origin, hello.config)
-                async for message in self._client:
-                    if isinstance(message, Control):
-                        yield Holder(message.holder or "", message.yours)
-                    else:
+                async with open_client(self._path, NAME) as self._client:
+                    hello = self._client.hello
+                    if self._pid not in (None, hello.pid):
+                        raise ApiError(notice("screen.other_station", path=self._path, pid=hello.pid))
+                    origin = f"process {hello.pid}, groundstation {hello.groundstation}"
+                    yield FlightIdentity(hello.vehicle, origin, hello.config)
+                    async for message in self._client:
                         yield message
             except FileNotFoundError:
                 trouble = str(notice("screen.no_station", path=self._path))
@@ -148,7 +140,7 @@ class Attached:
             except ApiError as error:
                 trouble = str(error)
             finally:
-                self._close()
+                self._client = None
             yield FeedTrouble(self._gone() or trouble)
             await asyncio.sleep(RETRY_S)
 
@@ -173,16 +165,9 @@ class Attached:
             return Reply.of(False, notice("screen.no_answer", why=error))
         return Reply(answer.done, answer.says, answer.message, answer.numbers)
 
-    def _close(self) -> None:
-        client, self._client = self._client, None
-        if client is not None:
-            client.close()
-
 
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Speeds of a playback, as multiples of the flight's."""
-TURN_S = 0.1
-"""Period at which the player looks for snapshots to show [s]."""
 WIND_S = 5.0
 """Step of one key through a recording [s]."""
 
@@ -220,7 +205,7 @@ class Playback(Feed):
                 yield snapshot
             shown = max(shown, until)
             try:
-                async with asyncio.timeout(TURN_S):
+                async with asyncio.timeout(FRAME_S):
                     await self._wound.wait()
             except TimeoutError:
                 pass
@@ -257,8 +242,6 @@ class Playback(Feed):
         return f"RECORDING {self.passed_s:.1f}/{whole:.1f} s {pace}"
 
 
-STEP_S = 0.1
-"""Time between two snapshots [s]."""
 _TICK = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov")
 _TOPICS = (*_TICK, "/measured", "/mission", "/switch", "/request", "/lost", "/link", "/source")
 _LINK = LinkStatus(state="closed", sent=0, expired=0, received=0, dropped={}, text="")
@@ -310,7 +293,7 @@ class Tape:
             if now >= due:
                 if due > -math.inf:
                     yield self._snapshot(now)
-                due = now + STEP_S
+                due = now + FRAME_S
             self._take(entry, now)
         if due > -math.inf:
             yield self._snapshot(now)
@@ -717,7 +700,7 @@ class Dashboard(App[None]):
         holder = self.picture.holder
         if holder.yours:
             return str(notice("control.yours"))
-        return str(notice("control.held", client=holder.name) if holder.name else notice("screen.control_free"))
+        return str(notice("control.held", client=holder.holder) if holder.holder else notice("screen.control_free"))
 
     # ---- what goes out
 
@@ -816,44 +799,17 @@ class Dashboard(App[None]):
             )
 
 
-SETTLE_S = 1.2
-"""Long enough for a few drawings [s]."""
-_ID = re.compile(r"terminal-\d+-")
-_FAR_FONT = re.compile(r',\s*url\("https?://[^"]*"\) format\("[^"]*"\)')
-
-
-def shoot(dashboard: Dashboard, size: tuple[int, int]) -> str:
-    """``dashboard`` on a terminal of so many columns and rows, as the text of an SVG."""
-    shots: list[str] = []
-
-    async def photograph(pilot: Pilot[object]) -> None:
-        await pilot.pause(SETTLE_S)
-        shots.append(normal(pilot.app.export_screenshot()))
-        pilot.app.exit()
-
-    dashboard.run(headless=True, size=size, auto_pilot=photograph)
-    return shots[0]
-
-
-def normal(svg: str) -> str:
-    """``svg`` without the numbers that differ from run to run, and without fonts that would have to be fetched."""
-    return _FAR_FONT.sub("", _ID.sub("terminal-", svg))
-
-
 END_S = 20.0
 """Timeout for a ground station on the ground to end [s]."""
-AGAIN_S = 1.0
-"""A dashboard that has failed begins anew no sooner [s]."""
 
 
 def tui_command(args: argparse.Namespace) -> int:
-    """Show a flight that is going on, or a recorded one; or make a picture of a recorded one."""
+    """Show a flight that is going on, or a recorded one."""
     if args.log is not None:
-        if args.screenshot is None:
-            require_terminal("--screenshot FILE.svg draws a picture of it")
-        return _show_recording(args.log, args.theme, args.at, args.screenshot, args.size)
-    if args.screenshot is not None or args.at is not None:
-        raise ConfigError("--screenshot, --at", notice("screen.needs_recording"))
+        require_terminal("groundstation report LOG.mcap writes a page about it")
+        return _run(Dashboard(open_playback(args.log, args.at)), args.theme)
+    if args.at is not None:
+        raise ConfigError("--at", notice("screen.needs_recording"))
     require_terminal("groundstation daemon health says in a line how the flight is")
     path = args.socket or served_socket(args.vehicle)
     which = _which(args.socket)
@@ -896,7 +852,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         says = str(notice("screen.begins_anew", pid=core.pid))
         print(says, file=sys.stderr)
         try:
-            asyncio.run(asyncio.sleep(AGAIN_S))
+            asyncio.run(asyncio.sleep(RETRY_S))
         except KeyboardInterrupt:
             break
         dashboard = make(says)
@@ -938,31 +894,20 @@ def _show(dashboard: Dashboard, theme: str) -> int:
     return dashboard.return_code or 0
 
 
-def _show_recording(log: Path, theme: str, at: float | None, picture: Path | None, size: str) -> int:
+def open_playback(log: Path, at_s: float | None) -> Playback:
+    """The playback of a recording, from ``at_s`` after its start on [s].
+
+    Raises:
+        ConfigError: it is no recording, or ``at_s`` is before it.
+    """
     with refuse_recordings():
         tape = Tape(log)
     playback = Playback(tape.hello, list(tape.snapshots()))
-    dashboard = Dashboard(playback)
-    if at is not None:
-        if not at >= 0.0:
-            raise ConfigError("--at", notice("screen.at", at_s=at))
-        playback.seek(at)
-    if picture is None:
-        return _run(dashboard, theme)
-    dashboard.theme = theme
-    playback.paused = True
-    columns, rows = _size(size)
-    with refuse_io("--screenshot", "file.unwritten", picture):
-        write_whole(picture, shoot(dashboard, (columns, rows)))
-    print(f"written: {picture}")
-    return Exit.DONE
-
-
-def _size(text: str) -> tuple[int, int]:
-    columns, _, rows = text.partition("x")
-    if not (columns.isdigit() and rows.isdigit() and 40 <= int(columns) <= 400 and 12 <= int(rows) <= 200):
-        raise ConfigError("--size", notice("screen.size", found=text))
-    return int(columns), int(rows)
+    if at_s is not None:
+        if not at_s >= 0.0:
+            raise ConfigError("--at", notice("screen.at", at_s=at_s))
+        playback.seek(at_s)
+    return playback
 
 
 def served_socket(vehicle: str | None) -> Path:

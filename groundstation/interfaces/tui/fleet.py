@@ -11,24 +11,33 @@ import msgspec
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import BindingType
+from textual.containers import Horizontal, Vertical
 from textual.widgets import DataTable, Footer, Static
 
 from groundstation.config import VEHICLE_LETTERS, is_name
 from groundstation.core.messages import Snapshot
 from groundstation.interfaces.api import decode
 from groundstation.interfaces.mqtt import (
-    EVENT,
     OFFLINE,
     SNAPSHOT,
     STATE,
-    EventMessage,
     MqttBroker,
     describe_error,
     heed_cancellation,
 )
-from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, FRAME_S, RETRY_S, BannerText, headline
+from groundstation.interfaces.tui.model import (
+    ALARM,
+    BUSY,
+    CALM,
+    FLYING,
+    FRAME_S,
+    RETRY_S,
+    SILENCE_S,
+    BannerText,
+    headline,
+)
 from groundstation.interfaces.tui.terminal import TolerantDriver
-from groundstation.interfaces.tui.widgets import THEMES, Banner, require_terminal
+from groundstation.interfaces.tui.widgets import THEMES, Banner, Events, Numbers, require_terminal
 from links.text import printable
 
 COLUMNS = (
@@ -46,14 +55,6 @@ MARKS = ("!!", "▲ ", "· ", "  ")
 """Mark by urgency, for those who see no colours."""
 
 
-SILENCE_S = 3.0
-"""Without a snapshot for this long, what was true is no longer known [s]."""
-VEHICLES_MAX = 500
-"""Most vehicles that are taken in: a broker may carry anything."""
-EVENTS_KEPT = 20
-"""Newest events kept of a vehicle."""
-
-
 class VehicleView:
     """One vehicle, by its messages."""
 
@@ -62,8 +63,6 @@ class VehicleView:
         self.offline = False
         """Whether no station flies it, as the broker says."""
         self.snapshot: Snapshot | None = None
-        self.events: list[EventMessage] = []
-        """The newest, oldest first."""
         self._arrived_s = -math.inf
 
     def hear(self, topic: str, payload: bytes, now_s: float) -> None:
@@ -71,10 +70,6 @@ class VehicleView:
         with suppress(ValueError, msgspec.MsgspecError, RecursionError):  # UnicodeError is a ValueError
             if topic == STATE.name:
                 self.offline = payload == OFFLINE.encode()
-            elif topic == EVENT.name:
-                event = msgspec.json.decode(payload, type=EventMessage)
-                event = msgspec.structs.replace(event, text=printable(event.text))
-                self.events = [*self.events, event][-EVENTS_KEPT:]
             elif topic == SNAPSHOT.name:
                 snapshot = decode(b'{"snapshot":%s}' % payload)
                 if isinstance(snapshot, Snapshot):  # a station's end before its `offline`: this one is another's will
@@ -88,7 +83,7 @@ class VehicleView:
         """Choose the most important fact of now, as a dashboard of it does."""
         if self.offline:
             return BannerText("OFFLINE", AWAY, "")
-        return headline(self.snapshot, self.age_s(now_s), "", SILENCE_S)
+        return headline(self.snapshot, self.age_s(now_s), "")
 
 
 class FleetMonitor:
@@ -104,10 +99,8 @@ class FleetMonitor:
     def hear(self, topic: str, payload: bytes, now_s: float) -> None:
         """Take one message of the broker; whatever is not for us is dropped."""
         name, _, rest = topic.removeprefix(self._prefix).partition("/")
-        known = topic.startswith(self._prefix) and rest in (STATE.name, EVENT.name, SNAPSHOT.name)
-        if not known or not is_name(name, VEHICLE_LETTERS):
-            return
-        if name in self._seen or len(self._seen) < VEHICLES_MAX:
+        known = topic.startswith(self._prefix) and rest in (STATE.name, SNAPSHOT.name)
+        if known and is_name(name, VEHICLE_LETTERS):
             self._seen.setdefault(name, VehicleView(name)).hear(rest, payload, now_s)
 
 
@@ -125,14 +118,12 @@ def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
     shown = seen.headline(now_s)
     urgency = URGENCIES[shown.tone]
     state = MARKS[urgency] + shown.big.upper()
-    event = seen.events[-1].text if seen.events else ""
     shot = seen.snapshot
     if shot is None:
-        return FleetRow(seen.name, urgency, (seen.name, state, "-", "-", "-", "-", "-", "never", event))
+        return FleetRow(seen.name, urgency, (seen.name, state, "-", "-", "-", "-", "-", "never", ""))
     share, volts = shot.link.battery_share, shot.link.battery_v
     battery = f"{100.0 * share:.0f} %" if share is not None else f"{volts:.1f}V" if volts is not None else "-"
-    if not event and shot.events:
-        event = shot.events[-1].says
+    event = shot.events[-1].says if shot.events else ""
     metres = (_short(shot.error_m, "m"), _short(shot.rms_m, "m"))
     cells = (
         seen.name, state, _short(shot.pose_age_s, "s"), *metres, battery, shot.link.state[:7],
@@ -159,39 +150,12 @@ def fleet_headline(shown: list[FleetRow], trouble: str) -> BannerText:
     return BannerText(f"{count[worst]} {words[worst]}", TONES[worst], detail)
 
 
-def vehicle_details(seen: VehicleView, now_s: float) -> list[str]:
-    """All about one vehicle, the most important first; its newest events last."""
-    shot = seen.snapshot
-    lines = [f"{seen.name}: {seen.headline(now_s).big.upper()}"]
-    if shot is not None:
-        lines[0] += f" - {shot.reason}" if shot.reason else ""
-        at, to, speed = shot.position_ned, shot.reference_ned, shot.velocity_ned
-        certificate = "none" if shot.certificate is None else shot.certificate.state
-        lines += [
-            f"at {_format_ned(at)}, to {_format_ned(to)} m NED, {math.hypot(*speed):.2f} m/s, "
-            f"{max(shot.flight_time_s, 0.0):.0f} s on trajectory",
-            f"thrust {shot.thrust_n:.2f} of {shot.thrust_max_n:.2f} N{', AT ITS LIMIT' if shot.saturated else ''}, "
-            f"certificate {certificate}",
-            f"poses {shot.pose_rate_hz:.0f} 1/s, {shot.pose_gaps} gaps; link sent {shot.link.sent}, "
-            f"late {shot.link.expired}, says {shot.link.text or 'nothing'}",
-        ]
-    texts = [f"{one.time_s:9.1f} {one.text}" for one in seen.events]
-    texts = texts or [one.line for one in shot.events] if shot else texts
-    return [printable(line) for line in lines + texts[::-1]]
-
-
 def _short(value: float, unit: str) -> str:
     if not math.isfinite(value):
         return "-"
     return f"{value:.2f}{unit}" if value < 9.995 else f"{value:.0f}{unit}"
 
 
-def _format_ned(vector: tuple[float, float, float]) -> str:
-    return "({:.2f} {:.2f} {:.2f})".format(*vector)
-
-
-HEARD_QUEUE = 5000
-"""Most messages that wait to be read; more are dropped."""
 STYLES = ("bold white on dark_red", "bold", "", "dim")
 """Style of the first two columns by urgency."""
 
@@ -210,14 +174,13 @@ def run_fleet(broker: MqttBroker, theme: str) -> int:
 
 
 class FleetScreen(App[None]):
-    """A table; q leaves, and the vehicle under the cursor is told of below."""
+    """A table; q leaves, and the numbers and events of the vehicle under the cursor are below."""
 
     CSS = """
     DataTable { height: 1fr; min-height: 6; }
-    #details {
-        height: 33%; min-height: 7; max-height: 24; border-top: solid $primary; padding: 0 1;
-        text-wrap: nowrap; text-overflow: ellipsis;
-    }
+    #details { height: 33%; min-height: 7; max-height: 24; border-top: solid $primary; padding: 0 1; }
+    #details Numbers { width: 46; }
+    #details Events { width: 1fr; height: 1fr; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [("q", "quit", "quit")]
     ENABLE_COMMAND_PALETTE = False
@@ -237,7 +200,11 @@ class FleetScreen(App[None]):
         """Banner, table, details."""
         yield Banner()
         yield DataTable(cursor_type="row", zebra_stripes=True, cell_padding=0)
-        yield Static(id="details")
+        with Vertical(id="details"):
+            yield Static(id="chosen")
+            with Horizontal():
+                yield Numbers()
+                yield Events()
         yield Footer()
 
     def on_mount(self) -> None:
@@ -261,10 +228,10 @@ class FleetScreen(App[None]):
         import aiomqtt
 
         root, loop = self._broker.config.prefix, asyncio.get_running_loop()
-        wanted = [(f"{root}/+/{topic.name}", topic.quality) for topic in (STATE, SNAPSHOT, EVENT)]
+        wanted = [(f"{root}/+/{topic.name}", topic.quality) for topic in (STATE, SNAPSHOT)]
         while True:
             try:
-                async with self._broker.client(max_queued_incoming_messages=HEARD_QUEUE) as client:
+                async with self._broker.client() as client:
                     await client.subscribe(wanted)
                     heed_cancellation()
                     self._trouble = ""
@@ -304,5 +271,13 @@ class FleetScreen(App[None]):
 
     def _draw_details(self, now_s: float) -> None:
         seen = self._under_cursor()
-        lines = ["no vehicle is chosen"] if seen is None else vehicle_details(seen, now_s)
-        self.query_one("#details", Static).update(Text("\n".join(lines)))
+        shot = None if seen is None else seen.snapshot
+        chosen = "no vehicle is chosen" if seen is None else f"{seen.name}: {seen.headline(now_s).big.upper()}"
+        if shot is not None and shot.reason:
+            chosen += f" - {printable(shot.reason)}"
+        self.query_one("#chosen", Static).update(Text(chosen))
+        numbers, events = self.query_one(Numbers), self.query_one(Events)
+        numbers.display = events.display = shot is not None
+        if seen is not None and shot is not None:
+            numbers.show(shot, stale=seen.age_s(now_s) > SILENCE_S)
+            events.show(shot.events)

@@ -12,7 +12,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Ask, Notice, Reply, Sentence, Snapshot, notice
 from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, REPEAT_S, TABLE, State
 from groundstation.core.safety import RAMP_S, STEP_FACTOR
-from groundstation.interfaces.api import new_events
+from groundstation.interfaces.api import Control, new_events
 
 
 class FlightIdentity(msgspec.Struct, frozen=True):
@@ -25,14 +25,6 @@ class FlightIdentity(msgspec.Struct, frozen=True):
     """The configuration in force, as TOML; empty where it is not known."""
 
 
-class Holder(msgspec.Struct, frozen=True):
-    """Holder of control."""
-
-    name: str
-    """Empty: nobody."""
-    yours: bool
-
-
 class FeedTrouble(msgspec.Struct, frozen=True):
     """Why nothing comes just now."""
 
@@ -43,10 +35,11 @@ class Jump(msgspec.Struct, frozen=True):
     """Break in a recording, wound forward or back."""
 
 
-News = FlightIdentity | Snapshot | Holder | FeedTrouble | Jump
+News = FlightIdentity | Snapshot | Control | FeedTrouble | Jump
 
 
 NOBODY = Reply.of(False, notice("screen.recording"))
+NO_HOLDER = Control(holder=None, yours=False)
 
 
 class Feed(Protocol):
@@ -77,7 +70,7 @@ class Feed(Protocol):
 
 
 FRAME_S = 0.2
-"""Time between two drawings of a screen [s]."""
+"""Time between two drawings of a screen, and between two snapshots of a recording [s]."""
 RETRY_S = 0.5
 """Time between two tries of a screen to attach, or to connect to its broker [s]."""
 SILENCE_S = 1.5
@@ -104,16 +97,15 @@ class BannerText(msgspec.Struct, frozen=True):
     """A sentence for the operator."""
 
 
-def headline(snapshot: Snapshot | None, silence_s: float, trouble: str, limit_s: float = SILENCE_S) -> BannerText:
+def headline(snapshot: Snapshot | None, silence_s: float, trouble: str) -> BannerText:
     """Choose the most important fact of now.
 
     Args:
         snapshot: The newest; None before the first.
         silence_s: Time since it came, or since the screen was opened [s].
         trouble: Why the status socket can't be read; empty while it can.
-        limit_s: Longest silence after which it is still true [s].
     """
-    silent = silence_s > limit_s
+    silent = silence_s > SILENCE_S
     if snapshot is None:
         return BannerText("NO DATA", ALARM, f"since {silence_s:.0f} s: {trouble or 'attached, nothing came yet'}")
     if silent and snapshot.state in FINAL:
@@ -313,7 +305,7 @@ class Picture:
         self.arrived_s = now_s
         self.trouble = ""
         self.hello: FlightIdentity | None = None
-        self.holder = Holder("", yours=False)
+        self.holder = NO_HOLDER
         self.flown: deque[PlotSample] = deque(maxlen=KEPT)
         self.events: deque[Notice] = deque(maxlen=EVENTS_KEPT)
         self.count = 0
@@ -329,10 +321,10 @@ class Picture:
                 if self.hello is not None and news.origin != self.hello.origin:
                     self._begin_anew()
                 self.hello = news
-            case Holder():
+            case Control():
                 self.holder = news
             case FeedTrouble(text):
-                self.trouble, self.holder = text, Holder("", yours=False)
+                self.trouble, self.holder = text, NO_HOLDER
             case Jump():
                 self._begin_anew()
 

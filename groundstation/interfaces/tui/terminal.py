@@ -30,8 +30,6 @@ AFTER_S = 0.3
 PASTE_S = 1.0
 """Text after a paste's mark counts as the paste for at most this long [s], with or without the mark
 of its end."""
-SELECT_S = 0.1
-"""Period at which a lone escape key, and a request to end, are looked for [s]."""
 READ_BYTES = 4096
 """Most bytes read from the terminal at once."""
 
@@ -51,11 +49,6 @@ class KeyGate:
         self._held_s = 0.0
         self._count, self._before = 0, ""
         self._drops_until_s = 0.0
-
-    @property
-    def is_holding(self) -> bool:
-        """Whether something waits for what follows it."""
-        return bool(self._held)
 
     def take(self, message: Message, now_s: float) -> None:
         """One more key, or whatever else a terminal tells."""
@@ -135,7 +128,7 @@ class TolerantDriver(LinuxDriver):
         with selectors.SelectSelector() as selector:
             selector.register(self.fileno, selectors.EVENT_READ)
             while not self.exit_event.is_set():
-                came = selector.select(QUIET_S if gate.is_holding else SELECT_S)
+                came = selector.select(QUIET_S)
                 data = os.read(self.fileno, READ_BYTES) if came else b""
                 if came and not data:
                     return  # the terminal is gone

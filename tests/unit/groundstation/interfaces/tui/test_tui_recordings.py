@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from groundstation.core.messages import Ask, Snapshot
-from groundstation.interfaces.tui.app import STEP_S, Playback, Tape
-from groundstation.interfaces.tui.model import FlightIdentity, Jump, News
+from groundstation.interfaces.tui.app import Playback, Tape
+from groundstation.interfaces.tui.model import FRAME_S, FlightIdentity, Jump, News
 from sim.time import VirtualTimeLoop
 from tests.recordings import recorded
 from tests.sample_flight import sample
@@ -22,13 +22,13 @@ def flight() -> Path:
     return recorded()[0]
 
 
-def test_a_recording_becomes_ten_snapshots_a_second(flight: Path) -> None:
+def test_a_recording_becomes_five_snapshots_a_second(flight: Path) -> None:
     tape = Tape(flight)
     shown = list(tape.snapshots())
     assert tape.hello.vehicle == "mqx"
     steps = [b.time_s - a.time_s for a, b in zip(shown, shown[1:], strict=False)]
-    assert min(steps[:-1]) >= 0.999 * STEP_S
-    assert max(steps) < 1.5 * STEP_S
+    assert min(steps[:-1]) >= 0.999 * FRAME_S
+    assert max(steps) < 1.5 * FRAME_S
 
 
 def test_they_hold_what_was_flown(flight: Path) -> None:
