@@ -7,7 +7,6 @@ from groundstation.pose.recorded_codec import (
     TlogRecord,
     describe_senders,
     find_autopilots,
-    is_autopilot,
 )
 from groundstation.pose.registry import (
     PoseConfig,

@@ -16,16 +16,14 @@ from typing import NamedTuple
 
 from groundstation.core.messages import notice
 from groundstation.pose.sources import POSE_MESSAGES
-from links.mavlink.protocol import GROUND_STATION, INVALID, MavlinkCodec, Message, frame_end
+from links.mavlink.protocol import MavlinkCodec, Message, frame_end, is_autopilot
 
 _STAMP_BYTES = 8
 """Length of a record's time stamp [bytes]."""
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1, of common.xml."""
-RECORDS_SHARE = 0.5
-"""Least share of records in a .tlog [-]."""
-HARMLESS_SHARE = 0.9
-"""Share of records that is certainly a .tlog [-]: in a raw MAVLink stream half appears so."""
+RECORDS_SHARE = 0.9
+"""Least share of records in a .tlog [-]: of a MAVLink stream without time stamps half looks like records."""
 
 
 class Sender(NamedTuple):
@@ -71,13 +69,6 @@ class TlogReader:
         To be called after an iteration.
         """
         size = len(self._data)
-        if self._used >= HARMLESS_SHARE * size:
-            return ""
-        stream = MavlinkCodec(255, 190)
-        frames = len(stream.feed(self._data))
-        # Time stamps would be 8 such bytes a frame.
-        if frames and stream.dropped["garbage"] < frames:
-            return notice("tlog.no_stamps", frames=frames).text
         if self._used >= RECORDS_SHARE * size:
             return ""
         return notice("tlog.garbage", garbage=size - self._used, size=size, limit=1.0 - RECORDS_SHARE).text
@@ -112,11 +103,6 @@ class TlogReader:
                 yield TlogRecord(int.from_bytes(data[start:begin], "big") * 1e-6, message)
                 lost = False
             start = end
-
-
-def is_autopilot(heartbeat: Message) -> bool:
-    """Whether its sender is an autopilot, rather than a ground station, a companion or a camera."""
-    return bool(heartbeat.type != GROUND_STATION and heartbeat.autopilot != INVALID)
 
 
 def find_autopilots(records: Iterable[TlogRecord]) -> list[Sender]:

@@ -43,8 +43,6 @@ NONCE_BYTES = 16
 """Length of a side's random number in the greeting [bytes]."""
 TAG_BYTES = 16
 """Length of the seal behind a datagram [bytes]: HMAC-SHA-256, cut."""
-LARGEST_BYTES = 8192
-"""Size limit of a datagram [B]; a command with its bring-down takes about 400."""
 _MAGIC = b"RFB1"
 _HEAD = struct.Struct(">4sB8sQ")
 
@@ -149,7 +147,7 @@ class Seal:
 
 def kind_of(data: bytes) -> int | None:
     """Which kind a datagram claims to be; None where it is none of ours."""
-    if not _HEAD.size + TAG_BYTES < len(data) <= LARGEST_BYTES or data[:4] != _MAGIC:
+    if len(data) <= _HEAD.size + TAG_BYTES or data[:4] != _MAGIC:
         return None
     return data[4]
 

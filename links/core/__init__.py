@@ -1,7 +1,6 @@
 """Common parts of all links, sans-IO: the port, the dead man's switch, the thrust curve."""
 
 from links.core.deadman import (
-    IN_TIME,
     Arrival,
     Attitude,
     Command,

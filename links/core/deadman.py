@@ -252,14 +252,10 @@ class LinkStatus(msgspec.Struct, frozen=True):
 class Arrival(NamedTuple):
     """Evidence that commands reach the autopilot."""
 
-    overdue_s: float
+    overdue_s: float = 0.0
     """For how long answers have been due that did not come, though it is heard [s]; 0 where nobody can tell."""
-    late_s: float
+    late_s: float = 0.0
     """Delay of commands at the autopilot, by answers that stay late [s]; 0 where they are in time."""
-
-
-IN_TIME = Arrival(0.0, 0.0)
-"""Nothing shows anything else."""
 
 
 class AutopilotLink(Protocol):

@@ -3,5 +3,14 @@
 from links.io.child import make_child_command, open_child, start_child
 from links.io.key_file import make_key, read_key
 from links.io.network import beyond, format_address, is_loopback, parse_address
-from links.io.port_holder import advise_on_address, name_holder
-from links.io.wires import NETWORK, Datagrams, Network, Sleep, discard, is_pseudo_terminal, open_port, waiting
+from links.io.wires import (
+    NETWORK,
+    Datagrams,
+    Network,
+    Sleep,
+    advise_on_address,
+    discard,
+    is_pseudo_terminal,
+    open_port,
+    waiting,
+)

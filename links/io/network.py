@@ -1,9 +1,12 @@
 """Network addresses as the operator writes them: ``host:port``, with IPv6 hosts in brackets. Sans-IO."""
 
 import ipaddress
+import re
 from typing import Any
 
 from links.text import link_notice
+
+_ADDRESS = re.compile(r"(?:\[(?P<ipv6>[^\]\s]+)\]|(?P<host>[^\s:/@\[\]]+)):(?P<port>[0-9]{1,5})")
 
 
 def parse_address(text: str, key: str = "") -> tuple[str, int]:
@@ -12,32 +15,14 @@ def parse_address(text: str, key: str = "") -> tuple[str, int]:
     The host is not looked up. IPv6 hosts come back without their brackets.
 
     Raises:
-        ValueError: the text is no such address; the message says what is wrong and how to write it, after the ``key``
-            of a configuration that it is of.
+        ValueError: the text is no such address; the message says how to write one, after the ``key`` of a
+            configuration that it is of.
     """
-    if key:
-        try:
-            return parse_address(text)
-        except ValueError as error:
-            raise ValueError(f"{key}: {error}") from None
-    host, colon, port = text.rpartition(":")
-    bracketed = host.startswith("[") and host.endswith("]")
-    if bracketed:
-        host = host[1:-1]
-    if not colon:
-        raise _explain_refusal(text, "address.no_port")
-    if not host:
-        raise _explain_refusal(text, "address.no_host")
-    if not bracketed and (":" in host or "[" in text or "]" in text):
-        raise _explain_refusal(text, "address.no_brackets")
-    if bracketed and not _is_ipv6(host):
-        raise _explain_refusal(text, "address.brackets")
-    if any(c.isspace() or c in "/@" for c in host):
-        raise _explain_refusal(text, "address.character")
-    # isascii: isdigit alone also accepts the digits of other scripts.
-    if not (port.isascii() and port.isdigit() and len(port) <= 5 and 1 <= int(port) <= 65535):
-        raise _explain_refusal(text, "address.port")
-    return host, int(port)
+    found = _ADDRESS.fullmatch(text)
+    if found is None or not 1 <= int(found["port"]) <= 65535 or not (found["host"] or _is_ipv6(found["ipv6"])):
+        says = link_notice("address.none", found=text)
+        raise ValueError(f"{key}: {says}" if key else says)
+    return found["host"] or found["ipv6"], int(found["port"])
 
 
 def format_address(address: tuple[Any, ...]) -> str:
@@ -72,7 +57,3 @@ def _is_ipv6(host: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _explain_refusal(text: str, id: str) -> ValueError:
-    return ValueError(link_notice("address.none", found=text, why=link_notice(id)))

@@ -15,6 +15,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import socket
 import struct
 import termios
 import time
@@ -24,7 +25,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any, TypeVar
 
-from links.text import link_notice
+from links.text import Sentence, link_notice
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -221,6 +222,17 @@ class Network:
 
 NETWORK: ContextVar[Network] = ContextVar("network", default=Network())  # noqa: B039  # it has no state
 """Factory of the wires of links and pose sources; flights replace it to record or replay them."""
+
+
+def advise_on_address(error: OSError) -> Sentence:
+    """What to do about an address that the system refuses by ``error``."""
+    causes = {
+        errno.EADDRNOTAVAIL: "address.not_ours",
+        errno.EACCES: "address.forbidden",
+        errno.EADDRINUSE: "address.taken",
+    }
+    known = causes.get(error.errno or 0, "address.refused")
+    return link_notice("address.unknown_host" if isinstance(error, socket.gaierror) else known)
 
 
 class Datagrams:

@@ -24,21 +24,18 @@ from errno import EADDRINUSE
 from pathlib import Path
 from typing import Any
 
-from links.core import IN_TIME, Arrival, LinkError, LinkLost, LinkMisuse
+from links.core import Arrival, LinkError, LinkLost, LinkMisuse
 from links.io import (
     NETWORK,
     Datagrams,
     advise_on_address,
     format_address,
-    name_holder,
     parse_address,
     read_key,
     waiting,
 )
 from links.mavlink.protocol import (
     BOTH_S,
-    GROUND_STATION,
-    INVALID,
     TICKS_PER_S,
     AutopilotAddress,
     Handshake,
@@ -53,6 +50,7 @@ from links.mavlink.protocol import (
     Trip,
     Words,
     choose_streams,
+    is_autopilot,
 )
 from links.text import Sentence, link_notice
 
@@ -102,8 +100,6 @@ TCP_QUEUE_S = 0.1
 """Frames may wait for the other end this long [s]; a delayed acknowledgement takes 0.04."""
 STALL_S = 0.25
 """A wire that takes nothing for this long is closed [s]: blocked flow control must not keep a stale command."""
-TCP_OPEN_S = 5.0
-"""Timeout of a TCP connect [s]."""
 
 
 class StreamTransport(asyncio.Protocol):
@@ -255,10 +251,10 @@ async def open_wire(config: MavlinkLinkConfig, ear: "ReconnectingTransport") -> 
     address = parse_address(config.endpoint)
     if config.tcp is not None:
         try:
-            async with asyncio.timeout(TCP_OPEN_S):
+            async with asyncio.timeout(config.connect_timeout_s):
                 _, stream = await network.open_stream(lambda: TcpTransport(ear), *address)
         except TimeoutError:
-            raise OSError(link_notice("mavlink.tcp_nobody", limit_s=TCP_OPEN_S).text) from None
+            raise OSError(link_notice("mavlink.tcp_nobody", limit_s=config.connect_timeout_s).text) from None
         return stream
     first = config.remote is not None
     local, remote = (config.local_address, address) if first else (address, None)
@@ -269,21 +265,14 @@ async def open_wire(config: MavlinkLinkConfig, ear: "ReconnectingTransport") -> 
 def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> Sentence:
     """Why the wire can't be opened, and what to do."""
     endpoint, why = config.endpoint, _describe(error)
-    if config.way != "serial" and (advice := advise_on_address(error)):
-        return link_notice("mavlink.open_address", endpoint=endpoint, why=why, advice=advice)
-    if config.way in ("tcp", "serial"):
-        return link_notice("mavlink.open", endpoint=endpoint, why=why)
-    port = config.local_address[1] if config.way == "remote" else parse_address(config.endpoint)[1]
-    holder = name_holder(port) if error.errno == EADDRINUSE else ""
-    which = "local_port" if config.way == "remote" else "port"
-    id = f"mavlink.{which}_{'held' if holder else 'taken'}"
-    return link_notice(id, endpoint=endpoint, why=why, holder=holder, port=port)
+    if config.way == "remote" and error.errno == EADDRINUSE:
+        return link_notice("mavlink.local_port_taken", endpoint=endpoint, why=why, port=config.local_address[1])
+    advice = link_notice("address.refused") if config.way == "serial" else advise_on_address(error)
+    return link_notice("mavlink.open", endpoint=endpoint, why=why, advice=advice)
 
 
-FIRST_PAUSE_S = 0.5
-"""Pause before the first attempt to open a lost wire again [s]; each further pause is doubled."""
-LONGEST_PAUSE_S = 8.0
-"""Longest pause between two attempts [s]."""
+REOPEN_S = 1.0
+"""Pause before each attempt to open a lost wire again [s]."""
 
 
 class ReconnectingTransport:
@@ -300,8 +289,8 @@ class ReconnectingTransport:
     ) -> None:
         """Nothing is opened yet. Frames of ours that do not leave or come back are counted in ``dropped``.
 
-        ``hear(data, source)`` takes what arrives; ``lose(why)`` is called when the wire has ended by itself, and
-        ``tell`` with what is being done about it, for the operator.
+        ``hear(data, source)`` takes what arrives; ``lose(says)`` is called when the wire has ended by itself, and
+        ``tell(says)`` when more is known: both with a sentence for the operator.
         """
         self._config = config
         self._dropped = dropped
@@ -361,23 +350,25 @@ class ReconnectingTransport:
         if self._loop is None:
             return
         self.wire = None
-        self._lose(why)
+        self._lose(_describe_loss(why))
         if self._returning is not None:
             self._returning.cancel()
-        self._returning = self._loop.create_task(self._return(why))
+        self._returning = self._loop.create_task(self._return())
 
-    async def _return(self, why: str) -> None:
+    async def _return(self) -> None:
         """Open the wire again, as often as it takes."""
-        pause_s = FIRST_PAUSE_S
         while self.wire is None:
-            self._tell(link_notice("mavlink.lost_tries", why=why, pause_s=pause_s).text)
-            await asyncio.sleep(pause_s)
+            await asyncio.sleep(REOPEN_S)
             try:
                 self.wire = await open_wire(self._config, self)
             except OSError as error:
-                why = f"cannot open {self._config.endpoint} ({_describe(error)})"
-                pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+                self._tell(_describe_loss(f"cannot open {self._config.endpoint} ({_describe(error)})"))
         self._tell(link_notice("mavlink.wire_back").text)
+
+
+def _describe_loss(why: str) -> str:
+    """Why the wire is away, and what is being done about it."""
+    return link_notice("mavlink.lost", why=why, pause_s=REOPEN_S).text
 
 
 VISION = (
@@ -467,7 +458,7 @@ class Uplink:
     def arrival(self, now_s: float, usual_s: float) -> Arrival:
         """Whether commands arrive, as far as answers tell; a round trip usually takes ``usual_s`` [s]."""
         if not self._answers or now_s - self._heard_s > HOLE_S:
-            return IN_TIME
+            return Arrival()  # nobody can tell
         late_s = self._late_s if now_s - self._late_since_s > LASTS_S else 0.0
         return Arrival(max(now_s - self._since_s - usual_s - self._period, 0.0), late_s)
 
@@ -499,11 +490,6 @@ class OtherTraffic:
     def rival(self, now_s: float) -> str:
         """Describe whoever else sent set-points in the last ``BOTH_S``; empty where nobody did."""
         return self._rival if now_s - self._rival_s < BOTH_S else ""
-
-
-def _is_of_vehicle(heartbeat: Message) -> bool:
-    """False for a station, a companion or a camera with the vehicle's numbers."""
-    return bool(heartbeat.type != GROUND_STATION and heartbeat.autopilot != INVALID)
 
 
 POLL_S = 0.05
@@ -575,9 +561,6 @@ class HandshakeRunner:
                 pass
 
 
-KEEP_STAMP_BEATS = 10
-"""The newest signing stamp is written to disk every this many heartbeats; never while armed."""
-
 Streams = Callable[[int], Mapping[str, float]]
 
 
@@ -603,7 +586,7 @@ class MavlinkConnection:
         self._wishes: dict[tuple[str, ...], float] = {}
         self._requests = HandshakeRunner(self.leave, self._obstacle)
         self._subscribers: list[Subscriber] = [self._requests.hear]
-        self._signing: Signing | None = None
+        self._stamps = StampFile(Path(config.signing_key_file)) if config.signing_key_file is not None else None
         self.when_lost: Callable[[], None] = lambda: None
         """Called when the wire is lost."""
         self.when_back: Callable[[], None] = lambda: None
@@ -799,17 +782,18 @@ class MavlinkConnection:
         self._requests.wake()
 
     def _sign(self, loop: asyncio.AbstractEventLoop) -> None:
-        if self._config.signing_key_file is not None and self._signing is None:
+        if self._stamps is not None and self.codec.signer is None:
             try:
-                self._signing = Signing(Path(self._config.signing_key_file), loop.time)
+                signer = self._stamps.make_signer(loop.time)
+                self._stamps.keep(signer.stamp)
             except ValueError as error:
                 raise LinkError(link_notice("mavlink.key", why=error)) from None
-            self.codec.signer = self._signing.signer
+            self.codec.signer = signer
 
     def _note_stamp(self) -> None:
-        if self._signing is not None:
+        if self._stamps is not None and self.codec.signer is not None:
             try:
-                self._signing.keep()
+                self._stamps.keep(self.codec.signer.stamp)
             except ValueError as error:
                 self._trouble = str(error)
 
@@ -822,11 +806,11 @@ class MavlinkConnection:
         """Show it instead of the autopilot's words."""
         self._trouble = trouble
 
-    def _lose(self, why: str) -> None:
+    def _lose(self, trouble: str) -> None:
         """The wire has ended by itself: nothing more is asked for."""
         self._heard.lose()
         self.codec.forget()
-        self._trouble = link_notice("mavlink.lost", why=why).text
+        self._tell(trouble)
         self._requests.wake()
         self.when_lost()
         if self._asking is not None:
@@ -878,7 +862,7 @@ class MavlinkConnection:
             if self._heard.kind is not None:
                 self._ask_the_time(self._loop.time())
         self._beats += 1
-        if self._beats % KEEP_STAMP_BEATS == 0 and not self._heard.armed:
+        if not self._heard.armed:  # a flight must not wait for a disk
             self._note_stamp()
         self._next_beat = self._loop.call_later(HEARTBEAT_S, self._beat)
 
@@ -910,7 +894,7 @@ class MavlinkConnection:
                 self.others.hear(message, self._name_address(source), now, ours=self.owes())
                 continue
             if message.get_type() == "HEARTBEAT":
-                if not _is_of_vehicle(message):
+                if not is_autopilot(message):
                     self._dropped["other_system"] += 1
                     continue
                 self._heartbeat(message, source, now)
@@ -928,7 +912,7 @@ class MavlinkConnection:
                 continue
             if message.get_type() == "AUTOPILOT_VERSION":
                 self._senders.identify(source, message)
-            elif message.get_type() == "HEARTBEAT" and _is_of_vehicle(message):
+            elif message.get_type() == "HEARTBEAT" and is_autopilot(message):
                 self._senders.beat(source, now_s)
                 for address in (source, self._heard.address):
                     self._ask_identity(address)
@@ -979,10 +963,22 @@ _EPOCH = datetime(2015, 1, 1, tzinfo=UTC)
 
 
 class StampFile:
-    """The newest time stamp, beside the key."""
+    """The newest time stamp of a key, beside it."""
 
     def __init__(self, key_file: Path) -> None:
+        self._key_file = key_file
         self._path = key_file.with_name(key_file.name + ".stamp")
+
+    def make_signer(self, time_s: Callable[[], float]) -> Signer:
+        """Return a signer whose stamps begin where the last run ended, and follow the clock ``time_s()`` [s].
+
+        Raises:
+            ValueError: the key or its newest stamp can't be used.
+        """
+        key, first, begun_s = read_key(self._key_file), self.first(), time_s()
+        signer = Signer(key, lambda: first + int((time_s() - begun_s) * TICKS_PER_S))
+        signer.stamp = first - 1
+        return signer
 
     def first(self) -> int:
         """Where to begin: now, or behind the newest of the last run where that is later.
@@ -1011,24 +1007,3 @@ class StampFile:
             new.replace(self._path)
         except OSError as error:
             raise ValueError(link_notice("mavlink.stamp_unwritten", path=self._path, why=error.strerror)) from None
-
-
-class Signing:
-    """A key in use: its signer, and the stamps that it may use."""
-
-    def __init__(self, key_file: Path, time_s: Callable[[], float]) -> None:
-        """Begin where the last run ended, and follow the clock ``time_s()`` [s].
-
-        Raises:
-            ValueError: the key or its newest stamp can't be used.
-        """
-        key = read_key(key_file)
-        self._stamps = StampFile(key_file)
-        first, begun_s = self._stamps.first(), time_s()
-        self.signer = Signer(key, lambda: first + int((time_s() - begun_s) * TICKS_PER_S))
-        self.signer.stamp = first - 1
-        self.keep()
-
-    def keep(self) -> None:
-        """Write the newest stamp down; raises ValueError."""
-        self._stamps.keep(self.signer.stamp)

@@ -168,10 +168,8 @@ REPORT_S = 0.2
 """Longest time between two reports [s]."""
 STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""
-REOPEN_S = 0.1
-"""First wait before the port is opened again [s]."""
-REOPEN_LIMIT_S = 1.6
-"""Longest wait before the port is opened again [s]."""
+REOPEN_S = 0.5
+"""Wait before a port that was lost, or could not be opened, is opened again [s]."""
 TELEMETRY_MAX_AGE_S = 5.0
 """Age after which a module's telemetry is dropped [s]."""
 ATTITUDE_LATENCY_S = 0.05
@@ -233,7 +231,7 @@ class FrameCounts(msgspec.Struct):
 
 
 class KeptPort:
-    """A port that is opened again, at growing intervals, whenever it was lost."""
+    """A port that is opened again, every ``REOPEN_S``, whenever it was lost."""
 
     def __init__(self, port: Port, now_s: float) -> None:
         """Keep ``port``, which is not open yet."""
@@ -242,7 +240,7 @@ class KeptPort:
         """Why it can't be used; empty where it can."""
         self.fresh = False
         """True from its opening until the first frame has left."""
-        self._reopen_s, self._wait_s = now_s, REOPEN_S
+        self._reopen_s = now_s
 
     def reopen(self, now_s: float) -> bool:
         """Open it where that is due; whether it was opened."""
@@ -252,15 +250,15 @@ class KeptPort:
             self.port.open()
         except OSError as error:
             self.why_closed = error.strerror or str(error)
-            self._reopen_s, self._wait_s = now_s + self._wait_s, min(2.0 * self._wait_s, REOPEN_LIMIT_S)
+            self._reopen_s = now_s + REOPEN_S
             return False
-        self.why_closed, self.fresh, self._wait_s = "", True, REOPEN_S
+        self.why_closed, self.fresh = "", True
         return True
 
     def lose(self, error: OSError, now_s: float) -> None:
         """Close the port, which is gone, and wait before it is opened again."""
         self.close(error.strerror or str(error))
-        self._reopen_s = now_s + self._wait_s
+        self._reopen_s = now_s + REOPEN_S
 
     def close(self, why: str) -> None:
         """Let go of it."""

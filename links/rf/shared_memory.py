@@ -6,9 +6,9 @@ Mailbox: the newest of many values, from one process to another. Neither side ev
     byte 64       slot 0, then slot 1: number, size, CRC-32 of number and value (8 bytes each), and the value
 
 Record n goes to slot n mod 2, so what is written never touches the newest whole record. A reader that takes so long
-that its slot is written anew meanwhile sees it by the number, which it looks at before and after; the checksum holds
-where a processor reorders what it writes. Half a record is thus never read, and a writer that dies in the midst of
-one leaves the one before.
+that its slot is written anew meanwhile sees it by the number, which it looks at before and after, and comes again
+later; the checksum holds where a processor reorders what it writes. Half a record is thus never read, and a writer that
+dies in the midst of one leaves the one before.
 
 Lease: whose turn it is to write to the port, and signs of life of a pacer and its stand-by.
 
@@ -50,8 +50,6 @@ _SIZE = 64 + 2 * _SLOT
 """Length of the memory [bytes]: signs of life, then two slots."""
 _WORD = 8
 """Length of one word [bytes]."""
-_TRIES = 3
-"""Attempts at reading a slot that is being written."""
 
 
 def _make_memory(name: str, size: int) -> int:
@@ -96,19 +94,16 @@ class Mailbox:
 
     def get(self) -> bytes | None:
         """The newest value; None where it was got before, or is being written over at this very moment."""
-        for _ in range(_TRIES):
-            number = self._words[0]
-            if number == self.newest:
-                return None
-            at = 64 + number % 2 * _SLOT
-            size = self._words[at // _WORD + 1]
-            if size <= CAPACITY_BYTES:
-                value = bytes(self._bytes[at + _HEAD : at + _HEAD + size])
-                whole = self._words[at // _WORD] == number and self._words[at // _WORD + 2] == _checksum(number, value)
-                if whole and self._words[0] == number:
-                    self.newest = number
-                    return value
-        return None
+        number = self._words[0]
+        at = 64 + number % 2 * _SLOT
+        size = self._words[at // _WORD + 1]
+        if number == self.newest or size > CAPACITY_BYTES:
+            return None
+        value = bytes(self._bytes[at + _HEAD : at + _HEAD + size])
+        if self._words[at // _WORD] != number or self._words[at // _WORD + 2] != _checksum(number, value):
+            return None
+        self.newest = number
+        return value
 
     def close(self) -> None:
         """Let go of the memory; the other end keeps it."""
@@ -151,15 +146,6 @@ class Lease:
         self.fd = _make_memory("lease", mmap.PAGESIZE) if fd is None else fd
         """File descriptor of the memory."""
         self._words = memoryview(mmap.mmap(self.fd, mmap.PAGESIZE)).cast("Q")
-
-    def ensure(self, generation: int) -> None:
-        """Go on only if it is the turn of ``generation``.
-
-        Raises:
-            Superseded: it is not.
-        """
-        if self.generation != generation:
-            raise Superseded
 
     @property
     def generation(self) -> int:
@@ -212,12 +198,17 @@ class SharedPort:
         self._tell(_OPENED, self._fd)
 
     def write(self, frame: bytes) -> bool:
-        """Send one frame; False, with nothing sent, where earlier bytes still wait: those are thrown away, too old."""
+        """Send one frame; False, with nothing sent, where earlier bytes still wait: those are thrown away, too old.
+
+        Raises:
+            Superseded: it is the turn of another generation.
+        """
         fd = self._open_fd()
         if waiting(fd):
             discard(fd)
             return False
-        self._lease.ensure(self._generation)
+        if self._lease.generation != self._generation:
+            raise Superseded
         try:
             written = os.write(fd, frame)
         except BlockingIOError:

@@ -9,14 +9,8 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     # Keys whose values do not go together, and addresses.
     NoticeTemplate(
         "address.none",
-        "{found!r} is not an address: {why}; write host:port such as 127.0.0.1:14550 or [::1]:14550",
+        "{found!r} is not an address: write host:port such as 127.0.0.1:14550 or [::1]:14550, its port from 1 to 65535",
     ),
-    NoticeTemplate("address.no_port", "it has no port"),
-    NoticeTemplate("address.no_host", "it has no host"),
-    NoticeTemplate("address.no_brackets", "an IPv6 host needs brackets"),
-    NoticeTemplate("address.brackets", "only an IPv6 host takes brackets"),
-    NoticeTemplate("address.character", "the host holds a character that no host name has"),
-    NoticeTemplate("address.port", "the port must be a whole number from 1 to 65535"),
     NoticeTemplate("mavlink.exclusive", "{keys} exclude each other: leave only one of them"),
     NoticeTemplate(
         "mavlink.local_port", "local_port is the port from which `remote` is spoken to: give remote, or leave it out"
@@ -46,14 +40,14 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("parameter.no_value", "{found} is no value for a parameter"),
     NoticeTemplate("parameter.whole_number", "expected a whole number from {least} to {most}, got {found:g}"),
     # MAVLink: the way to the autopilot.
+    NoticeTemplate("mavlink.open", "cannot open {endpoint} for MAVLink ({why}): {advice}"),
     NoticeTemplate(
-        "mavlink.open",
-        "cannot open {endpoint} for MAVLink ({why})",
+        "address.refused",
         "check that it is there, that you may open it, and that no other program has it",
     ),
     NoticeTemplate(
-        "mavlink.open_address",
-        "cannot open {endpoint} for MAVLink ({why}): {advice}",
+        "address.taken",
+        "another program holds this port, and `ss -lunp` names it: end it, or give another address of this machine",
     ),
     NoticeTemplate(
         "address.unknown_host",
@@ -68,24 +62,9 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
         "the system refuses it, as it does broadcast addresses, and ports below 1024 to ordinary users: give another",
     ),
     NoticeTemplate(
-        "mavlink.port_held",
-        "cannot open {endpoint} for MAVLink ({why}): {holder} holds this port; end it, or give "
-        "another address of this machine",
-    ),
-    NoticeTemplate(
-        "mavlink.port_taken",
-        "cannot open {endpoint} for MAVLink ({why}): stop the program that holds this port, or "
-        "give an address of this machine",
-    ),
-    NoticeTemplate(
-        "mavlink.local_port_held",
-        "cannot open {endpoint} for MAVLink ({why}): {holder} holds UDP port {port} of this "
-        "machine, from which it is spoken to; end it, or give another port in link.local_port",
-    ),
-    NoticeTemplate(
         "mavlink.local_port_taken",
-        "cannot open {endpoint} for MAVLink ({why}): stop the program that holds UDP port {port} "
-        "of this machine, from which it is spoken to; or give another in link.local_port",
+        "cannot open {endpoint} for MAVLink ({why}): another program holds UDP port {port} of this machine, from which "
+        "it is spoken to, and `ss -lunp` names it; end it, or give another port in link.local_port",
     ),
     NoticeTemplate(
         "mavlink.silent",
@@ -112,11 +91,7 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "mavlink.lost",
-        "the link is lost: {why}",
-    ),
-    NoticeTemplate(
-        "mavlink.lost_tries",
-        "the link is lost: {why}; trying again in {pause_s:g} s",
+        "the link is lost: {why}; trying again every {pause_s:g} s",
     ),
     NoticeTemplate(
         "mavlink.lost_heartbeat",

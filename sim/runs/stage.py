@@ -21,9 +21,9 @@ from groundstation.machine import write_whole
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
 from links.core import signal
-from links.io import parse_address, read_key
+from links.io import parse_address
 from links.mavlink import MavlinkLinkConfig, StampFile
-from links.mavlink.protocol import TICKS_PER_S, Signer
+from links.mavlink.protocol import Signer
 from links.rf import CrsfLinkConfig, RfConfig, describe_pulses
 from sim.autopilots import (
     AUTOPILOTS,
@@ -243,12 +243,10 @@ def _wire(link: MavlinkLinkConfig, pty: PtyWire | None) -> OpenWire | None:
 
 def _signer(key_file: Path) -> Signer:
     """The autopilot's own use of the key that the ground station has."""
-    loop = asyncio.get_running_loop()
     try:
-        key, first, begun_s = read_key(key_file), StampFile(key_file).first(), loop.time()
+        return StampFile(key_file).make_signer(asyncio.get_running_loop().time)
     except ValueError as error:
         raise ConfigError("link.signing_key_file", str(error)) from None
-    return Signer(key, lambda: first + int((loop.time() - begun_s) * TICKS_PER_S))
 
 
 SEEDS_APART = 1000

@@ -25,12 +25,11 @@ from groundstation.pose import (
     TlogRecord,
     describe_senders,
     find_autopilots,
-    is_autopilot,
     pose_decoder,
 )
 from groundstation.pose.sources import PoseDecoder
 from groundstation.recording import Vector3
-from links.mavlink.protocol import ARMED, AttitudeTargetMask, MavCommand, Message
+from links.mavlink.protocol import ARMED, AttitudeTargetMask, MavCommand, Message, is_autopilot
 
 ON_GROUND = 1
 """EXTENDED_SYS_STATE.landed_state (MAV_LANDED_STATE_ON_GROUND)."""

@@ -145,15 +145,10 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "no MAVLink message in it: is it a .tlog?",
     ),
     NoticeTemplate(
-        "tlog.no_stamps",
-        "{frames} MAVLink frames follow each other without time stamps, so nothing tells when they came",
-        "record a .tlog, which has 8 bytes of time before each frame, as MAVProxy, Mission Planner, QGroundControl "
-        "and this program write it",
-    ),
-    NoticeTemplate(
         "tlog.garbage",
         "{garbage} of {size} bytes are no MAVLink record, limit {limit:.0%}",
-        "is it a .tlog? It must be whole, and not compressed",
+        "is it a .tlog, with 8 bytes of time before each frame, as MAVProxy, Mission Planner, QGroundControl and "
+        "this program write it? It must be whole, and not compressed",
     ),
     NoticeTemplate(
         "tlog.times",

@@ -85,16 +85,6 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("pose.punctual", "poses are as early as before, or their source has restarted"),
     NoticeTemplate("pose.cannot_listen", "cannot listen for {what} on {address} ({why})", "{advice}"),
     NoticeTemplate(
-        "pose.port_held",
-        "cannot listen for {what} on {address} ({why}); {holder} holds this port",
-        "end it, or give another address of this machine",
-    ),
-    NoticeTemplate(
-        "pose.port_taken",
-        "cannot listen for {what} on {address} ({why})",
-        "stop the program that holds this port, or give another address of this machine",
-    ),
-    NoticeTemplate(
         "libmotioncapture.silent",
         "the {backend} server at {hostname} does not answer",
         "check its address, and that it streams",

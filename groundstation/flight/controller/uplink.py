@@ -3,7 +3,7 @@
 import math
 
 from groundstation.core.messages import Sentence, notice
-from links.core import IN_TIME, CommandLink
+from links.core import Arrival, CommandLink
 from links.text import to_ms
 
 TELEMETRY_STALL_S = 0.15
@@ -39,7 +39,7 @@ class CommandUplink:
         Return why commands can't fly the vehicle although its telemetry arrives; None if they reach it in time.
         """
         autopilot = self._link.autopilot
-        overdue_s, late_s = IN_TIME if autopilot is None else autopilot.arrival(now_s)
+        overdue_s, late_s = Arrival() if autopilot is None else autopilot.arrival(now_s)
         self.is_down, self.is_late = overdue_s > UPLINK_DOWN_S, late_s > 0.0
         if self.is_late:
             return notice("fault.late_commands", late_ms=to_ms(late_s))

@@ -9,8 +9,7 @@ import asyncio
 import socket
 from collections import Counter
 from collections.abc import Callable
-from errno import EADDRINUSE
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 import msgspec
 
@@ -18,7 +17,7 @@ from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAx
 from groundstation.core.messages import Others, Pose, PoseKind, PoseSource, PoseStatus, Sentence, SourceError, notice
 from groundstation.pose.sources.intake import Gate, GateConfig, Intake, Outbreaks, PoseReader, ReaderSource
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
-from links.io import NETWORK, advise_on_address, beyond, name_holder, parse_address
+from links.io import NETWORK, advise_on_address, beyond, parse_address
 
 LOOK_S = 0.0493717
 """Period at which drop counters and lost poses are examined [s].
@@ -124,11 +123,8 @@ class DatagramSource(ReaderSource, asyncio.DatagramProtocol):
 
 def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
     """Describe ``error`` for the operator: what was to arrive where, and what to do."""
-    values = {"what": what, "address": address, "why": error.strerror or str(error)}
-    if advice := advise_on_address(error):
-        return SourceError(notice("pose.cannot_listen", **values, advice=advice))
-    holder = name_holder(parse_address(address)[1]) if error.errno == EADDRINUSE else ""
-    return SourceError(notice(f"pose.port_{'held' if holder else 'taken'}", **values, holder=holder))
+    why, advice = error.strerror or str(error), advise_on_address(error)
+    return SourceError(notice("pose.cannot_listen", what=what, address=address, why=why, advice=advice))
 
 
 def join(transport: asyncio.DatagramTransport, group: str, interface: str) -> None:
@@ -151,23 +147,21 @@ def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
     options.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface))
 
 
-class ListensAt(PoseKind, frozen=True, kw_only=True):
-    """Beside the configuration of a source that listens on a UDP socket of this machine."""
+class AtAddress(PoseKind, frozen=True, kw_only=True):
+    """Base of the configuration of a source with one address: of this machine to listen at, or of the server."""
 
     address_key: ClassVar[str] = "listen"
-    if TYPE_CHECKING:
-        listen: str
 
     def __post_init__(self) -> None:
-        parse_address(self.listen, "listen")
+        parse_address(self.address, self.address_key)
 
     @property
     def real(self) -> str | None:
         """The key by which real poses may come, and its value; None where all stays on this machine."""
-        return beyond("listen", self.listen)
+        return beyond(self.address_key, self.address)
 
 
-class JsonConfig(ListensAt, frozen=True, kw_only=True, tag="json"):
+class JsonConfig(AtAddress, frozen=True, kw_only=True, tag="json"):
     """JSON objects over UDP, one or an array of them a datagram."""
 
     shows_others: ClassVar[bool] = True

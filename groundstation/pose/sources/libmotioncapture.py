@@ -28,8 +28,6 @@ SILENT_S = 2.0
 """Silence after which the child is ended and restarted [s]."""
 AGAIN_S = 1.0
 """Pause before the restart [s]."""
-LINE_BYTES = 1 << 16
-"""Longest line from the child [bytes]."""
 
 
 class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotioncapture"):
@@ -141,7 +139,7 @@ class LibmotioncaptureSource(ReaderSource):
         options = json.dumps({"hostname": config.hostname, **config.options})
         words = (str(os.getpid()), config.backend, options, json.dumps(self._names))
         module = "groundstation.pose.sources.motioncapture_child"
-        self._child = await open_child(module, *words, stderr=asyncio.subprocess.DEVNULL, limit=LINE_BYTES)
+        self._child = await open_child(module, *words, stderr=asyncio.subprocess.DEVNULL)
         return bool(await self._line(CONNECT_S))
 
     async def _line(self, within_s: float) -> bytes:

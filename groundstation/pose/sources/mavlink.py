@@ -11,7 +11,7 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, Body, LabAlignment, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus
-from groundstation.pose.sources.datagram import DatagramSource, ListensAt
+from groundstation.pose.sources.datagram import AtAddress, DatagramSource
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.mavlink_codec import PoseDecoder, VisionReader, decoder_for
 from links.mavlink import MavlinkLink
@@ -91,7 +91,7 @@ class MavlinkPoseSource:
                 self._deliver(pose)
 
 
-class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
+class VisionConfig(AtAddress, frozen=True, kw_only=True, tag="vision"):
     """MAVLink VISION_POSITION_ESTIMATE over UDP, as sent by bridges from motion capture to autopilots."""
 
     shares_link: ClassVar[bool] = True

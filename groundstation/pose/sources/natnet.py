@@ -8,17 +8,17 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, LabAlignment, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, notice
-from groundstation.pose.sources.datagram import cannot_listen, join
+from groundstation.core.messages import Others, Pose, notice
+from groundstation.pose.sources.datagram import AtAddress, cannot_listen, join
 from groundstation.pose.sources.intake import Intake, ReaderSource
 from groundstation.pose.sources.natnet_codec import NatNetReader
-from links.io import NETWORK, beyond, is_loopback, parse_address
+from links.io import NETWORK, is_loopback, parse_address
 
 BEAT_S = 0.5
 """Period of the keep-alive to the server [s]."""
 
 
-class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
+class NatNetConfig(AtAddress, frozen=True, kw_only=True, tag="natnet"):
     """OptiTrack's NatNet 3.0 to 4.x, straight from Motive; its exposure stamps give the age of each pose."""
 
     shows_others: ClassVar[bool] = True
@@ -63,7 +63,8 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
     ] = 0.0003
 
     def __post_init__(self) -> None:
-        host, _ = parse_address(self.server, "server")
+        super().__post_init__()
+        host, _ = parse_address(self.server)
         for key, text in (("server", host), ("interface", self.interface), ("group", self.group)):
             try:
                 address = ipaddress.IPv4Address(text)
@@ -87,7 +88,7 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
     def real(self) -> str | None:
         """The key by which real poses may come, and its value; None where all stays on this machine."""
         here = None if is_loopback(self.interface) else f"interface = {self.interface}"
-        return beyond("server", self.server) or here
+        return super().real or here
 
     def build(self, others: Others | None = None) -> "NatNetSource":
         """The source of this config; ``others`` are further bodies to look for."""

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, SourceError, notice
+from groundstation.core.messages import Others, Pose, SourceError, notice
 from groundstation.machine import cancel_task
+from groundstation.pose.sources.datagram import AtAddress
 from groundstation.pose.sources.intake import Intake, ReaderSource
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
 from groundstation.runtime import describe_install
-from links.io import beyond, parse_address
+from links.io import parse_address
 from links.text import printable
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ AGAIN_S = 1.0
 """Pause before a lost connection is reopened [s]."""
 
 
-class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
+class QualisysConfig(AtAddress, frozen=True, kw_only=True, tag="qualisys"):
     """Qualisys Track Manager over TCP; needs the extra ``qualisys``."""
 
     shows_others: ClassVar[bool] = True
@@ -51,14 +52,6 @@ class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
             ge=0.0, le=1.0, description="Shortest time from the instant that QTM stamps to the arrival here [s]."
         ),
     ] = 0.015
-
-    def __post_init__(self) -> None:
-        parse_address(self.server, "server")
-
-    @property
-    def real(self) -> str | None:
-        """The key by which real poses may come, and its value; None where all stays on this machine."""
-        return beyond("server", self.server)
 
     def build(self, others: Others | None = None) -> "QualisysSource":
         """The source of this config; ``others`` are further bodies to look for."""

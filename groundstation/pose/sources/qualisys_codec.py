@@ -31,12 +31,6 @@ class RtPacket(IntEnum):
     EVENT = 6
 
 
-ERROR = RtPacket.ERROR
-"""Packet type of a refusal, for scripts that play QTM."""
-COMMAND = RtPacket.COMMAND
-"""Packet type of a command and of its answer, for scripts that play QTM."""
-XML = RtPacket.XML
-"""Packet type of the parameters, for scripts that play QTM."""
 LAST_TYPE = 9
 """Highest packet type of the protocol."""
 MAX_PACKET = 1 << 20

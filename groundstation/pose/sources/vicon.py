@@ -6,12 +6,12 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, Body, LabAlignment, LabAxes, frames_of
 from groundstation.core.messages import Others
-from groundstation.pose.sources.datagram import DatagramSource, ListensAt
+from groundstation.pose.sources.datagram import AtAddress, DatagramSource
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import ViconReader, name_bytes
 
 
-class ViconConfig(ListensAt, frozen=True, kw_only=True, tag="vicon"):
+class ViconConfig(AtAddress, frozen=True, kw_only=True, tag="vicon"):
     """Vicon Tracker's UDP Object Stream, which carries no time stamps and no validity flags."""
 
     shows_others: ClassVar[bool] = True

@@ -1,6 +1,13 @@
 """MAVLink sans-IO: codec, signing, clocks, status, parameters, an autopilot's procedures."""
 
-from links.mavlink.protocol.autopilot_state import PART_BYTES, STALE_NEWS_S, HeartbeatMonitor, Vitals, Words
+from links.mavlink.protocol.autopilot_state import (
+    PART_BYTES,
+    STALE_NEWS_S,
+    HeartbeatMonitor,
+    Vitals,
+    Words,
+    is_autopilot,
+)
 from links.mavlink.protocol.codec import (
     ARDUPILOT,
     ARMED,

@@ -4,7 +4,18 @@ import math
 from collections import deque
 from typing import Any
 
-from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4, EstimatorFlag, MavSeverity, Message
+import msgspec
+
+from links.mavlink.protocol.codec import (
+    ARDUPILOT,
+    ARMED,
+    GROUND_STATION,
+    INVALID,
+    PX4,
+    EstimatorFlag,
+    MavSeverity,
+    Message,
+)
 from links.text import printable
 
 PX4_MODES = {
@@ -118,39 +129,26 @@ QUOTED_TEXTS = 3
 """Texts that are quoted where it refuses something."""
 
 
-class StatusText:
-    """One text, in parts that may come in any order or get lost."""
+class StatusText(msgspec.Struct):
+    """One text, of one part or of several that come in their order; a missing part is marked."""
 
-    def __init__(self, sender: tuple[int, int], number: int, severity: int) -> None:
-        """``sender`` is its system and component; ``number`` is STATUSTEXT.id, 0 of a text of one part."""
-        self._whose = sender, number, severity
-        self._parts: dict[int, bytes] = {}
-        self._newest = (-1, b"")
-        self.severity = severity
-
-    def takes(self, sender: tuple[int, int], number: int, severity: int, part: int, text: bytes) -> bool:
-        """Whether ``part`` (STATUSTEXT.chunk_seq), which reads ``text``, belongs to this text.
-
-        A network may deliver a datagram twice.
-        """
-        if number == 0 or self._whose != (sender, number, severity):
-            return False
-        return part not in self._parts or self._newest == (part, text)
+    whose: tuple[int, int, int, int]
+    """System and component of its sender, STATUSTEXT.id (0 of a text of one part) and severity."""
+    text: bytes = b""
+    next_part: int = 0
+    """STATUSTEXT.chunk_seq that follows."""
+    is_whole: bool = False
 
     def add(self, part: int, text: bytes) -> None:
-        """Take one part."""
-        self._parts[part] = text
-        self._newest = part, text
+        """Take one part; the last of several is shorter than the others."""
+        self.text += text if part == self.next_part else GAP.encode() + text
+        self.next_part = part + 1
+        self.is_whole = not self.whose[2] or len(text) < PART_BYTES
 
     def show(self) -> str:
         """The text, fit to be shown; what has not come is marked."""
-        shown, before = b"", -1
-        for part, text in sorted(self._parts.items()):
-            shown += text if part == before + 1 else GAP.encode() + text
-            before = part
-        if self._whose[1] and len(self._parts[before]) >= PART_BYTES:  # it would end with a shorter part
-            shown += GAP.encode()
-        return printable(shown.decode(errors="replace").strip())  # a letter may stand in two parts
+        text = self.text.decode(errors="replace")  # a letter may stand in two parts
+        return printable(text.strip() if self.is_whole else text.strip() + GAP)
 
 
 class Words:
@@ -161,17 +159,16 @@ class Words:
 
     def hear(self, message: Message) -> None:
         """Take one STATUSTEXT."""
-        sender = message.get_srcSystem(), message.get_srcComponent()
-        number, severity, part = message.id, message.severity, message.chunk_seq
+        whose = message.get_srcSystem(), message.get_srcComponent(), message.id, message.severity
+        part = message.chunk_seq if message.id else 0
         words = bytes(getattr(message, "_text_raw", b"")) or message.text.encode()  # pymavlink decodes ASCII alone
-        words = words.partition(b"\0")[0]
         for text in reversed(self._texts):  # a restarted autopilot counts its texts anew
-            if text.takes(sender, number, severity, part, words):
-                text.add(part, words)
-                return
-        begun = StatusText(sender, number, severity)
-        begun.add(part if number else 0, words)
-        self._texts.append(begun)
+            if message.id and text.whose == whose and part >= text.next_part:
+                break
+        else:
+            text = StatusText(whose)
+            self._texts.append(text)
+        text.add(part, words.partition(b"\0")[0])
 
     @property
     def newest(self) -> str:
@@ -180,13 +177,18 @@ class Words:
 
     def complaints(self) -> str:
         """The last warnings and errors, newest last, each once; an empty string where there are none."""
-        texts = [text.show() for text in self._texts if text.severity <= MavSeverity.WARNING]
+        texts = [text.show() for text in self._texts if text.whose[3] <= MavSeverity.WARNING]
         newest = list(dict.fromkeys(reversed(texts)))[:QUOTED_TEXTS]
         return "; ".join(f"“{text}”" for text in reversed(newest))
 
 
 STALE_NEWS_S = 0.5
 """A disarmed HEARTBEAT within this time after arming is ignored [s]: it may have left before."""
+
+
+def is_autopilot(heartbeat: Message) -> bool:
+    """Whether its sender is an autopilot, rather than a ground station, a companion or a camera."""
+    return bool(heartbeat.type != GROUND_STATION and heartbeat.autopilot != INVALID)
 
 
 class HeartbeatMonitor:

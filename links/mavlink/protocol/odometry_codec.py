@@ -15,8 +15,6 @@ ORIGIN_M = 488.0
 
 _UNKNOWN = (math.nan,) * 3
 """A velocity, or body rates, that are not known."""
-_DIAGONAL = (0, 6, 11, 15, 18, 20)
-"""Places of the variances in the upper triangle of a covariance of 6 by 6."""
 
 
 class Odometry(NamedTuple):
@@ -89,7 +87,5 @@ def origin(codec: MavlinkCodec) -> bytes:
 
 def _covariance(first: float, second: float) -> list[float]:
     """The upper triangle of a 6 x 6 matrix: squares of ``first`` three times, then of ``second``, on its diagonal."""
-    triangle = [0.0] * 21
-    for place, sigma in zip(_DIAGONAL, (first,) * 3 + (second,) * 3, strict=True):
-        triangle[place] = sigma * sigma
-    return triangle
+    sigmas = (first,) * 3 + (second,) * 3
+    return [sigmas[row] * sigmas[row] if row == column else 0.0 for row in range(6) for column in range(row, 6)]

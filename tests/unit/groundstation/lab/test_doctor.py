@@ -341,7 +341,7 @@ def test_arming_is_by_one_row_and_no_mode_that_our_frames_meet_takes_the_sticks(
     ("link", "port", "says"),
     [
         ({"kind": "crsf"}, None, "expected the flight controller's own port"),
-        ({"kind": "crsf"}, "ttyACM0", "it has no port"),
+        ({"kind": "crsf"}, "ttyACM0", "is not an address"),
         ({"kind": "dsm"}, "/dev/ttyACM0", "link.map.arm: Betaflight arms by a channel"),
         ({"kind": "crsf", "map": {"roll": {"channel": 1, "full_rate_deg_s": 205}}}, "/dev/ttyACM0", "whole tens"),
         ({"kind": "rf_bridge"}, "/dev/ttyACM0", "expected mavlink, dsm or crsf"),

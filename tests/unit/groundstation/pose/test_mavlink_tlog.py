@@ -54,13 +54,13 @@ def test_odometry_is_preferred_where_it_is_there() -> None:
 
 
 def test_a_file_is_a_tlog_by_the_share_of_its_records() -> None:
-    """Records that fill 90 % of a file make it one; half do where the rest is not frames without stamps."""
+    """Records that fill 90 % of a file make it one; frames without stamps do not, of which half look like records."""
     records, size = tlog(*((n, golden("HEARTBEAT").frame) for n in range(100))), 29
-    for garbage_share, fits in ((0.0, True), (0.09, True), (0.45, True), (0.55, False)):
+    for garbage_share, fits in ((0.0, True), (0.09, True), (0.11, False)):
         garbage = round(garbage_share * size * 100 / (1.0 - garbage_share))
         reader = TlogReader(records + b"x" * garbage)
         assert len(list(reader)) == 100
         assert (reader.find_fault() == "") is fits, garbage_share
     raw = TlogReader(golden("HEARTBEAT").frame * 100)
     list(raw)
-    assert "100 MAVLink frames follow each other without time stamps" in raw.find_fault()
+    assert "with 8 bytes of time before each frame" in raw.find_fault()

@@ -120,7 +120,7 @@ NO_POSE: Refused = [
     ({"server": "239.1.1.1:1510"}, "server: expected no multicast address"),
     ({"interface": "eth0"}, "interface: expected a numeric IPv4 address, got 'eth0'"),
     ({"group": "192.168.1.5"}, "group: expected a multicast address, such as 239.255.42.99, got '192.168.1.5'"),
-    ({"server": "127.0.0.1"}, "it has no port"),
+    ({"server": "127.0.0.1"}, "is not an address"),
     ({"name": ""}, "name: expected a string of 1 to 256 characters"),
     ({"kind": "vicon", "object": ""}, "1 to 24 bytes"),
     ({"kind": "vicon", "latency_s": math.nan}, "latency_s: expected a number >= 0"),

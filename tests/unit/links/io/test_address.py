@@ -18,34 +18,17 @@ def test_host_and_port_are_told_apart(text: str, host: str, port: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "reason"),
+    "text",
     [
-        ("", "no port"),
-        ("127.0.0.1", "no port"),
-        (":14550", "no host"),
-        ("[]:14550", "no host"),
-        ("127.0.0.1:", "port must be"),
-        ("127.0.0.1:0", "port must be"),
-        ("127.0.0.1:65536", "port must be"),
-        ("127.0.0.1:-5", "port must be"),
-        ("127.0.0.1:+5", "port must be"),
-        ("127.0.0.1: 5", "port must be"),
-        ("127.0.0.1:1_0", "port must be"),
-        ("127.0.0.1:٣", "port must be"),
-        ("127.0.0.1:" + "9" * 5000, "port must be"),
-        ("::1:14550", "needs brackets"),
-        ("[::1:14550", "needs brackets"),
-        ("[127.0.0.1]:14550", "only an IPv6 host"),
-        ("[::1]", "needs brackets"),
-        ("a b:14550", "character"),
-        ("udp://127.0.0.1:14550", "needs brackets"),
-        ("me@host:14550", "character"),
+        *("", "127.0.0.1", ":14550", "[]:14550", "[::1]"),
+        *(f"127.0.0.1:{port}" for port in ("", "0", "65536", "-5", "+5", " 5", "1_0", "٣", "9" * 5000)),
+        *("::1:14550", "[::1:14550", "[127.0.0.1]:14550"),
+        *("a b:14550", "udp://127.0.0.1:14550", "me@host:14550", "127.0.0.1:14550\n"),
     ],
 )
-def test_what_is_no_address_is_refused_with_the_reason_and_an_example(text: str, reason: str) -> None:
-    with pytest.raises(ValueError, match=reason) as refused:
-        parse_address(text)
-    assert "write host:port such as 127.0.0.1:14550" in str(refused.value)
+def test_what_is_no_address_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(ValueError, match=r"^server: .* is not an address: write host:port such as 127.0.0.1:14550"):
+        parse_address(text, "server")
 
 
 HERE = ("127.0.0.1", "127.8.9.10", "::1", "localhost", "LOCALHOST", "::ffff:127.0.0.1")

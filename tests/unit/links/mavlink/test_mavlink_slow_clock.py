@@ -11,11 +11,11 @@ from tests.unit.links.mavlink.test_mavlink_link import D, Endpoint, accept, play
 
 SLOW = 0.008
 """As a simulated PX4 was seen to fall behind on a busy machine."""
-LONG_S = 60.0
+LONG_S = 30.0
 
 
 def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
-    """Poses of a minute at 50 Hz from a clock that is ``slow`` by that share; all it says is late from 30 s on."""
+    """Poses at 50 Hz from a clock that is ``slow`` by that share; all it says is late from the middle on."""
     poses: list[Pose] = []
     sources: list[MavlinkPoseSource] = []
 
@@ -56,7 +56,7 @@ def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
 @pytest.mark.parametrize("slow", [0.0, SLOW])
 def test_a_simulated_autopilot_that_falls_behind_sends_no_late_poses(slow: float) -> None:
     poses, source = flown(slow, 0.0)
-    assert len(poses) > 2900
+    assert len(poses) > 1450
     ages = [pose.arrival_s - pose.time_s for pose in poses]
     assert max(ages) < 0.012, "what it falls behind between two questions for the time"
     assert source.status.late_s == 0.0
@@ -69,4 +69,4 @@ def test_poses_of_an_autopilot_that_come_late_are_as_old_as_they_are(slow: float
     errors = [pose.time_s - pose.position_ned[0] for pose in late]  # each says where it is by when it was
     assert max(errors) < 1e-3, "never younger"
     assert min(errors) > -0.012
-    assert len(late) > 1000
+    assert len(late) > 500

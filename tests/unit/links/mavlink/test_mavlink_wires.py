@@ -1,12 +1,9 @@
 """MAVLink over each transport, in real time: nothing raises, what is lost is opened again, nothing stale leaves."""
 
 import asyncio
-import contextlib
 import gc
 import os
-import pty
 import random
-import tty
 from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +15,8 @@ from links.core import Command, LinkLost
 from links.io import open_port, parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import PX4, MavlinkCodec
+from sim.autopilots.peer import open_far_end, open_tcp, open_udp
+from sim.radio import PtyWire
 from tests.loops import free_address, in_real_time, until
 
 pytestmark = pytest.mark.real_time
@@ -32,30 +31,42 @@ ARMED = 128
 class End:
     """The autopilot's end of one transport: it accepts everything, goes away, and comes back under the same name."""
 
-    def __init__(self) -> None:
+    def __init__(self, way: str, folder: Path) -> None:
+        self.way, self.port = way, folder / "ttyACM0"
         self.codec = MavlinkCodec(1, 1)
         self.heard: list[str] = []
         self.armed = False
-        self.options: dict[str, Any] = {}
+        self.options: dict[str, Any] = {"serial": str(self.port)} if way == "serial" else {}
         """Keys of a link that reaches it."""
+        self.wire: Any = None
 
     async def start(self) -> None:
-        raise NotImplementedError
+        if self.way == "serial":
+            self.wire = await open_far_end(self.hear, port=PtyWire(self.port))
+        else:
+            address = parse_address(self.options.setdefault(self.way, await free_address()))
+            udp = {"listen": {"remote": address}, "remote": {"local": address}}
+            opens = open_tcp(self.hear, address=address) if self.way == "tcp" else open_udp(self.hear, **udp[self.way])
+            self.wire = await opens
+        self.beats = asyncio.create_task(self.beating())
 
     def put(self, data: bytes) -> None:
-        raise NotImplementedError
+        for at in range(0, len(data), 1400):
+            self.wire.sendto(data[at : at + 1400])
 
     def lose(self) -> None:
-        raise NotImplementedError
+        self.beats.cancel()
+        if self.way == "serial":
+            self.wire.close()
+        else:
+            self.wire.abort()
 
-    def answers(self, data: bytes) -> bytes:
-        out = b""
+    def hear(self, data: bytes, _: Any) -> None:
         for message in self.codec.feed(data):
             self.heard.append(message.get_type())
             if message.get_type() == "COMMAND_LONG":
                 self.armed = self.armed or message.command == 400
-                out += self.codec.pack(D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190))
-        return out
+                self.put(self.codec.pack(D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190)))
 
     async def beating(self) -> None:
         """Send the heartbeat ten times a second."""
@@ -64,117 +75,11 @@ class End:
             await asyncio.sleep(0.1)
 
 
-class Udp(End, asyncio.DatagramProtocol):
-    """Sends to us first (``listen``), or waits for us (``remote``)."""
-
-    def __init__(self, way: str) -> None:
-        super().__init__()
-        self.way = way
-        self.target: Any = None
-
-    async def start(self) -> None:
-        address = self.options.setdefault(self.way, await free_address())
-        first, loop = self.way == "listen", asyncio.get_running_loop()
-        self.target = parse_address(address) if first else None
-        local = ("127.0.0.1", 0) if first else parse_address(address)
-        self.transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=local)
-        self.beats = asyncio.create_task(self.beating())
-
-    def datagram_received(self, data: bytes, addr: Any) -> None:
-        self.target = addr
-        if answers := self.answers(data):
-            self.put(answers)
-
-    def put(self, data: bytes) -> None:
-        for at in range(0, len(data), 1400):
-            if self.target is not None:
-                self.transport.sendto(data[at : at + 1400], self.target)
-
-    def lose(self) -> None:
-        self.beats.cancel()
-        self.transport.abort()
-
-
-class Tcp(End):
-    """A TCP server with one client."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.writers: list[asyncio.StreamWriter] = []
-
-    async def start(self) -> None:
-        address = self.options.setdefault("tcp", await free_address())
-        self.server = await asyncio.start_server(self._serve, *parse_address(address))
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.writers.append(writer)
-        beats = asyncio.create_task(self.beating())
-        with contextlib.suppress(ConnectionError):
-            while data := await reader.read(4096):
-                writer.write(self.answers(data))
-        beats.cancel()
-        writer.close()
-
-    def put(self, data: bytes) -> None:
-        for writer in self.writers:
-            writer.write(data)
-
-    def lose(self) -> None:
-        self.server.close()
-        for writer in self.writers:
-            writer.transport.abort()
-        self.writers.clear()
-
-
-class Serial(End):
-    """A port that can be pulled out and plugged in again under the same name."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__()
-        self.name = folder / "ttyACM0"
-        self.options = {"serial": str(self.name)}
-        self.fd = -1
-
-    async def start(self) -> None:
-        self.fd, theirs = pty.openpty()
-        tty.setraw(self.fd)
-        os.set_blocking(self.fd, False)
-        self.theirs = theirs
-        self.name.unlink(missing_ok=True)
-        self.name.symlink_to(os.ttyname(theirs))
-        asyncio.get_running_loop().add_reader(self.fd, self._read)
-        self.beats = asyncio.create_task(self.beating())
-
-    def _read(self) -> None:
-        with contextlib.suppress(OSError):
-            os.write(self.fd, self.answers(os.read(self.fd, 4096)))
-
-    def put(self, data: bytes) -> None:
-        os.write(self.fd, data)
-
-    def lose(self) -> None:
-        if self.fd >= 0:
-            self.beats.cancel()
-            asyncio.get_running_loop().remove_reader(self.fd)
-            self.name.unlink(missing_ok=True)
-            os.close(self.theirs)
-            os.close(self.fd)
-            self.fd = -1
-
-
-ENDS: dict[str, Callable[[Path], End]] = {
-    "listen": lambda _: Udp("listen"),
-    "remote": lambda _: Udp("remote"),
-    "tcp": lambda _: Tcp(),
-    "serial": Serial,
-}
-
-
-@pytest.fixture(params=ENDS)
+@pytest.fixture(params=["listen", "remote", "tcp", "serial"])
 def end(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[End]:
-    monkeypatch.setattr(links.mavlink.connection, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr(links.mavlink.connection, "REOPEN_S", 0.05)
     monkeypatch.setattr("links.mavlink.protocol.procedures.STREAM_S", 0.1)
-    yield ENDS[request.param](tmp_path)
+    yield End(request.param, tmp_path)
 
 
 def of_kind(*kinds: str) -> pytest.MarkDecorator:
@@ -204,7 +109,7 @@ async def test_a_stream_that_is_closed_or_unplugged_is_opened_again_and_waits_fo
     end.lose()
     await until(lambda: link.status.state == "lost")
     assert "the link is lost: " in link.status.text
-    assert "trying again in" in link.status.text
+    assert "trying again every 0.05 s" in link.status.text
     sent, expired = link.status.sent, link.status.expired
     link.send(command())
     await end.start()
@@ -254,14 +159,12 @@ async def test_a_stream_that_takes_nothing_is_reset_and_what_waits_in_it_never_a
     link = link_to(end)
     await link.connect()
     await link.arm(command)
-    if isinstance(end, Serial):  # nobody takes what we send
-        asyncio.get_running_loop().remove_reader(end.fd)
+    if end.way == "serial":  # nobody takes what we send
+        asyncio.get_running_loop().remove_reader(end.wire.fileno())
         burst, says = 50, "the port takes nothing any more"
     else:
-        assert isinstance(end, Tcp)
-        end.server.close()
-        for writer in end.writers:
-            writer.transport.pause_reading()  # type: ignore[attr-defined]  # a socket's transport has it
+        end.wire.server.close()
+        end.wire._transport.pause_reading()
         burst, says = 2000, "acknowledges nothing"  # until the buffers on both sides are full
     async with asyncio.timeout(60.0):
         while link.status.state == "armed":

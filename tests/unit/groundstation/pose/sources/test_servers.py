@@ -230,7 +230,7 @@ def test_bytes_that_would_stop_qtm_rt_or_that_it_cant_read_end_the_connection_an
 ) -> None:
     async def play(room: Room) -> None:
         await room.more()
-        room.say(qtm.text_packet(qtm.ERROR, "nobody asked"))
+        room.say(qtm.text_packet(qtm.RtPacket.ERROR, "nobody asked"))
         room.say(qtm.packet(qtm.RtPacket.EVENT, b"\x63"))  # of a newer QTM: no reason to hang up
         room.say(data)
         await asyncio.sleep(0.1)
