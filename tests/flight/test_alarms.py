@@ -22,9 +22,9 @@ def ended(found: Alarms) -> list[tuple[int, str]]:
     return [(one.seed, one.failed) for one in found.ended]
 
 
-@pytest.mark.tried(3)  # the same scenarios by more seeds
+@pytest.mark.tried(1)  # the worst air
 @pytest.mark.parametrize("seed", range(8))
-@pytest.mark.parametrize("scenario", ["adverse", "storm", "gust_front"])
+@pytest.mark.parametrize("scenario", ["storm", "adverse", "gust_front"])
 def test_no_flight_in_bad_air_ends_by_its_poses(scenario: str, seed: int) -> None:
     (found,) = watch_all([Watch(scenario, figure_s=5.0)], (seed,), workers=1)
     assert ended(found) == []
@@ -60,8 +60,8 @@ def test_no_flight_ends_by_its_poses_where_something_is_configured_wrong(floor: 
     assert found.grounded == (1 if watch.floor is not None and "0.62" in watch.floor.name else 0)
 
 
-@pytest.mark.tried(2)  # each scenario once: seed 16 has its height wrong on the floor
-@pytest.mark.parametrize(("scenario", "seed"), [("paper", 0), ("paper", 1), ("quad1kg", 18), ("quad1kg", 16)])
+@pytest.mark.tried(1)  # the one whose height is wrong on the floor
+@pytest.mark.parametrize(("scenario", "seed"), [("quad1kg", 16), ("quad1kg", 18), ("paper", 0), ("paper", 1)])
 def test_an_estimate_that_wanders_and_turns_its_heading_fails_not_and_lands(scenario: str, seed: int) -> None:
     wanders = ("sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19")
     own = ("sim.own_estimate=true",) if scenario == "quad1kg" else ()

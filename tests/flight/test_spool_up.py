@@ -253,6 +253,7 @@ def test_an_estimate_that_wanders_and_steps_in_yaw_as_px4_s_does_is_no_lift_off(
     assert start.smooth, start
 
 
+@pytest.mark.tried(2)  # with resets, and without
 @pytest.mark.parametrize(("resets", "seed"), [((STEPS, "sim.estimate_yaw_step_s=0.5"), 0), ((), 5), ((), 26)])
 def test_motors_are_not_stopped_where_a_wandering_estimate_is_seen_to_climb_or_is_reset(
     resets: tuple[str, ...], seed: int
@@ -263,6 +264,7 @@ def test_motors_are_not_stopped_where_a_wandering_estimate_is_seen_to_climb_or_i
     assert max(start.climb) < 0.3
 
 
+@pytest.mark.tried(1)  # seeds
 @pytest.mark.parametrize("seed", range(3))
 def test_a_floor_that_lets_go_late_as_ardupilot_s_simulator_s_does_is_left_smoothly(seed: int) -> None:
     late = ("sim.floor_hold_s=0.6",)

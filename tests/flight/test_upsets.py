@@ -76,7 +76,7 @@ def test_drawn_starts_are_within_their_bounds_and_repeat() -> None:
 
 @pytest.mark.parametrize("scenario", upsets.VEHICLES)
 def test_ours_recovers_from_every_drawn_start(scenario: str) -> None:
-    (row,) = fly_states(scenario, states=20, laws=["adaptive"])
+    (row,) = fly_states(scenario, states=8, laws=["adaptive"])
     assert (row.recovered, row.lost) == (1.0, 0.0)
     assert row.settle_s is not None and row.settle_s < 4.0
     assert row.sink_most_m is not None and 0.0 < row.sink_most_m < 5.0
