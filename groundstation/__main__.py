@@ -182,7 +182,7 @@ LOGS: Arguments = {
 EXPORT: Arguments = {
     **_recording(),
     "--format": {
-        "choices": ["csv", "npz", "mat", "foxglove", "mcap"],
+        "choices": ["csv", "npz", "mat", "mcap"],
         "default": "csv",
         "help": "default: csv",
     },
@@ -342,6 +342,7 @@ GONE = {
     "tui --browser": "from another computer `ssh -t HOST groundstation tui` shows the dashboard",
     "export --format poses": "`--channel /measured` has the poses",
     "export --format rrd": "`groundstation view` shows a recording in Foxglove",
+    "export --format foxglove": "`groundstation view` shows a recording in Foxglove, with its trails",
     "export --format parquet": 'in Python `flight["errors"].to_pandas().to_parquet(…)` writes it',
     "view --in": "`groundstation view` shows it in Foxglove, the only viewer",
     "report --format tex": "`--format csv` has the table",

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.lab import MOVES, CarryMove
 from groundstation.lab.pose_stream import Carry, Sample
+from links.core import Attitude
 from sim.world import HOLD_S, MOVE_S, make_hand
 
 Measure = Callable[[Vec3, Quat], tuple[Vec3, Quat]]
@@ -25,7 +26,7 @@ def carried(
     late_s: float = 0.0,
     noise_m: float = 5e-4,
     noise_rad: float = 3e-3,
-) -> tuple[Carry, list[Sample]]:
+) -> tuple[Carry, list[Attitude]]:
     """The moves as a tracker of 50 Hz sees them, stamped ``late_s`` too late; the autopilot's attitudes at 100 Hz."""
     draw = random.Random(seed + 1)
     at, carry, attitudes = make_hand(seed, moves=moves), Carry(), []
@@ -36,8 +37,8 @@ def carried(
 
     for n in range(int(100 * lasts_s(moves))):
         time_s = 0.01 * n
-        place, attitude = at(time_s)
-        attitudes.append(Sample(time_s, noisy(so3.multiply(turn, attitude))))
+        place, attitude, rates = at(time_s)
+        attitudes.append(Attitude(time_s, noisy(so3.multiply(turn, attitude)), rates))
         if n % 2 == 0:
             x, y, z = (p + draw.gauss(0.0, noise_m) for p in place)
             position, measured = measure((x, y, z), noisy(attitude))

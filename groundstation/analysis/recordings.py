@@ -55,16 +55,12 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from groundstation.analysis.report import FlightColumns
-    from groundstation.analysis.viewers import FoxgloveScene
 
     Column = NDArray[np.float64]
     Tables = Mapping[str, Mapping[str, NDArray[Any]]]
 
 
-SUFFIXES = {
-    "csv": "", "npz": ".npz", "mat": ".mat",
-    "mcap": "-whole.mcap", "foxglove": "-foxglove.mcap",
-}  # fmt: skip
+SUFFIXES = {"csv": "", "npz": ".npz", "mat": ".mat", "mcap": "-whole.mcap"}
 """Suffix of each format behind the recording's name, by default."""
 
 
@@ -84,9 +80,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
         raise ConfigError("--out", notice("file.no_folder", path=target))
     if form != "csv" and target.exists():
         raise ConfigError("--out", notice("file.exists", path=target))
-    ending = Path(f"x{SUFFIXES[form]}").suffix
-    if form in ("mcap", "foxglove") and target.suffix != ending:
-        raise ConfigError("--out", notice("file.ending", ending=ending, found=target.name))
+    if form == "mcap" and target.suffix != ".mcap":
+        raise ConfigError("--out", notice("file.ending", ending=".mcap", found=target.name))
     with refuse_recordings():
         recording = Recording(path)
     try:
@@ -117,14 +112,8 @@ def _short_of(recording: Recording) -> str:
 
 def _export(recording: Recording, form: str, topics: list[str], target: Path) -> str:
     """Write ``recording`` to ``target``; returns what was written."""
-    match form:
-        case "mcap":
-            return f"{rewrite(recording, target, topics)} messages"
-        case "foxglove":
-            from groundstation.analysis.viewers import FoxgloveScene
-
-            scene = FoxgloveScene("--format")
-            return f"{rewrite(recording, target, topics, scene)} messages with the scene, for Foxglove"
+    if form == "mcap":
+        return f"{rewrite(recording, target, topics)} messages"
     rows = [count for count in write_tables(recording, form, topics or list(CHANNELS), target).values() if count]
     return f"{sum(rows)} rows of {len(rows)} channels"
 
@@ -169,28 +158,15 @@ def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, in
     return rows
 
 
-def rewrite(
-    recording: Recording,
-    target: Path,
-    topics: list[str],
-    scene: "FoxgloveScene | None" = None,
-) -> int:
-    """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages.
-
-    With a ``scene``, what viewers draw is made of it and stands beside the messages on ``topics``.
-    """
+def rewrite(recording: Recording, target: Path, topics: list[str]) -> int:
+    """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages."""
     count = 0
     with open(target, "wb", opener=open_private) as file:  # Path.open has no opener
         writer = begin_mcap(file, "groundstation export", recording.about)
-        kept = [topic for topic in CHANNELS if not topics or topic in topics]
-        channels = scene.channels(kept) if scene else describe_channels(kept)
-        ids = {form[0]: add_channel(writer, form) for form in channels}
-        wanted = () if scene else topics
-        for entry in recording.entries(wanted):
-            for topic, data in scene.messages(entry) if scene else ((entry.topic, entry.data),):
-                if topic in ids:
-                    writer.add_message(ids[topic], entry.stamp_ns, data, entry.stamp_ns)
-                    count += 1
+        ids = {form[0]: add_channel(writer, form) for form in describe_channels(topics or CHANNELS)}
+        for entry in recording.entries(ids):
+            writer.add_message(ids[entry.topic], entry.stamp_ns, entry.data, entry.stamp_ns)
+            count += 1
         if recording.result:
             writer.add_metadata("result", recording.result)
         writer.finish()

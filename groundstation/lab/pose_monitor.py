@@ -47,9 +47,9 @@ from groundstation.pose.sources import GatedSource, describe_drop, describe_unst
 from groundstation.runtime import Exit, raw_stream
 from groundstation.settings import Config
 from links import make_link
-from links.core import LinkError
+from links.core import Attitude, LinkError
 from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol import Message
+from links.mavlink.protocol import Message, attitude_of
 from links.text import Sentence, printable
 
 if TYPE_CHECKING:
@@ -338,15 +338,13 @@ ATTITUDE_HZ = 100.0
 """The autopilot is asked for its attitude so often [1/s]."""
 PATIENCE_S = 120.0
 """Timeout of one move [s]."""
-LATE_S = 0.002
-"""A smaller error of the configured latency is none [s]."""
 
 
 class CarryRecord(NamedTuple):
     """Record of the moves."""
 
     carry: Carry
-    autopilot: list[Sample]
+    autopilot: list[Attitude]
     synchronised: bool
     """Whether the autopilot has told its time."""
 
@@ -434,7 +432,7 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
         LinkError: the autopilot does not answer.
     """
     has_autopilot = config.link.has_autopilot
-    carry, felt = Carry(), list[tuple[float, Sample]]()
+    carry, felt = Carry(), list[Attitude]()
     begun, ended = asyncio.Event(), asyncio.Event()
 
     def pose(pose: Pose) -> None:
@@ -446,12 +444,11 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
         ):
             ended.set()
 
-    def hear(message: Message, arrival_s: float) -> None:
-        if message.get_type() == "ATTITUDE_QUATERNION":
-            attitude = (message.q1, message.q2, message.q3, message.q4)
-            felt.append((arrival_s, Sample(message.time_boot_ms * 1e-3, attitude)))
-
     def ask(connection: MavlinkConnection) -> None:
+        def hear(message: Message, arrival_s: float) -> None:
+            if (attitude := attitude_of(message, arrival_s, connection.clock)) is not None:
+                felt.append(attitude)
+
         connection.request(lambda _kind: {"ATTITUDE_QUATERNION": ATTITUDE_HZ})
         connection.subscribe(hear)
 
@@ -470,15 +467,8 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
                 _require_disarmed(connection)
                 if asyncio.get_running_loop().time() > give_up_s:
                     raise CarryFailure("", _say_not_made(move.name, ears.source, deaf=has_autopilot and not felt))
-        clock = connection.clock if connection is not None else None
-    return CarryRecord(
-        carry, [_on_our_clock(arrival_s, sample, clock) for arrival_s, sample in felt], clock is not None
-    )
-
-
-def _on_our_clock(arrival_s: float, sample: Sample, clock: Any) -> Sample:
-    time_s = arrival_s if clock is None else sample.time_s - clock.offset_s
-    return msgspec.structs.replace(sample, time_s=time_s)
+        synchronised = connection is not None and connection.clock is not None
+    return CarryRecord(carry, felt, synchronised)
 
 
 def _state(connection: MavlinkConnection) -> Sentence:
@@ -499,7 +489,7 @@ def calibrated_config(config: Config, found: AxisCalibration) -> tuple[dict[str,
     pose: Any = config.pose
     top: dict[str, Value] = {"world": found.world, "body": found.body}
     latency = pose.latency_key
-    if found.late_s is not None and abs(found.late_s) > LATE_S:
+    if found.late_s is not None:
         top[latency] = round(min(max(getattr(pose, latency) + found.late_s, 0.0), 1.0), 4)
     turned: dict[str, Value] = {}
     for key in ("lab_rotation_deg", "body_rotation_deg"):
@@ -528,7 +518,5 @@ def describe_calibration(
         row = "carry.latency" if synchronised else "carry.latency_unsynchronised"
         way = "older" if found.late_s >= 0.0 else "younger"
         says.append(notice(row, late_ms=1e3 * abs(found.late_s), way=way))
-    elif found.match:
-        says.append(notice("carry.no_latency", match=found.match))
     keys = [f"  {table}.{key} = {value!r}" for table, set_ in tables.items() for key, value in set_.items()]
     return [*(one.text for one in says), *keys]

@@ -20,7 +20,9 @@ import numpy as np
 
 from groundstation.core.estimation import fourth_difference
 from groundstation.core.geometry import (
+    Alignment,
     Body,
+    Frames,
     Quat,
     Vec3,
     World,
@@ -32,6 +34,8 @@ from groundstation.core.geometry import (
     so3,
 )
 from groundstation.core.messages import Excess, Pose, PoseStatus, notice
+from groundstation.core.safety import PoseLatency
+from links.core import Attitude
 from links.text import Sentence
 
 if TYPE_CHECKING:
@@ -251,11 +255,11 @@ class Rest(msgspec.Struct, frozen=True):
 
 
 class Sample(msgspec.Struct, frozen=True, gc=False):
-    """One pose in the tracker's own axes, or one attitude of the autopilot."""
+    """One pose in the tracker's own axes."""
 
     time_s: float
     attitude: Quat
-    position: Vec3 = (0.0, 0.0, 0.0)
+    position: Vec3
 
 
 class Carry:
@@ -338,14 +342,6 @@ NORTH_DEG = 10.0
 """A nose that is put down by hand means the lab's own axis within this [deg]."""
 SNAP_DEG = 1.0
 """Smaller angles of the body on the vehicle are none [deg]."""
-LONGEST_S = 0.4
-"""Latency that is looked for, to both sides of what is configured [s]."""
-LAG_STEP_S = 0.005
-"""Step between tried latencies [s]."""
-LEAST_MATCH = 0.8
-"""Correlation of the two speeds of turning, below which nothing is said of time [-]."""
-SPEED_BASE_S = 0.08
-"""Speeds of turning are measured over this time [s]."""
 
 
 class CarryFailure(Exception):
@@ -369,14 +365,12 @@ class AxisCalibration(msgspec.Struct, frozen=True, kw_only=True):
     """All zero without an autopilot: a hand is no gauge."""
     late_s: float | None
     """Delay of each pose's stamp after its instant by the autopilot, negative for earlier [s]; None
-    where unknown."""
-    match: float
-    """Correlation of the two angular speeds [-]: 1 is equal; 0 without an autopilot."""
+    where it is unknown, or too small to tell."""
     autopilot_north_deg: float | None
     """Direction of the autopilot's north, to the right of ours [deg]."""
 
 
-def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Sample]) -> AxisCalibration:
+def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Attitude]) -> AxisCalibration:
     """Solve for the axes by all moves.
 
     ``poses`` are in the tracker's own axes; ``autopilot``, which may be empty, are attitudes FRD to its NED. Stamps are
@@ -400,23 +394,23 @@ def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Sample]) 
         if askew > 0.5 * WRONG_DEG:
             raise CarryFailure("", notice("carry.body_askew", angle_deg=askew))
         body_askew = (0.0, 0.0, 0.0)
-    late_s, match = _late(poses, autopilot)
     lab_yaw = yaw if abs(yaw) > NORTH_DEG else 0.0
     north = None
     if theirs is not None:  # the nose's bearing by our north, less that by the autopilot's
         north = math.remainder(lab_yaw - yaw - math.degrees(so3.euler_zyx(theirs[0])[2]), 360.0)
+    lab_deg, body_deg = (0.0, 0.0, round(lab_yaw, 1)), _snap_angles(body_askew)
+    frames = Frames(world_name, body_name, Alignment(lab_rotation_deg=lab_deg, body_rotation_deg=body_deg))
     return AxisCalibration(
         world=world_name,
         body=body_name,
-        lab_rotation_deg=(0.0, 0.0, round(lab_yaw, 1)),
-        body_rotation_deg=_snap_angles(body_askew),
-        late_s=late_s,
-        match=match,
+        lab_rotation_deg=lab_deg,
+        body_rotation_deg=body_deg,
+        late_s=_find_lateness(poses, autopilot, frames),
         autopilot_north_deg=north,
     )
 
 
-def _autopilot_at(rest: Rest, autopilot: list[Sample]) -> Quat:
+def _autopilot_at(rest: Rest, autopilot: list[Attitude]) -> Quat:
     held = [sample.attitude for sample in autopilot if rest.from_s <= sample.time_s <= rest.until_s]
     if not held:
         raise CarryFailure("", notice("carry.attitude_stopped"))
@@ -481,31 +475,16 @@ def _nearest_axes(matrix: "NDArray[Any]", names: tuple[str, ...]) -> tuple[Any, 
     return best, (roll, pitch, yaw)
 
 
-def _late(poses: list[Sample], autopilot: list[Sample]) -> tuple[float | None, float]:
-    """Return the excess of the poses' stamps [s], and the correlation of the two turns [-]."""
-    if len(autopilot) < 100 or len(poses) < 100:
-        return None, 0.0
-    (at, a), (bt, b) = _speeds(poses), _speeds(autopilot)
-    grid = np.arange(max(at[0], bt[0]) + LONGEST_S, min(at[-1], bt[-1]) - LONGEST_S, LAG_STEP_S)
-    if len(grid) < 100:
-        return None, 0.0
-    lags = np.arange(-LONGEST_S, LONGEST_S + LAG_STEP_S / 2.0, LAG_STEP_S)
-    true = np.interp(grid, bt, b)
-    alike = np.array([np.corrcoef(np.interp(grid + lag, at, a), true)[0, 1] for lag in lags])
-    top = int(np.argmax(alike))
-    if not 0 < top < len(lags) - 1 or alike[top] < LEAST_MATCH:
-        return None, float(max(alike[top], 0.0))
-    before, here, after = alike[top - 1 : top + 2]
-    return float(lags[top] + 0.5 * LAG_STEP_S * (before - after) / (before - 2.0 * here + after)), float(here)
-
-
-def _speeds(samples: list[Sample]) -> tuple["NDArray[Any]", "NDArray[Any]"]:
-    """Speed of turning [deg/s], each at the middle of the time over which it is measured."""
-    mean_s = (samples[-1].time_s - samples[0].time_s) / (len(samples) - 1)
-    step = max(round(SPEED_BASE_S / mean_s), 1)
-    pairs = [(x, y) for x, y in zip(samples, samples[step:], strict=False) if y.time_s - x.time_s < 3.0 * SPEED_BASE_S]
-    times = np.array([0.5 * (x.time_s + y.time_s) for x, y in pairs])
-    return times, np.array([angle_deg(x.attitude, y.attitude) / (y.time_s - x.time_s) for x, y in pairs])
+def _find_lateness(poses: list[Sample], autopilot: list[Attitude], frames: Frames) -> float | None:
+    """Excess of the poses' stamps [s], by the autopilot's attitude; None where it is too small to tell."""
+    latency = PoseLatency(math.inf)
+    for seen in sorted([*autopilot, *poses], key=operator.attrgetter("time_s")):
+        match seen:
+            case Attitude():
+                latency.add_attitude(seen)
+            case Sample(time_s, attitude, position):
+                latency.add_pose(Pose(0, time_s, time_s, *frames.ours(position, attitude)))
+    return latency.late_s
 
 
 def _matrix(q: Quat) -> "NDArray[Any]":

@@ -80,6 +80,11 @@ class Time(msgspec.Struct, frozen=True, gc=False):
     sec: int
     nsec: int
 
+    @classmethod
+    def of(cls, stamp_ns: int) -> "Time":
+        """The time ``stamp_ns`` [ns]."""
+        return cls(*divmod(stamp_ns, 1_000_000_000))
+
 
 class FoxglovePose(msgspec.Struct, frozen=True, gc=False):
     """foxglove.Pose."""
@@ -104,6 +109,11 @@ class FrameTransform(msgspec.Struct, frozen=True, gc=False):
     child_frame_id: str
     translation: Vector3
     rotation: Quaternion
+
+
+def turn_world_over(stamp: Time) -> FrameTransform:
+    """The world, whose z is down, in a world with z up: as screens show it from ``stamp`` on."""
+    return FrameTransform(stamp, DISPLAY, WORLD, Vector3(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
 
 
 class LogMessage(msgspec.Struct, frozen=True, gc=False):
@@ -449,8 +459,8 @@ class MessageMaker:
                 yield "/link", time_s, LinkMessage(time_s, link)
                 yield "/source", time_s, SourceMessage(time_s, source)
             case WireRecord(time_s, wire, kind, local, remote):
-                if wire == 0:  # screens with z up see the world as it stands
-                    yield self._transform(time_s, DISPLAY, WORLD, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+                if wire == 0:
+                    yield "/tf", time_s, turn_world_over(self._time(time_s))
                 yield "/raw/opened", time_s, WireOpened(time_s, wire, kind, address(local), address(remote))
             case TrajectoryRecord(time_s):
                 yield "/follow", time_s, FollowMessage(time_s)
@@ -527,11 +537,8 @@ class MessageMaker:
         interval = 0.0 if last is None else now - last
         return TimingMessage(now, now - tick.pose.time_s, interval, msgspec.UNSET if late_s is None else late_s)
 
-    def _transform(self, time_s: float, parent: str, child: str, at: Vec3, turned: Quat) -> Message:
-        return "/tf", time_s, FrameTransform(self._time(time_s), parent, child, Vector3(*at), quaternion(turned))
-
     def _time(self, time_s: float) -> Time:
-        return Time(*divmod(self.stamp(time_s), 1_000_000_000))
+        return Time.of(self.stamp(time_s))
 
 
 def _make_truth(r: TruthRecord) -> Iterable[Message]:

@@ -3,7 +3,7 @@
 The package ``mcap`` writes the MCAP file; its chunk is closed and written every ``FLUSH_S``.
 The .tlog has the MAVLink traffic, for Mission Planner, MAVProxy and QGroundControl; its form
 stands in groundstation/pose/recorded_codec.py.
-Both files survive a full disk: what can't be written yet waits in memory, up to a limit.
+Both files survive a full disk: what fitted can be read.
 """
 
 import fcntl
@@ -50,13 +50,8 @@ def add_channel(writer: "Writer", form: ChannelForm) -> int:
     return writer.register_channel(topic, encoding, writer.register_schema(schema_name, schema_encoding, schema))
 
 
-PATIENCE_BYTES = 16 << 20
-"""At most this much waits for room; at more, writing ends for good. About a minute and a half of
-flight."""
-
-
-class PatientFile:
-    """Binary, only to be written from its beginning to its end. Never raises once it is open."""
+class LastingFile:
+    """Binary, written from its beginning to its end. Never raises once it is open: the first error ends it."""
 
     def __init__(self, path: Path, tell: Say) -> None:
         """Make the file, which must not exist; ``tell`` takes warnings for the operator.
@@ -70,18 +65,12 @@ class PatientFile:
         fcntl.flock(self._fd, fcntl.LOCK_EX)  # while it lasts, nobody tidies this file away
         self._waiting = bytearray()
         self._size = 0
-        self._trouble = ""
-        self._torn = False
-
-    @property
-    def alive(self) -> bool:
-        """False once writing has ended."""
-        return self._fd >= 0
+        self._alive = True
 
     def write(self, data: bytes) -> int:
         """Take ``data``; it reaches the disk with :meth:`flush`."""
         self._size += len(data)
-        if self.alive:
+        if self._alive:
             self._waiting += data
         return len(data)
 
@@ -90,53 +79,35 @@ class PatientFile:
         return self._size
 
     def flush(self) -> None:
-        """Hand all that waits to the operating system, as far as there is room."""
-        while self._waiting and self.alive:
-            try:
-                written = os.write(self._fd, self._waiting)
-            except OSError as error:
-                self._fail(error.strerror or str(error))
-                return
-            del self._waiting[:written]
-        if self._trouble and self.alive:
-            self._trouble = ""
-            self._tell(notice("recording.goes_on", path=self._path))
+        """Hand all that waits to the operating system."""
+        try:
+            while self._alive and self._waiting:
+                del self._waiting[: os.write(self._fd, self._waiting)]
+        except OSError as error:
+            self._end(error)
 
     def sync(self) -> None:
-        """Have all that was written reach the disk itself, and tell where it did not.
+        """Have all that was written reach the disk itself.
 
         What writing takes, the operating system only keeps for the disk: that it has no room after all (a thin volume,
         a network's), or is broken, it finds out some ten seconds later, and tells whoever asks.
         """
-        if not self.alive or self._torn:
-            return
-        try:
-            os.fdatasync(self._fd)
-        except OSError as error:
-            self._torn = True
-            why = error.strerror or str(error)
-            self._tell(notice("recording.torn", path=self._path, why=why))
+        if self._alive:
+            try:
+                os.fdatasync(self._fd)
+            except OSError as error:
+                self._end(error)
 
-    def _fail(self, why: str) -> None:
-        if not self._trouble:
-            self._tell(notice("recording.waits", path=self._path, why=why))
-        self._trouble = why
-        if len(self._waiting) > PATIENCE_BYTES:
-            self._tell(notice("recording.ended", path=self._path, why=why))
-            self._close()
+    def _end(self, error: OSError) -> None:
+        """Write nothing more, and tell the operator why."""
+        if self._alive:
+            self._alive = False
+            self._tell(notice("recording.ended", path=self._path, why=error.strerror or str(error)))
 
     def close(self) -> None:
         """Flush, and close."""
         self.flush()
-        if self._waiting:
-            self._tell(notice("recording.no_end", path=self._path, why=self._trouble))
-        if self.alive:
-            self._close()
-
-    def _close(self) -> None:
         os.close(self._fd)
-        self._fd = -1
-        self._waiting.clear()
 
 
 _LONGEST_FRAME = 293
@@ -201,8 +172,8 @@ class FlightLog:
         """
         self.path = path
         self._tell = tell
-        self._file = PatientFile(path, tell)
-        self._tlog: PatientFile | None = None
+        self._file = LastingFile(path, tell)
+        self._tlog: LastingFile | None = None
         self._mavlink = about.mavlink
         self._cutters: dict[int, tuple[TlogCutter, TlogCutter]] = {}
         self._messages = MessageMaker(epoch_ns)
@@ -278,7 +249,7 @@ class FlightLog:
     def _frames(self, record: ReceivedRecord | SentRecord) -> None:
         if self._tlog is None:
             try:
-                self._tlog = PatientFile(self.path.with_suffix(".tlog"), self._tell)
+                self._tlog = LastingFile(self.path.with_suffix(".tlog"), self._tell)
             except OSError as error:
                 self._tell(notice("recording.no_tlog", why=error))
                 self._cutters.clear()

@@ -188,8 +188,8 @@ class Stage:
             at = make_hand(seed, start=(now.position_ned, now.attitude))
 
             def lead(time_s: float, thrust: float) -> Body:
-                place, attitude = at(time_s - began)
-                return Body(place, (0.0, 0.0, 0.0), attitude, thrust, (0.0, 0.0, 0.0))
+                place, attitude, rates = at(time_s - began)
+                return Body(place, (0.0, 0.0, 0.0), attitude, thrust, rates)
 
             plant.lead = lead
             plant.release(began)

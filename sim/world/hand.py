@@ -17,12 +17,17 @@ SHIFT_M = 0.55
 """Length of a shift [m]."""
 TURN_RAD = math.radians(42.0)
 """Angle of a turn [rad]."""
+RATES_BASE_S = 0.01
+"""Body rates are the turn over this time [s]."""
 
 
 def make_hand(
     seed: int, *, start: tuple[Vec3, Quat] = START, moves: Sequence[CarryMove] = MOVES, nose_deg: float = 0.0
-) -> Callable[[float], tuple[Vec3, Quat]]:
-    """The true pose at a time [s]: the ``moves``, some 8 degrees and a tenth beside what is shown."""
+) -> Callable[[float], tuple[Vec3, Quat, Vec3]]:
+    """The true place, attitude and body rates [rad/s] at a time [s].
+
+    It makes the ``moves``, some 8 degrees and a tenth beside what is shown.
+    """
     draw = random.Random(seed)
     place, attitude = start[0], so3.multiply(start[1], so3.from_euler_zyx(0.0, 0.0, math.radians(nose_deg)))
     stops = [(place, attitude)]
@@ -41,7 +46,7 @@ def make_hand(
             attitude = _turn(attitude, (angle * x, angle * y, angle * z))
         stops.append((place, attitude))
 
-    def at(time_s: float) -> tuple[Vec3, Quat]:
+    def pose(time_s: float) -> tuple[Vec3, Quat]:
         leg = min(int(time_s / (MOVE_S + HOLD_S)), len(stops) - 2)
         share = min(max(time_s - leg * (MOVE_S + HOLD_S), 0.0) / MOVE_S, 1.0)
         share = share**3 * (10.0 - 15.0 * share + 6.0 * share * share)
@@ -52,6 +57,11 @@ def make_hand(
         turn = so3.rotate(turn, (4.0 * tremor[1], 4.0 * tremor[2], 4.0 * tremor[0]))
         x, y, z = (a + share * (b - a) + t for a, b, t in zip(p, r, tremor, strict=True))
         return (x, y, z), turn
+
+    def at(time_s: float) -> tuple[Vec3, Quat, Vec3]:
+        before, after = (pose(time_s + part * RATES_BASE_S)[1] for part in (-0.5, 0.5))
+        p, q, r = so3.turn_between(before, after)
+        return *pose(time_s), (p / RATES_BASE_S, q / RATES_BASE_S, r / RATES_BASE_S)
 
     return at
 

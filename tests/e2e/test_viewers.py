@@ -69,4 +69,4 @@ def test_a_flight_is_shown_as_it_is_flown() -> None:
     assert got["/tf"] > 100
     assert got["/scene/estimate"] > 5
     assert not any(topic.startswith("/raw") for topic in got)
-    assert set(got) <= {*CHANNELS, *FoxgloveScene.kinds}
+    assert set(got) <= {*CHANNELS, *FoxgloveScene.topics}

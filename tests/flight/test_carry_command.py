@@ -50,8 +50,9 @@ class Hand(Brick):
         self._at = make_hand(seed)
 
     def truth(self, time_s: float) -> TrueState:
-        place, attitude = self._at(max(time_s - 1.0, 0.0))
-        return msgspec.structs.replace(super().truth(time_s), position_ned=place, attitude=attitude)
+        place, attitude, rates = self._at(max(time_s - 1.0, 0.0))
+        moved = {"position_ned": place, "attitude": attitude, "rates_rad_s": rates}
+        return msgspec.structs.replace(super().truth(time_s), **moved)
 
 
 class Room:

@@ -203,7 +203,7 @@ TAKEN = r"^--out: .*mine is there already: name another, or remove it$"
 @pytest.mark.parametrize(
     ("form", "name", "says"),
     [
-        *((form, "mine", TAKEN) for form in ("mcap", "npz", "mat", "foxglove")),
+        *((form, "mine", TAKEN) for form in ("mcap", "npz", "mat")),
         ("csv", "mine.csv", r"^--out: .*mine\.csv is no folder$"),
     ],
 )

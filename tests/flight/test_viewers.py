@@ -1,39 +1,44 @@
-"""groundstation/analysis/viewers: what Foxglove is given of a flight, as a file and while it is recorded."""
+"""groundstation/analysis/viewers: what Foxglove is given of a flight, and a recording that is still being written."""
 
-from collections import Counter
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
-from mcap.reader import make_reader
 
-from groundstation.analysis import export_command
-from groundstation.analysis.viewers import FoxgloveScene
+from groundstation.analysis import viewers
+from groundstation.analysis.viewers import DRAW_S, SAMPLE_S, FoxgloveScene
 from groundstation.recording import About, FlightLog, Recording
 from tests.recordings import recorded
 
 
-@pytest.fixture(scope="module")
-def flight() -> Path:
-    return recorded(duration_s=25.0)[0]
-
-
-@pytest.fixture(scope="module")
-def exported(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    target = tmp_path_factory.mktemp("viewers") / "flight-foxglove.mcap"
-    assert export_command(flight, "foxglove", [], target) == 0
-    return target
-
-
-def test_foxglove_reads_the_scene_as_protobuf_beside_all_messages_as_they_were(flight: Path, exported: Path) -> None:
-    with exported.open("rb") as file:
-        rows = [(c.topic, c.message_encoding, s.name) for s, c, _ in make_reader(file).iter_messages() if s]
-    drawn = {topic: name for topic, encoding, name in rows if encoding == "protobuf"}
-    assert drawn == {topic: f"foxglove.{kind}" for topic, kind in FoxgloveScene.kinds.items()}
-    own = Counter(topic for topic, encoding, _ in rows if encoding == "json")
-    before = Counter(entry.topic for entry in Recording(flight).entries())
-    assert own == before
-    assert list(Recording(exported).entries()) == list(Recording(flight).entries())
-    assert Recording(exported).headline() == Recording(flight).headline()
+def test_foxglove_is_given_all_messages_as_they_were_and_trails_of_the_last_positions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(viewers, "TRAIL_S", 3.0)
+    scene, drawn = FoxgloveScene(), dict[str, list[Any]]()
+    places = dict[str, list[list[float]]]()
+    entries = list(Recording(recorded()[0]).entries())
+    times = pytest.approx(1e-9 * (entries[-1].stamp_ns - entries[0].stamp_ns) / DRAW_S, abs=2)
+    for entry in entries:
+        (topic, data), *more = scene.messages(entry)
+        assert (topic, data) == (entry.topic, entry.data)
+        if topic in ("/estimate", "/reference", "/truth"):
+            places.setdefault(topic, []).append(list(entry.value()["position_ned"].values()))
+        for name, text in more:
+            drawn.setdefault(name, []).append(json.loads(text))
+    assert set(drawn) == {"/tf", *scene.topics}
+    world = {(one["parent_frame_id"], one["child_frame_id"]) for one in drawn["/tf"]}
+    assert world == {("world", "world_ned")}
+    assert len(drawn["/tf"]) == times
+    for name in scene.topics:
+        trails = [[list(pose["position"].values()) for pose in one["poses"]] for one in drawn[name]]
+        known = places[name.removeprefix("/scene")]
+        assert len(trails) >= 8.0 / DRAW_S - 2
+        assert trails[0] == known[:1]
+        assert trails[-1][-1] in known[-round(2.0 * 50 * DRAW_S) :]
+        assert all(place in known for place in trails[-1])
+        assert 0.7 * 3.0 / SAMPLE_S < len(trails[-1]) <= 3.0 / SAMPLE_S + 1
 
 
 def begin(path: Path) -> FlightLog:
@@ -47,7 +52,7 @@ def begin(path: Path) -> FlightLog:
 
 
 def test_a_recording_is_followed_while_it_is_written(tmp_path: Path) -> None:
-    _, _, records = recorded(duration_s=25.0)
+    _, _, records = recorded()
     path = tmp_path / "growing.mcap"
     log = begin(path)
     entries = Recording(path).follow()

@@ -1,7 +1,7 @@
 """Flight of others, as an import makes it: messages by topic, and what was changed or left out of them.
 
-Poses stand where those of our own flights do (``/measured``); commands, reference and truth have channels of their own
-(``/imported/…``), so that nobody takes them for ours.
+Poses stand where those of our own flights do (``/measured``); commands have a channel of their own (``/imported/…``),
+so that nobody takes them for ours.
 """
 
 from collections import Counter
@@ -48,14 +48,6 @@ class ImportedSetpoint(msgspec.Struct, frozen=True, gc=False):
     """Body FRD to world NED."""
 
 
-class ImportedMotion(msgspec.Struct, frozen=True, gc=False):
-    """Where the vehicle should have been, or truly was."""
-
-    time_s: float
-    position_ned: Vector3
-    velocity_ned: Vector3 | msgspec.UnsetType = msgspec.UNSET
-
-
 class ImportedState(msgspec.Struct, frozen=True, gc=False):
     """Whether the autopilot said that it may be flying: armed, and not on the ground."""
 
@@ -65,14 +57,10 @@ class ImportedState(msgspec.Struct, frozen=True, gc=False):
 
 MEASURED = "/measured"
 SETPOINT = "/imported/setpoint"
-REFERENCE = "/imported/reference"
-TRUTH = "/imported/truth"
 STATE = "/imported/state"
 IMPORTED: dict[str, tuple[str, type[msgspec.Struct]]] = {
     MEASURED: CHANNELS[MEASURED],
     SETPOINT: ("groundstation.ImportedSetpoint", ImportedSetpoint),
-    REFERENCE: ("groundstation.ImportedMotion", ImportedMotion),
-    TRUTH: ("groundstation.ImportedMotion", ImportedMotion),
     STATE: ("groundstation.ImportedState", ImportedState),
 }
 """Topic → name of its schema, and type of its messages."""

@@ -1,7 +1,7 @@
 """Import, ``groundstation logs import FILE… --map MAP --out FLIGHT.mcap``: a recording made of a flight of others.
 
-Poses stand where those of our own flights do (``/measured``); commands, reference and truth have channels of their own
-(``/imported/…``), so that nobody takes them for ours. Such a recording has no configuration.
+Poses stand where those of our own flights do (``/measured``); commands have a channel of their own (``/imported/…``),
+so that nobody takes them for ours. Such a recording has no configuration.
 
 A mapping is TOML, one that comes along (``groundstation/mappings``) or a file: it names columns, units, axes, order of
 quaternions and time base; nothing is guessed. Tables are what the form of the file has: of CSV the file itself, of a
@@ -28,13 +28,10 @@ from groundstation.analysis.evidence.flight import (
     FASTEST_RAD_S,
     IMPORTED,
     MEASURED,
-    REFERENCE,
     SETPOINT,
     STATE,
-    TRUTH,
     Column,
     ImportedFlight,
-    ImportedMotion,
     ImportedSetpoint,
     ImportedState,
     MappedVehicle,
@@ -61,26 +58,11 @@ Three = tuple[str, str, str]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 UNITS = {
-    "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6), "ns": ("time", 1e-9), "m": ("length", 1.0),
-    "cm": ("length", 1e-2), "mm": ("length", 1e-3), "m/s": ("speed", 1.0), "rad": ("angle", 1.0),
-    "deg": ("angle", math.pi / 180.0), "cdeg": ("angle", math.pi / 18000.0), "degheading": ("angle", math.pi / 180.0),
-    "rad/s": ("rate", 1.0), "deg/s": ("rate", math.pi / 180.0),
+    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3,
+    "rad": 1.0, "deg": math.pi / 180.0, "rad/s": 1.0, "deg/s": math.pi / 180.0,
 }  # fmt: skip
-"""Kind of each unit, and its size in SI units: what a file states must be of the kind that a mapping expects."""
+"""Size of each unit in SI units."""
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
-
-
-class StatedTable(dict[str, Column]):
-    """Columns by name, with the units that the file states for them."""
-
-    def __init__(self, columns: Mapping[str, Column], units: Mapping[str, str]) -> None:
-        super().__init__(columns)
-        self.units = units
-        """Unit of each column; empty where the file states none."""
-
-
-class UnclearUnit(Exception):
-    """The file states another unit than can be read here, or none where one is needed."""
 
 
 class MappedTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -90,12 +72,12 @@ class MappedTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Which table, by a pattern (``*`` and ``?``); of several the first that holds the columns."""
     time: str | None = None
     """Column of the time; without it that of the mapping."""
-    where: dict[str, float | tuple[float, ...]] = {}
-    """Only rows in which these columns have this value, or one of these."""
+    where: dict[str, float] = {}
+    """Only rows in which these columns have this value."""
 
 
-class MappedMotion(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Poses, reference or truth."""
+class MappedPose(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Poses."""
 
     position: Three
     position_unit: Literal["m", "cm", "mm"] = "m"
@@ -110,10 +92,6 @@ class MappedMotion(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields
     angle_unit: Literal["rad", "deg"] = "rad"
     resets: str = ""
     """Column that counts when the source has moved its own origin."""
-    position_signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Signs of the position's axes, where the source counts one the other way than ``world`` says."""
-    stated: bool = False
-    """True: read only where the file itself states ``position_unit`` for it, as FMTU of a .bin does."""
 
 
 class MappedCommand(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -129,7 +107,7 @@ class MappedCommand(MappedTable, frozen=True, kw_only=True, forbid_unknown_field
     """Body rates."""
     rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
     attitude: tuple[str, ...] = ()
-    """Set-point of the attitude, as in :class:`MappedMotion`."""
+    """Set-point of the attitude, as in :class:`MappedPose`."""
     order: Literal["wxyz", "xyzw"] = "wxyz"
     angle_unit: Literal["rad", "deg"] = "rad"
     signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -166,11 +144,9 @@ class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """Axes of the body, as in ``pose.body``."""
     latency_s: Annotated[float, msgspec.Meta(ge=0.0)] = 0.0
     """Least latency between a pose's instant and its arrival in the log, where stamps are of the arrival [s]."""
-    pose: tuple[MappedMotion, ...] = ()
+    pose: tuple[MappedPose, ...] = ()
     """The first that the file holds is taken; so with all parts."""
     command: tuple[MappedCommand, ...] = ()
-    reference: tuple[MappedMotion, ...] = ()
-    truth: tuple[MappedMotion, ...] = ()
     state: tuple[MappedState, ...] = ()
     vehicle: MappedVehicle = MappedVehicle()
 
@@ -207,7 +183,7 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
         ConfigError: a file can't be read or is of another form.
     """
     form = mapping.format
-    parts = (*mapping.pose, *mapping.command, *mapping.reference, *mapping.truth, *mapping.state)
+    parts = (*mapping.pose, *mapping.command, *mapping.state)
     times = list(dict.fromkeys([mapping.time, *filter(None, (part.time for part in parts))]))
     read: dict[str, Callable[[Path], Iterator[tuple[str, Table]]]] = {
         "csv": lambda path: read_csv_table(path, mapping.csv, times, notes),
@@ -276,29 +252,15 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
         except Exception as error:  # noqa: BLE001  # as such it is raised where a format is damaged
             raise ValueError(error) from None
         while (message := log.recv_msg()) is not None:
-            if message.get_type() == "FMTU" and message.FmtType in log.formats:
-                described = log.formats[message.FmtType]
-                described.set_unit_ids(message.UnitIds, BIN_UNITS | log.unit_lookup)
-                described.set_mult_ids(message.MultIds, BIN_MULTIPLIERS | log.mult_lookup)
             fields = [(name, value) for name, value in message.to_dict().items() if isinstance(value, int | float)]
             kind = message.get_type()
             known = names.setdefault(kind, [name for name, _ in fields])
             if known == [name for name, _ in fields]:
                 rows.setdefault(kind, []).append([float(value) for _, value in fields])
-        formats = {each.name: each for each in log.formats.values()}
         log.data_map.close()
         log.filehandle.close()
     for kind, some in rows.items():
-        columns = dict(zip(names[kind], np.array(some).T, strict=True))
-        yield kind, StatedTable(columns, {name: formats[kind].get_unit(name) for name in columns})
-
-
-BIN_UNITS = {
-    "s": "s", "d": "deg", "h": "deg", "r": "rad", "k": "deg/s", "E": "rad/s", "m": "m", "n": "m/s",
-}  # fmt: skip
-"""Units of a .bin by their letters, where it has no message UNIT (AP_Logger/LogStructure.h)."""
-BIN_MULTIPLIERS = {"2": 1e2, "1": 1e1, "0": 1.0, "A": 1e-1, "B": 1e-2, "C": 1e-3, "D": 1e-4, "E": 1e-5, "F": 1e-6}
-"""Multipliers by their letters, where it has no message MULT."""
+        yield kind, dict(zip(names[kind], np.array(some).T, strict=True))
 
 
 def find_table(tables: Tables, pattern: str, columns: Sequence[str]) -> Table | None:
@@ -327,8 +289,7 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
         except BaseException:
             out.unlink(missing_ok=True)  # what was begun of it
             raise
-    told = {MEASURED: "poses", SETPOINT: "commands", REFERENCE: "of the reference", TRUTH: "true"}
-    print(f"{out}: {', '.join(f'{len(flight.of(topic))} {what}' for topic, what in told.items())}")
+    print(f"{out}: {len(flight.of(MEASURED))} poses, {len(flight.of(SETPOINT))} commands")
     for line in flight.missing:
         print(f"missing: {line}")
     for reason, count in sorted(flight.notes.items()):
@@ -403,26 +364,21 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path], body: str = "") -
     reader = _MappingReader(mapping, tables, notes)
     poses = _read_poses(reader, mapping, paths[0])
     flight = ImportedFlight(float(poses[0][0]))
-    kept = _add_poses(flight, poses)
+    _add_poses(flight, poses)
     _add_commands(flight, reader, mapping)
     flight.notes.update(reader.notes)
     flight.notes = +flight.notes
     _add_states(flight, reader, mapping)
-    known_s, known_down = poses[0][kept], poses[1][kept, 2]
-    for topic, parts, what in ((REFERENCE, mapping.reference, "reference"), (TRUTH, mapping.truth, "truth")):
-        why_not = _add_motion(flight, reader, (topic, what), parts, (known_s, known_down))
-        if why_not is not None:
-            flight.missing.append(f"no {what} in it{why_not}")
     return flight
 
 
-def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) -> "Motion":
+def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) -> "PoseColumns":
     """The poses, in the order of the file.
 
     Raises:
         ConfigError: there are none, or by their stamps they come at a rate that no tracker has.
     """
-    poses: Motion | None = reader.first(mapping.pose, reader.motion)
+    poses: PoseColumns | None = reader.first(mapping.pose, reader.poses)
     if poses is None:
         raise ConfigError("FILE", notice("import.no_poses", why=reader.lacks(mapping.pose)), str(file))
     time = poses[0]
@@ -463,23 +419,21 @@ GATE = GateConfig(acceleration_m_s2=150.0, speed_m_s=100.0, tilt_deg=180.0, drop
 """Gate of recorded poses: it drops what another body or none was taken for, and believes all that a vehicle can fly."""
 
 
-def _add_poses(flight: ImportedFlight, poses: "Motion") -> NDArray[np.intp]:
-    """Add the poses that are new and pass the gate; returns their rows."""
+def _add_poses(flight: ImportedFlight, poses: "PoseColumns") -> None:
+    """Add the poses that are new and pass the gate."""
     time, place, attitude, velocity, resets = poses
     late = ~find_rising(time)
     repeats = find_repeats(place)
     flight.notes["poses not newer than the one before"] += int(np.count_nonzero(late))
     flight.notes["poses that repeat the one before"] += int(np.count_nonzero(repeats & ~late))
-    gate, kept = Gate(GATE), list[int]()
+    gate = Gate(GATE)
     for k in np.flatnonzero(~(late | repeats)).tolist():
         at = float(time[k] - time[0])
         velocity_ned = None if velocity is None else _three(velocity[k])
         pose, _ = gate.filter_pose(Pose(0, at, at, _three(place[k]), _four(attitude[k]), velocity_ned, int(resets[k])))
         if pose is not None:
             flight.add_pose(pose, k)
-            kept.append(k)
     flight.notes.update({f"poses dropped by the gate, {why}": count for why, count in gate.dropped.items()})
-    return np.array(kept, np.intp)
 
 
 def _add_states(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
@@ -489,45 +443,6 @@ def _add_states(flight: ImportedFlight, reader: "_MappingReader", mapping: Fligh
     since[:1] = [0.0] * len(since[:1])  # the first tells of what was before, too
     states = [(at, STATE, ImportedState(at, bool(may))) for at, may in zip(since, flies, strict=True)]
     flight.messages[:0] = states  # before the poses of the same instant
-
-
-def _add_motion(
-    flight: ImportedFlight,
-    reader: "_MappingReader",
-    kind: tuple[str, str],
-    parts: Sequence[MappedMotion],
-    heights: tuple[Column, Column],
-) -> str | None:
-    """Add the motion of a ``kind``, its topic and name; returns why there is none.
-
-    ``heights`` are times [s] and down coordinates [m] of the poses, which tell whether it is upside down.
-    """
-    topic, what = kind
-    reader.unclear.clear()
-    found = reader.first(parts, reader.motion)
-    if found is None:
-        return f": {reader.unclear[-1]}" if reader.unclear else ""
-    time, place, _, velocity, _ = found
-    if any(part.stated for part in parts) and is_upside_down(*heights, time, place[:, 2]):
-        return f": {notice('import.upside_down', what=what)}"
-    for k in np.flatnonzero(find_rising(time)).tolist():
-        at = float(time[k]) - flight.begun_s
-        moving = msgspec.UNSET if velocity is None else Vector3(*_three(velocity[k]))
-        flight.messages.append((at, topic, ImportedMotion(at, Vector3(*_three(place[k])), moving)))
-    return None
-
-
-CLEAR_M = 0.5
-"""Heights that differ by less than this between both signs tell nothing of the sign [m]."""
-
-
-def is_upside_down(known_s: Column, known_down: Column, time_s: Column, down: Column) -> bool:
-    """Return whether heights ``down`` (M,) follow the vehicle's ``known_down`` (N,) [m] only with the other sign."""
-    if len(time_s) == 0:
-        return False
-    flown = np.interp(time_s, known_s, known_down)
-    as_told, turned = float(np.median(np.abs(down - flown))), float(np.median(np.abs(-down - flown)))
-    return as_told - turned > CLEAR_M and turned < 0.5 * as_told
 
 
 def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
@@ -597,7 +512,7 @@ def _four(row: Column) -> Quat:
     return w, x, y, z
 
 
-Motion = tuple[Column, Column, Column, Column | None, Column]
+PoseColumns = tuple[Column, Column, Column, Column | None, Column]
 """Times (N,) [s], positions (N, 3), attitudes (N, 4), velocities (N, 3) or None, resets (N,)."""
 Commands = tuple[Column, Column, Column | None, Column | None, float | None]
 """Times (M,) [s], thrust (M,), rates (M, 3), attitudes (M, 4), hovering thrust."""
@@ -611,22 +526,12 @@ class _MappingReader:
         self._tables = tables
         self._frames = Frames(mapping.world, mapping.body)
         self.notes = notes
-        self.unclear: list[str] = []
-        """Columns left out for an unclear unit, as sentences."""
 
     def first(self, parts: Sequence[Any], read: Callable[[Any], Any]) -> Any:
         """Read the first of ``parts`` that the tables hold; None where they hold none."""
-        for part in parts:
-            try:
-                found = read(part)
-            except UnclearUnit as error:
-                self.unclear.append(str(error))
-                continue
-            if found is not None:
-                return found
-        return None
+        return next((found for part in parts if (found := read(part)) is not None), None)
 
-    def lacks(self, parts: Sequence[MappedMotion]) -> str:
+    def lacks(self, parts: Sequence[MappedPose]) -> str:
         """Describe the missing columns of the part that lacks the fewest, as a sentence."""
         missing = [
             (
@@ -640,8 +545,6 @@ class _MappingReader:
         fewest, name = min(missing, key=lambda one: len(one[0]), default=(None, ""))
         if fewest is None:
             return notice("import.no_table", found=list_few(sorted(self._tables))).text
-        if self.unclear:
-            return self.unclear[-1]
         table = self._tables[name]
         if fewest:
             return notice("import.no_column", columns=", ".join(fewest), table=name, found=list_few(table)).text
@@ -652,19 +555,19 @@ class _MappingReader:
         return notice("import.no_row", table=name).text
 
     @staticmethod
-    def _columns(part: MappedMotion) -> list[str]:
+    def _columns(part: MappedPose) -> list[str]:
         lean = () if part.attitude_table else part.attitude
         return [*part.position, *(part.velocity or ()), *lean, *filter(None, [part.resets])]
 
-    def motion(self, part: MappedMotion) -> Motion | None:
-        """Read the motion of rows that are finite; None without any."""
+    def poses(self, part: MappedPose) -> PoseColumns | None:
+        """Read the poses of rows that are finite; None without any."""
         lean = not part.attitude_table
         table, rows = self._rows(part, self._columns(part))
         if table is None:
             return None
         time = self._time(part, table)[rows]
         place = np.stack([table[name][rows] for name in part.position], axis=1)
-        place *= self._scale(part, table, part.position, part.position_unit) * np.array(part.position_signs)
+        place *= UNITS[part.position_unit]
         place[~np.isfinite(place)] = np.nan
         place = np.stack(self._frames.place(tuple(place.T)), axis=1)
         velocity = None
@@ -710,8 +613,8 @@ class _MappingReader:
             signal = signal * (hover * part.thrust_full / level)
         rates = attitude = None
         if part.rates is not None:
-            scale = self._scale(part, table, part.rates, part.rate_unit)
-            turn = [sign * table[name][rows] * scale for sign, name in zip(part.signs, part.rates, strict=True)]
+            unit_rad_s = UNITS[part.rate_unit]
+            turn = [sign * table[name][rows] * unit_rad_s for sign, name in zip(part.signs, part.rates, strict=True)]
             rates = np.stack(turn, axis=1) @ np.array(axes(self._mapping.body))
         if part.attitude:
             attitude = self._attitudes(part, table, rows)
@@ -737,41 +640,24 @@ class _MappingReader:
             return None, None
         rows = np.ones(len(table[time]), dtype=bool)
         for name, value in part.where.items():
-            rows &= np.isin(table[name], value)
+            rows &= table[name] == value
         return (table, rows) if rows.any() else (None, None)
 
     def _time(self, part: MappedTable, table: Table) -> Column:
         name = part.time or self._mapping.time
-        unit_s = UNITS[self._mapping.time_unit][1] if self._mapping.frames_hz is None else 1.0 / self._mapping.frames_hz
+        unit_s = UNITS[self._mapping.time_unit] if self._mapping.frames_hz is None else 1.0 / self._mapping.frames_hz
         time: Column = table[name if name in table else self._mapping.time] * unit_s
         if self._mapping.time_ns:
             time = time + 1e-9 * table[self._mapping.time_ns]
         far = np.abs(time) >= LATEST_S
         return time if far.mean() > 0.5 else np.where(far, np.nan, time)  # all of them: of another unit
 
-    def _scale(self, part: MappedTable, table: Table, names: Sequence[str], unit: str) -> float:
-        """Return what 1 in the columns ``names`` is in SI units, by the file, or else by the mapping's ``unit``.
-
-        Raises:
-            UnclearUnit: the file states a unit of another kind or several units, or not the one that ``part`` needs.
-        """
-        stated = {table.units.get(name, "") for name in names} if isinstance(table, StatedTable) else {""}
-        must = isinstance(part, MappedMotion) and part.stated
-        if stated == {""} and not must:
-            return UNITS[unit][1]
-        found = stated.pop() if len(stated) == 1 else " and ".join(sorted(one or "none" for one in stated))
-        if UNITS.get(found, ("",))[0] != UNITS[unit][0] or (must and found != unit):
-            told = found or "none"
-            columns = ", ".join(names)
-            raise UnclearUnit(notice("import.unit", table=part.table, columns=columns, stated=told, expected=unit))
-        return UNITS[found][1]
-
-    def _attitudes(self, part: MappedMotion | MappedCommand, table: Table, rows: Any) -> Column:
+    def _attitudes(self, part: MappedPose | MappedCommand, table: Table, rows: Any) -> Column:
         """Body FRD to world NED, (N, 4); NaN where there is none."""
         given = np.stack([table[name][rows] for name in part.attitude], axis=1)
         if given.shape[1] == 3:
             signs = np.array(part.signs if isinstance(part, MappedCommand) else (1.0, 1.0, 1.0))
-            angles = (given * signs * self._scale(part, table, part.attitude, part.angle_unit)).tolist()
+            angles = (given * signs * UNITS[part.angle_unit]).tolist()
             given = np.array([so3.from_euler_zyx(roll, pitch, yaw) for roll, pitch, yaw in angles])
         elif part.order == "xyzw":
             given = given[:, [3, 0, 1, 2]]

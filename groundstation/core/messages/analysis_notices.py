@@ -120,10 +120,6 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("import.bodies", "it holds {count} bodies, {names}", "name the vehicle, --body NAME"),
     NoticeTemplate(
-        "import.unit",
-        "the unit of {columns} in {table} is unclear: the file states {stated}, the mapping expects {expected}",
-    ),
-    NoticeTemplate(
         "import.lengths",
         "its positions spread over {spread_m:.3g} m, limit {widest_m:g} m, and move at {speed_m_s:.3g} m/s, limit "
         "{fastest_m_s:g} m/s: they are of no room",
@@ -133,11 +129,6 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "import.no_order",
         "{backs:.0f} of {poses:.0f} poses are older than the one before, limit {limit:.0f}",
         "sort its rows by their stamps",
-    ),
-    NoticeTemplate(
-        "import.upside_down",
-        "the heights of the {what} fit the flight only with the other sign, so the file does not tell whether they "
-        "count up or down",
     ),
     # Telemetry logs.
     NoticeTemplate(

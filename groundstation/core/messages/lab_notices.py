@@ -34,9 +34,6 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
         "by the autopilot poses are {late_ms:.0f} ms {way} than they are stamped, "
         "without the delay of its messages, as it does not send its time",
     ),
-    NoticeTemplate(
-        "carry.no_latency", "tracker and autopilot turn too differently to measure the latency (match {match:.2f})"
-    ),
     NoticeTemplate("carry.written", "written into {path}; as it was before: {kept}"),
     NoticeTemplate("carry.interrupted", "interrupted, nothing is written"),
     # props-off: the test with the propellers off.

@@ -7,7 +7,6 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("recording.begins", "recording to {path}"),
     NoticeTemplate("recording.tidied", "recordings: {name} was removed to keep within recording.keep_gb and keep_days"),
     NoticeTemplate("recording.forgotten", "{name} was removed: nothing was armed in it"),
-    NoticeTemplate("recording.goes_on", "recording to {path} goes on, nothing is lost"),
     # The service, its log, and signals.
     NoticeTemplate("service.stopped", "{what} stopped: {why}"),
     NoticeTemplate("service.next", "{state}; the next flight gets ready in {pause_s:g} s"),
@@ -55,11 +54,8 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("mqtt.publishing", "publishing to {broker}"),
     *as_warnings(
         # The recorder. A flight goes on without it.
-        NoticeTemplate("recording.waits", "WARNING: recording waits, the flight goes on: {path}: {why}"),
         NoticeTemplate("recording.ended", "WARNING: recording has ended, the flight goes on: {path}: {why}"),
         NoticeTemplate("recording.not", "WARNING: not recording, the flight goes on: {why}"),
-        NoticeTemplate("recording.torn", "WARNING: parts of {path} are lost from here on, the flight goes on: {why}"),
-        NoticeTemplate("recording.no_end", "WARNING: the end of {path} is missing: {why}"),
         NoticeTemplate("recording.no_file", "WARNING: {path} is not written: {why}"),
         NoticeTemplate("recording.no_tlog", "WARNING: no .tlog of this flight: {why}"),
         NoticeTemplate("recording.unrecordable", "WARNING: a part of this flight can't be recorded: {why}"),

@@ -98,8 +98,8 @@ KEYED_ERRORS = {"ArgumentError", "ConfigError"}
 """Errors whose first argument names a key or an option."""
 ERRORS = KEYED_ERRORS | {
     "ApiError", "ArgumentTypeError", "EOFError", "ImportError", "KeyError", "LinkError", "LinkLost", "LinkRejected",
-    "NoCommand", "NoRecording", "SourceError", "StretchTooShort", "Taken", "Unanswered", "UnclearUnit",
-    "UserCodeFault", "ValueError",
+    "NoCommand", "NoRecording", "SourceError", "StretchTooShort", "Taken", "Unanswered", "UserCodeFault",
+    "ValueError",
 }  # fmt: skip
 """Errors whose text an operator reads."""
 READ_BY_PROGRAMMERS = {

@@ -94,11 +94,10 @@ def test_what_is_found_brings_the_poses_into_our_axes() -> None:
     assert abs(sum(a * b for a, b in zip(seen, attitude, strict=True))) > math.cos(math.radians(1.0))
 
 
-@pytest.mark.parametrize("late_s", [-0.03, 0.0, 0.012, 0.045, 0.12])
-def test_how_late_poses_are_is_measured_within_some_milliseconds(late_s: float) -> None:
+@pytest.mark.parametrize(("late_s", "seen_s"), [(-0.03, -0.03), (0.0, None), (0.012, 0.012), (0.045, 0.045)])
+def test_how_late_poses_are_is_measured_within_some_milliseconds(late_s: float, seen_s: float | None) -> None:
     result = found(Frames("nue", "fur").theirs, late_s=late_s, seed=4)
-    assert result.late_s == pytest.approx(late_s, abs=0.004)
-    assert result.match > 0.95
+    assert result.late_s == (None if seen_s is None else pytest.approx(seen_s, abs=0.002))
 
 
 @pytest.mark.parametrize(
