@@ -56,7 +56,7 @@ BROKER: Arguments = {
 }  # fmt: skip
 RADIO: Arguments = {
     **CONFIG,
-    "--seconds": {"type": float, "default": 10.0, "metavar": "S", "help": "for how long (default 10)"},
+    "--seconds": {"type": seconds, "default": 10.0, "metavar": "S", "help": "for how long (default 10)"},
 }
 
 
@@ -134,8 +134,7 @@ RADIO_BRIDGE: Arguments = {
     "--make-key": {"type": path, "metavar": "FILE", "help": "write a new key for both computers, and end"},
 }
 TUI: Arguments = {
-    **_recording("log", words="play this recording; with --rehearse, CONFIG.toml to fly"),
-    **REHEARSE,
+    **_recording("log", words="play this recording"),
     **_vehicle("name of the vehicle in its config; without it, the one that runs"),
     **SOCKET,
     "--read-only": {"action": "store_true", "help": "nothing can be ordered from this screen"},
@@ -339,6 +338,7 @@ MOVED = {
 GONE = {
     "fly --view": "`groundstation view` shows the newest flight, also while it is flown",
     "tui --screenshot": "play the recording, and take the picture with the terminal's own means",
+    "tui --rehearse": "`groundstation fly --rehearse --tui CONFIG.toml` flies it, `groundstation tui` shows what runs",
     "tui --browser": "from another computer `ssh -t HOST groundstation tui` shows the dashboard",
     "export --format poses": "`--channel /measured` has the poses",
     "export --format rrd": "`groundstation view` shows a recording in Foxglove",

@@ -52,18 +52,13 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
         "folder {folder} of the status socket must be a folder that belongs to you and that nobody else may write to: "
         "another program could take the socket's place; set status.path",
     ),
-    NoticeTemplate(
-        "socket.long_path",
-        "status socket {path}: {length} bytes, more than the {limit} that a socket's path may have",
-        "set status.path to a shorter one",
-    ),
     NoticeTemplate("socket.other_file", "status socket {path}: a file that is not a socket is there; move it away"),
     NoticeTemplate(
         "socket.taken",
         "status socket {path}: another ground station is serving this vehicle; stop it, or give this one another "
         "vehicle.name or status.path",
     ),
-    NoticeTemplate("socket.failed", "status socket {path}: {why}"),
+    NoticeTemplate("socket.failed", "status socket {path}: {why}", "set status.path to another one"),
     # Configurations, and the code that they name.
     NoticeTemplate("config.unknown_name", "expected one of {choices}, got {found!r}{nearest}"),
     NoticeTemplate("config.override", "expected key=value, such as vehicle.mass_kg=0.08, got {text!r}"),

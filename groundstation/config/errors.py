@@ -73,13 +73,16 @@ def refuse_io(key: str, id: str, path: Path | str, source: str = "") -> Iterator
     Where ``path`` is a folder, the sentence is about the file in it that the system names.
 
     Raises:
-        ConfigError: in the place of an OSError, as ssl.SSLError is one.
+        ConfigError: in the place of an OSError, as ssl.SSLError is one, and of text that is no UTF-8.
     """
     try:
         yield
     except OSError as error:
         named = error.filename if error.filename is not None and Path(path).is_dir() else path
         raise ConfigError(key, config_notice(id, path=named, why=error.strerror or error), source) from None
+    except UnicodeDecodeError as error:
+        why = config_notice("file.not_utf8", at=error.start)
+        raise ConfigError(key, config_notice(id, path=path, why=why), source) from None
 
 
 def locate(error: msgspec.ValidationError) -> tuple[str, str]:

@@ -15,11 +15,8 @@ def fill_markers(path: Path, parts: Mapping[str, str]) -> str:
     Raises:
         ConfigError: the file can't be read, or has not just one pair of markers.
     """
-    try:
-        with refuse_io("--write", "file.unread", path):
-            text = path.read_text("utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError("--write", config_notice("file.not_utf8", at=error.start), str(path)) from None
+    with refuse_io("--write", "file.unread", path):
+        text = path.read_text("utf-8")
     for name, part in parts.items():
         begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
         if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):

@@ -52,10 +52,6 @@ class StatusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ] = 5.0
 
 
-SOCKET_PATH_BYTES = 107
-"""The longest path of a socket: sun_path of unix(7) has 108 bytes with its end."""
-
-
 class ApiError(Exception):
     """The socket can't be opened or read; the text has reason and remedy."""
 
@@ -148,8 +144,6 @@ async def claim_socket(path: Path) -> None:
     Raises:
         ApiError: another ground station serves there, or the path can't be used.
     """
-    if (length := len(os.fsencode(path))) > SOCKET_PATH_BYTES:
-        raise ApiError(config_notice("socket.long_path", path=path, length=length, limit=SOCKET_PATH_BYTES))
     own_directory(path.parent)
     if not path.is_socket():  # noqa: ASYNC240  # a local file, on the ground
         if os.path.lexists(path):  # noqa: ASYNC240  # as above

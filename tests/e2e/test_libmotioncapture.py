@@ -54,8 +54,11 @@ def test_its_poses_come_in_our_axes_stamped_as_the_library_gave_them_less_the_to
             assert pose.position_ned == pytest.approx((1.0, -2.0, -3.0), abs=1e-6)
             assert 0.01 - 1e-9 <= pose.arrival_s - pose.time_s < 0.5
         assert [pose.id for pose in poses] == list(range(len(poses)))
+        children.append(source._child.pid)
 
+    children: list[int] = []
     source = run(work)
+    assert not Path(f"/proc/{children[0]}").exists(), "no child is left behind"
     assert source.status.dropped == {}
     assert source.status.accepted > 50
 
@@ -73,17 +76,6 @@ def test_a_child_that_dies_and_one_that_hangs_are_started_again(monkeypatch: pyt
         await until(lambda: len(poses) > 5)
 
     assert set(run(work).status.dropped) == {"child_lost"}
-
-
-def test_no_child_is_left_behind() -> None:
-    children: list[int] = []
-
-    async def work(source: Any, poses: list[Pose]) -> None:
-        await until(lambda: len(poses) > 5)
-        children.append(source._child.pid)
-
-    run(work)
-    assert not Path(f"/proc/{children[0]}").exists()
 
 
 def test_a_server_that_does_not_answer_is_a_sentence_though_the_library_waits_for_ever(

@@ -113,44 +113,11 @@ class Listener:
             await asyncio.sleep(0.01)
 
 
-class Wire:
-    """Between a station and its broker; a connection can fall silent without an end."""
-
-    def __init__(self, port: int) -> None:
-        self._port = port
-        self._silent: set[int] = set()
-        self._to_broker: list[asyncio.StreamWriter] = []
-        self.ended: list[int] = []
-        """Connections that the broker has closed."""
-        self.connections = 0
-
-    async def carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        number, self.connections = self.connections, self.connections + 1
-        there, back = await asyncio.open_connection("127.0.0.1", self._port)
-        self._to_broker.append(back)
-        with contextlib.suppress(OSError):
-            await asyncio.gather(self._pass(number, reader, back), self._pass(number, there, writer, ends=True))
-        writer.close()
-        back.close()
-
-    def fall_silent(self) -> None:
-        self._silent = set(range(self.connections))
-
-    def cut(self) -> None:
-        """The broker sees its connections end, without a goodbye."""
-        for writer in self._to_broker:
-            writer.close()
-
-    async def _pass(
-        self, number: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, ends: bool = False
-    ) -> None:
+async def pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    with contextlib.suppress(OSError):
         while data := await reader.read(65536):
-            if number not in self._silent:
-                writer.write(data)
-        if ends:
-            self.ended.append(number)
-        if number not in self._silent:
-            writer.close()
+            writer.write(data)
+    writer.close()
 
 
 STATE, SNAPSHOT, EVENT, HEALTH = (f"lab/mqx/{name}" for name in ("state", "snapshot", "event", "health"))
@@ -228,14 +195,18 @@ async def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_
     latest: Latest[Snapshot] = Latest()
     flying = sample(2.0)
     latest.put(flying)
-    wire, port = Wire(broker.port), await free_tcp_port()
+    port = await free_tcp_port()
+
+    async def carry(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        there, back = await asyncio.open_connection("127.0.0.1", broker.port)
+        await asyncio.gather(pass_on(reader, back), pass_on(there, writer))
 
     @contextlib.asynccontextmanager
     async def there() -> AsyncIterator[Listener]:
         """For a while the broker is; the station finds it only once somebody listens."""
         await broker.start()
         async with Listener(broker.port) as listener:
-            way = await asyncio.start_server(wire.carry, "127.0.0.1", port)
+            way = await asyncio.start_server(carry, "127.0.0.1", port)
             yield listener
             way.close()
         broker.kill()
@@ -285,37 +256,10 @@ async def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_afte
     assert slowest < 0.5
 
 
-@in_real_time
-async def test_a_station_that_was_started_anew_takes_back_the_last_will_of_its_old_connection(
-    broker: Broker,
-) -> None:
-    """The will comes after the restart; until then nothing else changes the state for hours, perhaps."""
-
-    await broker.start()
-    wire = Wire(broker.port)
-    carrier = await asyncio.start_server(wire.carry, "127.0.0.1", 0)
-    latest: Latest[Snapshot] = Latest()
-    latest.put(sample(1.0))
-    config = config_for(broker, health_period_s=0.1)
-    old = msgspec.structs.replace(config, port=carrier.sockets[0].getsockname()[1])
-    async with Listener(broker.port) as listener, publishing(old, latest):
-        await listener.until(lambda to: bool(to.got[HEALTH]))
-        wire.fall_silent()
-        carrier.close()
-        async with publishing(config, latest):
-            await listener.until(lambda to: len(to.got[SNAPSHOT]) > 1)
-            wire.cut()
-            await listener.until(lambda to: "offline" in to.got[STATE])
-            await listener.until(lambda to: to.got[STATE][-1] == "tracking")
-            async with Listener(broker.port) as late:
-                await late.until(lambda to: STATE in to.retained)
-                assert late.retained[STATE] == "tracking"
-
-
 @pytest.mark.parametrize("topic", [STATE, SESSION])
 @in_real_time
 async def test_whatever_is_retained_is_published_again_with_the_health(broker: Broker, topic: str) -> None:
-    """An older connection may overwrite it: what it has sent can be on its way for a long time."""
+    """An older connection may overwrite it, by its last will or by what it has sent, long after the next one began."""
 
     await broker.start()
     latest: Latest[Snapshot] = Latest()

@@ -149,7 +149,7 @@ async def test_who_holds_control_at_the_station_is_not_overruled_but_for_bringin
 async def test_who_asks_reads_why_nothing_came_of_it(
     lab: LabBroker, key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mqtt_command, "PATIENCE_S", 0.5)  # four of them wait for as long as an operator would
+    monkeypatch.setattr(mqtt_command, "LIFE_MS", 500)  # four of them wait for as long as an operator would
     make_key(tmp_path / "other.key")
     operator, secret = lab.address("operator"), read_key(key)
     station = Station()

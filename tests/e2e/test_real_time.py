@@ -86,15 +86,6 @@ def test_fly_does_not_arm_without_a_terminal_or_under_a_wrong_name() -> None:
         assert expected in run.stderr
 
 
-@pytest.mark.parametrize(("kind", "port"), [("natnet", 1510), ("qualisys", 22223)])
-def test_fly_wants_a_fence_where_poses_come_from_another_machine(kind: str, port: int, tmp_path: Path) -> None:
-    config = tmp_path / "lab.toml"
-    config.write_text(f'[pose]\nkind = "{kind}"\nserver = "192.168.1.20:{port}"\n')
-    run = run_here(main, "fly", config, "--arm", "mqx")
-    assert run.returncode == 2
-    assert f"fence: missing, and a real vehicle may fly here (pose.server = 192.168.1.20:{port})" in run.stderr
-
-
 def test_a_pose_source_that_cant_be_started_is_told_in_words(tmp_path: Path) -> None:
     with sockets.socket(sockets.AF_INET, sockets.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

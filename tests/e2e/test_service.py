@@ -6,7 +6,6 @@ import os
 import shutil
 import socket as sockets
 import subprocess
-import sys
 from pathlib import Path
 
 import msgspec
@@ -21,36 +20,11 @@ from groundstation.interfaces.service.flights import (
     line_of,
     longest_landing_s,
 )
-from groundstation.machine import Taken, hold_lock
 from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "loopback.toml"
-
-
-def test_the_second_of_two_is_refused_in_words_and_the_lock_falls_with_its_holder(tmp_path: Path) -> None:
-    path = tmp_path / "mqx.lock"
-    code = f"""
-import sys, time
-from pathlib import Path
-from groundstation.machine.register import hold_lock
-with hold_lock(Path({str(path)!r}), "mqx"):
-    print("held", flush=True)
-    time.sleep(60)
-"""
-    holder = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert holder.stdout is not None
-    try:
-        assert holder.stdout.readline() == "held\n"
-        with pytest.raises(Taken, match=f"process {holder.pid}, lock"), hold_lock(path, "mqx"):
-            pass
-    finally:
-        holder.kill()
-        holder.wait()
-        holder.stdout.close()
-    with hold_lock(path, "mqx"):
-        assert path.read_text() == f"{os.getpid()}\n"
 
 
 @pytest.mark.parametrize("abstract", [False, True])

@@ -113,6 +113,15 @@ def test_one_key_lands_this_vehicle_and_every_other_one_also_while_a_name_is_typ
     play(scene, stage.path)
 
 
+def test_a_dashboard_in_a_multiplexer_says_that_it_takes_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STY", "7.lab")
+
+    async def scene(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: told(pilot, "GNU screen ($STY) takes some keys"))
+
+    play(scene, Fixed(flown(1.0)))
+
+
 @dashboard()
 async def test_letters_that_are_typed_order_nothing(pilot: Pilot[None], stage: Stage) -> None:
     stage.latest.put(standing())

@@ -13,7 +13,6 @@ COMMAND_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("request.points", "expected at most {most} points, got {count}"),
     NoticeTemplate("goto.numbers", "expected NORTH EAST DOWN [YAW], got {count} numbers"),
     NoticeTemplate("follow.one_file", "expected one FILE.csv, got {count} words"),
-    NoticeTemplate("follow.long", "{path}: longer than a file of {most} points can be"),
     NoticeTemplate("follow.point", "{path}: point {number}: {why}"),
     # Radio modules and their bridge.
     NoticeTemplate("radio.link_kind", "expected one of {choices}: no other link has a radio module here"),
@@ -37,7 +36,6 @@ COMMAND_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("fleet.relay_ports", "{first} to {last} take pose.listen, {address}"),
     NoticeTemplate("fleet.port", "port {port} is taken by the poses"),
     # Rehearsals.
-    NoticeTemplate("rehearse.no_file", "expected CONFIG.toml, to rehearse its flight"),
     NoticeTemplate(
         "rehearse.unknown_key",
         "--rehearse does not know what becomes of this key: it stays unused until it does",

@@ -1,6 +1,7 @@
 """The local interface: one JSON object a line on a UNIX socket."""
 
 from groundstation.interfaces.api.client import (
+    ANSWER_S,
     StationClient,
     ask_station,
     open_client,

@@ -51,7 +51,7 @@ from groundstation.runtime import Exit
 from links.text import printable
 
 ANSWER_S = 3.0
-"""Timeout for a station's hello, and for its answer [s]."""
+"""Timeout for a station's hello, its answer and its next snapshot [s]: longer, and it hangs."""
 
 
 class StationClient:

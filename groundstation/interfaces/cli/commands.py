@@ -27,6 +27,7 @@ from groundstation.config import (
     list_examples,
     load,
     presets,
+    refuse_io,
     shipped_texts,
 )
 from groundstation.core.messages import MOST_POINTS, Ask, Request, Waypoint, notice
@@ -39,16 +40,13 @@ from groundstation.machine import (
     NonBlockingWriter,
     RecordingConfig,
     Running,
-    StatusConfig,
     folder_of,
-    is_served,
     list_flights,
     registration,
     running_processes,
-    socket_path,
 )
 from groundstation.runtime import Exit, Program, path
-from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served, rehearse
+from groundstation.settings import Config, describe_rehearsal, ensure_served, rehearse
 from links.bridge import BridgeConfig
 from links.core import LinkError
 from links.io import make_key
@@ -165,8 +163,6 @@ def _radio(what: str, args: argparse.Namespace) -> Exit:
     config = load(args.config, Config, args.overrides)
     if not isinstance(config.link, RfLinkConfig):
         raise ConfigError("link.kind", notice("radio.link_kind", choices=sorted(RF_CODECS)))
-    if not 0.0 < args.seconds <= 3600.0:
-        raise ConfigError("--seconds", notice("value.seconds", above=0, most=3600, found=args.seconds))
     done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, what, args.seconds, _terminal_writer()))
     return Exit.DONE if done else Exit.FAILED
 
@@ -205,13 +201,6 @@ def tui(args: argparse.Namespace) -> int:
         return run_fleet(broker, args.theme)
     from groundstation.interfaces.tui import tui_command
 
-    if args.rehearse:
-        if args.log is None:
-            raise ConfigError("--rehearse", notice("rehearse.no_file"))
-        args.config, args.log, args.overrides, args.arm, args.tui = args.log, None, [], None, True
-        if not asyncio.run(is_served(socket_path(StatusConfig(), REHEARSAL))):
-            return fly(args)
-        args.vehicle = REHEARSAL
     if args.log is not None:
         args.log = _find_recording(args.log)
     return tui_command(args)
@@ -231,27 +220,16 @@ def request(args: argparse.Namespace) -> Exit:
     return request_command(Request(Ask(args.ask), args.why, points), args.vehicle, args.socket)
 
 
-COURSE_LETTERS = 100_000
-"""A file of as many points as one request may hold is far shorter."""
-
-
 def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     """Where ``goto`` and ``follow`` lead: the points travel in the request, as files here are none of the station's."""
     rows: list[list[Any]]
     if ask == "follow":
         if len(where) != 1:
             raise ConfigError("follow", notice("follow.one_file", count=len(where)))
+        with refuse_io("follow", "file.unread", where[0]):
+            text = Path(where[0]).read_text("utf-8")
         try:
-            with Path(where[0]).open(encoding="utf-8") as file:
-                text = file.read(COURSE_LETTERS + 1)
-            if len(text) > COURSE_LETTERS:
-                raise ConfigError("follow", notice("follow.long", path=where[0], most=MOST_POINTS))
             course = parse_course(text, least=1)
-        except OSError as error:
-            raise ConfigError("follow", notice("file.unread", path=where[0], why=error.strerror)) from None
-        except UnicodeDecodeError as error:
-            why = notice("file.not_utf8", at=error.start)
-            raise ConfigError("follow", notice("value.refused", value=where[0], why=why)) from None
         except ValueError as error:
             raise ConfigError("follow", notice("value.refused", value=where[0], why=error)) from None
         if "times_s" in course or "velocities_ned" in course:
@@ -348,7 +326,7 @@ def doctor(args: argparse.Namespace) -> Exit:
     command = shlex.join(["groundstation", "doctor", str(args.config), *words])
     folder = folder_of(config.recording)
     orders = DoctorOrders(command, tuple(args.fix), args.restore, args.yes, args.json, folder, args.board)
-    return asyncio.run(run_doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
+    return asyncio.run(run_doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, print))
 
 
 def props_off(args: argparse.Namespace) -> Exit:
@@ -525,14 +503,6 @@ def config_vehicles(args: argparse.Namespace) -> Exit:
         summary = text.splitlines()[0].lstrip("# ")
         print(f"{name:12}{figures:20}{summary}")
     return Exit.DONE
-
-
-def _say(line: str) -> None:
-    """Tell the operator; a terminal that is gone must not spoil the exit code."""
-    try:
-        print(line, flush=True)
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _terminal_writer() -> Say:

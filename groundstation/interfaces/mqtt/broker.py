@@ -149,13 +149,9 @@ def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file:
 
 
 def _password(path: Path, key: str) -> str:
-    try:
-        with path.open(encoding="utf-8") as file:
-            info = os.fstat(file.fileno())
-            password = file.readline().rstrip("\r\n")
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise ConfigError(key, notice("file.unread", path=path, why=why)) from None
+    with refuse_io(key, "file.unread", path), path.open(encoding="utf-8") as file:
+        info = os.fstat(file.fileno())
+        password = file.readline().rstrip("\r\n")
     _for_us_alone(info, path, key)
     return password
 

@@ -41,13 +41,9 @@ if TYPE_CHECKING:
 
 
 LIFE_MS = 4000
-"""Validity of a request [ms]."""
+"""Validity of a request, and the longest wait for its answer [ms]."""
 AGAIN_S = 0.3
 """A kill that is not answered is published again so often, the same, and obeyed once [s]."""
-SESSIONS_TRIED = 2
-"""Sessions that one request is sealed for: the retained one may be of a station that has ended."""
-PATIENCE_S = 5.0
-"""Timeout of the whole exchange [s]."""
 
 
 class Unanswered(Exception):
@@ -102,7 +98,7 @@ async def request_by_mqtt(
     place = Place(broker.config.prefix, vehicle)
     asking = _Asking(place, client, key, ask, why, points)
     try:
-        async with asyncio.timeout(PATIENCE_S), broker.client() as connection:
+        async with asyncio.timeout(1e-3 * LIFE_MS), broker.client() as connection:
             return await asking.run(connection)
     except (aiomqtt.MqttError, msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise Unanswered(notice("mqtt.broker_failed", broker=broker, why=describe_error(error))) from None
@@ -111,7 +107,7 @@ async def request_by_mqtt(
 
 
 class _Asking:
-    """One request: sent once the session is known, and again where that was the one of a station that has ended."""
+    """One request: sent once a session is known, and again for another, as the first may be of a station that ended."""
 
     def __init__(
         self, place: Place, client: str, key: bytes, ask: RemoteAsk, why: str, points: tuple[Waypoint, ...]
@@ -133,9 +129,7 @@ class _Asking:
                 match str(message.topic).removeprefix(root):
                     case STATE.name:
                         self._state = message.payload.decode(errors="replace")
-                    case SESSION.name if (
-                        message.payload and message.payload not in self._sessions and len(self._ids) < SESSIONS_TRIED
-                    ):
+                    case SESSION.name if message.payload and message.payload not in self._sessions:
                         self._sessions.add(message.payload)
                         await self._send(connection, root + REQUEST.name, message.payload)
                     case ANSWER.name:

@@ -177,10 +177,8 @@ class RequestListener:
         await self._subscribe(client)
 
 
-RETRY_FIRST_S = 0.5
-"""Pause before the first attempt to connect again [s]; each further pause is doubled."""
-RETRY_MAX_S = 10.0
-"""Longest pause between two attempts [s]."""
+RETRY_S = 1.0
+"""Pause before each attempt to connect again [s]."""
 EVENTS_KEPT = 100
 """At most this many events wait for a broker that is away; older ones are lost, and counted."""
 HEARD_QUEUE = 256
@@ -196,7 +194,7 @@ def _warn(sentence: Sentence) -> None:
 async def publish_forever(
     config: MqttConfig, latest: Latest[Snapshot], ask: Callable[[Request], Reply] | None = None
 ) -> None:
-    """Publish what ``latest`` holds until cancelled, connecting again with growing pauses after every loss.
+    """Publish what ``latest`` holds until cancelled, connecting again after every loss.
 
     What is asked by MQTT goes to ``ask``, where ``config`` lets anybody ask.
 
@@ -215,7 +213,6 @@ async def publish_forever(
     # The same name in each connection: the broker drops one that is half dead, with its last will, for the next.
     name = f"groundstation-{first.vehicle}-{os.urandom(4).hex()}"
     collecting = asyncio.create_task(publisher.collect())
-    pause_s = RETRY_FIRST_S
     reachable = True
     try:
         while True:
@@ -230,7 +227,7 @@ async def publish_forever(
                     log.log(
                         logging.INFO if reachable else logging.WARNING, "%s", notice("mqtt.publishing", broker=broker)
                     )
-                    reachable, pause_s = True, RETRY_FIRST_S
+                    reachable = True
                     heed_cancellation()
                     await publisher.run(client)
             except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
@@ -238,8 +235,7 @@ async def publish_forever(
                     log.warning("%s", notice("mqtt.no_broker", broker=broker, why=describe_error(error)))
                 reachable = False
             heed_cancellation()
-            await asyncio.sleep(pause_s)
-            pause_s = min(2.0 * pause_s, RETRY_MAX_S)
+            await asyncio.sleep(RETRY_S)
     finally:
         collecting.cancel()
 

@@ -13,7 +13,7 @@ import shlex
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -57,11 +57,7 @@ async def arm_vehicle(name: str, socket: Path) -> str:
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 """Passed on to every core, each of which knows what it means: land, failsafe descent, motors off."""
 READY_S = 120.0
-"""Timeout for all cores until they are ready to be armed [s]."""
-RELAY_WAIT_S = 20.0
-"""Timeout for the relay's start [s]."""
-LINE_BYTES = 1 << 20
-"""Longest line that is read of a core."""
+"""Timeout for the relay to begin, and then for all cores to be ready to be armed [s]."""
 
 
 class Supervisor:
@@ -115,12 +111,11 @@ class Supervisor:
         if fleet.relay_listen is None:
             done.set_result(None)
             return done
-        targets = [word for target in fleet.relay_targets for word in ("--to", target)]
-        words = ["groundstation", "fleet", "relay", fleet.relay_listen, *targets, "--until-eof"]
-        self.relay = relay = await _python(words, stdin=lives)
+        words = _relay_words(fleet.relay_listen, fleet.relay_targets)
+        self.relay = relay = await _python([*words, "--until-eof"], stdin=lives)
         assert relay.stdout is not None, "it is a pipe"
         with suppress(TimeoutError):
-            async with asyncio.timeout(RELAY_WAIT_S):
+            async with asyncio.timeout(READY_S):
                 line = await relay.stdout.readline()
                 self._tell("relay", line)
                 if line.startswith(b"relaying"):
@@ -181,7 +176,7 @@ class Supervisor:
         while True:
             try:
                 line = await process.stdout.readline()
-            except ValueError:  # longer than any line of ours: the reader has thrown it away
+            except ValueError:  # longer than any line of ours, 64 KiB: the reader has thrown it away
                 continue
             if not line:
                 return await process.wait()
@@ -217,18 +212,20 @@ async def _python(
         stdin=stdin,
         stderr=asyncio.subprocess.STDOUT,
         pass_fds=tuple(keeps),
-        limit=LINE_BYTES,
         env=environment,
     )
+
+
+def _relay_words(listen: str, targets: Iterable[str]) -> list[str]:
+    """The command line of a relay."""
+    return ["groundstation", "fleet", "relay", listen, *(word for target in targets for word in ("--to", target))]
 
 
 def describe_core(fleet: FleetPlan, member: Member) -> str:
     """The configuration of one core as TOML, with the relay's command line where it needs one."""
     lines = [f"# {member.name} alone: groundstation fly THIS_FILE"]
     if fleet.relay_listen is not None:
-        words = ["groundstation", "fleet", "relay", fleet.relay_listen]
-        words += [word for target in fleet.relay_targets for word in ("--to", target)]
-        lines.append(f"# Its poses come from: {shlex.join(words)}")
+        lines.append(f"# Its poses come from: {shlex.join(_relay_words(fleet.relay_listen, fleet.relay_targets))}")
     return "\n".join([*lines, "", dump(member.core)])
 
 

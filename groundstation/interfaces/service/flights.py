@@ -44,7 +44,7 @@ from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, Sta
 from groundstation.core.safety import CERTAIN_S
 from groundstation.flight import DISARM_WAIT_S, Flight, FlightOutcome, StepTimer, make_ends, make_flight, recorder
 from groundstation.flight.preflight import confirm_arming, entry_of, examine_trajectory
-from groundstation.interfaces.api import Core, Server, open_client
+from groundstation.interfaces.api import ANSWER_S, Core, Server, open_client
 from groundstation.machine import (
     ApiError,
     IdleSlots,
@@ -63,9 +63,6 @@ from groundstation.runtime import Exit, __version__
 from groundstation.settings import Config
 from links.core import LinkError
 from links.io import make_child_command
-
-ALIVE_S = 3.5
-"""A flight that sends no snapshot for so long hangs [s]; it sends one a second at least (status.rate_hz)."""
 
 
 def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -> Exit:
@@ -90,14 +87,14 @@ async def _look(vehicle: str | None, socket: Path | None) -> tuple[str, dict[str
     """
     path = socket or await find_socket(vehicle)
     try:
-        async with asyncio.timeout(ALIVE_S), open_client(path, "health") as client:
+        async with open_client(path, "health") as client, asyncio.timeout(ANSWER_S):
             async for seen in client:
                 if isinstance(seen, Snapshot):
                     facts = {"vehicle": seen.vehicle, "state": seen.state, "reason": seen.reason}
                     lost = seen.state in IN_AIR and seen.link.state == "lost"
                     return "the link is lost" if lost else "", {**facts, "pid": client.hello.pid}
     except (TimeoutError, ApiError) as error:
-        return str(error) or f"{path}: no snapshot within {ALIVE_S:g} s", {}
+        return str(error) or f"{path}: no snapshot within {ANSWER_S:g} s", {}
     except OSError as error:
         raise ApiError(notice("station.unserved", path=path, why=error.strerror)) from None
     return f"{path}: it has just ended", {}
@@ -309,10 +306,8 @@ async def _isolate(what: str, work: Awaitable[None], say: Say) -> None:
         say(notice("service.stopped", what=what, why=error))
 
 
-PAUSE_S = 2.0
-"""Between a flight's end and the next one's beginning [s]; it doubles while none gets as far as to be armed, ..."""
-PAUSE_MAX_S = 30.0
-"""... up to this [s]."""
+PAUSE_S = 5.0
+"""Between a flight's end and the next one's beginning [s], also where something that it needs is missing."""
 RENEW_S = 3600.0
 """A flight not armed for this long begins anew with a new recording [s]: poses at rest would fill
 the disk."""
@@ -374,7 +369,7 @@ class Daemon:
                 feeding.cancel()
 
     async def _flights(self) -> Exit:
-        pause_s, first = PAUSE_S, True
+        first = True
         self._notify.send("READY=1")
         while not self._stop.is_set():
             before = self._armed
@@ -389,11 +384,10 @@ class Daemon:
             flew = self._armed > before
             if self._once or (flew and self._stop.is_set()):
                 return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAILED
-            pause_s = PAUSE_S if flew else min(2.0 * pause_s, PAUSE_MAX_S)
-            next_flight = notice("service.next", state=self._flight.state, pause_s=pause_s)
+            next_flight = notice("service.next", state=self._flight.state, pause_s=PAUSE_S)
             self._notify.send(f"STATUS={next_flight}")
             with suppress(TimeoutError):
-                await asyncio.wait_for(self._stop.wait(), pause_s)
+                await asyncio.wait_for(self._stop.wait(), PAUSE_S)
         return Exit.DONE
 
     async def _fly(self) -> FlightOutcome:

@@ -439,132 +439,6 @@ def _triple(values: list[float]) -> Vec3:
     return a, b, c
 
 
-class Ordering:
-    """One screen's orders."""
-
-    def __init__(
-        self, app: App[None], feed: Feed, picture: Picture, draw: Callable[[], None], *, read_only: bool
-    ) -> None:
-        """Ask back in dialogs of ``app``, which ``draw`` draws; orders rest on what ``picture`` shows."""
-        self._app = app
-        self._feed = feed
-        self._picture = picture
-        self._draw = draw
-        self._read_only = read_only
-        self._orders = feed.live and not read_only
-        self._twice = Twice()
-
-    def waits(self, now_s: float) -> bool:
-        """Whether one more press now would kill."""
-        return self._twice.waits(now_s)
-
-    def order(self, order: OperatorOrder) -> None:
-        """Order it. What brings the vehicle down does not ask back."""
-        now = asyncio.get_running_loop().time()
-        if not self._orders:
-            self._only_looks()
-        elif not order.always and now - self._picture.arrived_s > SILENCE_S:
-            self._say(Reply.of(False, notice("screen.old", limit_s=SILENCE_S)))
-        elif order.ask is Ask.KILL:
-            if self._twice.press(now):
-                asyncio.get_running_loop().call_later(REPEAT_S, self._kill)
-            self._draw()
-        elif order.always or order.ask in (Ask.HOLD, Ask.RETURN):
-            self._ask(order.ask)
-        else:
-            self._app.run_worker(self._confirm(order))
-
-    def _kill(self) -> None:
-        """Kill, unless the key was held down: it has repeated itself since."""
-        if self._twice.is_held:
-            self._say(Reply.of(False, notice("screen.key_held")))
-        else:
-            self._ask(Ask.KILL)
-
-    async def _confirm(self, order: OperatorOrder) -> None:
-        """Arm and fly, once the operator has confirmed."""
-        newest = self._picture.newest
-        if newest is None:
-            self._say(Reply.of(False, notice("screen.no_vehicle")))
-        elif not self._picture.holder.yours:
-            self._say(Reply.of(False, notice("screen.take_first")))
-        elif not possible(order, newest.state):
-            self._say(Reply.of(False, notice("mission.not_possible", ask=order.ask, state=newest.state)))
-        elif order.ask is Ask.ARM:
-            says = str(notice("screen.arm", vehicle=newest.vehicle))
-            typed = await self._app.push_screen_wait(Typed(f"ARM {newest.vehicle}?", says, wanted=newest.vehicle))
-            if typed is not None:
-                self._ask(order.ask, typed)
-        else:
-            says = str(notice("screen.fly", vehicle=newest.vehicle))
-            options = [("no", "No, stay"), ("yes", "Yes, fly")]
-            if await self._app.push_screen_wait(Choice("FLY the trajectory?", says, options)) == "yes":
-                self._ask(order.ask)
-
-    def _ask(self, ask: Ask, vehicle: str = "") -> None:
-        self._later(lambda: self._feed.ask(ask, "", vehicle))
-
-    def land_all(self) -> None:
-        """Land this vehicle, and every other one that this user flies from this machine. It does not ask back."""
-        if not self._orders:
-            self._only_looks()
-            return
-        self._ask(Ask.LAND)
-        self._later(self._stop_all)
-
-    async def _stop_all(self) -> Reply:
-        told = await stop_all(Ask.LAND, "stop-all from a dashboard")
-        silent = [one.says for one in told if not one.answered]
-        if silent:
-            return Reply.of(False, notice("screen.some_silent", says="; ".join(silent)))
-        return Reply.of(True, notice("screen.all_landed", count=len(told)))
-
-    def control(self) -> None:
-        """Take control, or give it back."""
-        if self._orders:
-            self._later(lambda: self._feed.control(take=not self._picture.holder.yours))
-        else:
-            self._only_looks()
-
-    async def take(self) -> None:
-        """Take control."""
-        self._say(await self._feed.control(take=True))
-
-    async def edit(self, gain: GainRow) -> None:
-        """Ask for a new value of a gain, and pass it on."""
-        if not self._orders:
-            self._only_looks()
-            return
-        if not self._picture.holder.yours:
-            self._say(Reply.of(False, notice("screen.gain_control")))
-            return
-        typed = await self._app.push_screen_wait(Typed(gain.key, gain.text(), value=f"{gain.value:g}"))
-        if typed is None:
-            return
-        value = gain.read(typed)
-        if isinstance(value, Sentence):
-            self._say(Reply.of(False, value))
-            return
-        self._say(await self._feed.set_gain(gain.key, value))
-
-    def _only_looks(self) -> None:
-        """Whoever tries to stop a vehicle from here must not wait for it."""
-        if self._read_only:
-            self._say(Reply.of(False, notice("screen.only_looks")))
-
-    def _later(self, work: Callable[[], Awaitable[Reply]]) -> None:
-        """Do it beside the screen, which goes on being drawn, and say what came of it."""
-
-        async def do() -> None:
-            self._say(await work())
-
-        self._app.run_worker(do())
-
-    def _say(self, answer: Reply) -> None:
-        severity: SeverityLevel = "information" if answer.done else "error"
-        self._app.notify(printable(answer.says), severity=severity, timeout=6.0, markup=False)
-
-
 NOTICE_S = 20.0
 """Time for which the notice of a new dashboard is shown [s]."""
 PAGE_TYPES: tuple[type[Page], ...] = (FlyPage, ControlPage, LinksPage, ConfigPage, LogPage)
@@ -631,7 +505,7 @@ class Dashboard(App[None]):
         self._take_control = take_control and self._orders
         self._which = which
         self.picture: Picture
-        self._ordering: Ordering
+        self._twice = Twice()
         for theme in THEMES:
             self.register_theme(theme)
         self.theme = THEMES[0].name
@@ -647,7 +521,6 @@ class Dashboard(App[None]):
     def on_mount(self) -> None:
         """Begin to listen."""
         self.picture = Picture(asyncio.get_running_loop().time())
-        self._ordering = Ordering(self, self._feed, self.picture, self.draw, read_only=self._read_only)
         self.run_worker(self._listen())
 
     def on_ready(self) -> None:
@@ -667,7 +540,7 @@ class Dashboard(App[None]):
             self.picture.take(news, loop.time())
             if first and self.picture.hello is not None and self._take_control:
                 self._take_control = False
-                await self._ordering.take()
+                self._say(await self._feed.control(take=True))
 
     def draw(self) -> None:
         """Draw what is new on the page, and on the dialog above it."""
@@ -679,7 +552,7 @@ class Dashboard(App[None]):
             picture,
             now,
             stale=now - picture.arrived_s > SILENCE_S,
-            again=self._ordering.waits(now),
+            again=self._twice.waits(now),
             whose="" if newest is None else f"{_title(newest.vehicle)}  {flight_time(newest.flight_time_s)}",
             holder=self._beside(),
         )
@@ -712,20 +585,108 @@ class Dashboard(App[None]):
         return self._plays if action == "play" else True
 
     def action_order(self, ask: str) -> None:
-        """Do what a key, a button or the palette says."""
-        self._ordering.order(BY_ASK[Ask(ask)])
+        """Order what a key, a button or the palette says. What brings the vehicle down does not ask back."""
+        order = BY_ASK[Ask(ask)]
+        now = asyncio.get_running_loop().time()
+        if not self._orders:
+            self._only_looks()
+        elif not order.always and now - self.picture.arrived_s > SILENCE_S:
+            self._say(Reply.of(False, notice("screen.old", limit_s=SILENCE_S)))
+        elif order.ask is Ask.KILL:
+            if self._twice.press(now):
+                asyncio.get_running_loop().call_later(REPEAT_S, self._kill)
+            self.draw()
+        elif order.always or order.ask in (Ask.HOLD, Ask.RETURN):
+            self._ask(order.ask)
+        else:
+            self.run_worker(self._confirm(order))
+
+    def _kill(self) -> None:
+        """Kill, unless the key was held down: it has repeated itself since."""
+        if self._twice.is_held:
+            self._say(Reply.of(False, notice("screen.key_held")))
+        else:
+            self._ask(Ask.KILL)
+
+    async def _confirm(self, order: OperatorOrder) -> None:
+        """Arm and fly, once the operator has confirmed."""
+        newest = self.picture.newest
+        if newest is None:
+            self._say(Reply.of(False, notice("screen.no_vehicle")))
+        elif not self.picture.holder.yours:
+            self._say(Reply.of(False, notice("screen.take_first")))
+        elif not possible(order, newest.state):
+            self._say(Reply.of(False, notice("mission.not_possible", ask=order.ask, state=newest.state)))
+        elif order.ask is Ask.ARM:
+            says = str(notice("screen.arm", vehicle=newest.vehicle))
+            typed = await self.push_screen_wait(Typed(f"ARM {newest.vehicle}?", says, wanted=newest.vehicle))
+            if typed is not None:
+                self._ask(order.ask, typed)
+        else:
+            says = str(notice("screen.fly", vehicle=newest.vehicle))
+            options = [("no", "No, stay"), ("yes", "Yes, fly")]
+            if await self.push_screen_wait(Choice("FLY the trajectory?", says, options)) == "yes":
+                self._ask(order.ask)
+
+    def _ask(self, ask: Ask, vehicle: str = "") -> None:
+        self._later(lambda: self._feed.ask(ask, "", vehicle))
 
     def action_land_all(self) -> None:
-        """Land this vehicle, and every other one that this user flies from this machine."""
-        self._ordering.land_all()
+        """Land this vehicle, and every other one that this user flies from this machine. It does not ask back."""
+        if not self._orders:
+            self._only_looks()
+            return
+        self._ask(Ask.LAND)
+        self._later(self._stop_all)
+
+    async def _stop_all(self) -> Reply:
+        told = await stop_all(Ask.LAND, "stop-all from a dashboard")
+        silent = [one.says for one in told if not one.answered]
+        if silent:
+            return Reply.of(False, notice("screen.some_silent", says="; ".join(silent)))
+        return Reply.of(True, notice("screen.all_landed", count=len(told)))
 
     def action_control(self) -> None:
         """Take control, or give it back."""
-        self._ordering.control()
+        if self._orders:
+            self._later(lambda: self._feed.control(take=not self.picture.holder.yours))
+        else:
+            self._only_looks()
 
     def on_control_page_chosen(self, event: ControlPage.Chosen) -> None:
         """A gain shall be changed."""
-        self.run_worker(self._ordering.edit(event.gain))
+        self.run_worker(self._edit(event.gain))
+
+    async def _edit(self, gain: GainRow) -> None:
+        """Ask for a new value of a gain, and pass it on."""
+        if not self._orders:
+            self._only_looks()
+            return
+        if not self.picture.holder.yours:
+            self._say(Reply.of(False, notice("screen.gain_control")))
+            return
+        typed = await self.push_screen_wait(Typed(gain.key, gain.text(), value=f"{gain.value:g}"))
+        if typed is None:
+            return
+        value = gain.read(typed)
+        self._say(Reply.of(False, value) if isinstance(value, Sentence) else await self._feed.set_gain(gain.key, value))
+
+    def _only_looks(self) -> None:
+        """Whoever tries to stop a vehicle from here must not wait for it."""
+        if self._read_only:
+            self._say(Reply.of(False, notice("screen.only_looks")))
+
+    def _later(self, work: Callable[[], Awaitable[Reply]]) -> None:
+        """Do it beside the screen, which goes on being drawn, and say what came of it."""
+
+        async def do() -> None:
+            self._say(await work())
+
+        self.run_worker(do())
+
+    def _say(self, answer: Reply) -> None:
+        severity: SeverityLevel = "information" if answer.done else "error"
+        self.notify(printable(answer.says), severity=severity, timeout=6.0, markup=False)
 
     # ---- the screen itself
 

@@ -249,10 +249,6 @@ def _pixels(text: str) -> list[str]:
     return [".".join(glyph[row] for glyph in glyphs) for row in range(5)]
 
 
-RATE_SCALE_DEG_S = 360.0
-"""Full scale of the rate bars where no limit is known [deg/s]."""
-
-
 SMALL = 0.02
 """A smaller part of a vector has no arrow [m/s²]."""
 
@@ -287,12 +283,11 @@ def _thrust(snapshot: Snapshot) -> Spans:
 
 def _rates(snapshot: Snapshot) -> list[Spans]:
     rows = []
-    for i, name in enumerate(("rate roll", "pitch", "yaw")):
-        rate = math.degrees(snapshot.rates_rad_s[i])
-        known = snapshot.rate_limits_rad_s
-        limit = math.degrees(known[i]) if known is not None else RATE_SCALE_DEG_S
-        full = known is not None and not abs(rate) < 0.98 * limit
-        told = f" /{limit:.0f} °/s" if known is not None else " °/s"
+    names, limits = ("rate roll", "pitch", "yaw"), snapshot.rate_limits_rad_s or (math.inf,) * 3
+    for name, *radians in zip(names, snapshot.rates_rad_s, limits, strict=True):
+        rate, limit = map(math.degrees, radians)
+        full = not abs(rate) < 0.98 * limit
+        told = f" /{limit:.0f} °/s" if limit < math.inf else " °/s"
         rows.append(
             [
                 (f"{name:>9}", LABEL),

@@ -2,12 +2,11 @@
 
 import math
 from collections import deque
-from collections.abc import AsyncIterator, Mapping
-from typing import Any, Protocol
+from collections.abc import AsyncIterator
+from typing import Protocol
 
 import msgspec
 
-from groundstation.config import parse_toml
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Ask, Notice, Reply, Sentence, Snapshot, notice
 from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, REPEAT_S, TABLE, State
@@ -247,8 +246,6 @@ class GainRow(msgspec.Struct, frozen=True):
     """Dotted, as in the configuration."""
     value: float
     """As it is now."""
-    begun: float
-    """As it is configured; NaN where that is not known."""
 
     def text(self) -> str:
         """For who is to change it."""
@@ -262,16 +259,6 @@ class GainRow(msgspec.Struct, frozen=True):
         except ValueError:
             return notice("screen.no_number", typed=typed)
         return value if math.isfinite(value) else notice("screen.no_gain", typed=typed)
-
-
-def gains(config: Mapping[str, Any], now: Mapping[str, float]) -> list[GainRow]:
-    """Those of a snapshot, with what they are configured to be."""
-    section = config.get("controller", {})
-    found = []
-    for key, value in now.items():
-        begun = section.get(key.rpartition(".")[2], math.nan)
-        found.append(GainRow(key, value, float(begun) if isinstance(begun, float | int) else math.nan))
-    return found
 
 
 KEPT = 600
@@ -331,13 +318,6 @@ class Picture:
     def headline(self, now_s: float) -> BannerText:
         """Choose the most important fact of now."""
         return headline(self.newest, now_s - self.arrived_s, self.trouble)
-
-    def config(self) -> dict[str, Any]:
-        """The configuration in force; empty where it is not known."""
-        try:
-            return parse_toml(self.hello.config) if self.hello is not None else {}
-        except ValueError:
-            return {}
 
     def _begin_anew(self) -> None:
         """Another flight, or another time of it."""

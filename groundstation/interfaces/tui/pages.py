@@ -1,7 +1,7 @@
 """Pages of the dashboard: the state on top, each one's own matter in the middle, orders and the other pages below."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import msgspec
@@ -27,7 +27,7 @@ from groundstation.interfaces.tui.drawing import (
     row,
     three,
 )
-from groundstation.interfaces.tui.model import ALARM, GainRow, Picture, gains
+from groundstation.interfaces.tui.model import ALARM, GainRow, Picture
 from groundstation.interfaces.tui.widgets import (
     Banner,
     Curves,
@@ -199,7 +199,7 @@ class ControlPage(Page):
                 yield Curves("", [("V", ERROR)], 0.001)
             with Vertical(id="right"):
                 table: DataTable[str] = DataTable(cursor_type="row", zebra_stripes=True)
-                table.add_columns("gain", "now", "begun with")
+                table.add_columns("gain", "now")
                 yield table
 
     def draw(self, frame: PageFrame) -> None:
@@ -207,22 +207,22 @@ class ControlPage(Page):
         picture = frame.picture
         if picture.newest is not None:
             self.query_one("#law", Static).update(join_rows(law_rows(picture.newest)))
-            self._gains(picture.config(), picture.newest.gains)
+            self._gains(picture.newest.gains)
         errors, v = self.query(Curves)
         errors.show([[one.errors[i] for one in picture.flown] for i in range(3)])
         v.show([[one.v for one in picture.flown]])
 
-    def _gains(self, config: Mapping[str, object], now: Mapping[str, float]) -> None:
-        known = gains(config, now)
-        if tuple(known) == self._shown:
+    def _gains(self, now: Mapping[str, float]) -> None:
+        known = tuple(GainRow(key, value) for key, value in now.items())
+        if known == self._shown:
             return
-        self._shown = tuple(known)
+        self._shown = known
         table = self.query_one(DataTable)
         at = table.cursor_row
         table.clear()
         for gain in known:
             name = gain.key.removeprefix("controller.")
-            table.add_row(Text(printable(name)), f"{gain.value:.4g}", f"{gain.begun:.4g}", key=gain.key)
+            table.add_row(Text(printable(name)), f"{gain.value:.4g}", key=gain.key)
         table.move_cursor(row=at)
 
     def on_data_table_row_selected(self, event: "DataTable.RowSelected") -> None:
@@ -390,12 +390,12 @@ class ConfigPage(TextPage):
     NAME: ClassVar[str] = "Config"
 
     def lines(self, picture: Picture) -> list[Spans]:
-        """Each key with its section."""
+        """As a file has it."""
         hello = picture.hello
         if hello is None or not hello.config:
             return [[("the configuration is not known", LABEL)]]
         head: Spans = [(printable(f"{hello.vehicle}: {hello.origin}"), LABEL)]
-        return [head, *config_rows(hello.config)]
+        return [head, *([(printable(line), "")] for line in hello.config.splitlines())]
 
 
 class LogPage(TextPage):
@@ -411,15 +411,3 @@ class LogPage(TextPage):
     def lines(self, picture: Picture) -> list[Spans]:
         """The newest last."""
         return [event_row(line) for line in picture.events] or [[("nothing was told yet", LABEL)]]
-
-
-def config_rows(config: str) -> Iterable[Spans]:
-    """The lines of a TOML text as ``section.key = value``."""
-    section = ""
-    for line in config.splitlines():
-        text = printable(line.strip())
-        if text.startswith("["):
-            section = text.strip("[]") + "."
-        elif text and not text.startswith("#"):
-            key, _, value = text.partition("=")
-            yield [(section, LABEL), (f"{key.strip()} ", "bold"), (f"= {value.strip()}", "")]

@@ -5,6 +5,7 @@ It is told from them by how many different ones come at once, and dropped: a key
 """
 
 import codecs
+import io
 import os
 import selectors
 from collections.abc import Iterator, Mapping
@@ -30,8 +31,6 @@ AFTER_S = 0.3
 PASTE_S = 1.0
 """Text after a paste's mark counts as the paste for at most this long [s], with or without the mark
 of its end."""
-READ_BYTES = 4096
-"""Most bytes read from the terminal at once."""
 
 
 class KeyGate:
@@ -129,7 +128,7 @@ class TolerantDriver(LinuxDriver):
             selector.register(self.fileno, selectors.EVENT_READ)
             while not self.exit_event.is_set():
                 came = selector.select(QUIET_S)
-                data = os.read(self.fileno, READ_BYTES) if came else b""
+                data = os.read(self.fileno, io.DEFAULT_BUFFER_SIZE) if came else b""
                 if came and not data:
                     return  # the terminal is gone
                 now_s = self._loop.time()

@@ -47,9 +47,7 @@ from links.text import printable
 TALL = 36
 """Large letters are used from this height of the screen on [rows]."""
 WORDS_WIDTH = 30
-"""Room for the words beside large letters [columns]."""
-BESIDE = 3
-"""Gap between the two [columns]."""
+"""Room for the words beside large letters, with the gap between them [columns]."""
 
 
 def join_rows(rows: Sequence[Spans]) -> Content:
@@ -86,7 +84,7 @@ class Banner(Widget):
             blank = " " * len(large[0])
             return (blank, *large, blank) if tall else large
         letters = big(self._shown.big)
-        return letters if len(letters[0]) + BESIDE + WORDS_WIDTH <= self.screen.size.width else ("",) * len(letters)
+        return letters if len(letters[0]) + WORDS_WIDTH <= self.screen.size.width else ("",) * len(letters)
 
     def on_resize(self) -> None:
         """Other letters may fit now."""

@@ -5,7 +5,15 @@ from random import Random
 import pytest
 from textual.events import AppFocus, Key, Paste
 
-from groundstation.interfaces.tui.terminal import AFTER_S, MOST_KEYS, PASTE_S, WAIT_S, InputParser, KeyGate
+from groundstation.interfaces.tui.terminal import (
+    AFTER_S,
+    MOST_KEYS,
+    PASTE_S,
+    WAIT_S,
+    InputParser,
+    KeyGate,
+    find_multiplexer,
+)
 
 LETTERS = "abcdefghijklmnop"
 
@@ -70,6 +78,19 @@ def test_a_key_does_not_wait_for_ever_for_what_goes_on_and_the_rest_is_never_dro
     pressed(gate, LETTERS, 6.0)
     gate.take(Paste("text"), 6.0)
     assert [type(one) for one in gate.release(6.02, quiet=True)] == [Paste]
+
+
+@pytest.mark.parametrize(
+    ("environment", "taker"),
+    [
+        ({}, ""),
+        ({"TERM": "xterm-256color"}, ""),
+        ({"TERM": "tmux-256color"}, "a multiplexer (TERM=tmux-256color)"),
+        ({"TERM": "screen", "STY": "7.lab", "TMUX": "/tmp/tmux"}, "GNU screen ($STY)"),
+    ],
+)
+def test_a_multiplexer_is_known_by_what_it_sets(environment: dict[str, str], taker: str) -> None:
+    assert find_multiplexer(environment) == taker
 
 
 def read(parser: InputParser, data: bytes, now_s: float) -> list[str]:
