@@ -3,7 +3,8 @@
 What :func:`sim.runs.flight.fly` does with one vehicle through wire bytes, this does with N: the same random numbers,
 cameras, frames, losses and outages, the same single-precision set-points. Only the orchestration is written again (a
 test holds both against each other): who has a pose, which command acts when, the controller's memory, and what the
-referee writes down. All are told the same and share the periods of frames and poses.
+referee writes down. All are told the same and share the periods of frames and poses. Thrust and rates follow their
+commands by first-order lags alone: no rotors, and no dead times.
 """
 
 import math
@@ -63,24 +64,20 @@ from sim.batch.one_by_one import OneByOne
 from sim.runs import BACK_M, CONFIRM_S, CRASH_M, Effort, sought
 from sim.text import notice
 from sim.world import (
-    Actuators,
+    STILL,
+    AirDrag,
     Body,
     Physics,
-    RateLoop,
     SteadyWind,
     World,
     begin_eddies,
-    begin_rotors,
     cell,
     compute_drag,
     compute_steady,
     compute_turbulence,
-    describe_air,
-    describe_rotors,
     generator,
     integrate,
     stir,
-    turn_rotors,
 )
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -150,7 +147,6 @@ class BatchEstimator:
         self._vehicle = vehicle
         self._gains = gains
         self._period = period_s
-        self._delays = tuple(dict.fromkeys((vehicle.thrust_delay_s, vehicle.rate_delay_s)))
         noises = (gains.pose_wander, gains.acceleration_noise, gains.wind_noise, gains.wind_rate_noise)
         self._densities = Densities(*(noise**2 for noise in noises))
         self._separates = gains.effectiveness_deviation > 0.0
@@ -266,13 +262,11 @@ class BatchEstimator:
         time = self._state.stamp[who]
         while (going := time < end - 1e-9).any():
             part, now, last = who[going], time[going], end[going]
-            until, acting = np.minimum(last, now + STEP_LIMIT), []
-            for delay in self._delays:  # of thrust, and of rates where it is another
-                frame = np.minimum(np.floor((now - delay + 1e-9) / period).astype(int), self._newest)
-                ends = (frame + 1) * period + delay
-                until = np.where(frame < self._newest, np.minimum(until, ends), until)
-                acting.append(self._drives[frame % KEPT_FRAMES, :, part].T)
-            command = ActuatorCommand(acting[0][0], tuple(acting[-1][1:]))
+            until = np.minimum(last, now + STEP_LIMIT)
+            frame = np.minimum(np.floor((now + 1e-9) / period).astype(int), self._newest)
+            until = np.where(frame < self._newest, np.minimum(until, (frame + 1) * period), until)
+            thrust, *rates = self._drives[frame % KEPT_FRAMES, :, part].T
+            command = ActuatorCommand(thrust, tuple(rates))
             h, lags = np.maximum(until - now, 1e-12), (vehicle.thrust_lag_s, vehicle.rate_lag_s)
             put(driven, part, integrate_actuators(OPS, pick(driven, part), command, h, *lags))
             time[going] = until
@@ -386,8 +380,6 @@ class Cameras:
 
 BODY = 14
 """Numbers that make a Body."""
-ACTUATORS = 17
-"""Numbers that make Actuators: four rotor speeds and a rate loop."""
 BLOCK = 512
 """Rows of random numbers drawn at a time [-]."""
 
@@ -423,58 +415,6 @@ class BatchWind:
 
     def _draw(self) -> Array:
         return np.stack([draw.standard_normal((BLOCK, 3)) for draw in self._draws], axis=2)
-
-
-class GyroNoise:
-    """Noise of the gyros of N vehicles with rotors, in each step of a frame."""
-
-    def __init__(self, worlds: Sequence[World], seeds: Sequence[int], steps: int) -> None:
-        """``steps`` make a frame."""
-        self._draws = [generator(seed, "gyro") for seed in seeds]
-        self._sigma = np.array([world.rotors.gyro_noise_rad_s for world in worlds])
-        self._steps = steps
-        self._block = np.zeros((0, 3, len(seeds)))
-
-    def draw(self) -> Array:
-        """The noise of one frame, (steps, 3, N) [rad/s]."""
-        if not len(self._block):
-            count = self._steps * (BLOCK // self._steps)
-            self._block = np.stack([draw.standard_normal((count, 3)) for draw in self._draws], axis=2) * self._sigma
-        noise, self._block = self._block[: self._steps], self._block[self._steps :]
-        return noise
-
-
-class DelayedCommands:
-    """Commands of N vehicles that act late; see :class:`sim.world.quadrotor.DelayLine`."""
-
-    def __init__(self, worlds: Sequence[World], thrust: Array) -> None:
-        """Begin with ``thrust`` [N] and no rates, until the first command acts."""
-        thrust_s, rates_s = column(worlds, "thrust_delay_s"), column(worlds, "rate_delay_s")
-        self._delays: Array = np.stack([thrust_s, *[rates_s] * 3])
-        """Dead times of thrust and of each rate, (4, N) [s]."""
-        self._period = worlds[0].frame_period_s
-        self.late = bool(self._delays.any())
-        """Whether any command acts late."""
-        self._commands = np.zeros((3 + int(np.max(self._delays) / self._period), 4, len(worlds)))
-        """The newest commands of as many frames as may still act, the newest first."""
-        self._commands[:, 0] = thrust
-
-    def put(self, thrust: Array, rates: Any) -> None:
-        """The command of the frame that begins."""
-        self._commands = np.roll(self._commands, 1, axis=0)
-        self._commands[0] = (thrust, *rates)
-
-    def compute_mean(self, since_s: Any, span_s: Any, who: Any) -> Array:
-        """Commands of ``who``, (4, n), that act on average from ``since_s`` into the frame on, over ``span_s`` [s]."""
-        delays = self._delays[:, who]
-        # What acts changes once a frame, so long after the frame's begin.
-        frames = np.floor(delays / self._period + 1e-9)
-        change = delays - frames * self._period
-        share = np.clip((since_s + span_s - np.maximum(change, since_s)) / span_s, 0.0, 1.0)
-        newer = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int), axis=0)[0]
-        older = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int) + 1, axis=0)[0]
-        mean: Array = older + share * (newer - older)
-        return mean
 
 
 class ReceivedCommands:
@@ -518,8 +458,7 @@ class ReceivedCommands:
 class Fleet:
     """The truth about N vehicles, one frame of commands at a time.
 
-    ``track`` has shape (steps + 1, 14, N): the vehicles at the start of each plant step of the frame, and at its end;
-    31 in the place of 14 with rotors.
+    ``track`` has shape (steps + 1, 14, N): the vehicles at the start of each plant step of the frame, and at its end.
     ``felt`` has shape (steps + 1, 3, N): the disturbance b [m/s², NED] at the start of the frame, and in each step.
     """
 
@@ -532,41 +471,15 @@ class Fleet:
         self._floor = column(worlds, "floor_z_m")
         self.start = column(worlds, "start_ned")
         self._steps, self._step_s = steps, first.frame_period_s / steps
-        self._plant: Any = self._describe_plant(worlds)
-        physics, _, rotors = self._plant
-        thrust = column(worlds, "start_thrust") * physics.mass_kg * first.gravity
-        self.track = np.zeros((steps + 1, BODY + (0 if rotors is None else ACTUATORS), n))
+        self._plant: Any = _describe_plant(worlds)
+        self.track = np.zeros((steps + 1, BODY, n))
         self.track[-1, :3] = self.start
         turn: Any = tuple(np.radians(column(worlds, "start_turn_deg")))
         self.track[-1, 6:10] = rotate((np.ones(n), *zeros(n, 3)), turn)
-        self.track[-1, 10] = thrust
+        self.track[-1, 10] = column(worlds, "start_thrust") * column(worlds, "mass_kg") * first.gravity
         self._start_velocity = column(worlds, "start_velocity")
-        if rotors is not None:
-            put(_vehicle(self.track[-1])[1], slice(None), begin_rotors(OPS, thrust, rotors[1]))
-        self._gyros = None if rotors is None else GyroNoise(worlds, seeds, steps)
         self._wind = BatchWind(worlds, seeds)
         self.felt = np.zeros((steps + 1, 3, n))
-        self._delayed = DelayedCommands(worlds, thrust)
-
-    def _describe_plant(self, worlds: Sequence[World]) -> Any:
-        """Physics, drag and rotors; None for the latter two where there are none."""
-        first = worlds[0]
-
-        def of(get: Callable[[World], float]) -> Any:
-            return np.array([get(world) for world in worlds], np.float64)
-
-        physics: Any = Physics(
-            column(worlds, "mass_kg"),
-            column(worlds, "thrust_lag_s"),
-            column(worlds, "rate_lag_s"),
-            column(worlds, "drag_per_s"),
-            column(worlds, "rate_leak"),
-            first.gravity,
-        )
-        drag: Any = describe_air(of)
-        drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
-        rotors = (*describe_rotors(of, first.gravity), self.commands.gains) if first.plant == "rotors" else None
-        return physics, drag if drags else None, rotors
 
     def release(self) -> None:
         """Let go of all of them."""
@@ -575,7 +488,7 @@ class Fleet:
     @property
     def body(self) -> Any:
         """The Body of each at the end of the newest frame."""
-        return _body(self.track[-1, :BODY])
+        return _body(self.track[-1])
 
     def fly(self, time_s: float) -> Seen:
         """All steps of the frame that begins at ``time_s`` after the release; returns what cameras see in it."""
@@ -584,27 +497,16 @@ class Fleet:
         starts: Array = time_s + np.arange(self._steps, dtype=np.float64) * h
         for row, time in zip(self.felt, (time_s, *(starts + 0.5 * h).tolist()), strict=True):
             row[...] = self._wind.at(time)
-        held: list[Any] = [(commands.thrust, commands.rates)] * self._steps
-        if self._delayed.late:
-            self._delayed.put(commands.thrust, commands.rates)
-            means = (self._delayed.compute_mean(step * h, h, slice(None)) for step in range(self._steps))
-            held = [(thrust, tuple(rates)) for thrust, *rates in means]
-        noise = None if self._gyros is None else self._gyros.draw()
-        vehicle = _vehicle(track[0])
-        for step, command in enumerate(held):
-            gyro = None if noise is None else tuple(noise[step])
-            vehicle = _step(OPS, vehicle, command, gyro, tuple(self.felt[step + 1]), h, self._plant)
-            put(_vehicle(track[step + 1]), slice(None), vehicle)
+        command = commands.thrust, commands.rates
+        body = _body(track[0])
+        for felt, end in zip(self.felt[1:], track[1:], strict=True):
+            body = _step(body, command, tuple(felt), h, self._plant)
+            put(_body(end), slice(None), body)
 
         def see(step: Any, who: Any, taken: Any) -> Any:
-            before, wind = _vehicle(track[step, :, who].T), tuple(self.felt[step + 1, :, who].T)
+            before, wind = _body(track[step, :, who].T), tuple(self.felt[step + 1, :, who].T)
             since = np.maximum(taken - starts[step], 1e-12)
-            thrust, rates = commands.thrust[who], pick(commands.rates, who)
-            if self._delayed.late:
-                thrust, *rates = self._delayed.compute_mean(step * h, since, who)
-            gyro = None if noise is None else tuple(noise[step, :, who].T)
-            plant = pick(self._plant, who)
-            return _step(OPS, before, (thrust, tuple(rates)), gyro, wind, since, plant)[0]
+            return _step(before, pick(command, who), wind, since, pick(self._plant, who))
 
         return see
 
@@ -625,30 +527,35 @@ class Fleet:
         return down
 
 
-def _step(ops: Ops, vehicle: Any, command: Any, gyro: Any, wind: Any, h: Any, plant: Any) -> Any:
-    """One step of the plant: Body, and actuators where there are rotors."""
-    (body, actuators), (thrust, rates), (physics, drag, rotors) = vehicle, command, plant
+def _describe_plant(worlds: Sequence[World]) -> Any:
+    """Physics, and drag along the body's axes; None where there is none."""
+    physics = Physics(
+        column(worlds, "mass_kg"),
+        column(worlds, "thrust_lag_s"),
+        column(worlds, "rate_lag_s"),
+        column(worlds, "drag_per_s"),
+        column(worlds, "rate_leak"),
+        worlds[0].gravity,
+    )
+    linear, air = tuple(column(worlds, "drag_body_per_s")), tuple(column(worlds, "air_velocity"))
+    within, along = column(worlds, "inflow_drag_per_m")
+    drag = AirDrag(linear, within, along, column(worlds, "inflow_lift_per_m"), air)
+    drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
+    return physics, drag if drags else None
+
+
+def _step(body: Any, command: Any, wind: Any, h: Any, plant: Any) -> Any:
+    """One step of the plant."""
+    (thrust, rates), (physics, drag) = command, plant
     if drag is not None:
-        wind = tuple(a + b for a, b in zip(wind, compute_drag(ops, body, drag), strict=True))
-    if rotors is None:
-        return integrate(ops, body, thrust, rates, wind, h, physics), None
-    frame, gains, gain = rotors
-    return turn_rotors(ops, body, actuators, thrust, rates, gyro, gain, wind, h, frame, gains)
+        wind = tuple(a + b for a, b in zip(wind, compute_drag(OPS, body, drag), strict=True))
+    return integrate(OPS, body, thrust, rates, wind, h, physics)
 
 
 def _body(numbers: Any) -> Any:
     """The Body of 14 rows, without a copy."""
     px, py, pz, vx, vy, vz, w, x, y, z, thrust, p, q, r = numbers
     return Body((px, py, pz), (vx, vy, vz), (w, x, y, z), thrust, (p, q, r))
-
-
-def _vehicle(numbers: Any) -> Any:
-    """The Body of the first 14 rows, and the Actuators of the rest, if any."""
-    body = _body(numbers[:BODY])
-    if len(numbers) == BODY:
-        return body, None
-    a, b, c, d, thrust, *rest = numbers[BODY:]
-    return body, Actuators((a, b, c, d), RateLoop(thrust, *(tuple(rest[k : k + 3]) for k in range(0, 12, 3))))
 
 
 STEADY_FROM_S = STEADY_S - ROUNDING_S
@@ -782,13 +689,13 @@ def require_batchable(world: World, config: Config) -> None:
         raise ConfigError("controller", notice("batch.controller"))
     if not isinstance(config.pose, ViconConfig):
         raise ConfigError("pose.kind", notice("batch.source", found=config.pose.kind))
-    for key, delay_s in (
-        ("vehicle.command_delay_s", config.vehicle.command_delay_s),
-        ("sim.command_delay_s", world.command_delay_s),
-    ):
-        if delay_s > 0.0:
-            raise ConfigError(key, notice("batch.delay"))
-    if world.tunnel != type(world.tunnel)():
+    if world.plant == "rotors":
+        raise ConfigError("sim.plant", notice("batch.rotors"))
+    for name in ("command_delay_s", "thrust_delay_s", "rate_delay_s"):
+        for section, told in (("vehicle", config.vehicle), ("sim", world)):
+            if getattr(told, name) > 0.0:
+                raise ConfigError(f"{section}.{name}", notice("batch.delay"))
+    if world.tunnel != STILL:
         raise ConfigError("sim.tunnel", notice("batch.tunnel"))
     for name in ("occlusion_s", "swap_s"):
         if getattr(world, name) > 0.0:
@@ -808,7 +715,7 @@ def fly_batch(
         ValueError: the worlds differ in a period or in the reference.
         ConfigError: see :func:`require_batchable`.
     """
-    for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity", "plant"):
+    for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity"):
         if any(getattr(world, name) != getattr(worlds[0], name) for world in worlds):
             raise ValueError(notice("batch.different", key=name))
     for world in worlds:
@@ -879,13 +786,5 @@ class Batch:
 
     def _decide(self, time_s: float, interval_s: float) -> tuple[Estimate, Decision]:
         """Estimate and command at ``time_s``, ``interval_s`` [s] after the last one."""
-        vehicle, estimator = self._config.vehicle, self._estimator
-        acting_s = time_s + vehicle.acting_delay_s
-        reference = self._trajectory.at(acting_s)
-        if not vehicle.sooner_s:
-            estimate = estimator.predict(acting_s)
-            return estimate, self._controller.decide(estimate, reference, interval_s)
-        # A copy: what is predicted shares arrays with the estimator's state, which the later one moves on.
-        sooner = pick(estimator.predict(acting_s - vehicle.sooner_s), np.arange(self._fleet.count))
-        estimate = estimator.predict(acting_s)
-        return estimate, self._controller.decide_apart(sooner, estimate, reference, interval_s)
+        estimate = self._estimator.predict(time_s)
+        return estimate, self._controller.decide(estimate, self._trajectory.at(time_s), interval_s)

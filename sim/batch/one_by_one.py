@@ -5,13 +5,11 @@ from typing import Any
 import numpy as np
 
 from groundstation.core.control import make_controller
+from groundstation.core.geometry import ZERO
 from groundstation.core.messages import Controller, Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion
 from groundstation.settings import Config
-
-UNKNOWN: Any = (0.0, 0.0, 0.0)
-"""Diagnostics that a batch does not look at."""
 
 
 class OneByOne:
@@ -41,32 +39,29 @@ class OneByOne:
         thrust, p, q, r, *b_hat = found
         saturated: Any = np.array([d.saturated for d in decisions])
         zero: Any = np.zeros(count)
+        unseen: Any = ZERO  # no batch looks at these diagnostics
         return Decision(
             ActuatorCommand(thrust, (p, q, r)),
             saturated,
             Diagnostics(
-                z1=UNKNOWN,
-                z2=UNKNOWN,
-                z3=UNKNOWN,
-                u_star=UNKNOWN,
+                z1=unseen,
+                z2=unseen,
+                z3=unseen,
+                u_star=unseen,
                 b_hat=(b_hat[0], b_hat[1], b_hat[2]),
-                b_hat_dot=UNKNOWN,
+                b_hat_dot=unseen,
                 disturbance=estimate.disturbance,
-                v_terms=UNKNOWN,
-                w_terms=UNKNOWN,
+                v_terms=unseen,
+                w_terms=unseen,
                 v_known=zero,
                 w=zero,
                 certificate=decisions[0].diagnostics.certificate,
             ),
         )
 
-    def decide_apart(self, sooner: Estimate, later: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """One command of each for the ``later`` instant, as the pilot asks whom it does not know."""
-        return self.decide(later, reference, interval_s)
-
 
 def _make_estimate(time_s: float, row: list[float]) -> Estimate:
     """The estimate of one vehicle."""
     px, py, pz, vx, vy, vz, w, x, y, z, thrust, p, q, r, north, east, down, effectiveness = row
     motion = Motion((px, py, pz), (vx, vy, vz), (w, x, y, z), thrust, (p, q, r))
-    return Estimate(time_s, motion, (north, east, down), (0.0, 0.0, 0.0), effectiveness)
+    return Estimate(time_s, motion, (north, east, down), ZERO, effectiveness)

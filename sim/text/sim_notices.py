@@ -83,6 +83,11 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("batch.controller", "a batch flies with the model's observer and provable adaptation only"),
     NoticeTemplate("batch.source", "a batch sees through 'vicon' only, got {found!r}"),
     NoticeTemplate("batch.delay", "the commands of a batch act at once; expected 0"),
+    NoticeTemplate(
+        "batch.rotors",
+        "a batch flies no rotors",
+        "take a scenario without them, or `compare --seeds N`, which flies them",
+    ),
     NoticeTemplate("batch.tunnel", "a batch flies in no wind tunnel: leave it out"),
     NoticeTemplate("batch.swap", "the cameras of a batch never take one body for another; expected 0"),
     NoticeTemplate("campaign.no_folder", "{path} is no folder of a campaign: {why}"),

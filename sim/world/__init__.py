@@ -3,17 +3,12 @@
 from sim.world.draws import generator, normals, rows
 from sim.world.hand import HOLD_S, MOVE_S, make_hand
 from sim.world.plant import (
-    Actuators,
+    AirDrag,
     Body,
     FourRotors,
     Physics,
-    RateLoop,
-    begin_rotors,
     compute_drag,
-    describe_air,
-    describe_rotors,
     integrate,
-    turn_rotors,
 )
 from sim.world.quadrotor import (
     SAME_INSTANT_S,

@@ -1,4 +1,4 @@
-"""The simulated vehicle as pure functions: one step of a rigid body on SO(3). All work elementwise.
+"""The simulated vehicle as pure functions: one step of a rigid body on SO(3).
 
 Equations (1)-(4) of the paper (docs/explanation/law.md):
 
@@ -7,7 +7,8 @@ Equations (1)-(4) of the paper (docs/explanation/law.md):
 There are two plants. The controller's own model (groundstation/core/vehicle/vehicle.py) shares no code with them.
 
 :func:`integrate` is the plant of these equations. Its lags are exact, its attitude turns by the exact integral of the
-rates, and its translation is by Simpson's rule (fourth order in the step).
+rates, and its translation is by Simpson's rule (fourth order in the step). It and the drag work elementwise, for many
+vehicles at once.
 
 :func:`turn_rotors` is a quadrotor that turns by its four rotors. It has two parts, so that a real autopilot can take
 the place of the first (:meth:`sim.world.quadrotor.Quadrotor.drive_rotors`):
@@ -21,10 +22,12 @@ every filter is exact for any step.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 from groundstation.core.geometry import (
+    FLOATS,
+    ZERO,
     Ops,
     Quat,
     Real,
@@ -40,7 +43,7 @@ from groundstation.core.geometry import (
     to_body,
     to_world,
 )
-from sim.world.world import RotorConstants, World
+from sim.world.world import World
 
 
 class Body(NamedTuple):
@@ -147,26 +150,26 @@ def integrate(
     return Body(position, velocity, end, thrust, add_scaled(rate_command, rates_kept, lead))
 
 
-FourRotors: TypeAlias = tuple[Real, Real, Real, Real]
+FourRotors: TypeAlias = tuple[float, float, float, float]
 """One number per rotor."""
 
 
 class RotorFrame(NamedTuple):
     """Constants of rotors and body, as in :class:`sim.world.world.RotorConstants` and ``World``."""
 
-    mass_kg: Real
+    mass_kg: float
     inertia: Vec3
     """Moments of inertia about roll, pitch and yaw [kg m²]."""
-    lever_m: Real
+    lever_m: float
     """Lever arm of each rotor about roll and pitch [m]."""
-    torque_m: Real
+    torque_m: float
     """Drag torque over thrust of a rotor [m]."""
-    curve: Real
+    curve: float
     """f of thrust = f n² + (1 - f) n [-]."""
-    spin_up_s: Real
-    spin_down_s: Real
-    drag_per_s: Real
-    rate_leak: Real
+    spin_up_s: float
+    spin_down_s: float
+    drag_per_s: float
+    rate_leak: float
     gravity: float
 
 
@@ -174,24 +177,24 @@ class RateLoopGains(NamedTuple):
     """Constants of the rate loop; the first four as in :class:`RotorFrame`, the rest as in ``RotorConstants``."""
 
     inertia: Vec3
-    lever_m: Real
-    torque_m: Real
-    curve: Real
-    full_n: Real
+    lever_m: float
+    torque_m: float
+    curve: float
+    full_n: float
     """Largest thrust that the loop counts on from one rotor [N]."""
     p: Vec3
     i: Vec3
     d: Vec3
-    gyro_filter_s: Real
-    d_filter_s: Real
-    rate_filter_s: Real
-    thrust_filter_s: Real
+    gyro_filter_s: float
+    d_filter_s: float
+    rate_filter_s: float
+    thrust_filter_s: float
 
 
 class RateLoop(NamedTuple):
     """The rate loop's state."""
 
-    thrust: Real
+    thrust: float
     """Filtered thrust command [N]."""
     rates: Vec3
     """Filtered rate command [rad/s]."""
@@ -211,88 +214,65 @@ class Actuators(NamedTuple):
     loop: RateLoop
 
 
-Of: TypeAlias = Callable[[Callable[[World], float]], Real]
-"""Reads a number of a world: ``of(get)`` is ``get(world)`` for one world, or the array of it over many worlds."""
+def describe_rotors(world: World) -> tuple[RotorFrame, RateLoopGains]:
+    """Rotors and rate loop of ``world``."""
+    rotors = world.rotors
+    lever_m = rotors.arm_m * math.sqrt(0.5)
 
-
-def describe_air(of: Of) -> AirDrag:
-    """Drag by the air in one world, or in many."""
-    return AirDrag(
-        _vector(of, lambda w: w.drag_body_per_s),
-        of(lambda w: w.inflow_drag_per_m[0]),
-        of(lambda w: w.inflow_drag_per_m[1]),
-        of(lambda w: w.inflow_lift_per_m),
-        _vector(of, lambda w: w.air_velocity),
-    )
-
-
-def _vector(of: Of, get: Callable[[World], Vec3]) -> Vec3:
-    return of(lambda w: get(w)[0]), of(lambda w: get(w)[1]), of(lambda w: get(w)[2])
-
-
-def describe_rotors(of: Of, gravity: float) -> tuple[RotorFrame, RateLoopGains]:
-    """Rotors and rate loop in one world, or in many."""
-    inertia = _vector(of, lambda w: w.rotors.inertia_kg_m2)
-    lever, torque = of(lambda w: w.rotors.arm_m * math.sqrt(0.5)), of(lambda w: w.rotors.torque_per_thrust_m)
-    curve = of(lambda w: w.rotors.curve)
-
-    def gains(get: Callable[[RotorConstants], float]) -> Vec3:
-        level = of(lambda w: get(w.rotors))
-        return level, level, of(lambda w: get(w.rotors) * w.rotors.yaw_gain)
+    def per_axis(gain: float) -> Vec3:
+        return gain, gain, gain * rotors.yaw_gain
 
     return RotorFrame(
-        of(lambda w: w.mass_kg),
-        inertia,
-        lever,
-        torque,
-        curve,
-        of(lambda w: w.rotors.spin_up_s),
-        of(lambda w: w.rotors.spin_down_s),
-        of(lambda w: w.drag_per_s),
-        of(lambda w: w.rate_leak),
-        gravity,
+        world.mass_kg,
+        rotors.inertia_kg_m2,
+        lever_m,
+        rotors.torque_per_thrust_m,
+        rotors.curve,
+        rotors.spin_up_s,
+        rotors.spin_down_s,
+        world.drag_per_s,
+        world.rate_leak,
+        world.gravity,
     ), RateLoopGains(
-        inertia,
-        lever,
-        torque,
-        curve,
-        of(lambda w: 0.25 * w.thrust_max_n),
-        gains(lambda r: r.p),
-        gains(lambda r: r.i),
-        gains(lambda r: r.d),
-        of(lambda w: 1.0 / (2.0 * math.pi * w.rotors.gyro_filter_hz)),
-        of(lambda w: 1.0 / (2.0 * math.pi * w.rotors.d_filter_hz)),
-        of(lambda w: w.rotors.rate_filter_s),
-        of(lambda w: w.rotors.thrust_filter_s),
+        rotors.inertia_kg_m2,
+        lever_m,
+        rotors.torque_per_thrust_m,
+        rotors.curve,
+        0.25 * world.thrust_max_n,
+        per_axis(rotors.p),
+        per_axis(rotors.i),
+        per_axis(rotors.d),
+        1.0 / (2.0 * math.pi * rotors.gyro_filter_hz),
+        1.0 / (2.0 * math.pi * rotors.d_filter_hz),
+        rotors.rate_filter_s,
+        rotors.thrust_filter_s,
     )
 
 
-def begin_rotors(ops: Ops, thrust: Real, gains: RateLoopGains) -> Actuators:
+def begin_rotors(thrust: float, gains: RateLoopGains) -> Actuators:
     """Rotors that give a total ``thrust`` [N], and a rate loop without rates."""
-    speed = _speed(ops, 0.25 * thrust / gains.full_n, gains.curve)
-    zero = 0.0 * thrust  # a float, or an array of the same length
-    still = (zero, zero, zero)
-    return Actuators((speed, speed, speed, speed), RateLoop(thrust, still, still, still, still))
+    speed = _speed(0.25 * thrust / gains.full_n, gains.curve)
+    return Actuators((speed, speed, speed, speed), RateLoop(thrust, ZERO, ZERO, ZERO, ZERO))
 
 
-def _speed(ops: Ops, share: Real, curve: Real) -> Real:
+def _speed(share: float, curve: float) -> float:
     """Rotor speed n that gives ``share`` = f n² + (1 - f) n of the full thrust, f the ``curve``."""
     straight = 1.0 - curve
-    return 2.0 * share / (straight + ops.sqrt(straight * straight + 4.0 * curve * share) + TINY)
+    return 2.0 * share / (straight + math.sqrt(straight * straight + 4.0 * curve * share) + TINY)
 
 
 def run_rate_loop(
-    ops: Ops, loop: RateLoop, thrust: Real, rates: Vec3, gyro: Vec3, h: Real, gains: RateLoopGains
+    loop: RateLoop, thrust: float, rates: Vec3, gyro: Vec3, h: float, gains: RateLoopGains
 ) -> tuple[RateLoop, FourRotors]:
     """Run the loop for ``h`` [s] on commanded ``thrust`` [N] and ``rates``; return it and its rotor signals (0..1).
 
     torque = J (P e + I ∫e - D d/dt ω), e = commanded rates - filtered ``gyro`` [rad/s]. While a rotor is at its limit,
     the integral pauses.
     """
-    told_rates = _low_pass(loop.rates, rates, 1.0 - _decay(ops, h, gains.rate_filter_s))
-    measured = _low_pass(loop.gyro, gyro, 1.0 - _decay(ops, h, gains.gyro_filter_s))
-    slow = _low_pass(loop.slow, measured, 1.0 - _decay(ops, h, gains.d_filter_s))
-    told = loop.thrust + (1.0 - _decay(ops, h, gains.thrust_filter_s)) * (thrust - loop.thrust)
+    told_rates = _low_pass(loop.rates, rates, 1.0 - _decay(FLOATS, h, gains.rate_filter_s))
+    measured = _low_pass(loop.gyro, gyro, 1.0 - _decay(FLOATS, h, gains.gyro_filter_s))
+    slow = _low_pass(loop.slow, measured, 1.0 - _decay(FLOATS, h, gains.d_filter_s))
+    told = loop.thrust + (1.0 - _decay(FLOATS, h, gains.thrust_filter_s)) * (thrust - loop.thrust)
     error = subtract(told_rates, measured)
     # The output of a first-order filter changes by the distance to its input over its time constant.
     derivative = scale(1.0 / gains.d_filter_s, subtract(measured, slow))
@@ -301,24 +281,24 @@ def run_rate_loop(
     level, full = 0.25 * told, gains.full_n
     a, b, c = 0.25 * torque[0] / gains.lever_m, 0.25 * torque[1] / gains.lever_m, 0.25 * torque[2] / gains.torque_m
     wanted = (level - a + b + c, level + a - b + c, level + a + b - c, level - a - b - c)
-    given = [ops.clamp(one / full, 0.0, 1.0) for one in wanted]
+    given = [min(max(one / full, 0.0), 1.0) for one in wanted]
     over = [abs(one - full * share) for one, share in zip(wanted, given, strict=True)]
-    integrated_s = ops.where(over[0] + over[1] + over[2] + over[3] <= SATURATED_SHARE * full, h, 0.0)
-    front_right, rear_left, front_left, rear_right = (_speed(ops, share, gains.curve) for share in given)
+    integrated_s = h if over[0] + over[1] + over[2] + over[3] <= SATURATED_SHARE * full else 0.0
+    front_right, rear_left, front_left, rear_right = (_speed(share, gains.curve) for share in given)
     integral = add_scaled(loop.integral, integrated_s, error)
     return RateLoop(told, told_rates, measured, slow, integral), (front_right, rear_left, front_left, rear_right)
 
 
-def _spin(ops: Ops, speeds: FourRotors, signals: FourRotors, h: Real, frame: RotorFrame) -> FourRotors:
+def _spin(speeds: FourRotors, signals: FourRotors, h: float, frame: RotorFrame) -> FourRotors:
     """Let rotor ``speeds`` follow ``signals`` for ``h`` [s]."""
-    up, down = 1.0 - _decay(ops, h, frame.spin_up_s), 1.0 - _decay(ops, h, frame.spin_down_s)
+    up, down = 1.0 - _decay(FLOATS, h, frame.spin_up_s), 1.0 - _decay(FLOATS, h, frame.spin_down_s)
     now = zip(speeds, signals, strict=True)
-    n0, n1, n2, n3 = (speed + ops.where(signal > speed, up, down) * (signal - speed) for speed, signal in now)
+    n0, n1, n2, n3 = (speed + (up if signal > speed else down) * (signal - speed) for speed, signal in now)
     return n0, n1, n2, n3
 
 
 def _gain_rates(
-    body: Body, thrusts_before: Sequence[Real], thrusts_after: Sequence[Real], h: Real, frame: RotorFrame
+    body: Body, thrusts_before: Sequence[float], thrusts_after: Sequence[float], h: float, frame: RotorFrame
 ) -> Vec3:
     """Change of the body rates over ``h`` [s] by the torque of the four thrusts, averaged over both ends."""
     front_right, rear_left, front_left, rear_right = (
@@ -336,14 +316,13 @@ def _gain_rates(
 
 
 def integrate_rotors(
-    ops: Ops,
     body: Body,
     speeds: FourRotors,
     signals: FourRotors,
-    full_n: Real,
+    full_n: float,
     told: Vec3,
     other: Vec3,
-    h: Real,
+    h: float,
     frame: RotorFrame,
 ) -> tuple[Body, FourRotors]:
     """Integrate ``body`` and rotor ``speeds`` (0..1) for ``h`` [s] under held ``signals`` (0..1).
@@ -351,7 +330,7 @@ def integrate_rotors(
     The error is of second order in ``h``. ``full_n`` is the full thrust of one rotor now [N], ``other`` a constant
     acceleration, such as wind [m/s², NED], and ``told`` the commanded rates [rad/s], for the leak alone.
     """
-    after = _spin(ops, speeds, signals, h, frame)
+    after = _spin(speeds, signals, h, frame)
     straight = 1.0 - frame.curve
     thrusts_before, thrusts_after = (
         [full_n * speed * (straight + frame.curve * speed) for speed in some] for some in (speeds, after)
@@ -365,7 +344,7 @@ def integrate_rotors(
     other = add(other, _leak(body.attitude, told, frame.rate_leak))
     other = (other[0], other[1], other[2] + frame.gravity)
 
-    def accelerate(attitude: Quat, thrust_n: Real, velocity: Vec3) -> Vec3:
+    def accelerate(attitude: Quat, thrust_n: float, velocity: Vec3) -> Vec3:
         lifted = add_scaled(other, -thrust_n / frame.mass_kg, third_column(attitude))
         return add_scaled(lifted, -frame.drag_per_s, velocity)
 
@@ -378,22 +357,20 @@ def integrate_rotors(
 
 
 def turn_rotors(
-    ops: Ops,
     body: Body,
     actuators: Actuators,
-    thrust: Real,
+    thrust: float,
     rates: Vec3,
     gyro_noise: Vec3,
-    gain: Real,
+    gain: float,
     other: Vec3,
-    h: Real,
+    h: float,
     frame: RotorFrame,
     gains: RateLoopGains,
 ) -> tuple[Body, Actuators]:
     """Make one step of rate loop and rotors.
 
     Args:
-        ops: see :class:`groundstation.core.geometry.so3.Ops`.
         body: body at the step's start.
         actuators: rotors and rate loop at the step's start.
         thrust: commanded thrust times ``gain`` [N], the true thrust without lag; the rate loop's command is without it.
@@ -406,7 +383,7 @@ def turn_rotors(
         gains: constants of the rate loop.
     """
     gyro = add(body.rates, gyro_noise)
-    loop, signals = run_rate_loop(ops, actuators.loop, thrust / gain, rates, gyro, h, gains)
+    loop, signals = run_rate_loop(actuators.loop, thrust / gain, rates, gyro, h, gains)
     full = gain * gains.full_n
-    body, speeds = integrate_rotors(ops, body, actuators.speeds, signals, full, rates, other, h, frame)
+    body, speeds = integrate_rotors(body, actuators.speeds, signals, full, rates, other, h, frame)
     return body, Actuators(speeds, loop)

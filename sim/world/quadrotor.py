@@ -30,7 +30,6 @@ from sim.world.plant import (
     Physics,
     begin_rotors,
     compute_drag,
-    describe_air,
     describe_rotors,
     integrate,
     integrate_rotors,
@@ -191,11 +190,11 @@ class Rotors:
 
     def __init__(self, world: World, thrust: float, gyro: Iterator[tuple[float, ...]] | None) -> None:
         """Turn as for a total ``thrust`` [N]; ``gyro``: see :class:`Quadrotor`."""
-        self._frame, self._gains = describe_rotors(lambda get: get(world), world.gravity)
+        self._frame, self._gains = describe_rotors(world)
         self._gyro = repeat((0.0, 0.0, 0.0)) if gyro is None else gyro
         self._gyro_noise_rad_s = world.rotors.gyro_noise_rad_s
         self._gyro_noise = self._draw_noise()
-        self.actuators: Actuators = begin_rotors(FLOATS, thrust, self._gains)
+        self.actuators: Actuators = begin_rotors(thrust, self._gains)
         self.signals: FourRotors | None = None
         """Signals of another autopilot; None while our rate loop drives the rotors."""
 
@@ -206,9 +205,9 @@ class Rotors:
         old, gains = self.actuators, self._gains
         if self.signals is None:
             noise = self._gyro_noise
-            return turn_rotors(FLOATS, body, old, thrust, rates, noise, gain, push, h, self._frame, gains)
+            return turn_rotors(body, old, thrust, rates, noise, gain, push, h, self._frame, gains)
         full = gain * gains.full_n
-        body, speeds = integrate_rotors(FLOATS, body, old.speeds, self.signals, full, rates, push, h, self._frame)
+        body, speeds = integrate_rotors(body, old.speeds, self.signals, full, rates, push, h, self._frame)
         return body, old._replace(speeds=speeds)
 
     def keep(self, actuators: Actuators, *, on_floor: bool) -> None:
@@ -331,7 +330,7 @@ class Quadrotor:
         begins = so3.rotate(begins, (math.radians(roll), math.radians(pitch), math.radians(yaw)))
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), begins, thrust, (0.0, 0.0, 0.0))
         self._tunnel = None if world.tunnel == STILL else world.tunnel
-        drag = describe_air(lambda get: get(world))
+        drag = AirDrag(world.drag_body_per_s, *world.inflow_drag_per_m, world.inflow_lift_per_m, world.air_velocity)
         self._drag: AirDrag | None = drag if any((*drag.linear, drag.within, drag.along, drag.lift)) else None
         self._chain = ActuationChain(world, thrust)
         self._rotors = Rotors(world, thrust, gyro) if world.plant == "rotors" else None

@@ -1,7 +1,5 @@
 """Many flights at once agree with whole flights one at a time, so that two simulators cannot drift apart."""
 
-import math
-
 import pytest
 
 from groundstation.core.geometry import Vec3
@@ -14,39 +12,19 @@ from tests.flight.flights import flown
 SEEDS = 2
 DURATION_S = 17.0
 """Two seconds count; what differs by then does not agree again."""
-DELAYS = (
-    "sim.thrust_delay_s=0.03",
-    "sim.rate_delay_s=0.011",
-    "vehicle.thrust_delay_s=0.03",
-    "vehicle.rate_delay_s=0.011",
-)
 
 
 @pytest.mark.tried(1)  # in the other air
 @pytest.mark.parametrize(
     ("scenario", "overrides"),
-    [
-        ("paper", ("vehicle.thrust_delay_s=0.004", "vehicle.rate_delay_s=0.01")),
-        ("adverse", ()),
-        ("paper", (*DELAYS, "sim.drag_body_per_s=[0.3,0.2,0.1]", "sim.inflow_drag_per_m=[0.1,0.1]")),
-        ("rotors_mqx_radio", (*DELAYS, "sim.thrust_gain=0.9", "vehicle.rate_lag_s=0.07", "vehicle.rate_delay_s=0.066")),
-    ],
+    [("adverse", ()), ("paper", ("sim.drag_body_per_s=[0.3,0.2,0.1]", "sim.inflow_drag_per_m=[0.1,0.1]"))],
 )
-def test_a_batch_agrees_with_whole_flights_to_a_micrometre(
-    scenario: str, overrides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = scenario.startswith("rotors")  # a flight whose lags are told so wrongly asks its poses, which no batch does
-    if asked:
-        monkeypatch.setattr("groundstation.core.pilot.vehicle_state.SUSPECT_M_S2", math.inf)
+def test_a_batch_agrees_with_whole_flights_to_a_micrometre(scenario: str, overrides: tuple[str, ...]) -> None:
     world, config = prepare(SCENARIOS[scenario], list(overrides))
     batch = fly_batch([world] * SEEDS, config, list(range(SEEDS)), duration_s=DURATION_S)
     assert batch.survived.all()
     for seed in range(SEEDS):
-        verdict = (
-            fly(world, config, seed=seed, duration_s=DURATION_S)
-            if asked
-            else flown(scenario, *overrides, seed=seed, duration_s=DURATION_S)
-        ).verdict
+        verdict = flown(scenario, *overrides, seed=seed, duration_s=DURATION_S).verdict
         assert 100.0 * batch.rms_m[seed] == pytest.approx(verdict.rms_cm, abs=1e-4, rel=1e-4)
         assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.006)  # two steps of the plant
 
