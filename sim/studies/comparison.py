@@ -10,17 +10,16 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from itertools import chain, cycle
+from itertools import chain
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
 from groundstation.analysis.report import figure_class
 from groundstation.config import ConfigError, lend, several, without_frames
 from groundstation.core.control import make_controller
-from groundstation.core.messages import STEADY_S
 from groundstation.core.vehicle import Vehicle
 from groundstation.machine import replace_between_markers
 from groundstation.runtime import require_package
@@ -96,13 +95,16 @@ class ControllerComparison:
         return DataFrame(msgspec.to_builtins(self.rows)).set_index(["scenario", "controller"])
 
     def plot(self) -> "Figure":
-        """RMS error by scenario and controller.
+        """RMS error [cm] by scenario and controller, with no bar where a flight crashed.
 
         Raises:
-            ConfigError: matplotlib is not installed.
+            ConfigError: pandas or matplotlib is not installed.
         """
         require_package("matplotlib", "plot", "notebook")
-        return draw(self.rows)
+        errors_cm = self.to_pandas()["rms_cm"].astype(float).unstack(sort=False)
+        figure = figure_class()(figsize=(9.5, 4.6), layout="constrained")
+        errors_cm.plot.bar(ax=figure.subplots(), logy=True, rot=0, ylabel="RMS position error [cm]")
+        return figure
 
 
 @without_frames
@@ -391,57 +393,6 @@ def _rms(row: ComparisonRow | None) -> str:
         return f"{_number(row.peak_cm, 1)} ({back})"
     spread = f" ({row.rms_cm_min:.2f}–{row.rms_cm_max:.2f})" if row.flights > 1 else ""
     return f"{row.rms_cm:.2f}{spread}"
-
-
-# M. Okabe, K. Ito: a palette that the colour-blind can tell apart; markers differ too.
-STYLES = (
-    ("#0072B2", "o"),
-    ("#000000", "x"),
-    ("#E69F00", "s"),
-    ("#D55E00", "v"),
-    ("#CC79A7", "^"),
-    ("#009E73", "D"),
-    ("#56B4E9", "P"),
-    ("#8C6D1F", "h"),
-)
-"""Colour and marker of each controller of a picture, in its order; after the last they begin again."""
-LEAST_DRAWN_CM = 5e-4
-"""Smallest error on the logarithmic axis [cm]: 5 µm are zero for every purpose."""
-
-
-def draw(rows: Sequence[ComparisonRow]) -> "Figure":
-    """The picture of ``rows``: a column a scenario, a marker a controller, from the smallest RMS to the largest."""
-    figure = figure_class()(figsize=(9.5, 4.6), layout="constrained")
-    panel: Any = figure.subplots()
-    scenarios = list(dict.fromkeys(row.scenario for row in rows))
-    names = list(dict.fromkeys(row.controller for row in rows))
-    crash_cm = 3.0 * max((row.rms_cm_max for row in rows if row.rms_cm_max is not None), default=1.0)
-    for k, (name, (color, marker)) in enumerate(zip(names, cycle(STYLES), strict=False)):
-        offset = 0.7 * ((k + 0.5) / len(names) - 0.5)
-        panel.plot([], [], linestyle="none", color=color, marker=marker, label=name)
-        for row in (row for row in rows if row.controller == name):
-            place = scenarios.index(row.scenario) + offset
-            if row.rms_cm is None:
-                where = {"ha": "center", "va": "top", "rotation": 90}
-                panel.annotate("crash", (place, crash_cm), fontsize=7, color=color, **where)
-                continue
-            low, middle, high = (
-                max(value or 0.0, LEAST_DRAWN_CM) for value in (row.rms_cm_min, row.rms_cm, row.rms_cm_max)
-            )
-            spread = [[middle - low], [high - middle]]
-            panel.errorbar(place, middle, yerr=spread, color=color, marker=marker, markersize=7, capsize=3)
-    panel.set_yscale("log")
-    panel.set_ylim(top=crash_cm)
-    panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    panel.set_xticks(range(len(scenarios)), scenarios)
-    panel.set_xlim(-0.5, len(scenarios) - 0.5)
-    panel.set_ylabel("RMS position error [cm]")
-    seeds = max(row.flights for row in rows)
-    of_them = f"median, smallest and largest of {seeds} flights" if seeds > 1 else "one flight each"
-    panel.set_title(f"Position error from {STEADY_S:g} s on: {of_them}", fontsize=11)
-    panel.grid(axis="y", which="major", color="0.85", linewidth=0.8)
-    panel.legend(ncols=3, fontsize=9, loc="upper left", bbox_to_anchor=(0.0, -0.1), frameon=False)
-    return figure
 
 
 class SearchedLaw(NamedTuple):
