@@ -124,10 +124,6 @@ SERVE: Arguments = {
         "type": path, "metavar": "FILE.toml",
         "help": "play tracker and autopilot or receiver of this file, or fleet file, for `groundstation … --rehearse`",
     },
-    "--wrong": {
-        "default": "", "metavar": "WHAT",
-        "help": "with --config, mistakes to rehearse: yaw=5,latency=+20ms,mass=1.1",
-    },
     "--carried": {
         "action": "store_true", "help": "with --config: for each Enter here a hand makes the moves of `carry`",
     },
@@ -305,6 +301,8 @@ GONE = {
     "fly --view": "`groundstation view DIR/flight.mcap` shows the flight that `--out DIR` wrote",
     "mission --real-time": "`groundstation-sim serve --fleet FLEET.toml` and `groundstation fleet FLEET.toml` fly in "
     "real time; `groundstation report` shows the lateness of each vehicle's commands",
+    "serve --wrong": "`--set sim.tracker_yaw_deg=5` turns the tracker's north; sim.pose_latency_s, sim.mass_kg and "
+    "sim.thrust_gain are told alike",
     "serve --gcs": "put a MAVLink router, such as mavlink-routerd, between autopilot and ground stations",
     "compare --plot": "groundstation.compare(...).plot().savefig(FILE) draws it, as in examples/notebook.ipynb",
     "compare --table": "`--write FILE.md` puts the table into a document",

@@ -697,9 +697,9 @@ def require_batchable(world: World, config: Config) -> None:
                 raise ConfigError(f"{section}.{name}", notice("batch.delay"))
     if world.tunnel != STILL:
         raise ConfigError("sim.tunnel", notice("batch.tunnel"))
-    for name in ("occlusion_s", "swap_s"):
-        if getattr(world, name) > 0.0:
-            raise ConfigError(f"sim.{name}", notice("batch.swap"))
+    for name in ("occlusion_s", "swap_s", "tracker_yaw_deg"):
+        if getattr(world, name) != 0.0:
+            raise ConfigError(f"sim.{name}", notice("batch.cameras"))
 
 
 def fly_batch(

@@ -49,7 +49,6 @@ from sim.scenarios import (
     SCENARIOS,
     by_side,
     choose,
-    make_mistakes,
     others_of,
     overridden,
     prepare,
@@ -414,8 +413,6 @@ def serve(args: argparse.Namespace) -> Exit:
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
             raise ConfigError(f"--{option}", notice("sim.one_betaflight"))
     common: dict[str, Any] = {"seed": args.seed, "duration_s": args.duration, "autopilot": args.autopilot}
-    if args.wrong and args.config is None:
-        raise ConfigError("--wrong", notice("serve.needs_config"))
     if args.carried and args.config is None:
         raise ConfigError("--carried", notice("serve.needs_config"))
     if args.fleet is not None:
@@ -451,17 +448,15 @@ def _refuse_beside(file: str, options: dict[str, Any]) -> None:
 
 def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any], *, is_fleet: bool) -> Exit:
     """Run the simulated side for ``--rehearse`` of a configuration, or of a fleet file."""
-    served = f"{args.config} for --rehearse{f', wrong by {args.wrong}' if args.wrong else ''}"
+    served = f"{args.config} for --rehearse"
     truth, told = by_side(args.overrides, None)
     if is_fleet:
         labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
-        made = [make_mistakes(world_as_told(air, lab, truth), lab, args.wrong) for lab in labs]
         del common["parameters"]
-        return asyncio.run(serve_fleet(served, [world for world, _ in made], [room for _, room in made], **common))
+        return asyncio.run(serve_fleet(served, [world_as_told(air, lab, truth) for lab in labs], labs, **common))
     config = rehearse(load(args.config, Config, told), args.config)
-    world, room = make_mistakes(world_as_told(air, config, truth), config, args.wrong)
     more = {"standing": others_of(config), "carried": args.carried}
-    return asyncio.run(serve_stage(served, world, room, **more, **common))
+    return asyncio.run(serve_stage(served, world_as_told(air, config, truth), config, **more, **common))
 
 
 def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:

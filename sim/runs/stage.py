@@ -79,7 +79,7 @@ class Stage:
         self.wind = Wind(world, normals(seed, "turbulence", 3))
         gyro = normals(seed, "gyro", 3) if world.plant == "rotors" else None
         self.plant = Quadrotor(world, self.wind, on_step, gyro)
-        tracked = make_tracker(config.pose)
+        tracked = make_tracker(config.pose, world.tracker_yaw_deg)
         horizon = Horizon(normals(seed, "horizon", 3), world.gravity) if tracked else None
         estimate, wander = normals(seed, "estimate", 6), normals(seed, "wander", 3)
         self.vehicle = SimulatedVehicle(self.plant, world, estimate, wander, horizon)
@@ -278,7 +278,7 @@ class FleetStage:
             )
             for number, (world, lab) in enumerate(zip(worlds, labs, strict=True))
         ]
-        tracked = [make_tracker(lab.pose) for lab in labs]
+        tracked = [make_tracker(lab.pose, worlds[0].tracker_yaw_deg) for lab in labs]
         names = [one[0] for one in tracked if one is not None]
         if tracked[0] is None or len(set(names)) < len(labs):
             raise ConfigError("--source", notice("sim.fleet_source"))

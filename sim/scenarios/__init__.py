@@ -9,7 +9,6 @@ from sim.scenarios.scenarios import (
     by_betaflight,
     by_side,
     choose,
-    make_mistakes,
     others_of,
     overridden,
     prepare,

@@ -51,11 +51,6 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("serve.needs_config", "expected --config FILE.toml beside it, whose room and vehicle it is about"),
     NoticeTemplate("serve.no_parameters", "Betaflight has settings, and no parameters"),
     NoticeTemplate("serve.parameter", "expected NAME=VALUE, got {found!r}"),
-    NoticeTemplate("wrong.number", "{name}: expected a number of {unit} ({means}), got {found!r}"),
-    NoticeTemplate("wrong.factor", "{name}: expected a factor from {least:g} to {most:g} ({means}), got {found!r}"),
-    NoticeTemplate("wrong.latency", "latency: the file says {latency_ms:g} ms, got {added_ms:+g}ms to it"),
-    NoticeTemplate("wrong.twice", "{name}: is told twice"),
-    NoticeTemplate("wrong.no_tracker", "yaw: these poses are the autopilot's own, no tracker's", "leave it out"),
     # Real firmware.
     NoticeTemplate(
         "firmware.no_betaflight",
@@ -89,7 +84,7 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
         "take a scenario without them, or `compare --seeds N`, which flies them",
     ),
     NoticeTemplate("batch.tunnel", "a batch flies in no wind tunnel: leave it out"),
-    NoticeTemplate("batch.swap", "the cameras of a batch never take one body for another; expected 0"),
+    NoticeTemplate("batch.cameras", "the cameras of a batch make no such mistake; expected 0"),
     NoticeTemplate("campaign.no_folder", "{path} is no folder of a campaign: {why}"),
     NoticeTemplate(
         "campaign.other_settings",

@@ -9,6 +9,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+import msgspec
+
 from groundstation.core.geometry import Frames, Quat, Vec3, frames_of, so3
 from groundstation.machine import sleep_until
 from groundstation.pose import PoseConfig
@@ -93,8 +95,17 @@ class UdpTracker:
             self._transport = None
 
 
-def make_tracker(config: PoseConfig) -> tuple[str, Tracker] | None:
-    """Our body's name and the tracking system that ``config`` expects; None where poses come some other way."""
+def make_tracker(told: PoseConfig, yaw_deg: float = 0.0) -> tuple[str, Tracker] | None:
+    """Our body's name and the tracking system that ``told`` expects; None where poses come some other way.
+
+    Its north lies ``yaw_deg`` [deg] east of where that is told.
+    """
+    if told.by_autopilot:
+        return None
+    config: Any = told
+    roll, pitch, yaw = config.alignment.lab_rotation_deg
+    turned = msgspec.structs.replace(config.alignment, lab_rotation_deg=(roll, pitch, yaw + yaw_deg))
+    config = msgspec.structs.replace(config, alignment=turned)
     match config:
         case ViconConfig():
             return config.object, UdpTracker(vicon_encoder(config), config.listen)

@@ -174,6 +174,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Attitude noise, 1σ per axis [rad]."""
     pose_jitter_s: PartOfSecond = 0.0
     """Jitter of the poses' stamps against their exposures, 1σ [s]."""
+    tracker_yaw_deg: Angle = 0.0
+    """How far east of where the controller believes it the tracker's north lies [deg]."""
     pose_loss: Share = 0.0
     """Share of the poses lost at random [-]."""
     outage_s: Duration = 0.0

@@ -89,6 +89,12 @@ def test_what_goes_wrong_with_poses_is_shown() -> None:
     assert seen.longest_s > 0.4
 
 
+def test_a_tracker_whose_north_lies_east_of_ours_shows_a_turned_room() -> None:
+    seen, _ = watched("json", "sim.tracker_yaw_deg=90")
+    assert seen.position_ned == pytest.approx((-0.8, -0.8, 0.0), abs=0.005)
+    assert seen.roll_pitch_yaw_deg == pytest.approx((0.0, 0.0, -90.0), abs=1.0)
+
+
 def test_silence_is_told_with_what_to_look_at() -> None:
     seen, _ = watched("vicon", "pose.listen=127.0.0.1:51001", told=("pose.listen=127.0.0.1:51077",))
     assert not seen.ok
