@@ -32,11 +32,9 @@ from sim.studies.tune.tune import (
     BROKEN,
     GAIN_DOWN,
     GAIN_UP,
-    Margin,
-    MarginReport,
     Sortie,
-    short_of,
     try_gains,
+    verify,
 )
 from tests.flight.flights import UnflownFlyers
 
@@ -105,41 +103,9 @@ def test_each_axis_changes_one_thing_of_the_truth_and_nothing_that_is_told() -> 
         changed = {f for f in type(stage.world).__struct_fields__ if getattr(wrong.world, f) != getattr(stage.world, f)}
         assert changed == {axis.field}
         assert wrong.config == stage.config
-        assert axis.wrong(stage, axis.neutral) == stage
+        assert axis.wrong(stage, axis.value(0.0)) == stage
     assert DELAY.wrong(stage, 0.03).world.command_delay_s == 0.03
     assert GAIN_DOWN.value(0.1) < 1.0 < GAIN_UP.value(0.1)
-
-
-def _margin(name: str, unit: str, holds: float, fails: float | None) -> Margin:
-    return Margin(name=name, unit=unit, holds=holds, fails=fails, why="RMS 11.0 cm" if fails else None)
-
-
-def _report(*margins: Margin) -> MarginReport:
-    return MarginReport(
-        scenario="paper",
-        vehicle="mqx",
-        controller="adaptive",
-        nominal_rms_cm=0.1 if margins else None,
-        limit_cm=10.0 if margins else None,
-        seeds=3,
-        duration_s=25.0,
-        margins=list(margins),
-    )
-
-
-DELAYED = _margin("command_delay", "s", 0.030, 0.031)
-LIGHT = _margin("thrust_gain_high", "ratio", 1.5, 1.52)
-HEAVY = _margin("thrust_gain_low", "ratio", 0.125, None)
-
-
-def test_margins_below_a_floor_are_named() -> None:
-    floors = Floors(delay_s=0.02, gain=0.25)
-    assert short_of(floors, _report(DELAYED, LIGHT, HEAVY)) == []
-    short = _margin("command_delay", "s", 0.019, 0.02)
-    weak = _margin("thrust_gain_low", "ratio", 0.8, 0.79)
-    assert len(short_of(floors, _report(short, LIGHT, weak))) == 2
-    assert short_of(Floors(delay_s=0.0, gain=0.0), _report(short, weak)) == []
-    assert short_of(floors, _report()) != []
 
 
 # ---- the search
@@ -207,6 +173,21 @@ def test_gains_without_the_proof_are_never_flown() -> None:
         assert isinstance(sortie.stage.config.controller, Gains)
         assert bound_decrease(sortie.stage.config.controller).startswith("composite")
     assert max(trial.gains["kb"] for trial in trials) > 1.0  # so the bounds do not keep it by themselves
+
+
+def test_what_a_search_found_is_judged_once_more_by_the_floors_on_seeds_that_it_has_not_seen() -> None:
+    search, judges = _search(), Judges()
+    far, near, fragile = (
+        try_gains(search, {"k2": k2, "k3": 9.0}, Judges(), number) for number, k2 in enumerate((1.0, 2.9, 3.6))
+    )
+    evidence = verify(search, far, near, judges, 3)
+    assert evidence.complaints == []
+    assert {(sortie.seed, sortie.duration_s) for sortie in judges.flights} == {(seed, 60.0) for seed in range(3)}
+    worlds = [sortie.stage.world for sortie in judges.flights]
+    assert {(one.command_delay_s, one.thrust_gain) for one in worlds} == {(0, 1), (0.02, 1), (0, 0.75), (0, 1.25)}
+    assert (evidence.after.figures[0].rms_cm, evidence.after.figures[0].crashed) == (near.rms_cm, 0)
+    assert verify(search, near, far, Judges(), 3).complaints[0].startswith("the mean error is 2.21 cm, and was 1")
+    assert "extra command delay 20 ms: RMS 50.0 cm" in verify(search, far, fragile, Judges(), 3).complaints
 
 
 class Interrupted(Judges):
