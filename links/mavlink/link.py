@@ -7,6 +7,7 @@ off.
 """
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from typing import Self
 
@@ -86,10 +87,6 @@ class Transmitter:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._silent = asyncio.Event()
         self._silent.set()
-        self.repeated = 0
-        """Commands that left once more because no newer one came."""
-        self.failed = 0
-        """Times that nothing left because ``leave`` raised."""
 
     def start(self) -> None:
         """Somebody has armed: let commands count, and keep watch from now on."""
@@ -136,20 +133,15 @@ class Transmitter:
             self._read, self._timer = read, self._loop.call_later(0.0, self._turn)
             return
         self._read = None
-        phase, leaves = self._deadman.phase(now), self._deadman.at(now)
-        if phase is Phase.OVER:
+        leaves = self._deadman.at(now)
+        if self._deadman.phase(now) is Phase.OVER:
             self._end()
             return
         self._due_s = self._next(now, self._period)
         self._set()  # before anything that may raise
-        if leaves is None:
-            return
-        try:
-            self._leave(leaves, now)
-        except Exception:  # noqa: BLE001  # whatever it is, the next turn must come
-            self.failed += 1
-        else:
-            self.repeated += phase is Phase.FRESH
+        if leaves is not None:
+            with contextlib.suppress(Exception):  # whatever it is, the next turn must come
+                self._leave(leaves, now)
 
     def _end(self) -> None:
         if self._timer is not None:

@@ -28,8 +28,6 @@ PREPARE_S = 0.0004
 SPIN_S = 0.00012
 """Length of the busy wait before a frame [s]: about the time in which the kernel wakes a process up. Chosen;
 `groundstation-sim bench links` measures the lateness that comes of it."""
-_MOST_ORDERS = 256
-"""Limit of the orders that are taken before a frame [-]: a flood of them must not delay it. Chosen."""
 
 
 class LinuxFlag(IntFlag):
@@ -156,7 +154,7 @@ class Commander:
 
     def _obey(self, pacer: FramePacer, now_s: float) -> None:
         """Give the waiting orders to the pacer, or tell it that the commander is gone."""
-        for _ in range(_MOST_ORDERS):
+        while True:
             try:
                 data = self._wire.recv(MESSAGE_BYTES)
             except BlockingIOError:

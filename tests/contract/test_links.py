@@ -13,7 +13,7 @@ import pytest
 
 from links import make_link
 from links.bridge import Bridge, BridgeConfig, BridgeLinkConfig
-from links.core import Command, CommandLink, LinkLost, LinkMisuse, Segment
+from links.core import Command, CommandLink, LinkError, LinkLost, LinkMisuse, Segment
 from links.io import parse_address
 from links.make import LINKS
 from links.mavlink import MavlinkLinkConfig
@@ -458,6 +458,17 @@ async def test_closing_while_it_arms_ends_that_and_nothing_leaves_any_more(bench
             await arming
         await asyncio.sleep(3.0)
         assert bench.arrived() == before
+
+
+@in_virtual_time
+async def test_arming_ends_where_the_pose_under_the_idle_command_goes_stale_and_no_motor_turns(bench: Bench) -> None:
+    async with connected(bench) as link:
+        old = idle()
+        with pytest.raises(LinkError, match="the idle command had expired, as its pose is too old"):
+            await link.arm(lambda: old)
+        await asyncio.sleep(3.0)
+        assert link.status.state == "connected"
+        assert not any(on for _, on in bench.vehicle.powered)
 
 
 @in_virtual_time

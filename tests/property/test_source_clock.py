@@ -56,7 +56,7 @@ SOURCES = st.builds(
     seed=st.integers(0, 2**32 - 1),
 )
 SOME = settings(max_examples=15, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate, Phase.shrink))
-LASTS_S = 60.0
+LASTS_S = 45.0
 KNOWN_S = 15.0
 """The slope of the source's clock is known by then [s]."""
 ROUNDING_S = 1e-3

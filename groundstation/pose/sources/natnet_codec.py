@@ -18,7 +18,6 @@
       2: skeleton    text name | i32 id | u32 n, n × rigid body
 
 The ticks of mid-exposure and transmission give the age of a pose at its transmission: only the network time is unknown.
-    REQUEST        text; "Bitstream,4.1" asks a server from NatNet 4 on to stream in that version to us alone
 
 The bytes of a section or of a description do not count themselves: unknown contents are skipped by them.
 Public readers agree on bits 0 and 1. Of the later two one sample calls bit 2 the changed bit stream, and has no mask
@@ -101,7 +100,6 @@ class NatNetMessage(IntEnum):
 
     CONNECT = 0
     SERVERINFO = 1
-    REQUEST = 2
     RESPONSE = 3
     REQUEST_MODELDEF = 4
     MODELDEF = 5
@@ -127,8 +125,6 @@ OLDEST: Version = (3, 0)
 """Oldest version with ticks of the exposure."""
 SIZED: Version = (4, 1)
 """Sections state their size from this version on."""
-ASK_BITSTREAM = b"Bitstream,4.1\0"
-"""Request of a version that is read here."""
 
 _HEADER = struct.Struct("<HH")
 _SERVER = struct.Struct("<256s4s4sQHB4s")
@@ -400,7 +396,7 @@ class NatNetReader(PoseReader):
         self._ask_names = self._wants_names
         self._others: dict[int, str] = {}
         self._keep_alive = keep_alive
-        self._ask_server = self._ask_bitstream = False
+        self._ask_server = False
         self._silent_beats = self._frameless_beats = 0
 
     def due(self) -> list[bytes]:
@@ -409,7 +405,7 @@ class NatNetReader(PoseReader):
         self._frameless_beats += 1
         ping = message(NatNetMessage.CONNECT, b"Ping\0")
         if self.server is None or self._silent_beats > SILENT_BEATS:
-            return [message(NatNetMessage.REQUEST, ASK_BITSTREAM), ping] if self._ask_bitstream else [ping]
+            return [ping]
         messages = [ping] if self._ask_server else []
         if self._ask_names:
             messages.append(message(NatNetMessage.REQUEST_MODELDEF))
@@ -455,10 +451,9 @@ class NatNetReader(PoseReader):
         return None
 
     def _take_server(self, payload: bytes) -> None:
-        """Take the server's description; a unicast client may choose the version of its own stream."""
-        self._ask_bitstream = self._keep_alive
+        """Take the server's description."""
         self.server = decode_server_info(payload)
-        self._ask_server = self._ask_bitstream = False
+        self._ask_server = False
         self._silent_beats = 0
 
     def _take_models(self, models: list[tuple[str, int]]) -> None:

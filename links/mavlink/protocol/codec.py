@@ -20,7 +20,6 @@ Source: mavlink.io/en/guide/serialization.html.
 """
 
 import gc
-import importlib
 import re
 import sys
 from collections import Counter
@@ -161,25 +160,14 @@ def load_dialect() -> Any:
 
     Imported where a codec is made: it takes 0.4 s, as 301 classes are made at once.
     """
-    if _DIALECT not in sys.modules:
-        _import_unseen_by_collector()
+    is_new = _DIALECT not in sys.modules
     from pymavlink.dialects.v20 import ardupilotmega
 
+    if is_new:
+        gc.freeze()  # no garbage collection looks through it: in flight that took 67 ms
     # pymavlink accepts bad checksums where MAV_IGNORE_CRC is set in the environment.
     ardupilotmega.MAVLINK_IGNORE_CRC = 0
     return ardupilotmega
-
-
-def _import_unseen_by_collector() -> None:
-    """Import the dialect so that no garbage collection looks through it: in flight that took 67 ms."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        importlib.import_module(_DIALECT)
-    finally:
-        if was_enabled:
-            gc.enable()
-    gc.freeze()
 
 
 def frame_end(data: bytes, start: int) -> int:

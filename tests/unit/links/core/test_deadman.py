@@ -75,18 +75,6 @@ def test_one_that_is_held_before_any_command_lets_nothing_leave() -> None:
     assert deadman.phase(1.01) is Phase.OVER
 
 
-def test_a_controller_that_wakes_up_again_moves_nothing() -> None:
-    deadman = armed()
-    deadman.take(command(1.0), 1.0)
-    assert not deadman.take(command(1.4), 1.5), "the bring-down has begun"
-    assert deadman.at(1.5) is LEVEL
-    assert deadman.at(9.0) is None
-    assert not deadman.take(command(9.0), 9.0)
-    assert deadman.at(9.0) is None
-    deadman.arm()
-    assert deadman.take(command(9.1), 9.1)
-
-
 def test_late_and_disordered_commands_are_refused_and_counted() -> None:
     deadman = armed()
     assert not deadman.take(command(1.0), 1.3)

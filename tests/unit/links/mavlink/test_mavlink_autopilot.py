@@ -116,22 +116,26 @@ def test_heartbeats_tell_offboard_and_armed() -> None:
     assert (last.custom_mode, last.base_mode & 128) == (6 << 16, 128)
 
 
-def test_offboard_without_set_points_is_accepted_and_then_arming_is_denied() -> None:
+@pytest.mark.parametrize(
+    ("streams", "mode", "entered", "armed"),
+    [
+        (False, (1.0, 6.0), 0, 1),  # OFFBOARD is accepted without set-points, and then arming is denied
+        (True, None, None, 1),
+        (True, (1.0, 9.0), 2, 1),
+        (True, (1.0, 6.0), 0, 0),
+    ],
+)
+def test_it_arms_only_in_offboard_with_set_points(
+    streams: bool, mode: tuple[float, float] | None, entered: int | None, armed: int
+) -> None:
     flight = Flight()
-    assert flight.command(MavCommand.DO_SET_MODE, 1.0, 6.0) == 0
-    assert flight.command(MavCommand.ARM_DISARM, 1.0) == 1
-    assert flight.words == "Arming denied: Resolve system health failures first"
-    assert flight.airframe.powered == []
-
-
-def test_arming_outside_offboard_is_denied() -> None:
-    flight = Flight()
-    flight.stream(1.1)
-    assert flight.command(MavCommand.ARM_DISARM, 1.0) == 1
-
-
-def test_an_unknown_mode_is_denied() -> None:
-    assert Flight().command(MavCommand.DO_SET_MODE, 1.0, 9.0) == 2
+    if streams:
+        flight.stream(1.1)
+    if mode is not None:
+        assert flight.command(MavCommand.DO_SET_MODE, *mode) == entered
+    assert flight.command(MavCommand.ARM_DISARM, 1.0) == armed
+    assert bool(flight.airframe.powered) == (armed == 0)
+    assert streams or flight.words == "Arming denied: Resolve system health failures first"
 
 
 def test_the_first_set_point_after_arming_lets_the_vehicle_go() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from links.core import Command, LinkError, LinkLost
+from links.core import Command, LinkLost
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import (
     ARDUPILOT,
@@ -248,18 +248,6 @@ async def test_an_autopilot_that_answers_no_requests_is_connected_all_the_same(
     await link.connect()
     assert link.status.state == "connected"
     assert len({m.param1 for m in autopilot.of("COMMAND_LONG")}) == 1  # and asked no further
-
-
-@scene()
-async def test_arming_stops_when_the_pose_under_the_idle_command_is_too_old(
-    link: MavlinkLink, autopilot: Endpoint
-) -> None:
-    stuck = command(0.0, coast_s=0.25)
-    autopilot.heard.clear()
-    with pytest.raises(LinkError, match="idle command had expired"):
-        await link.arm(lambda: stuck)
-    assert autopilot.of("COMMAND_LONG") == []
-    assert link.status.expired == 1
 
 
 def orders(autopilot: Endpoint) -> list[float]:

@@ -253,7 +253,7 @@ def test_a_link_that_is_closed_while_its_wire_is_away_opens_nothing_any_more(end
         end.heard.clear()
         await end.start()
         await asyncio.sleep(0.2)
-        assert (link.status.state, end.heard) == ("closed", [])
+        assert (link.status.state, link.connection._line.wire, end.heard) == ("closed", None, [])
         end.lose()
         await asyncio.sleep(0.02)
 
