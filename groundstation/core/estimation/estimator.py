@@ -617,6 +617,8 @@ NOISE_MEMORY = 100
 """Poses over which the position noise is averaged."""
 NOISE_SPAN_S = 0.5
 """Longest time of five poses whose noise is measured [s]: over a longer one motion would count as noise."""
+LOST_INTERVALS = 1.5
+"""Interval of poses from which one was lost between, as a multiple of the mean of four [-]: half-way to two."""
 NOISE_FLOOR_M2 = 1e-12
 """Least noise variance of a source [m²]: a micrometre, above float rounding."""
 BIAS_MEMORY_S = 10.0
@@ -653,6 +655,8 @@ class ModelEstimator:
         )
         self._noise = gains.pose_noise_m**2
         self._stamp_noise = (self._noise, 0.0)
+        self._uneven_s2 = 0.0
+        """Variance of the stamps, by their intervals [s²]."""
         self._covariance = initial_covariance(self._noise)
         self._track: AlongTrack | None = None
         self._bias: Vec3 = ZERO
@@ -780,6 +784,15 @@ class ModelEstimator:
     def noise_m(self) -> float:
         """Measured position noise of the poses, 1σ per axis [m]."""
         return math.sqrt(self._noise)
+
+    def find_noise(self, velocity: Vec3) -> float:
+        """Position noise of a pose at ``velocity`` [m/s], 1σ per axis [m]: beside the measured one that by its stamp.
+
+        A vehicle at rest does not show how much its stamps jitter, but their intervals do.
+        """
+        configured_s = self._gains.pose_jitter_s
+        jitter_s = math.sqrt(self._uneven_s2) if configured_s is None else configured_s
+        return math.hypot(self.noise_m, *(jitter_s * speed for speed in velocity))
 
     def look_ahead(self, time_s: float) -> Ahead | None:
         """Predict the state at ``time_s``, whether delays are predicted or not; None before the first pose."""
@@ -937,7 +950,7 @@ class ModelEstimator:
         return Estimate(time_s, ahead, disturbance, step, value, deviation)
 
     def _measure_noise(self, pose: Pose) -> None:
-        """Follow the noise of the source by fourth differences."""
+        """Follow the noise of the source by fourth differences, and that of its stamps by their second ones."""
         recent = self._recent
         recent.append((pose.time_s, pose.position_ned))
         if len(recent) < 5:
@@ -952,6 +965,10 @@ class ModelEstimator:
         before, speed2 = self._stamp_noise
         speed2 += (way2 / (span_s * span_s) - speed2) / NOISE_MEMORY
         self._stamp_noise = (before + (along - before) / NOISE_MEMORY, speed2)
+        last_s, newest_s = u - t, v - u
+        if max(last_s, newest_s) < LOST_INTERVALS * 0.25 * span_s:
+            uneven_s2 = (newest_s - last_s) ** 2 / 6.0  # of three independent stamps, weights 1, -2 and 1
+            self._uneven_s2 += (uneven_s2 - self._uneven_s2) / NOISE_MEMORY
 
     def _learn_bias(self, pose: Pose, measured: Vec3, dt: float) -> None:
         """Correct the bias by the positions' displacement; ``measured`` [m/s] is without the bias so far."""

@@ -203,7 +203,7 @@ class VehicleState:
         if now is None or ahead is None or is_unchecked:
             self._gate.restart()
             return True
-        return self._gate.accepts(pose, now, ahead.motion, self.estimator.noise_m)
+        return self._gate.accepts(pose, now, ahead.motion, self.estimator.find_noise(now.velocity))
 
     def _reset_position(self, pose: Pose) -> None:
         """Take the position of ``pose`` and the velocity of the last poses, which respond again."""
@@ -268,7 +268,8 @@ class VehicleState:
         moved, tilted = self.tones.advance(pose.time_s, heading(pose.attitude))
         evaluate = partial(
             self.health.add_pose,
-            pose, before, response, moved, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
+            pose, before, response, moved, tilted, estimator.disturbance, estimator.effectiveness,
+            estimator.noise_m, estimator.find_noise(before.velocity),
             counts=(is_high or not self._has_climbed) and not self.is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip

@@ -405,6 +405,7 @@ class PoseHealth:
         disturbance: Vec3,
         effectiveness: float,
         noise_m: float,
+        moving_noise_m: float,
         *,
         counts: bool,
         may_stop: bool = True,
@@ -421,6 +422,7 @@ class PoseHealth:
             disturbance: estimated disturbance at the pose before [m/s², NED].
             effectiveness: estimated thrust scale [-].
             noise_m: measured noise of positions, 1 sigma per axis [m].
+            moving_noise_m: the same with that of the stamps at this speed.
             counts: False near the floor, which may hold the vehicle.
             may_stop: False where the floor may stop the vehicle dead.
             is_blind: whether no command depends on the position.
@@ -438,7 +440,7 @@ class PoseHealth:
         measured = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
         self._turns.add(pose.time_s, measured, turn, tones_rad, dt)
         self._add_position(pose, last, response, None if is_blind else tones_m, dt, noise_m)
-        self.push_alarm = self._pushes.add(pose.time_s, pose.position_ned, self._places.model_m, noise_m)
+        self.push_alarm = self._pushes.add(pose.time_s, pose.position_ned, self._places.model_m, moving_noise_m)
         if may_stop and self.push_alarm >= 1.0:
             self._fail_part("pose.position_mirrored", pose.time_s - 2.0 * PUSH_BASE_S)
         per_kg, (x, y, z) = effectiveness * self._per_newton / dt, response.impulse
@@ -453,7 +455,7 @@ class PoseHealth:
         self._block_s += dt
         if self._block_s >= BLOCK_S - ROUNDING_S:
             self._block_s -= BLOCK_S
-            self._look(pose.time_s, noise_m)
+            self._look(pose.time_s, moving_noise_m)
 
     def _add_position(
         self, pose: Pose, last: Pose, response: ActuatorResponse, tones_m: Vec3 | None, dt: float, noise_m: float

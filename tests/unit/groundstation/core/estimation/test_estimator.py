@@ -178,6 +178,29 @@ def test_noise_is_split_into_that_of_positions_and_the_jitter_of_stamps(
     assert split_noise(FLOATS, mean_m2, (along_m2, 4.0), 1e-7, configured_s) == pytest.approx(split, rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("jitter_s", "lost_every", "configured_s", "told_s"),
+    [
+        (0.0, 0, None, 0.0),
+        (0.002, 0, None, 0.002),
+        (0.0, 7, None, 0.0),  # lost poses are no jitter
+        (0.002, 0, 0.0, 0.0),
+        (0.0, 0, 0.003, 0.003),
+    ],
+)
+def test_uneven_stamps_of_a_vehicle_at_rest_are_noise_once_it_moves(
+    jitter_s: float, lost_every: int, configured_s: float | None, told_s: float
+) -> None:
+    estimator, draw = ModelEstimator(VEHICLE, Gains(pose_jitter_s=configured_s)), random.Random(5)
+    for n in range(1000):
+        if not lost_every or n % lost_every:
+            stamp_s = 0.01 * n + draw.gauss(0.0, jitter_s)
+            estimator.update(Pose(n, stamp_s, stamp_s, (0.0, 0.0, 0.0), so3.IDENTITY))
+    noise_m = estimator.noise_m
+    assert estimator.find_noise((0.0, 0.0, 0.0)) == noise_m
+    assert estimator.find_noise((0.6, 0.0, -0.8)) == pytest.approx(math.hypot(noise_m, told_s), rel=0.15)
+
+
 @pytest.mark.parametrize("uneven", [False, True])
 def test_fourth_differences_show_noise_and_jitter_and_no_smooth_motion(uneven: bool) -> None:
     draw, noise_m, jitter_s, speed_m_s = random.Random(3), 0.001, 0.002, 1.5

@@ -71,7 +71,7 @@ def fly(
         roll, pitch, _ = so3.rotation_vector(so3.multiply(so3.conjugate(before.attitude), response.attitude))
         health.add_pose(
             Pose(n, time_s, time_s, position, attitude), before, response,
-            subtract(now.position, before.position), (roll, pitch), ZERO, 1.0, NOISE_M, counts=True,
+            subtract(now.position, before.position), (roll, pitch), ZERO, 1.0, NOISE_M, NOISE_M, counts=True,
         )  # fmt: skip
         if health.has_failed:
             break
