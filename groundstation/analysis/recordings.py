@@ -14,7 +14,7 @@ import argparse
 import csv
 import json
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack, suppress
 from functools import cached_property
 from pathlib import Path
@@ -267,38 +267,31 @@ class Track(NamedTuple):
     """Distance from the reference (N,) [m]; zero for the reference itself."""
 
 
-class Channel(Mapping[str, "NDArray[Any]"]):
-    """One channel of a recording: its columns by name, such as ``z1_m.x``; a vector's own name gives all components."""
+class Channel(dict[str, "NDArray[Any]"]):
+    """One channel of a recording: its columns by name, such as ``z1_m.x``; a vector's own name gives all components.
+
+    A column has the shape (N,), one row a message; the components of a vector together (N, 3) or (N, 4).
+    """
 
     def __init__(self, topic: str, columns: "dict[str, NDArray[Any]]") -> None:
-        """``columns`` are all of one length, one row a message."""
+        """``columns`` are all of one length."""
+        super().__init__(columns)
         self.topic = topic
-        self._columns = columns
 
     def __repr__(self) -> str:
-        rows = len(next(iter(self._columns.values()), ()))
-        return f"<Channel {self.topic}, {rows} rows: {', '.join(self._columns)}>"
+        rows = len(next(iter(self.values()), ()))
+        return f"<Channel {self.topic}, {rows} rows: {', '.join(self)}>"
 
-    def __getitem__(self, name: str) -> "NDArray[Any]":
-        """The column ``name``, of shape (N,); or of a vector all of its components, of shape (N, 3) or (N, 4).
+    def __missing__(self, name: str) -> "NDArray[Any]":
+        """All components of the vector ``name``.
 
         Raises:
-            KeyError: there is none; the text says which there are.
+            KeyError: there is none; the text says which columns there are.
         """
-        if name in self._columns:
-            return self._columns[name]
-        parts = [column for key, column in self._columns.items() if key.rpartition(".")[0] == name]
+        parts = [column for key, column in self.items() if key.rpartition(".")[0] == name]
         if not parts:
-            raise KeyError(
-                str(notice("recording.no_column", topic=self.topic, name=name, columns=", ".join(self._columns)))
-            )
+            raise KeyError(str(notice("recording.no_column", topic=self.topic, name=name, columns=", ".join(self))))
         return np.stack(parts, axis=-1)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._columns)
-
-    def __len__(self) -> int:
-        return len(self._columns)
 
     def to_pandas(self) -> "DataFrame":
         """The columns as a table, one row a message, by ``time_s`` on the event loop's clock [s] where it has that.
@@ -309,7 +302,7 @@ class Channel(Mapping[str, "NDArray[Any]"]):
         require_package("pandas", "to_pandas", "notebook")
         from pandas import DataFrame
 
-        table = DataFrame(dict(self._columns))
+        table = DataFrame(dict(self))
         return table.set_index("time_s") if "time_s" in table else table
 
 

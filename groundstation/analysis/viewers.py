@@ -5,7 +5,6 @@ that a flight does nothing for whoever looks on. The server is foxglove-sdk's.
 """
 
 import asyncio
-import math
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,10 +29,8 @@ from links.io import parse_address
 
 TRAIL_S = 20.0
 """Length of a trail in time [s]."""
-SAMPLE_S = 0.1
-"""Interval between points of a trail, and of polling for new records [s]."""
-DRAW_S = 0.5
-"""Interval between drawings of a trail [s]."""
+SAMPLE_S = 0.2
+"""Interval between points of a trail, at each of which it is drawn, and of polling for new records [s]."""
 TRAILS = ("estimate", "reference", "truth")
 """Channels whose positions leave a trail."""
 LEVEL = ch.Quaternion(0.0, 0.0, 0.0, 1.0)
@@ -56,7 +53,6 @@ class FoxgloveScene:
 
     def __init__(self) -> None:
         self._trails: dict[str, deque[tuple[float, ch.FoxglovePose]]] = {f"/{name}": deque() for name in TRAILS}
-        self._drawn_s = dict.fromkeys((*self._trails, "/tf"), -math.inf)
 
     def channels(self) -> Iterator[ChannelForm]:
         """Those of the scene, and those of a recording but for its bytes."""
@@ -66,26 +62,16 @@ class FoxgloveScene:
     def messages(self, entry: Entry) -> Iterator[tuple[str, bytes]]:
         """Topic and bytes of what one message of the recording becomes; it stays as it is."""
         yield entry.topic, entry.data
-        time_s, stamp = 1e-9 * entry.stamp_ns, ch.Time.of(entry.stamp_ns)
-        if self._claim_drawing("/tf", time_s):  # again and again, for whoever begins to look in between
-            yield "/tf", msgspec.json.encode(ch.turn_world_over(stamp))
-        trail = self._trails.get(entry.topic)
-        if trail is None:
+        time_s, trail = 1e-9 * entry.stamp_ns, self._trails.get(entry.topic)
+        if trail is None or (trail and time_s - trail[-1][0] < SAMPLE_S):
             return
-        if not trail or time_s - trail[-1][0] >= SAMPLE_S:
-            trail.append((time_s, ch.FoxglovePose(entry.message().position_ned, LEVEL)))
-            while time_s - trail[0][0] > TRAIL_S:
-                trail.popleft()
-        if self._claim_drawing(entry.topic, time_s):
-            drawn = PosesInFrame(stamp, ch.WORLD, tuple(pose for _, pose in trail))
-            yield f"/scene{entry.topic}", msgspec.json.encode(drawn)
-
-    def _claim_drawing(self, topic: str, time_s: float) -> bool:
-        """Whether ``topic`` is to be drawn at ``time_s`` [s]; then it counts as drawn."""
-        due = time_s - self._drawn_s[topic] >= DRAW_S
-        if due:
-            self._drawn_s[topic] = time_s
-        return due
+        trail.append((time_s, ch.FoxglovePose(entry.message().position_ned, LEVEL)))
+        while time_s - trail[0][0] > TRAIL_S:
+            trail.popleft()
+        stamp = ch.Time.of(entry.stamp_ns)
+        drawn = PosesInFrame(stamp, ch.WORLD, tuple(pose for _, pose in trail))
+        yield f"/scene{entry.topic}", msgspec.json.encode(drawn)
+        yield "/tf", msgspec.json.encode(ch.turn_world_over(stamp))  # again, for whoever begins to look in between
 
 
 LISTEN = "127.0.0.1:8765"

@@ -8,7 +8,7 @@ import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from datetime import UTC, datetime
-from typing import Literal, Protocol
+from typing import Literal
 
 import msgspec
 
@@ -80,28 +80,79 @@ class _StepAgain(Exception):
     """The vehicle has disarmed itself before the step was over."""
 
 
-class Hand(Protocol):
-    """Holder of one armed vehicle, which can also disarm it."""
+OFF_S = 12.0
+"""Longest wait for a hand to let go [s]: an order that nobody acknowledges is repeated for 5 s."""
 
-    heard: list[News]
-    """All that it has told."""
+
+class Hand:
+    """Process that holds one armed vehicle, and can also disarm it (groundstation/lab/props_off_hand.py)."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stdin is not None and process.stdout is not None, "both are pipes"
+        self._process = process
+        self._in, self._out = process.stdin, process.stdout
+        self.heard: list[News] = []
+        """All that it has told."""
 
     async def until(self, event: str, within_s: float) -> News:
         """Its next news of ``event``.
 
         Raises:
             TimeoutError: none comes within ``within_s`` [s].
-            Trouble: it can't go on.
+            GuideStopped: it can't go on.
         """
+        async with asyncio.timeout(within_s):
+            while True:
+                news = await self._next()
+                if news is None:
+                    raise GuideStopped(notice("props.hand_ended"))
+                if news.event == event:
+                    return news
+                if news.event == "failed":
+                    raise GuideStopped(news.text)
 
     async def listen(self, for_s: float) -> None:
         """Hear what it tells for ``for_s`` [s]."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(for_s):
+                while await self._next() is not None:
+                    pass
+
+    async def _next(self) -> News | None:
+        line = await self._out.readline()
+        if not line:
+            return None
+        news = msgspec.json.decode(line, type=News)
+        self.heard.append(news)
+        return news
 
     async def off(self) -> News | None:
         """Have it order the motors off; its news of the acknowledgement, None where there was none."""
+        self._in.close()
+        try:
+            await self.listen(OFF_S)
+            if self._process.returncode is None:
+                async with asyncio.timeout(1.0):
+                    await self._process.wait()
+        except TimeoutError:
+            await self.kill()
+        return next((news for news in self.heard if news.event == "off"), None)
 
     async def kill(self) -> None:
         """End it at once, with SIGKILL."""
+        with suppress(ProcessLookupError):
+            os.kill(self._process.pid, signal.SIGKILL)
+        await self._process.wait()
+
+
+async def open_hand(config: Config, *words: str) -> Hand:
+    """Start a hand; with the word ``disarm`` one that disarms only."""
+    process = await open_child("groundstation.lab.props_off_hand", *words, stdin=asyncio.subprocess.PIPE)
+    hand = Hand(process)
+    assert process.stdin is not None, "it is a pipe"
+    process.stdin.write(msgspec.json.encode(dump(config)) + b"\n")
+    await process.stdin.drain()
+    return hand
 
 
 Ask = Callable[[str], Awaitable[str]]
@@ -129,7 +180,7 @@ class Guide:
 
         Raises:
             NotProven: one of them failed.
-            Trouble: it can't go on.
+            GuideStopped: it can't go on.
         """
         steps: list[tuple[str, Callable[[], Awaitable[str]]]] = [("motors and kill", self._motors)]
         if not self._config.pose.by_autopilot:
@@ -294,75 +345,6 @@ class Guide:
 
 def _now() -> float:
     return asyncio.get_running_loop().time()
-
-
-OFF_S = 12.0
-"""Longest wait for a hand to let go [s]: an order that nobody acknowledges is repeated for 5 s."""
-
-
-class HandProcess:
-    """Implements :class:`groundstation.lab.props_off.Hand`."""
-
-    def __init__(self, process: asyncio.subprocess.Process) -> None:
-        assert process.stdin is not None and process.stdout is not None, "both are pipes"
-        self._process = process
-        self._in, self._out = process.stdin, process.stdout
-        self.heard: list[News] = []
-
-    async def until(self, event: str, within_s: float) -> News:
-        """The news of ``event``; see there."""
-        async with asyncio.timeout(within_s):
-            while True:
-                news = await self._next()
-                if news is None:
-                    raise GuideStopped(notice("props.hand_ended"))
-                if news.event == event:
-                    return news
-                if news.event == "failed":
-                    raise GuideStopped(news.text)
-
-    async def listen(self, for_s: float) -> None:
-        """Hear for a while what is told."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(for_s):
-                while await self._next() is not None:
-                    pass
-
-    async def _next(self) -> News | None:
-        line = await self._out.readline()
-        if not line:
-            return None
-        news = msgspec.json.decode(line, type=News)
-        self.heard.append(news)
-        return news
-
-    async def off(self) -> News | None:
-        """Let go; see there."""
-        self._in.close()
-        try:
-            await self.listen(OFF_S)
-            if self._process.returncode is None:
-                async with asyncio.timeout(1.0):
-                    await self._process.wait()
-        except TimeoutError:
-            await self.kill()
-        return next((news for news in self.heard if news.event == "off"), None)
-
-    async def kill(self) -> None:
-        """End it at once, as the kernel does."""
-        with suppress(ProcessLookupError):
-            os.kill(self._process.pid, signal.SIGKILL)
-        await self._process.wait()
-
-
-async def open_hand(config: Config, *words: str) -> HandProcess:
-    """Start a hand; with the word ``disarm`` one that disarms only."""
-    process = await open_child("groundstation.lab.props_off_hand", *words, stdin=asyncio.subprocess.PIPE)
-    hand = HandProcess(process)
-    assert process.stdin is not None, "it is a pipe"
-    process.stdin.write(msgspec.json.encode(dump(config)) + b"\n")
-    await process.stdin.drain()
-    return hand
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)

@@ -18,7 +18,7 @@ import msgspec
 from groundstation.core.messages import STEADY_S, Sentence, notice
 from groundstation.machine import NICE, free_name, make_folder, tidy
 from groundstation.recording.headline import FlightHeadline
-from groundstation.recording.process import FORGET, RecorderSetup
+from groundstation.recording.process import FORGET, PIPE_BYTES, RecorderSetup
 from groundstation.recording.records import Record
 from groundstation.recording.writer import FLUSH_S, FlightLog
 
@@ -30,8 +30,6 @@ def stand_back() -> None:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-_READ_BYTES = 1 << 18
-"""Most bytes read from the pipe at once."""
 SYNC_S = 1.0
 """Written data must reach the disk itself within this time, or the operator is told [s]."""
 
@@ -107,7 +105,7 @@ def _messages() -> Iterator[bytes]:
         if not select.select([0], [], [], FLUSH_S)[0]:
             yield b""
             continue
-        data = os.read(0, _READ_BYTES)
+        data = os.read(0, PIPE_BYTES)
         if not data:
             return
         pending += data

@@ -9,7 +9,7 @@ clock [s], the log time its wall time.
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from functools import lru_cache
 from typing import Any
@@ -427,31 +427,24 @@ class MessageMaker:
         """``epoch_ns``: see :meth:`stamp`."""
         self._epoch_ns = epoch_ns
         self._last: float | None = None
-        self._often: dict[type, Callable[[Any], Iterable[Message]]] = {
-            ReceivedRecord: self._make_received,
-            SentRecord: self._make_sent,
-            PoseRecord: self._pose,
-            TickRecord: self._tick,
-            TruthRecord: _make_truth,
-        }
 
     def stamp(self, time_s: float) -> int:
         """``time_s`` on the event loop's clock [s] as wall time [ns since 1970]."""
         return self._epoch_ns + round(time_s * 1e9)
 
-    def of(self, record: Record) -> Iterable[Message]:
+    def of(self, record: Record) -> Iterator[Message]:
         """The messages of one record."""
-        make = self._often.get(type(record))
-        return self._rare(record) if make is None else make(record)
-
-    def _make_received(self, r: ReceivedRecord) -> Iterable[Message]:
-        return (("/raw/received", r.time_s, RawReceived(r.time_s, r.wire, r.turn, address(r.peer), r.data)),)
-
-    def _make_sent(self, r: SentRecord) -> Iterable[Message]:
-        return (("/raw/sent", r.time_s, RawSent(r.time_s, r.wire, address(r.peer), r.data)),)
-
-    def _rare(self, record: Record) -> Iterator[Message]:
-        match record:
+        match record:  # those that come often first
+            case ReceivedRecord(time_s, wire, turn, peer, data):
+                yield "/raw/received", time_s, RawReceived(time_s, wire, turn, address(peer), data)
+            case SentRecord(time_s, wire, peer, data):
+                yield "/raw/sent", time_s, RawSent(time_s, wire, address(peer), data)
+            case TickRecord():
+                yield from self._tick(record)
+            case PoseRecord():
+                yield from self._pose(record)
+            case TruthRecord():
+                yield _make_truth(record)
             case IdleRecord(time_s, _, command):
                 self._last = None
                 yield "/idle", time_s, IdleMessage(time_s, *_command(command))
@@ -541,10 +534,9 @@ class MessageMaker:
         return Time.of(self.stamp(time_s))
 
 
-def _make_truth(r: TruthRecord) -> Iterable[Message]:
+def _make_truth(r: TruthRecord) -> Message:
     at, velocity, attitude = Vector3(*r.position_ned), Vector3(*r.velocity_ned), quaternion(r.attitude)
-    told = TruthMessage(r.time_s, at, velocity, attitude, Vector3(*r.wind_m_s2), r.error_m)
-    return (("/truth", r.time_s, told),)
+    return "/truth", r.time_s, TruthMessage(r.time_s, at, velocity, attitude, Vector3(*r.wind_m_s2), r.error_m)
 
 
 def _command(c: Command) -> tuple[float, Vector3, int, float, float, tuple[Part, ...]]:

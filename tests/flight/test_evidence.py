@@ -375,7 +375,7 @@ def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
         *(({"t": factor}, r"time_unit: by 's' a pose comes every .* of another unit") for factor in (1e3, 1e9, 1e-3)),
         (
             dict.fromkeys(("px", "py", "pz"), 1e3),
-            r"spread over 1.61e\+03 m, limit 200 m, and move at .* check position_unit",
+            r"its positions move at .* m/s, limit 50 m/s: they are of no room.* check position_unit",
         ),
     ],
 )

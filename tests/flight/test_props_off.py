@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from groundstation.flight import make_ends
-from groundstation.lab.props_off import Guide, GuideStopped, News, NotProven
+from groundstation.lab.props_off import Guide, GuideStopped, Hand, News, NotProven
 from groundstation.lab.props_off_hand import disarm, hold, idle_n
 from groundstation.settings import Config
 from links.mavlink.protocol import MavlinkCodec
@@ -181,8 +181,8 @@ def test_a_hand_that_only_disarms_stops_what_another_has_left() -> None:
 # ---- the guide
 
 
-class ScriptedHand:
-    """A hand that tells what it is told to, and notes what becomes of it."""
+class ScriptedHand(Hand):
+    """A hand without a process: it tells what it is told to, and notes what becomes of it."""
 
     def __init__(self, coming: list[tuple[float, News]], *, acknowledges: bool = True) -> None:
         self.heard: list[News] = []

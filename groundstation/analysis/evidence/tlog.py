@@ -36,10 +36,7 @@ ON_GROUND = 1
 JITTER_S = 0.1
 """Loggers write messages of several wires out of order by this much at most [s]: no reason to drop one."""
 LEAP_S = 60.0
-"""A log time further than this from the one before is believed only if the next one agrees [s]."""
-MOST_PACE = 200.0
-"""An autopilot's clock that runs this much faster or slower than the log's is that of a log in another unit [-]:
-simulators fly up to 100 times as fast as life, and the next unit is 1000 times as long."""
+"""A log time further than this from the one before is damaged, or its clock was set: that time did not pass [s]."""
 
 
 def read_tlog(path: Path, latency_s: float) -> ImportedFlight:
@@ -64,8 +61,6 @@ def read_tlog(path: Path, latency_s: float) -> ImportedFlight:
         decoder = pose_decoder(own, latency_s)
         if decoder is None:
             continue
-        if fault := _find_pace_fault(own):
-            raise ConfigError("", fault, str(path))
         flight = _read_vehicle(records, vehicle, decoder)
         beside = Counter(
             f"poses of {record.sender}"
@@ -82,48 +77,29 @@ def _find_time_fault(records: Sequence[TlogRecord], dropped: Counter[str]) -> st
     if not records:
         return notice("tlog.no_message").text
     leaps = dropped["log_time"]
-    if leaps > len(records):
-        return notice("tlog.times", leaps=leaps, records=leaps + len(records), limit_s=LEAP_S).text
+    if leaps > 0.5 * len(records):
+        return notice("tlog.times", leaps=leaps, records=len(records), limit_s=LEAP_S).text
     if len(records) > 1 and records[-1].time_s == records[0].time_s:
         return notice("tlog.one_time", records=len(records)).text
     return ""
 
 
-def _find_pace_fault(own: Sequence[TlogRecord]) -> str:
-    """Return why the log times do not fit the stamps of one autopilot's messages; empty where they do."""
-    for name, unit_s in (("time_boot_ms", 1e-3), ("time_usec", 1e-6)):
-        stamped = [one for one in own if hasattr(one.message, name)]
-        if stamped:
-            first, last = stamped[0], stamped[-1]
-            by_log_s = last.time_s - first.time_s
-            by_stamps_s = unit_s * (getattr(last.message, name) - getattr(first.message, name))
-            if by_stamps_s > 0.0 and not 1.0 / MOST_PACE < by_log_s / by_stamps_s < MOST_PACE:
-                return notice("tlog.pace", by_log_s=by_log_s, by_stamps_s=by_stamps_s, limit=MOST_PACE).text
-            break
-    return ""
-
-
 def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[TlogRecord]:
-    """``records`` with time counted from the first and never running back, those with a damaged time left out.
+    """``records`` with time counted from the first and never running back.
 
-    A log time has no checksum. One far from its neighbours is dropped and counted as ``log_time``; where the
-    next agrees with it, the log's clock was set, and time goes on without the leap.
+    A log time has no checksum, and a log's clock may be set: time goes on without a leap, which is counted as
+    ``log_time``.
     """
     origin_s: float | None = None
     last_s = 0.0
-    odd_s: float | None = None
     for record in records:
         if origin_s is None:
             origin_s = record.time_s
         step_s = record.time_s - origin_s - last_s
         if not -JITTER_S <= step_s <= LEAP_S:
-            if odd_s is None or not -JITTER_S <= record.time_s - odd_s <= LEAP_S:
-                odd_s = record.time_s
-                dropped["log_time"] += 1
-                continue
+            dropped["log_time"] += 1
             origin_s += step_s
             step_s = 0.0
-        odd_s = None
         last_s += max(step_s, 0.0)
         yield TlogRecord(last_s, record.message)
 

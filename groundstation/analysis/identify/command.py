@@ -122,10 +122,6 @@ DRAG_LEAST = 0.0007
 """Least deviation of drag, even where there is none [1/s]: of 94 flights on rotors 8 lay outside without it."""
 DELAY = "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
 RESPONSE = "lag + delay, from a command's leaving: known better than either, as one may stand for the other"
-LEVEL_RESPONSE = ((1.0, 1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.0, 0.0))
-"""Lag + delay of roll and of pitch, as shares of each of :data:`TURN_NAMES`."""
-YAW_RESPONSE = ((0.0, 0.0, 0.0, 1.0, 1.0),)
-"""Lag + delay of yaw, as shares of the same."""
 DRAG_NOTE = "deceleration per speed; the controller is told one for all axes"
 TURNED_RAD_S = 0.05
 """Body rates of less than this (RMS about each axis) tell of nothing but noise, whatever the statistics say."""
@@ -309,9 +305,9 @@ def _lags(
     turned_at_all, one = rolled or pitched, "the controller is told one for all three"
     delay_of = partial(_judge_delay, frames)
 
-    def response_of(name: str, title: str, sums: Sequence[Sequence[float]], seen: bool) -> IdentifiedParameter:
-        """Identify lag + delay from ``sums`` (k, 5) of the fit's parameters."""
-        of = np.array(sums)
+    def response_of(name: str, title: str, sums: Sequence[tuple[str, str]], seen: bool) -> IdentifiedParameter:
+        """Identify lag + delay from ``sums`` of the fit's parameters, by their names."""
+        of = np.array([[float(one in pair) for one in TURN_NAMES] for pair in sums])
         value, deviation = _combine(of @ turned.fit.values, of @ turned.fit.covariance @ of.T)
         spread = math.hypot(LAG_SPREAD * deviation, frames, MODEL * value)
         enough, whole = max(0.01, 0.25 * value), told + rates_told
@@ -336,8 +332,13 @@ def _lags(
             yaw_lag.identified,
             one,
         ),
-        response_of("rate_response", "rate response, roll and pitch", LEVEL_RESPONSE, turned_at_all),
-        response_of("yaw_rate_response", "yaw rate response", YAW_RESPONSE, yawed),
+        response_of(
+            "rate_response",
+            "rate response, roll and pitch",
+            (("delay", "roll_lag"), ("delay", "pitch_lag")),
+            turned_at_all,
+        ),
+        response_of("yaw_rate_response", "yaw rate response", (("yaw_delay", "yaw_lag"),), yawed),
     ]
 
 

@@ -21,7 +21,7 @@ Thrust goes by its signal, where curve and scale are not as told. The curve is l
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -46,6 +46,15 @@ Whiten = Callable[[Sequence[Column]], Column]
 """Sets of P parameters, S of them → innovations of unit variance, (N, k, S)."""
 
 
+class Parameter(NamedTuple):
+    """A parameter that is fitted, in its own unit."""
+
+    least: float
+    most: float
+    step: float
+    """Step for the derivative."""
+
+
 class Bounds(NamedTuple):
     """Bounds and steps of each of P parameters."""
 
@@ -56,6 +65,12 @@ class Bounds(NamedTuple):
     expected: Column
     spread: Column
     """An independent estimate ``expected`` ± ``spread`` (one deviation) counts like a measurement; infinite: none."""
+
+    @classmethod
+    def of(cls, parameters: Iterable[Parameter], expected: Column, spread: Column) -> "Bounds":
+        """Those of ``parameters``."""
+        least, most, steps = np.array(list(parameters)).T
+        return cls(least, most, steps, expected, spread)
 
 
 class Fit(NamedTuple):
@@ -395,12 +410,11 @@ ABOUT = (0.1, 10.0, 0.0)
 DELAYS_S = (-0.01, 0.0, 0.015, 0.03, 0.06, 0.1, 0.15)
 LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
 """Where the fits of rates and thrust may begin [s]."""
-TURN_NAMES = ("delay", "roll_lag", "pitch_lag", "yaw_delay", "yaw_lag")
+DELAY, LAG = Parameter(-0.05, 0.5, 2e-4), Parameter(0.0, 1.0, 2e-4)
+"""Bounds of every delay and lag [s]: beyond them a fit has gone astray."""
+TURN = {"delay": DELAY, "roll_lag": LAG, "pitch_lag": LAG, "yaw_delay": DELAY, "yaw_lag": LAG}
 """Parameters [s]; the first delay is of roll and pitch."""
-LEAST = np.array([-0.05, 0.0, 0.0, -0.05, 0.0])
-"""Lower bounds of these parameters [s]."""
-MOST = np.array([0.5, 1.0, 1.0, 0.5, 1.0])
-"""Upper bounds of these parameters [s]."""
+TURN_NAMES = tuple(TURN)
 
 
 class TurnFit(NamedTuple):
@@ -462,7 +476,7 @@ def fit_turns(seen: FlightStretch) -> TurnFit:
     level = starts[int((news[:, :2] ** 2).sum(axis=(0, 1)).argmin())]
     yaw = starts[int((news[:, 2] ** 2).sum(axis=0).argmin())]
     values = np.concatenate([level[:3], yaw[3:]])
-    bounds = Bounds(LEAST, MOST, np.full(5, 2e-4), values, np.full(5, np.inf))
+    bounds = Bounds.of(TURN.values(), values, np.full(len(TURN), np.inf))
     fit = None
     for about, powers in ((ABOUT, (COARSE, FINE)), (None, (FINE,))):
         noise, filter_ = fit_noise(seen.at_s, left([values])[:, :, 0], about or noise.ratios, gap, powers)
@@ -504,9 +518,19 @@ def most_n(config: Config, about: float, scale: float, curve: float) -> float:
 STEPS = 5
 """Between two poses thrust and attitude are looked at so often."""
 DRAGS = ("drag_x", "drag_y", "drag_z")
-THRUST_NAMES = ("delay", "lag", "scale", "sag", "curve", *DRAGS, "leak", "c_x", "c_y", "c_z")
+THRUST = {
+    "delay": DELAY,
+    "lag": LAG,
+    "scale": Parameter(0.2, 4.0, 1e-3),
+    "sag": Parameter(-0.5, 0.5, 1e-3),
+    "curve": Parameter(-0.5, 1.5, 1e-2),
+    **dict.fromkeys(DRAGS, Parameter(-2.0, 5.0, 1e-3)),
+    "leak": Parameter(-1.0, 1.0, 1e-3),
+    **dict.fromkeys(("c_x", "c_y", "c_z"), Parameter(-0.5, 0.5, 1e-3)),
+}
 """Parameters: delay, lag [s], scale [-], sag [1/min], curve [-], drag along each axis of the body [1/s], leak l
 [m/s² per rad/s], c [m, FRD]."""
+THRUST_NAMES = tuple(THRUST)
 DRAG, LEVER = THRUST_NAMES.index("drag_x"), THRUST_NAMES.index("c_x")
 """Drag and c are three each."""
 SMOOTH_S = 0.06
@@ -628,12 +652,6 @@ ABOUT_POSES = (1.0, 1e2, 1e5)
 ABOUT_THRUST = (0.0, 1e2, 1e5)
 """Where the search for the noises begins: white noise on acceleration [1/s³], and on the wind's change [1/s⁵], over the
 positions' variance."""
-LEAST_THRUST = np.array([-0.05, 0.0, 0.2, -0.5, -0.5, *[-2.0] * 3, -1.0, *[-0.5] * 3])
-"""Lower bounds of the parameters :data:`THRUST_NAMES`."""
-MOST_THRUST = np.array([0.5, 1.0, 4.0, 0.5, 1.5, *[5.0] * 3, 1.0, *[0.5] * 3])
-"""Upper bounds of the same."""
-MOVED = np.array([2e-4, 2e-4, 1e-3, 1e-3, 1e-2, *[1e-3] * 3, 1e-3, *[1e-3] * 3])
-"""Steps for their derivatives."""
 THRUST_ROUNDS = 6
 """Model and noise are fitted in turn, so often at most: the better the model, the weaker the noise that is left."""
 SAG_PER_MIN = 0.1
@@ -661,7 +679,7 @@ def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
     values = np.array(
         [delay, vehicle.thrust_lag_s, 1.0, 0.0, seen.config.thrust_curve, *[0.0] * (len(THRUST_NAMES) - 5)]
     )
-    bounds = Bounds(LEAST_THRUST, MOST_THRUST, MOVED, np.array([delay, *[0.0] * (len(THRUST_NAMES) - 1)]), spread)
+    bounds = Bounds.of(THRUST.values(), np.array([delay, *[0.0] * (len(THRUST) - 1)]), spread)
     interval = float(np.median(scene.spans))
     level, upright = scene.fit_noises(values, (ABOUT_THRUST, ABOUT_THRUST), (COARSE, FINE))
     starts = [

@@ -121,8 +121,7 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("import.bodies", "it holds {count} bodies, {names}", "name the vehicle, --body NAME"),
     NoticeTemplate(
         "import.lengths",
-        "its positions spread over {spread_m:.3g} m, limit {widest_m:g} m, and move at {speed_m_s:.3g} m/s, limit "
-        "{fastest_m_s:g} m/s: they are of no room",
+        "its positions move at {speed_m_s:.3g} m/s, limit {fastest_m_s:g} m/s: they are of no room",
         "check position_unit and time_unit of the mapping, and the unit that the file states",
     ),
     NoticeTemplate(
@@ -149,12 +148,6 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "tlog.one_time",
         "all {records} records have the same log time, so nothing tells when they came",
-        "record it again: 8 bytes before each frame must hold the time in microseconds, big-endian",
-    ),
-    NoticeTemplate(
-        "tlog.pace",
-        "{by_log_s:.3g} s pass by the log times while {by_stamps_s:.3g} s pass by the autopilot's own stamps, "
-        "limit a factor of {limit:g}",
         "record it again: 8 bytes before each frame must hold the time in microseconds, big-endian",
     ),
     NoticeTemplate(

@@ -86,19 +86,14 @@ def test_a_file_of_mostly_garbage_is_no_flight(tmp_path: Path) -> None:
         read(tmp_path, data)
 
 
-OTHER_UNIT = r"s pass by the log times while 4\.98 s pass by the autopilot's own stamps"
-
-
 @pytest.mark.parametrize(
     ("stamp", "says"),
     [
         (lambda _: bytes(8), r"all \d+ records have the same log time"),
         (lambda _: struct.pack(">Q", START_US), r"all \d+ records have the same log time"),
         (lambda us: struct.pack("<Q", us), "log times leap by more than 60 s, limit 50%"),  # the other end first
-        (lambda us: struct.pack(">Q", int(1e-3 * us)), OTHER_UNIT),
-        (lambda us: struct.pack(">Q", int(1e3 * us)), OTHER_UNIT),
     ],
-    ids=["zeros", "never changes", "leaps", "milliseconds", "nanoseconds"],
+    ids=["zeros", "never changes", "leaps"],
 )
 def test_log_times_that_are_none_tell_no_flight(stamp: Callable[[int], bytes], says: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=says):
