@@ -346,6 +346,7 @@ GONE = {
     "export --format parquet": 'in Python `flight["errors"].to_pandas().to_parquet(…)` writes it',
     "view --in": "`groundstation view` shows it in Foxglove, the only viewer",
     "report --format tex": "`--format csv` has the table",
+    "report --format png": "`--format pdf` and `svg` are for print; the figures of a page are PNGs",
     "replay evidence --write": "`--json` has the figures",
     "replay evidence --part": "`--json` has the figures",
 }

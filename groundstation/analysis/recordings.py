@@ -84,25 +84,22 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
         raise ConfigError("--out", notice("file.ending", ending=".mcap", found=target.name))
     with refuse_recordings():
         recording = Recording(path)
-    try:
-        if to_screen:
+    if to_screen:
+        try:
             write_csv(recording, {wanted[0]: sys.stdout})
-            if not recording.whole:
-                print(f"groundstation: export: the recording {recording.trouble}", file=sys.stderr)
-        else:
-            print(f"{target}: {_export(recording, form, wanted, target)}{_short_of(recording)}")
-    except NoRecording as error:
-        raise ConfigError("LOG", str(error)) from None
+        except BrokenPipeError:
+            sys.stderr.close()  # whoever read us has seen enough
+        if recording.trouble and not sys.stderr.closed:
+            print(f"groundstation: export: the recording {recording.trouble}", file=sys.stderr)
+        return Exit.DONE
+    try:
+        with refuse_io("--out", "file.unwritten", target):
+            written = _export(recording, form, wanted, target)
     except ConfigError:
-        target.unlink(missing_ok=True)  # what was begun of it
-        raise
-    except BrokenPipeError:
-        sys.stderr.close()  # whoever read us has seen enough
-    except OSError as error:
         if target.is_file():
-            target.unlink()
-        says = notice("file.unwritten", path=error.filename or target, why=error.strerror)
-        raise ConfigError("--out", says) from None
+            target.unlink()  # what was begun of it
+        raise
+    print(f"{target}: {written}{_short_of(recording)}")
     return Exit.DONE
 
 

@@ -139,15 +139,9 @@ def near(value: float, share: float) -> Rule:
     return Rule(f"{low:.2f} to {high:.2f}", lambda v: _lies(v, low, high), lambda _: round(value, 3))
 
 
-def with_bit(bit: int, meaning: str) -> Rule:
-    """Bit number ``bit`` set, the others as they are."""
-    mask = 1 << bit
-    return Rule(f"bit {bit} ({mask}) set: {meaning}", lambda v: bool(int(v) & mask), lambda v: float(int(v) | mask))
-
-
 def with_bits(mask: int, meaning: str) -> Rule:
     """All bits of ``mask`` set, the others as they are."""
-    return Rule(f"bits of {mask} set: {meaning}", lambda v: int(v) & mask == mask, lambda v: float(int(v) | mask))
+    return Rule(f"bits of {mask} set ({meaning})", lambda v: int(v) & mask == mask, lambda v: float(int(v) | mask))
 
 
 def without_bit(bit: int, meaning: str) -> Rule:
@@ -328,7 +322,7 @@ WITHOUT_STICKS = "Without a remote control, mode LAND takes the sticks that neve
 ARDUPILOT_COMMANDS = (
     must(
         "GUID_OPTIONS",
-        with_bit(3, "thrust means thrust"),
+        with_bits(1 << 3, "thrust means thrust"),
         "Without this bit ArduPilot takes our thrust as a climb rate: half is hovering, full is its fastest climb.",
     ),
     must(

@@ -110,10 +110,6 @@ class LastingFile:
         os.close(self._fd)
 
 
-_LONGEST_FRAME = 293
-"""A frame of MAVLink 2 with its signature; what waits longer for its end is none."""
-
-
 class TlogCutter:
     """Cuts the bytes of one direction into the records of a .tlog. Sans-IO."""
 
@@ -142,9 +138,8 @@ class TlogCutter:
                 start = end
             else:
                 start += 1
-        rest = data[start : start + _LONGEST_FRAME]
-        if rest:
-            self._unfinished[peer] = rest
+        if start < size:
+            self._unfinished[peer] = data[start:]  # less than a frame
             if len(self._unfinished) > MOST_SENDERS:
                 self._unfinished.pop(next(iter(self._unfinished)))
         return bytes(found)

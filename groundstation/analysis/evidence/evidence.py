@@ -62,8 +62,6 @@ BASE_S = 0.05
 """Constant velocity is the mean over this time [s]; constant acceleration takes twice as long."""
 GAP = 1.5
 """Poses that take this many times as long as usual have a gap between them [-]."""
-LEAST_JUDGED = 20
-"""Fewer predictions tell nothing [-]."""
 LIFTED_M = 0.2
 """A vehicle that begins, or ends, on the floor flies while it is this far above it [m]."""
 STANDS_S = 0.5
@@ -72,8 +70,6 @@ STANDS_M = 0.003
 """Largest range of its height in that time [m]."""
 STILL_M = 0.001
 """Motion of the mean over half a second below which a vehicle never flew [m]."""
-LEAST_FLOWN_S = 3.0
-"""A shorter hop tells nothing [s]."""
 LEAST_POSES = 50
 """Fewer poses tell nothing [-]."""
 LEAST_UPRIGHT = 0.5
@@ -212,15 +208,13 @@ def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice
 
 
 def why_not_judged(flight: EvidenceFlight, at_s: Column, place: Column) -> str:
-    """Why nothing can be said of the part that flies, at ``place`` (N, 3) [m]; empty where it can."""
+    """Why nothing can be said of the part that should fly, at ``place`` (N, 3) [m]; empty where it can."""
     if not any(flight.may_fly):
         return notice("evidence.grounded").text
     window = max(1, int(STANDS_S / float(np.median(np.diff(at_s)))))
     means = place[: len(place) // window * window].reshape(-1, window, 3).mean(axis=1)
-    if len(means) > 1 and float(np.ptp(means, axis=0).max()) < STILL_M:
-        return notice("evidence.stands").text
-    flown_s = float(at_s[-1] - at_s[0])
-    return "" if flown_s >= LEAST_FLOWN_S else notice("evidence.short", flown_s=flown_s, least_s=LEAST_FLOWN_S).text
+    stands = len(means) > 1 and float(np.ptp(means, axis=0).max()) < STILL_M
+    return notice("evidence.stands").text if stands else ""
 
 
 @dataclass(frozen=True)
@@ -426,8 +420,8 @@ def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[
 
 
 def _measure_errors(squares: Column) -> dict[str, float] | None:
-    """RMS [mm] over all predictions (N, 3) [m²]; None where too few poses judge them."""
-    if len(squares) < LEAST_JUDGED:
+    """RMS [mm] over all predictions (N, 3) [m²]; None where no pose judges them."""
+    if not len(squares):
         return None
     ours, velocity, acceleration = (round(1e3 * math.sqrt(one), 3) for one in squares.mean(axis=0).tolist())
     return {"rms_mm": ours, "pvt_rms_mm": velocity, "ca_rms_mm": acceleration}
@@ -442,9 +436,8 @@ def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> list[Estimation]:
 
     Of these the second lets the positions wander: errors of a source may last from pose to pose.
     """
-    told = msgspec.structs.replace(
-        driven.config.controller, pose_noise_m=max(noise.across_m, LEAST_NOISE_M), pose_jitter_s=noise.jitter_s
-    )
+    noise_m = max(noise.across_m, math.sqrt(NOISE_FLOOR_M2))
+    told = msgspec.structs.replace(driven.config.controller, pose_noise_m=noise_m, pose_jitter_s=noise.jitter_s)
     tried = [told]
     at_s, left = driven.at_s[driven.air], driven.place[driven.air] - integrate_thrust(driven)
     for wanders in (False, True):
@@ -462,8 +455,6 @@ def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> list[Estimation]:
     return [msgspec.structs.replace(one, **{key: float(f"{getattr(one, key):.3g}") for key in TOLD}) for one in tried]
 
 
-LEAST_NOISE_M = 1e-6
-"""No source is better [m]."""
 LEAST_DENSITY = 1e-3
 """Density assumed for a noise that does not show [m/s² or m/s³ per √Hz]: the filter's noise is never nought."""
 
@@ -606,7 +597,7 @@ def describe_flight(facts: dict[str, Any]) -> str:
         rows = {f"{horizon} ms": row for horizon, row in facts["prediction"].items()}
         rows[f"{AT_MS} ms, told nothing"] = facts["untold"]["prediction"][str(AT_MS)]
         for name, row in rows.items():
-            cells = "".join(f"{row[key]:>9.2f}" for key in ERRORS) if row else "  too few poses"
+            cells = "".join(f"{row[key]:>9.2f}" for key in ERRORS) if row else "  no pose to judge by"
             lines.append(f"  {name:22}{cells}")
         told = ", ".join(f"{key} = {value:g}" for key, value in facts["told"].items())
         lines.append(f"  NIS/3 {_text(facts['untold']['nis3'])}, told nothing; told in [controller]: {told}")

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain, islice
 from pathlib import Path
-from typing import Annotated, Any, Literal, TextIO, TypeAlias
+from typing import Annotated, Any, TextIO, TypeAlias
 
 import msgspec
 import numpy as np
@@ -33,7 +33,7 @@ Table: TypeAlias = Mapping[str, Column]
 
 LOOK_ROWS = 100
 """The head is looked for in so many lines."""
-SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
+SEPARATORS = ";\t, "
 GZIP_BEGIN = b"\x1f\x8b"
 """First bytes of a file packed by gzip."""
 MOTIVE_BEGIN = "Format Version"
@@ -49,13 +49,9 @@ ORTHOGONAL = 1e-2
 class CsvLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Layout of a CSV file's text."""
 
-    skip_rows: Annotated[int, msgspec.Meta(ge=0)] = 0
-    """Number of lines above the table."""
     head_rows: Annotated[int, msgspec.Meta(ge=0, le=10)] = 1
     """The head consists of so many lines: a column is named by its cells in them, joined by blanks,
     or by the last of them alone where that is unique. 0: there is no head; columns are "1", "2", …"""
-    separator: Literal["auto", "comma", "semicolon", "tab", "space"] = "auto"
-    """Separator of cells."""
 
 
 @contextmanager
@@ -74,17 +70,14 @@ def read_csv_table(
     """Read one table, by the file's name; a cell that is a list ("[1, 2]") becomes columns NAME.0, NAME.1.
 
     The head is the first line that holds one of ``times``, the columns of the time; lines before it are
-    no part of the table. It may be a comment (#) above the numbers. Without a separator in the ``layout``
-    it is a comma, unless the head has more semicolons or tabs (numbers then may have decimal commas), or
-    nothing but blanks.
+    no part of the table. It may be a comment (#) above the numbers. The separator of cells is a comma, unless the
+    head has more semicolons or tabs (numbers then may have decimal commas), or nothing but blanks.
 
     Raises:
         ConfigError: no head is found, or several columns have the same name.
         ValueError: the file is empty.
     """
     with open_text(path) as text:
-        for _ in islice(text, layout.skip_rows):
-            pass
         lines = [line for line in islice(text, LOOK_ROWS) if line.strip()]
         if not lines:
             raise ValueError(notice("file.empty"))
@@ -121,17 +114,15 @@ def _find_head(
     Raises:
         ConfigError: no line is a head, or several columns have the same name.
     """
-    told = SEPARATORS.get(layout.separator)
     if layout.head_rows == 0:
         first = next((k for k, line in enumerate(lines) if not line.startswith("#")), len(lines))
         # A program may write a warning among the rows: most of them say how the table is laid out.
-        separator = told or next((one for one in ";\t, " if 2 * sum(one in row for row in lines) > len(lines)), ",")
+        separator = next((one for one in SEPARATORS if 2 * sum(one in row for row in lines) > len(lines)), ",")
         counts = Counter(len(row) for row in _split(lines, separator))
         return separator, [str(k + 1) for k in range(counts.most_common(1)[0][0])], lines[first:]
-    tried = [told] if told else list(SEPARATORS.values())
     for k, line in enumerate(lines):
-        found = {one: _names(line, one) for one in tried}
-        holds = [one for one in tried if any(name in times for name in found[one])]
+        found = {one: _names(line, one) for one in SEPARATORS}
+        holds = [one for one in SEPARATORS if any(name in times for name in found[one])]
         if not holds:
             continue
         separator = max(holds, key=lambda one: (one != " ", len(found[one])))
@@ -183,9 +174,9 @@ def _number(cell: str) -> float:
         return math.nan
 
 
-def _comma_number(cell: str) -> float:
-    """Read a number that may have a decimal comma."""
-    return _number(cell.replace(",", "."))
+def _read_numbers(rows: Iterable[list[str]], width: int) -> Column:
+    """The cells of ``rows`` as numbers, (N, ``width``); NaN where there is none."""
+    return np.array([[_number(cell) for cell in (row + [""] * width)[:width]] for row in rows]).reshape(-1, width)
 
 
 def _cells(name: str, cell: str) -> Iterator[tuple[str, float]]:
@@ -244,8 +235,8 @@ def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
             raise ValueError(notice("import.no_version"))
         stated = dict(zip(first[0::2], first[1::2], strict=False))
         labels, kinds, axes = _read_motive_head(rows)
-        unit_m = LENGTHS_M.get(stated.get("Length Units", "").lower())
-        _expect(path, "Length Units", stated, unit_m is not None, "Meters, Centimeters or Millimeters")
+        unit = stated.get("Length Units", "").lower()
+        _expect(path, "Length Units", stated, unit in LENGTHS_M, "Meters, Centimeters or Millimeters")
         turns = stated.get("Rotation Type") == "Quaternion"
         _expect(path, "Rotation Type", stated, turns, "Quaternion")
         is_global = stated.get("Coordinate Space", "Global") == "Global"
@@ -253,20 +244,10 @@ def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
         whole = _find_motive_bodies(labels, kinds, axes)
         if not whole:
             raise ConfigError("FILE", notice("import.no_body", found=list_few(labels.get("Type", [])[2:])), str(path))
-        times, cells = array("d"), {name: {key: array("d") for key in MOTIVE_COLUMNS} for name in whole}
-        for row in rows:
-            if len(row) < 2:
-                continue
-            times.append(_number(row[1]))
-            for name, at in whole.items():
-                for key in MOTIVE_COLUMNS:
-                    cell = row[at[key]] if at[key] < len(row) else ""
-                    cells[name][key].append(_number(cell))
-    for name, body_cells in cells.items():
-        columns = {key: np.array(column) for key, column in body_cells.items()}
-        for key in ("x", "y", "z"):
-            columns[key] = columns[key] * unit_m
-        yield name, {"t": np.array(times), **columns}
+        cells = _read_numbers((row for row in rows if len(row) > 1), len(axes))
+    scales = dict.fromkeys("xyz", LENGTHS_M[unit])
+    for name, at in whole.items():
+        yield name, {"t": cells[:, 1], **{key: cells[:, at[key]] * scales.get(key, 1.0) for key in MOTIVE_COLUMNS}}
 
 
 def _read_motive_head(rows: Iterator[list[str]]) -> tuple[dict[str, list[str]], list[str], list[str]]:
@@ -320,14 +301,10 @@ def read_qtm_tables(path: Path) -> Iterator[tuple[str, Table]]:
         whole = {name: at for name, at in bodies.items() if set(wanted) <= set(at)}
         if not whole:
             raise ConfigError("FILE", notice("import.no_body", found=list_few(head)), str(path))
-        frequency = _comma_number(stated.get("FREQUENCY", ""))
+        frequency = _number(stated.get("FREQUENCY", "").replace(",", "."))
         if "Time" not in head and not frequency > 0.0:
             _expect(path, "FREQUENCY", stated, False, "the frames per second, or a column Time")
-        table = [[_comma_number(cell) for cell in line.split("\t")] for line in text if line.strip()]
-    width = max(map(len, table), default=0)
-    rows = np.array([row + [math.nan] * (width - len(row)) for row in table]).reshape(len(table), width)
-    if width < len(head):
-        raise ValueError(notice("import.few_cells"))
+        rows = _read_numbers((line.replace(",", ".").split("\t") for line in text if line.strip()), len(head))
     if "Time" in head:
         time = rows[:, head.index("Time")]
     else:  # one row a frame, none left out

@@ -410,8 +410,10 @@ ABOUT = (0.1, 10.0, 0.0)
 DELAYS_S = (-0.01, 0.0, 0.015, 0.03, 0.06, 0.1, 0.15)
 LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
 """Where the fits of rates and thrust may begin [s]."""
-DELAY, LAG = Parameter(-0.05, 0.5, 2e-4), Parameter(0.0, 1.0, 2e-4)
-"""Bounds of every delay and lag [s]: beyond them a fit has gone astray."""
+DELAY = Parameter(-0.05, 0.5, 2e-4)
+"""Any delay [s]: beyond these bounds a fit has gone astray."""
+LAG = Parameter(0.0, 1.0, 2e-4)
+"""Any lag [s]: the same."""
 TURN = {"delay": DELAY, "roll_lag": LAG, "pitch_lag": LAG, "yaw_delay": DELAY, "yaw_lag": LAG}
 """Parameters [s]; the first delay is of roll and pitch."""
 TURN_NAMES = tuple(TURN)

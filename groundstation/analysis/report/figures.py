@@ -381,8 +381,6 @@ FIGURES = (
 
 COLUMN_IN = 3.5
 """A column of a journal is so wide [in]."""
-PRINT_DPI = 600
-"""Resolution of what a printed figure holds as a picture [dots per inch]."""
 PRINT_STYLE: Any = {
     **PLOT_STYLE,
     "font.size": 7.0,
@@ -453,9 +451,8 @@ def save_figures(
     """
     made = []
     for one in figures:
-        name = f"{one.name}-column" if form == "png" else one.name  # the page's own are PNGs, too
-        made.append((one, folder / f"{name}.{form or 'png'}"))
-        draw_figure(one, shown, form).savefig(made[-1][1], dpi=PRINT_DPI if form else DPI)
+        made.append((one, folder / f"{one.name}.{form or 'png'}"))
+        draw_figure(one, shown, form).savefig(made[-1][1], dpi=DPI)
     return made
 
 
@@ -488,7 +485,7 @@ def find_figure(name: str) -> ReportFigure:
 def draw_figure(one: ReportFigure, shown: Any, form: str = "") -> "Figure":
     """Draw one figure of what is ``shown``: a flight, of an overlay several, of an identification its vehicle.
 
-    Of a printed ``form`` (pdf, svg, png) it is as wide as a column of a journal.
+    Of a printed ``form`` (pdf, svg) it is as wide as a column of a journal.
     """
     from matplotlib import rc_context
 

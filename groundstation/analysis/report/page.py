@@ -57,7 +57,7 @@ NOT_A_SUM = (
     "Squared contribution: RMS² of the flight less RMS² with that source switched off. They need not add up to RMS²: "
     "sources act on each other, and what stays without any of them (mean wind, sampling) is none. Negative: it helped."
 )
-FORMATS = ("html", "pdf", "svg", "png", "csv")
+FORMATS = ("html", "pdf", "svg", "csv")
 """Forms of a report: a page, figures a column wide for print, or the table of results."""
 
 

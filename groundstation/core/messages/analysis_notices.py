@@ -84,7 +84,6 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "import.no_qtm_head",
         "no head line found: no line names columns X, Y, Z, as QTM's export with column names does",
     ),
-    NoticeTemplate("import.few_cells", "its rows have fewer cells than its head"),
     NoticeTemplate("import.two_bodies", "two bodies are called {name}"),
     NoticeTemplate("import.one_body", "only files of Motive and QTM hold several bodies, not {format}"),
     NoticeTemplate("import.one_tlog", "expected one .tlog, got {count} files"),
@@ -162,7 +161,6 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "evidence.grounded", "the autopilot says that it is on the ground all the time: nothing flies in it"
     ),
     NoticeTemplate("evidence.stands", "it stands all the time: nothing flies in it"),
-    NoticeTemplate("evidence.short", "it flies for {flown_s:.1f} s, limit {least_s:g} s", "record a longer flight"),
     NoticeTemplate("evidence.unbroken", "less than {least_s:g} s of unbroken flight"),
     NoticeTemplate(
         "evidence.leans",

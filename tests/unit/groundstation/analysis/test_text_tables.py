@@ -208,8 +208,8 @@ NO_HEAD = {"head_rows": 0}
         # a head of several lines tells columns apart
         (TELLING, {"head_rows": 2},
          {"t": [0, 1], "quad x": [1, 5], "quad y": [2, 6], "wand x": [3, 7], "wand y": [4, 8]}),
-        # columns by number, below lines to skip
-        ("t,of,another,thing\n0;1,5;map\n1;2,5;map\n", {**NO_HEAD, "skip_rows": 1}, {"1": [0, 1], "2": [1.5, 2.5]}),
+        # columns by number, below a line of other things
+        ("t,of,another,thing\n0;1,5;map\n1;2,5;map\n", NO_HEAD, {"1": [0, 1], "2": [1.5, 2.5]}),
         # ``ros2 topic echo`` writes a warning into the file where nobody publishes yet
         ("WARNING: topic [/pose] does not appear to be published yet\n1,2,3\n2,2,4\n3,2,5\n", NO_HEAD,
          {"1": [1, 2, 3], "2": [2, 2, 2], "3": [3, 4, 5]}),

@@ -23,7 +23,7 @@ from groundstation.lab.doctor_advice import (
     judge,
     near,
     px4_advice,
-    with_bit,
+    with_bits,
     without_bit,
 )
 from groundstation.runtime import Exit
@@ -163,7 +163,7 @@ def test_ardupilots_delay_of_poses_is_what_we_are_told_of_theirs() -> None:
         (exactly(1.0), (1.0,), (0.0, 1.5), 1.0),
         (between(0.2, 1.0, 0.5), (0.2, 0.20000000298, 1.0), (0.19, 1.01), 0.5),
         (near(0.5, 0.2), (0.41, 0.59), (0.39, 0.61), 0.5),
-        (with_bit(3, ""), (8.0, 9.0, 15.0), (0.0, 7.0, 16.0), 15.0),
+        (with_bits(8, ""), (8.0, 9.0, 15.0), (0.0, 7.0, 16.0), 15.0),
         (without_bit(0, ""), (0.0, 2.0, 32.0), (1.0, 33.0), 6.0),
     ],
 )
