@@ -216,7 +216,7 @@ REPORT: Arguments = {
     "--out": {"type": path, "metavar": "DIR", "help": "folder of page and figures (default: beside the first)"},
     "--format": {
         "default": "html", "metavar": "LIST",
-        "help": "some of html (default), pdf, svg, png (figures a column wide, for print), csv (the table)",
+        "help": "some of html (default), pdf, svg (figures a column wide, for print), csv (the table)",
     },
     "--budget": {"action": "store_true", "help": "print the error budget alone: what has how much of RMS²"},
     "--json": {"action": "store_true", "help": "print the numbers; the page only where --out is given"},

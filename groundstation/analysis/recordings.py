@@ -44,8 +44,8 @@ from groundstation.recording import (
     describe_channels,
     flatten,
     quick_headline,
-    read_table,
     refuse_recordings,
+    tabulate,
 )
 from groundstation.runtime import Exit, require_package
 
@@ -415,7 +415,7 @@ class FlightData:
         topic = f"/{str(channel).strip('/')}"
         if topic not in CHANNELS:
             raise KeyError(str(notice("value.choice", choices=self.channels, found=channel)))
-        return Channel(topic, read_table(self._recording, (topic,))[topic])
+        return Channel(topic, tabulate(self._recording.entries((topic,)), (topic,))[topic])
 
     def to_pandas(self) -> "DataFrame":
         """One row a command by its time [s]: reference, estimate and truth in columns such as ``truth.position.north``.
@@ -530,9 +530,8 @@ def write_tables(recording: Recording, form: str, topics: Collection[str], targe
     """
     if form == "csv":
         return _write_csv_folder(recording, topics, target)
-    tables = {
-        topic.strip("/").replace("/", "_"): table for topic, table in read_table(recording, topics).items() if table
-    }
+    found = tabulate(recording.entries(topics), topics)
+    tables = {topic.strip("/").replace("/", "_"): table for topic, table in found.items() if table}
     _TABLE_WRITERS[form](tables, target)
     return {topic: len(next(iter(table.values()))) for topic, table in tables.items()}
 

@@ -342,7 +342,6 @@ class MavlinkVisit:
 Visit = BoardVisit | MavlinkVisit
 """Changes nothing by itself. Every method but ``close`` raises LinkError where the other end goes away."""
 _MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
-_ORDER = list(_MARKS)
 WIDTH = 100
 """Width of the printed text [columns]."""
 
@@ -372,7 +371,7 @@ def _wrap(begin: str, text: str) -> list[str]:
 
 
 def _summary(findings: Sequence[ParameterFinding]) -> str:
-    counts = {verdict: sum(f.verdict == verdict for f in findings) for verdict in _ORDER}
+    counts = {verdict: sum(f.verdict == verdict for f in findings) for verdict in _MARKS}
     absent = f", {counts['absent']} not in this firmware" if counts["absent"] else ""
     row = "doctor.changes" if is_wrong(findings) else "doctor.healthy"
     return notice(row, **counts | {"absent": absent}).text

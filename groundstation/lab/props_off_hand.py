@@ -118,14 +118,12 @@ async def _hold_armed(
 
 def _find_events(config: Config, link: CommandLink) -> list[Event]:
     status = link.status
-    seen: list[Event] = []
-    if status.state == "lost":
-        seen.append("lost")
-    if config.link.has_autopilot and status.state == "connected":  # no radio tells
-        seen.append("disarmed")
-    if status.phase == "over":
-        seen.append("silent")
-    return seen
+    holds: dict[Event, bool] = {
+        "lost": status.state == "lost",
+        "disarmed": config.link.has_autopilot and status.state == "connected",  # no radio tells
+        "silent": status.phase == "over",
+    }
+    return [event for event, is_so in holds.items() if is_so]
 
 
 async def _off(link: CommandLink, source: PoseSource, tell: Tell, *, begun: bool) -> None:

@@ -29,7 +29,6 @@ from groundstation.recording.reader import (
     Recording,
     flatten,
     quick_headline,
-    read_table,
     refuse_recordings,
     tabulate,
 )

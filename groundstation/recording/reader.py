@@ -219,11 +219,6 @@ def flatten(value: Any, name: str = "") -> dict[str, Any]:
     return leaves
 
 
-def read_table(recording: Recording, topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
-    """Return the messages on each of ``topics`` as columns, see :func:`tabulate`."""
-    return tabulate(recording.entries(topics), topics)
-
-
 def tabulate(entries: Iterable[Entry], topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
     """Return those of ``entries`` on each of ``topics`` as columns of equal length, named as ``rates_rad_s.x``.
 

@@ -70,6 +70,8 @@ STANDS_M = 0.003
 """Largest range of its height in that time [m]."""
 STILL_M = 0.001
 """Motion of the mean over half a second below which a vehicle never flew [m]."""
+LEAST_FLOWN_S = 3.0
+"""A shorter hop tells nothing [s]."""
 LEAST_POSES = 50
 """Fewer poses tell nothing [-]."""
 LEAST_UPRIGHT = 0.5
@@ -96,11 +98,6 @@ class EvidenceFlight:
     """Number of entries changed or left out at the import, by reason."""
     own: bool
     """Whether this program flew it."""
-
-    @property
-    def commands_attitude(self) -> bool:
-        """Whether attitudes were commanded, and not body rates."""
-        return bool(self.sent) and self.sent[0].attitude is not msgspec.UNSET
 
 
 def load_flight(path: Path, config: Config | None = None) -> EvidenceFlight:
@@ -213,8 +210,10 @@ def why_not_judged(flight: EvidenceFlight, at_s: Column, place: Column) -> str:
         return notice("evidence.grounded").text
     window = max(1, int(STANDS_S / float(np.median(np.diff(at_s)))))
     means = place[: len(place) // window * window].reshape(-1, window, 3).mean(axis=1)
-    stands = len(means) > 1 and float(np.ptp(means, axis=0).max()) < STILL_M
-    return notice("evidence.stands").text if stands else ""
+    if len(means) > 1 and float(np.ptp(means, axis=0).max()) < STILL_M:
+        return notice("evidence.stands").text
+    flown_s = float(at_s[-1] - at_s[0])
+    return "" if flown_s >= LEAST_FLOWN_S else notice("evidence.short", flown_s=flown_s, least_s=LEAST_FLOWN_S).text
 
 
 @dataclass(frozen=True)
@@ -360,10 +359,11 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
         found = identify(FlightStretch(flight.path, driven.config, *parts))
     except (StretchTooShort, np.linalg.LinAlgError, ValueError, ZeroDivisionError) as error:
         return {"note": f"not identifiable: {error}"}
+    own_rates = flight.sent[0].attitude is msgspec.UNSET  # else they are ours, made of set-points of the attitude
     return {
         one.name: {"value": one.value, "interval": one.interval, "unit": one.unit, "note": one.note}
         for one in found.parameters.values()
-        if not (flight.commands_attitude and "rate_" in one.name)  # those rates are ours, made of set-points
+        if own_rates or "rate_" not in one.name
     }
 
 
@@ -605,16 +605,10 @@ def describe_flight(facts: dict[str, Any]) -> str:
         if name == "note":
             lines.append(f"  {one}")
         elif one["value"] is not None:
-            lines.append(f"  {name:22}{_interval(one)}")
+            low, high = one["interval"]
+            lines.append(f"  {name:22}{one['value']:.3g} ({low:.3g} to {high:.3g}) {one['unit']}".rstrip())
     lines += [f"  not used as it stands, {reason}: {count}" for reason, count in facts["left_out"].items()]
     return "\n".join(lines)
-
-
-def _interval(found: dict[str, Any] | None) -> str:
-    if found is None or found["value"] is None:
-        return "-"
-    low, high = found["interval"]
-    return f"{found['value']:.3g} ({low:.3g} to {high:.3g}) {found['unit']}".rstrip()
 
 
 def _text(value: float | None) -> str:

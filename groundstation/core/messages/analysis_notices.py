@@ -161,6 +161,7 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "evidence.grounded", "the autopilot says that it is on the ground all the time: nothing flies in it"
     ),
     NoticeTemplate("evidence.stands", "it stands all the time: nothing flies in it"),
+    NoticeTemplate("evidence.short", "it flies for {flown_s:.1f} s, limit {least_s:g} s", "record a longer flight"),
     NoticeTemplate("evidence.unbroken", "less than {least_s:g} s of unbroken flight"),
     NoticeTemplate(
         "evidence.leans",

@@ -6,12 +6,17 @@ import struct
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
 
-from groundstation.analysis.evidence.evidence import describe_flight, examine_flight
+from groundstation.analysis.evidence.evidence import (
+    describe_flight,
+    drive_flight,
+    examine_flight,
+    judge_filter,
+    load_flight,
+)
 from groundstation.analysis.evidence.flight import MEASURED, SETPOINT, ImportedFlight
 from groundstation.analysis.evidence.tlog import read_tlog
 from groundstation.config import ConfigError
@@ -116,34 +121,40 @@ def test_damage_that_leaves_most_of_a_flight_is_only_counted(tmp_path: Path, usu
 NO_LAG = ("vehicle.thrust_lag_s=0.0", "vehicle.rate_lag_s=0.0")
 
 
-def examined(flight: Flight, folder: Path) -> dict[str, Any]:
+def written(flight: Flight, folder: Path) -> Path:
     file = folder / "flight.tlog"
     file.write_bytes(flight.tlog())
-    return examine_flight(file, None, NO_LAG)
+    return file
 
 
-def test_stamps_that_repeat_or_run_back_are_counted(tmp_path: Path) -> None:
-    found = examined(Flight(stamp_us=lambda us: us - 40_000 if us and us % 100_000 == 0 else us), tmp_path)
-    assert found["left_out"] == {"out_of_order": 109}
-    again = examined(Flight(stamp_us=lambda us: us - 20_000 if us == 4_000_000 else us), tmp_path)
-    assert again["left_out"] == {"same_stamp": 1}
-
-
-def test_an_outage_is_the_longest_gap(tmp_path: Path) -> None:
-    found = examined(Flight(poses=lambda t: not 4.0 < t < 4.35), tmp_path)
-    assert found["gap_max_ms"] == pytest.approx(350.0, abs=21.0)
+@pytest.mark.parametrize(
+    ("stamp_us", "left_out"),
+    [
+        (lambda us: us - 40_000 if us and us % 100_000 == 0 else us, {"out_of_order": 109}),
+        (lambda us: us - 20_000 if us == 4_000_000 else us, {"same_stamp": 1}),
+    ],
+)
+def test_stamps_that_repeat_or_run_back_are_counted(
+    stamp_us: Callable[[int], int], left_out: dict[str, int], tmp_path: Path
+) -> None:
+    assert load_flight(written(Flight(stamp_us=stamp_us), tmp_path)).left_out == left_out
 
 
 def test_a_jump_with_a_reset_is_not_taken_for_motion(tmp_path: Path) -> None:
-    usual = examined(Flight(), tmp_path)
-    told = examined(Flight(moved=lambda t: (3.0, 7) if t >= 5.0 else (0.0, 6)), tmp_path)
-    assert told["prediction"]["60"]["rms_mm"] < 1.5 * usual["prediction"]["60"]["rms_mm"]
+    def judged(flight: Flight) -> float:
+        driven = drive_flight(load_flight(written(flight, tmp_path)), NO_LAG)
+        row = judge_filter(driven, driven.config.controller, (60,)).prediction["60"]
+        assert row is not None
+        return row["rms_mm"]
+
+    assert judged(Flight(moved=lambda t: (3.0, 7) if t >= 5.0 else (0.0, 6))) < 1.5 * judged(Flight())
 
 
-@pytest.mark.parametrize("error", [0.05, 0.5])
-def test_an_autopilot_whose_velocity_is_not_that_of_its_positions_is_found_out(tmp_path: Path, error: float) -> None:
-    found = examined(Flight(velocity_error=(0.0, error, 0.0)), tmp_path)
-    assert found["velocity_off_m_s"] == pytest.approx(error, abs=0.01)
+def test_a_velocity_that_is_not_that_of_the_positions_and_an_outage_are_found_out(tmp_path: Path) -> None:
+    flight = Flight(velocity_error=(0.0, 0.05, 0.0), poses=lambda t: not 4.0 < t < 4.35)
+    found = examine_flight(written(flight, tmp_path), None, NO_LAG)
+    assert found["gap_max_ms"] == pytest.approx(350.0, abs=21.0)
+    assert found["velocity_off_m_s"] == pytest.approx(0.05, abs=0.01)
     assert f"its own velocity is {found['velocity_off_m_s']:.3f} m/s RMS from" in describe_flight(found)
 
 

@@ -185,33 +185,25 @@ def test_an_autopilot_that_is_set_up_well_has_nothing_to_change(tmp_path: Path, 
     assert "Nothing to change" in seen.said
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "value"),
-    [
-        ("px4", "MAV_FWDEXTSP", 0.0),
-        ("px4", "MAV_TYPE", 0.0),
-        ("px4", "COM_OF_LOSS_T", 5.0),
-        ("px4", "COM_OBL_RC_ACT", 0.0),
-        ("px4", "MPC_THR_HOVER", 0.3),
-        ("ardupilot", "GUID_OPTIONS", 1.0),
-        ("ardupilot", "ATC_ANGLE_BOOST", 1.0),
-        ("ardupilot", "ATC_ACCEL_R_MAX", 110000.0),
-        ("ardupilot", "ATC_ACCEL_P_MAX", 110000.0),
-        ("ardupilot", "GUID_TIMEOUT", 3.0),
-        ("ardupilot", "FS_GCS_ENABLE", 1.0),
-        ("ardupilot", "FS_GCS_TIMEOUT", 5.0),
-        ("ardupilot", "RC_OPTIONS", 1.0),
-        ("ardupilot", "SYSID_MYGCS", 255.0),
-        ("ardupilot", "MOT_THST_HOVER", 0.35),
-    ],
-)
-def test_each_wrong_value_is_found(tmp_path: Path, kind: str, name: str, value: float) -> None:
-    parameters = {"GUID_TIMEOUT": 0.5} if kind == "ardupilot" else {}
-    seen = visit(tmp_path, kind, orders={"as_json": True}, parameters=parameters | {name: value})
+WRONG: dict[str, dict[str, float]] = {
+    "px4": {
+        "MAV_FWDEXTSP": 0.0, "MAV_TYPE": 0.0, "COM_OF_LOSS_T": 5.0, "COM_OBL_RC_ACT": 0.0, "MPC_THR_HOVER": 0.3,
+    },
+    "ardupilot": {
+        "GUID_OPTIONS": 1.0, "ATC_ANGLE_BOOST": 1.0, "ATC_ACCEL_R_MAX": 110000.0, "ATC_ACCEL_P_MAX": 110000.0,
+        "GUID_TIMEOUT": 3.0, "FS_GCS_ENABLE": 1.0, "FS_GCS_TIMEOUT": 5.0, "RC_OPTIONS": 1.0, "SYSID_MYGCS": 255.0,
+        "MOT_THST_HOVER": 0.35,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_each_wrong_value_is_found(tmp_path: Path, kind: str) -> None:
+    seen = visit(tmp_path, kind, orders={"as_json": True}, parameters=WRONG[kind])
     assert seen.code == Exit.FAILED
     facts = json.loads(seen.said)
-    wrong = [f for f in facts["findings"] if f["verdict"] in ("must", "should")]
-    assert [(f["name"], f["value"]) for f in wrong] == [(name, pytest.approx(value))]
+    found = {f["name"]: f["value"] for f in facts["findings"] if f["verdict"] in ("must", "should")}
+    assert found == {name: pytest.approx(value) for name, value in WRONG[kind].items()}
     assert facts["healthy"] is False
     assert facts["fixed"] == []
 
@@ -269,19 +261,17 @@ def test_nothing_changes_unless_it_is_asked_for_by_name_of_a_vehicle_that_is_not
     assert how.get("armed") or list(tmp_path.iterdir()) == []
 
 
-def test_a_missing_firmware_is_said_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("built", "says"), [(False, "run `make firmware` in a checkout"), (True, "install gcc")])
+def test_a_missing_firmware_or_compiler_is_said_with_what_to_do(
+    built: bool, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    with pytest.raises(ConfigError, match="run `make firmware` in a checkout"):
-        BetaflightFirmware()
-
-
-def test_a_missing_compiler_is_said_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    binary = betaflight.cache_folder() / betaflight.BINARY
-    binary.parent.mkdir(parents=True)
-    binary.touch()
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ConfigError, match="install gcc"):
+    if built:
+        binary = betaflight.cache_folder() / betaflight.BINARY
+        binary.parent.mkdir(parents=True)
+        binary.touch()
+    with pytest.raises(ConfigError, match=says):
         BetaflightFirmware()
 
 
@@ -298,18 +288,6 @@ def test_betaflight_flies_behind_a_receiver_only(
     monkeypatch.setattr("sys.argv", ["groundstation-sim", "fly", "--autopilot", "betaflight", *options])
     assert main() == 2
     assert says in capsys.readouterr().err
-
-
-def slot_verdicts(slots: dict[str, str], **link_map: Any) -> dict[str, str]:
-    """Return the verdicts on a board's rows of modes, where arming is on channel 5."""
-    config = from_dict({"link": {"kind": "crsf", "map": {"arm": {"channel": 5}, **link_map}}}, Config)
-    visit = BoardVisit(config, "/dev/ttyACM0")
-    visit.parameters = {name: Setting(name, row) for name, row in slots.items()}
-    found = [judge(advice, visit.parameters) for advice in visit.advice if advice.names[0].startswith("aux")]
-    for one in found:
-        rules = [advice.rule for advice in visit.advice if advice.names == (one.name,)]
-        assert one.recommended is None or rules[0].accepts(one.recommended)
-    return {one.name: one.verdict for one in found}
 
 
 ARM = "0 0 1700 2100 0 0"
@@ -334,7 +312,14 @@ ARM = "0 0 1700 2100 0 0"
 def test_arming_is_by_one_row_and_no_mode_that_our_frames_meet_takes_the_sticks(
     slots: dict[str, str], verdicts: dict[str, str]
 ) -> None:
-    assert slot_verdicts(slots) == verdicts
+    config = from_dict({"link": {"kind": "crsf", "map": {"arm": {"channel": 5}}}}, Config)
+    visit = BoardVisit(config, "/dev/ttyACM0")
+    visit.parameters = {name: Setting(name, row) for name, row in slots.items()}
+    rows = [advice for advice in visit.advice if advice.names[0].startswith("aux")]
+    found = [judge(advice, visit.parameters) for advice in rows]
+    assert {one.name: one.verdict for one in found} == verdicts
+    for advice, one in zip(rows, found, strict=True):
+        assert one.recommended is None or advice.rule.accepts(one.recommended)
 
 
 @pytest.mark.parametrize(
