@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import time
 
 from groundstation.runtime import (
     COMPLETION,
@@ -248,16 +247,6 @@ CONFIG_NEW: Arguments = {
 }
 
 
-def _props_off(parser: argparse.ArgumentParser) -> None:
-    add_arguments(parser, CONFIG)
-    parser.set_defaults(now_s=time.time())
-
-
-def _logs(parser: argparse.ArgumentParser) -> None:
-    add_arguments(parser, LOGS)
-    parser.set_defaults(now_s=time.time())
-
-
 def _stop_all(parser: argparse.ArgumentParser) -> None:
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--descend", action="store_true", help="failsafe descent instead")
@@ -287,7 +276,7 @@ COMMANDS: Groups = {
         "doctor": ("check the autopilot's parameters; set one on request, disarmed only", DOCTOR),
         "check": ("run the pre-flight checks on the vehicle; arms nothing", CHECK),
         "carry": ("measure the tracker's axes and latency by carrying the vehicle, propellers off", CARRY),
-        "props-off": ("the required test with the propellers off, step by step. THIS STARTS THE MOTORS", _props_off),
+        "props-off": ("the required test with the propellers off, step by step. THIS STARTS THE MOTORS", CONFIG),
     },
     "fly": {
         "fly": ("connect, ask, arm, fly the trajectory, land", FLY),
@@ -301,7 +290,7 @@ COMMANDS: Groups = {
         "fleet relay": ("receive a stream of poses once, and send copies to the core of each vehicle", FLEET_RELAY),
     },
     "after the flight": {
-        "logs": ("list the recorded flights with their headline numbers", _logs),
+        "logs": ("list the recorded flights with their headline numbers", LOGS),
         "logs import": ("convert a flight that others recorded (CSV, ULog, .bin, .tlog)", LOGS_IMPORT),
         "report": ("write a page with figures about a recorded flight, or overlay several", _report),
         "view": ("show a recorded or a running flight in Foxglove", VIEW),

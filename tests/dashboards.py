@@ -15,7 +15,7 @@ from textual.widget import Widget
 
 from groundstation.config import dump
 from groundstation.core.messages import Ask, Check, Reply, Snapshot, Verdict
-from groundstation.interfaces.api import Server
+from groundstation.interfaces.api import Server, snapshots
 from groundstation.interfaces.tui.app import Attached, Dashboard
 from groundstation.interfaces.tui.drawing import big, huge
 from groundstation.interfaces.tui.model import Feed, FlightIdentity, News
@@ -97,26 +97,40 @@ class Stage:
         self.beats = beats
         self.latest: Latest[Snapshot] = Latest()
         self.core = Sampled()
+        self.log: list[str] = []
 
     @property
     def asked(self) -> list[Ask]:
         """What was asked for, in order."""
         return [request.ask for request in self.core.asked]
 
+    def server(self, rate_hz: float = 50.0) -> Server:
+        """What serves it."""
+        config = StatusConfig(path=str(self.path), rate_hz=rate_hz)
+        log = self.log
+        return Server(
+            config, "mqx", self.latest, self.core, config_text=dump(Config()), log=lambda told: log.append(told.text)
+        )
+
     @contextlib.asynccontextmanager
-    async def up(self) -> AsyncIterator["Server"]:
+    async def up(self, rate_hz: float = 50.0) -> AsyncIterator[None]:
         """It is served."""
-        config = StatusConfig(path=str(self.path), rate_hz=50.0)
-        server = Server(config, "mqx", self.latest, self.core, config_text=dump(Config()))
+        server = self.server(rate_hz)
         await server.open()
         tasks = [asyncio.create_task(server.publish()), asyncio.create_task(self._beat())]
         try:
-            yield server
+            yield
         finally:
+            await asyncio.sleep(0.02)  # a visitor is let in whole before the door is closed
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
             server.close()
+            await asyncio.sleep(0.02)  # both ends of every connection are closed by then
+
+    async def first(self) -> Snapshot:
+        """The first snapshot that a client gets."""
+        return await anext(aiter(snapshots(self.path)))
 
     async def _beat(self) -> None:
         while True:

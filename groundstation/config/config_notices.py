@@ -38,7 +38,7 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "station.nobody",
         "nobody flies {whom} here (looked in {folder} and {services})",
-        "name it by --vehicle, or its socket by --socket",
+        "name it by --vehicle, or its socket by --socket; `groundstation fly CONFIG --tui` starts one",
     ),
     NoticeTemplate("station.several", "more than one could be meant: name one by --vehicle or --socket: {sockets}"),
     NoticeTemplate(

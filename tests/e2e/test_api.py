@@ -7,7 +7,6 @@ import contextlib
 import os
 import re
 import stat
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,48 +14,19 @@ import msgspec
 import pytest
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import Ask, Request, Snapshot
-from groundstation.interfaces.api import Control, Server, ask_station, server as api_server, snapshots
+from groundstation.core.messages import Ask, Request
+from groundstation.interfaces.api import Control, ask_station, server as api_server, snapshots
 from groundstation.interfaces.api.client import open_client
-from groundstation.machine import ApiError, Latest, StatusConfig, find_socket, socket_path
+from groundstation.machine import ApiError, StatusConfig, find_socket, socket_path
+from tests.dashboards import Stage
 from tests.e2e.stations import program
 from tests.loops import in_real_time
-from tests.sample_flight import Sampled, sample
-
-
-class Station:
-    """A core that is asked, and the socket at which it is served."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.latest: Latest[Snapshot] = Latest()
-        self.core = Sampled()
-        self.log: list[str] = []
-
-    def server(self, rate_hz: float = 50.0) -> Server:
-        config = StatusConfig(path=str(self.path), rate_hz=rate_hz)
-        return Server(config, "mqx", self.latest, self.core, log=lambda told: self.log.append(told.text))
-
-    @contextlib.asynccontextmanager
-    async def up(self, rate_hz: float = 50.0) -> AsyncIterator[None]:
-        server = self.server(rate_hz)
-        await server.open()
-        task = asyncio.create_task(server.publish())
-        try:
-            yield
-        finally:
-            await asyncio.sleep(0.02)  # a visitor is let in whole before the door is closed
-            task.cancel()
-            server.close()
-            await asyncio.sleep(0.02)  # both ends of every connection are closed by then
-
-    async def first(self) -> Snapshot:
-        return await anext(aiter(snapshots(self.path)))
+from tests.sample_flight import sample
 
 
 @pytest.fixture
-def station(tmp_path: Path) -> Station:
-    return Station(tmp_path / "mqx.sock")
+def station(tmp_path: Path) -> Stage:
+    return Stage(tmp_path / "mqx.sock")
 
 
 @pytest.fixture
@@ -68,7 +38,7 @@ def runtime(short_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @in_real_time
-async def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_the_newest(station: Station) -> None:
+async def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_the_newest(station: Stage) -> None:
     async with station.up():
         early = asyncio.create_task(station.first())
         await asyncio.sleep(0.05)
@@ -84,7 +54,7 @@ async def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_th
 
 
 @in_real_time
-async def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(station: Station) -> None:
+async def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(station: Stage) -> None:
     async with station.up():
         assert stat.S_IMODE(station.path.stat().st_mode) == 0o600
     assert not station.path.exists()
@@ -92,7 +62,7 @@ async def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(statio
 
 @in_real_time
 async def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_end_of_the_stream(
-    station: Station,
+    station: Stage,
 ) -> None:
     seen: list[str] = []
 
@@ -111,7 +81,7 @@ async def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_e
 
 
 @in_real_time
-async def test_no_client_gets_more_than_the_configured_rate(station: Station) -> None:
+async def test_no_client_gets_more_than_the_configured_rate(station: Stage) -> None:
     seen = []
 
     async def watch() -> None:
@@ -131,7 +101,7 @@ async def test_no_client_gets_more_than_the_configured_rate(station: Station) ->
 
 
 @in_real_time
-async def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(station: Station) -> None:
+async def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(station: Stage) -> None:
     large = msgspec.structs.replace(sample(0.0), reason="x" * 100_000)
     station.latest.put(large)
     async with station.up():
@@ -149,7 +119,7 @@ async def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(station:
 
 
 @in_real_time
-async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(station: Station) -> None:
+async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(station: Stage) -> None:
     async with station.up():
         _, writer = await asyncio.open_unix_connection(station.path)
         flood = asyncio.create_task(_flood(writer))
@@ -193,7 +163,7 @@ BAD: dict[str, bytes] = {
 @pytest.mark.parametrize("line", BAD.values(), ids=BAD)
 @in_real_time
 async def test_what_is_no_order_does_nothing_but_a_counter_one_log_line_and_one_refusal(
-    line: bytes, station: Station
+    line: bytes, station: Stage
 ) -> None:
     async with station.up():
         reader, writer = await asyncio.open_unix_connection(station.path)
@@ -217,7 +187,7 @@ async def test_what_is_no_order_does_nothing_but_a_counter_one_log_line_and_one_
 
 
 @in_real_time
-async def test_an_order_that_is_played_again_does_nothing(station: Station) -> None:
+async def test_an_order_that_is_played_again_does_nothing(station: Stage) -> None:
     async with station.up():
         reader, writer = await asyncio.open_unix_connection(station.path)
         writer.write(b'{"id": 5, "ask": "land"}\n{"id": 5, "ask": "kill"}\n{"id": 4, "ask": "kill"}\n')
@@ -228,7 +198,7 @@ async def test_an_order_that_is_played_again_does_nothing(station: Station) -> N
 
 
 @in_real_time
-async def test_one_client_holds_control_until_it_goes_and_anyone_may_land(station: Station) -> None:
+async def test_one_client_holds_control_until_it_goes_and_anyone_may_land(station: Stage) -> None:
     me = f"tui {os.getpid()}"
     async with station.up(), open_client(station.path, "other") as other:
         assert other.control == Control(None, False)
@@ -253,7 +223,7 @@ async def test_one_client_holds_control_until_it_goes_and_anyone_may_land(statio
 
 
 @in_real_time
-async def test_arming_names_the_vehicle(station: Station) -> None:
+async def test_arming_names_the_vehicle(station: Stage) -> None:
     async with station.up(), open_client(station.path, "tui") as client:
         assert (await client.take_control()).done
         for vehicle in ("", "mqy"):
@@ -286,7 +256,7 @@ def test_what_is_no_request_is_refused_in_one_sentence_before_anybody_is_looked_
 
 
 @in_real_time
-async def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(station: Station) -> None:
+async def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(station: Stage) -> None:
     with pytest.raises(ApiError, match=f"{station.path}: no ground station serves there"):
         await ask_station(Request(Ask.LAND), socket=str(station.path))
     async with station.up():
@@ -300,7 +270,7 @@ async def test_the_python_of_the_page_asks_the_station_to_fly_there(
 ) -> None:
     page = (Path(__file__).parents[2] / "docs/reference/api.md").read_text("utf-8")
     (shown,) = re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S)
-    station = Station(runtime / "mqx.sock")
+    station = Stage(runtime / "mqx.sock")
     async with station.up():
         await asyncio.to_thread(exec, shown, {})
     (asked,) = station.core.asked
@@ -312,7 +282,7 @@ async def test_the_python_of_the_page_asks_the_station_to_fly_there(
 async def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are_two(
     runtime: Path, tmp_path: Path
 ) -> None:
-    mine, service = Station(runtime / "mqx.sock"), Station(tmp_path / "lab" / "x500.sock")
+    mine, service = Stage(runtime / "mqx.sock"), Stage(tmp_path / "lab" / "x500.sock")
     with pytest.raises(ApiError, match="nobody flies a vehicle here"):
         await find_socket(None, tmp_path)
     async with mine.up():
@@ -326,7 +296,7 @@ async def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are
 
 
 @in_real_time
-async def test_who_only_reads_keeps_no_order_out(station: Station) -> None:
+async def test_who_only_reads_keeps_no_order_out(station: Stage) -> None:
     station.latest.put(sample(1.0))
     async with station.up(), contextlib.AsyncExitStack() as stack:
         most = api_server.CLIENTS_MAX + api_server.GUESTS_MAX
@@ -346,7 +316,7 @@ async def test_who_only_reads_keeps_no_order_out(station: Station) -> None:
 
 
 @in_real_time
-async def test_the_socket_of_a_process_that_was_killed_is_replaced(station: Station) -> None:
+async def test_the_socket_of_a_process_that_was_killed_is_replaced(station: Stage) -> None:
     process = await asyncio.create_subprocess_exec(*program("tests.sample_flight", station.path))
     while not station.path.exists():
         await asyncio.sleep(0.01)
@@ -359,11 +329,11 @@ async def test_the_socket_of_a_process_that_was_killed_is_replaced(station: Stat
 
 
 @in_real_time
-async def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_first_goes_on(station: Station) -> None:
+async def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_first_goes_on(station: Stage) -> None:
     station.latest.put(sample(1.0))
     async with station.up():
         with pytest.raises(ApiError, match="another ground station is serving this vehicle"):
-            await Station(station.path).server().open()
+            await Stage(station.path).server().open()
         assert await station.first() == sample(1.0)
 
 
@@ -381,7 +351,7 @@ async def test_a_place_that_can_not_be_or_is_not_ours_is_refused_and_left_as_it_
         (tmp_path / ("x" * 120), r"path too long.* set status\.path to another one"),
     ):
         with pytest.raises(ApiError, match=says):
-            await Station(place).server().open()
+            await Stage(place).server().open()
     assert path.read_text() == "precious"
 
 

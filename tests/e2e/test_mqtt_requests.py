@@ -12,7 +12,7 @@ import pytest
 
 from groundstation.config import from_dict
 from groundstation.core.messages import Ask, Snapshot
-from groundstation.interfaces.api.messages import ClientOrder, Desk, Party
+from groundstation.interfaces.api.messages import Desk
 from groundstation.interfaces.mqtt import command as mqtt_command, publish_forever
 from groundstation.interfaces.mqtt.command import Unanswered, request_by_mqtt
 from groundstation.interfaces.mqtt.messages import HealthMessage, SessionMessage
@@ -123,26 +123,6 @@ async def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_al
 async def client_published(lab: LabBroker, topic: str, data: bytes) -> None:
     async with lab.address("operator").client() as client:
         await client.publish(topic, data, qos=1)
-
-
-@in_real_time
-async def test_who_holds_control_at_the_station_is_not_overruled_but_for_bringing_down(
-    lab: LabBroker, key: Path
-) -> None:
-    station = Station()
-    party = Party(4321)
-
-    secret, operator = read_key(key), lab.address("operator")
-    async with station.serving(config_of(lab, key)):
-        station.desk.take(ClientOrder(id=1, control="take", name="tui"), party, 0.0)
-        answers = [await request_by_mqtt(operator, "mqx", "tablet", secret, ask) for ask in ("track", "return")]
-        assert [answer.done for answer in answers] == [False, False]
-        assert "tui 4321 holds control" in answers[0].says
-        assert station.core.asked == []
-        assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "abort")).done
-        station.desk.leave(party)
-        assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "track")).done
-    assert [request.ask for request in station.core.asked] == [Ask.ABORT, Ask.TRACK]
 
 
 @in_real_time

@@ -72,10 +72,6 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
         "screen.station_ended",
         "the ground station has ended. {ended}\nWhat it said is in {log}",
     ),
-    NoticeTemplate(
-        "screen.nobody",
-        "no ground station runs here: `groundstation fly CONFIG --tui` starts one; or name a recording, LOG.mcap",
-    ),
     NoticeTemplate("screen.silent_log", "it has said nothing"),
     # Requests and stop-all.
     NoticeTemplate("request.no_answer", "no answer within {limit_s:g} s"),

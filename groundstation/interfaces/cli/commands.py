@@ -44,6 +44,7 @@ from groundstation.machine import (
     list_flights,
     registration,
     running_processes,
+    wall_ms,
 )
 from groundstation.runtime import Exit, Program, path
 from groundstation.settings import Config, describe_rehearsal, ensure_served, rehearse
@@ -334,7 +335,7 @@ def props_off(args: argparse.Namespace) -> Exit:
     from groundstation.interfaces.service import require_flyable
     from groundstation.lab import props_off_command
 
-    return props_off_command(require_flyable(load(args.config, Config, args.overrides)), args.now_s)
+    return props_off_command(require_flyable(load(args.config, Config, args.overrides)), 1e-3 * wall_ms())
 
 
 def logs(args: argparse.Namespace) -> Exit:
@@ -345,6 +346,7 @@ def logs(args: argparse.Namespace) -> Exit:
         args.config, args.folder = None, args.folder or args.config
     if args.config is not None and args.config.suffix in (".mcap", ".tlog"):
         raise ConfigError("logs", notice("logs.recording", path=args.config))
+    args.now_s = 1e-3 * wall_ms()
     return logs_command(load(args.config, Config, args.overrides).recording, args)
 
 

@@ -52,8 +52,6 @@ if TYPE_CHECKING:
 
 PAUSE_S = 1.0
 """Pause in reading after a flood of messages [s]: a kill is repeated for 4 s."""
-ANSWERS_KEPT = 16
-"""At most this many answers wait for a slow broker; no request waits for them."""
 
 Put = Callable[["aiomqtt.Client", Topic, bytes], Awaitable[None]]
 """Publishes to a topic."""
@@ -105,14 +103,12 @@ class RequestListener:
         self._topic = f"{place.prefix}/{place.vehicle}/{REQUEST.name}"
         self._tell = tell
         self._gate = Gatekeeper(place, clients, ask, lambda: os.urandom(16).hex(), tell)
-        self._session = ""
-        self._answers: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
-        self._more = asyncio.Event()
-
-    @property
-    def counts(self) -> Counter[str]:
+        self.counts = self._gate.counts
         """Number of requests by result."""
-        return self._gate.counts
+        self._session = ""
+        self._answers: deque[bytes] = deque()
+        """Answers that wait for a slow broker; no request waits for them."""
+        self._more = asyncio.Event()
 
     def session_message(self) -> bytes:
         """Return the message that names the session.
@@ -251,7 +247,6 @@ class _Publisher:
         self._events: deque[EventMessage] = deque()
         self._more = asyncio.Event()
         self._counts: Counter[str] = Counter()
-        self._version = __version__
         self._state = ""
         """State of the mission as last published."""
         self.requests: RequestListener | None = None
@@ -320,7 +315,7 @@ class _Publisher:
             counts = self._counts
             requests = {} if self.requests is None else dict(sorted(self.requests.counts.items()))
             health = HealthMessage(
-                self._version, counts["connections"], counts["snapshots"], counts["events_lost"], requests
+                __version__, counts["connections"], counts["snapshots"], counts["events_lost"], requests
             )
             await self._put(client, HEALTH, msgspec.json.encode(health))
             await self._put(client, SESSION, b"" if self.requests is None else self.requests.session_message())

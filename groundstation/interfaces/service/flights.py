@@ -19,6 +19,7 @@ import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager, suppress
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from string import Template
 from typing import Any, Protocol
@@ -470,30 +471,27 @@ def obey(
             ask(request)
         say(words)
 
-    def kill() -> None:
+    def order(request: Request, words: Sentence | None = None) -> None:
         on_stop()
-        ask(Request(Ask.KILL, "told by SIGQUIT"))
-        say(notice("key.kill", key="SIGQUIT"))
-
-    def hang_up() -> None:
-        # A terminal that closes is no second opinion: it lands, and never more than that.
-        on_stop()
-        ask(Request(Ask.LAND, "the terminal closed"))
-
-    def land(name: str) -> None:
-        on_stop()
-        ask(Request(Ask.LAND, f"told by {name}"))
-        say(notice("key.lands", key=name))
+        ask(request)
+        if words is not None:
+            say(words)
 
     loop.add_signal_handler(signal.SIGINT, press, "SIGINT")
     loop.add_signal_handler(signal.SIGTERM, press, "SIGTERM")
-    loop.add_signal_handler(signal.SIGQUIT, kill)
-    loop.add_signal_handler(signal.SIGHUP, hang_up)
-    for number in (signal.SIGUSR1, signal.SIGUSR2):  # by default they end the program at once
-        loop.add_signal_handler(number, land, number.name)
+    kill = Request(Ask.KILL, "told by SIGQUIT")
+    loop.add_signal_handler(signal.SIGQUIT, order, kill, notice("key.kill", key="SIGQUIT"))
+    # A terminal that closes is no second opinion: it lands, and never more than that.
+    loop.add_signal_handler(signal.SIGHUP, order, Request(Ask.LAND, "the terminal closed"))
+    land = {  # by default they end the program at once
+        number: partial(order, Request(Ask.LAND, f"told by {number.name}"), notice("key.lands", key=number.name))
+        for number in (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM)
+    }
+    for number in (signal.SIGUSR1, signal.SIGUSR2):
+        loop.add_signal_handler(number, land[number])
+    timer.on_alarm = partial(loop.call_soon_threadsafe, land[signal.SIGALRM])
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT):
         timer.interrupt_by(number)  # the loop hears of it as before, by its descriptor
-    timer.on_alarm = lambda: loop.call_soon_threadsafe(land, signal.SIGALRM.name)
     loop.add_signal_handler(signal.SIGTSTP, say, notice("key.no_pause"))
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # one in the background would be stopped as it prints
 

@@ -766,6 +766,7 @@ END_S = 20.0
 
 def tui_command(args: argparse.Namespace) -> int:
     """Show a flight that is going on, or a recorded one."""
+    os.nice(NICE)  # what flies comes first, where both want the same processor
     if args.log is not None:
         require_terminal("groundstation report LOG.mcap writes a page about it")
         return _run(Dashboard(open_playback(args.log, args.at)), args.theme)
@@ -807,6 +808,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     def make(notice: str) -> Dashboard:
         return Dashboard(Attached(path, core.pid, describe_end), take_control=True, which=which, notice=notice)
 
+    os.nice(NICE)  # what flies comes first, where both want the same processor
     dashboard = make("")
     code = _run(dashboard, args.theme)
     while not dashboard.left and core.poll() is None and sys.stdin.isatty():  # without a terminal nobody sees it
@@ -817,7 +819,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         except KeyboardInterrupt:
             break
         dashboard = make(says)
-        code = _show(dashboard, args.theme)
+        code = _run(dashboard, args.theme)
     newest = dashboard.picture.newest
     if core.poll() is None and newest is not None and newest.state in NO_SCREEN:
         core.terminate()  # it ends what has not taken off; it would land what has, meanwhile
@@ -845,11 +847,6 @@ def _which(socket: Path | None) -> str | None:
 
 
 def _run(dashboard: Dashboard, theme: str) -> int:
-    os.nice(NICE)  # what flies comes first, where both want the same processor
-    return _show(dashboard, theme)
-
-
-def _show(dashboard: Dashboard, theme: str) -> int:
     dashboard.theme = theme
     dashboard.run()
     return dashboard.return_code or 0
@@ -873,13 +870,8 @@ def open_playback(log: Path, at_s: float | None) -> Playback:
 
 def served_socket(vehicle: str | None) -> Path:
     """Where the ground station that is meant serves."""
-    served = asyncio.run(served_sockets(vehicle))
-    if len(served) == 1:
-        return served[0]
-    if not served and vehicle is not None:
+    if vehicle is not None and not asyncio.run(served_sockets(vehicle)):
         return socket_path(StatusConfig(), vehicle)  # it may come up yet
-    if not served:
-        raise ConfigError("tui", notice("screen.nobody"))
     try:
         return asyncio.run(find_socket(vehicle))
     except ApiError as error:
