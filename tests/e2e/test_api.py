@@ -162,9 +162,7 @@ BAD: dict[str, bytes] = {
 
 @pytest.mark.parametrize("line", BAD.values(), ids=BAD)
 @in_real_time
-async def test_what_is_no_order_does_nothing_but_a_counter_one_log_line_and_one_refusal(
-    line: bytes, station: Stage
-) -> None:
+async def test_what_is_no_order_does_nothing_but_one_log_line_and_one_refusal(line: bytes, station: Stage) -> None:
     async with station.up():
         reader, writer = await asyncio.open_unix_connection(station.path)
         await reader.readline()

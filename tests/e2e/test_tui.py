@@ -39,7 +39,7 @@ def stage(tmp_path: Path) -> Stage:
     return Stage(tmp_path / "mqx.sock")
 
 
-@pytest.mark.parametrize("size", [(80, 24), (60, 24), (200, 50)])
+@pytest.mark.parametrize("size", [(60, 24), (200, 50)])
 def test_every_key_is_explained_in_full_on_any_terminal(stage: Stage, size: tuple[int, int]) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await pilot.press("question_mark")

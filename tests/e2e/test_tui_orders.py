@@ -48,7 +48,7 @@ def stage(tmp_path: Path) -> Stage:
     return stage
 
 
-@pytest.mark.parametrize("size", [(120, 36), (80, 24), (71, 20), (60, 15), (48, 12)])
+@pytest.mark.parametrize("size", [(120, 36), (71, 20), (48, 12)])
 def test_what_brings_the_vehicle_down_shows_the_key_that_no_multiplexer_takes(size: tuple[int, int]) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await pilot.pause(0.2)
