@@ -58,11 +58,16 @@ def run() -> gs.Run:
     return gs.simulate("paper", duration=17, seed=3)
 
 
-def test_a_simulated_run_is_the_flight_that_the_program_flies(run: gs.Run) -> None:
+@pytest.fixture(scope="module")
+def short() -> gs.Run:
+    """Another, of which every channel is written."""
+    return gs.simulate("paper", duration=SHORT_S, seed=3)
+
+
+def test_a_simulated_run_is_the_flight_that_the_program_flies(short: gs.Run) -> None:
     flown = fly(*prepare(SCENARIOS["paper"], []), seed=3, duration_s=SHORT_S)
-    short = gs.simulate("paper", duration=SHORT_S, seed=3, record=False)
     assert short.facts["log_sha256"] == flown.log_sha256
-    assert run.completed
+    assert short.completed
 
 
 def test_time_tracks_and_error_are_arrays_of_one_row_a_command(run: gs.Run) -> None:
@@ -95,32 +100,32 @@ def test_a_recording_tells_the_error_against_the_truth_that_its_flight_told(run:
     assert told["error"]["against"] == "estimate"
 
 
-def test_a_channel_gives_columns_vectors_and_a_table(run: gs.Run) -> None:
-    errors = run["errors"]
+def test_a_channel_gives_columns_vectors_and_a_table(short: gs.Run) -> None:
+    errors = short["errors"]
     assert errors["z1_m"].shape == (len(errors["error_m"]), 3)
     table = errors.to_pandas()
     assert list(table.columns[:2]) == ["error_m", "z1_m.x"]
     with pytest.raises(KeyError, match="has no column 'z9'"):
         errors["z9"]
     with pytest.raises(KeyError, match="expected one of"):
-        run["nothing"]
+        short["nothing"]
 
 
-def test_a_flight_is_saved_as_a_folder_of_tables_and_onto_itself(run: gs.Run, tmp_path: Path) -> None:
-    folder = run.save(tmp_path / "flight.csv")
+def test_a_flight_is_saved_as_a_folder_of_tables_and_onto_itself(short: gs.Run, tmp_path: Path) -> None:
+    folder = short.save(tmp_path / "flight.csv")
     lines = (folder / "errors.csv").read_text("utf-8").splitlines()
-    assert len(lines) == 1 + len(run["errors"]["error_m"])
+    assert len(lines) == 1 + len(short["errors"]["error_m"])
     assert not (folder / "request.csv").exists()  # nobody made one
-    before = run.path.read_bytes()
-    assert run.save(run.path) == run.path
-    assert run.path.read_bytes() == before
+    before = short.path.read_bytes()
+    assert short.save(short.path) == short.path
+    assert short.path.read_bytes() == before
 
 
 @pytest.mark.tried(1)  # formats
 @pytest.mark.parametrize("form", ["npz", "mat"])
-def test_a_flight_is_saved_in_the_formats_that_others_read(run: gs.Run, form: str, tmp_path: Path) -> None:
-    errors = run["errors"]["error_m"]
-    saved = run.save(tmp_path / f"flight.{form}")
+def test_a_flight_is_saved_in_the_formats_that_others_read(short: gs.Run, form: str, tmp_path: Path) -> None:
+    errors = short["errors"]["error_m"]
+    saved = short.save(tmp_path / f"flight.{form}")
     if form == "npz":
         kept = np.load(saved)  # which refuses what would have to be unpickled
         assert {kept[name].dtype.kind for name in kept.files} == {"f", "U"}
@@ -132,8 +137,8 @@ def test_a_flight_is_saved_in_the_formats_that_others_read(run: gs.Run, form: st
     assert np.array_equal(found, errors)
 
 
-def test_export_writes_what_save_does(run: gs.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert export_command(run.path, "npz", ["errors"], tmp_path / "flight.npz") == 0
+def test_export_writes_what_save_does(short: gs.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert export_command(short.path, "npz", ["errors"], tmp_path / "flight.npz") == 0
     assert "rows of 1 channels" in capsys.readouterr().out
     with np.load(tmp_path / "flight.npz") as kept:
         assert {name.partition(".")[0] for name in kept} == {"errors"}
