@@ -25,13 +25,7 @@ def make_link(config: "Any", *, thrust_max_n: float, thrust_curve: float = 0.0, 
     (:func:`links.core.deadman.signal`).
 
     ``wires`` go to the link as they are: what a simulation puts in the place of hardware.
-
-    Raises:
-        TypeError: ``config`` is the configuration of no link.
     """
-    kind = getattr(config, "kind", None)
-    if kind not in LINKS:
-        raise TypeError(f"no link is configured by {config!r}")
-    room, name = LINKS[kind]
+    room, name = LINKS[config.kind]
     link_type: Callable[..., CommandLink] = getattr(import_module(room), name)
     return link_type(config, thrust_max_n=thrust_max_n, thrust_curve=thrust_curve, **wires)

@@ -419,9 +419,8 @@ class Uplink:
     def __init__(self, period_s: float) -> None:
         self._period = period_s
         self._asked: deque[int] = deque()
-        self._next_s = self._heard_s = self._since_s = -math.inf
-        self._answers = False
-        self._late_s, self._late_since_s = 0.0, math.inf
+        self._heard_s = -math.inf
+        self.begin(-math.inf)
 
     def begin(self, now_s: float) -> None:
         """The operator arms: what was asked before counts no more."""

@@ -505,8 +505,3 @@ async def test_a_link_can_be_connected_again_after_it_was_closed(bench: Bench) -
         await link.connect()
         await link.arm(idle)
         assert link.send(command())
-
-
-def test_no_other_configuration_makes_a_link() -> None:
-    with pytest.raises(TypeError):
-        make_link(object(), thrust_max_n=THRUST_MAX_N)

@@ -49,8 +49,6 @@ class GatedSource:
         status, dropped = self._source.status, self._gate.dropped
         newest = self._gate.newest
         moves = 0 if newest is None else self._gate.count_moves(newest.arrival_s)
-        if not dropped and not moves:
-            return status
         return msgspec.structs.replace(
             status,
             origin_moves=moves,

@@ -741,7 +741,7 @@ class Gate:
             return self._move_track(checked, track.last, notice("pose.origin_moved"))
         why, excess = track.refuses(checked, after_jump=other is not None and other.why == "jump")
         if why == "out_of_order":
-            return self._drop(why), None
+            return self.drop(why), None
         # The older the last pose, the more fits it: so the pose belongs to the nearer of two tracks.
         if (
             other is not None
@@ -752,10 +752,10 @@ class Gate:
             if checked.time_s - other.first_s >= self._config.settle_s:
                 self._unannounced += 1
                 return self._move_track(checked, track.last, notice("pose.agreed", settle_s=self._config.settle_s))
-            return self._drop(why or other.why, excess), None
+            return self.drop(why or other.why, excess), None
         if why:
             self._other = PoseTrack(checked, self._config, why)
-            return self._drop(why, excess), None
+            return self.drop(why, excess), None
         self._other = None
         track.add(checked)
         return self._add_moves(checked), None
@@ -764,18 +764,18 @@ class Gate:
         """Return ``pose`` with a unit quaternion that continues the last one; None if it is implausible by itself."""
         w, x, y, z = pose.attitude
         if not math.isfinite(sum(pose.position_ned) + w + x + y + z + pose.time_s):
-            return self._drop("not_finite")
+            return self.drop("not_finite")
         square = w * w + x * x + y * y + z * z
         if not 0.8 < square < 1.2:
-            return self._drop("not_unit")
+            return self.drop("not_unit")
         if self._is_frozen(pose):
-            return self._drop("frozen", (pose.time_s - self._since_s, self._config.frozen_s))
+            return self.drop("frozen", (pose.time_s - self._since_s, self._config.frozen_s))
         upright = 1.0 - 2.0 * (x * x + y * y) / square
         if upright < self._cos_tilt:
-            return self._drop("tilted", (so3.angle_deg(upright), self._config.tilt_deg))
+            return self.drop("tilted", (so3.angle_deg(upright), self._config.tilt_deg))
         velocity = pose.velocity_ned
         if velocity is not None and not math.hypot(*velocity) <= self._config.speed_m_s:
-            return self._drop("too_fast", (math.hypot(*velocity), self._config.speed_m_s))
+            return self.drop("too_fast", (math.hypot(*velocity), self._config.speed_m_s))
         if abs(square - 1.0) > EXACT_TOLERANCE:
             w, x, y, z = so3.normalize((w, x, y, z))
         last = self._track.last.attitude if self._track is not None else (w, x, y, z)
@@ -791,14 +791,11 @@ class Gate:
             return False
         return self._config.drop_frozen and pose.time_s - self._since_s >= self._config.frozen_s
 
-    def drop(self, why: str, excess: Excess | None = None) -> None:
-        """Count a pose that is dropped, with the value beyond a limit, and the limit."""
+    def drop(self, why: str, excess: Excess | None = None) -> Pose | None:
+        """Count a pose that is dropped, with the value beyond a limit, and the limit; return None in its place."""
         self.dropped[why] += 1
         if excess is not None:
             self.excesses[why] = excess
-
-    def _drop(self, why: str, excess: Excess | None = None) -> Pose | None:
-        self.drop(why, excess)
         return None
 
     def _add_moves(self, pose: Pose) -> Pose:

@@ -135,14 +135,14 @@ class StatusText(msgspec.Struct):
     whose: tuple[int, int, int, int]
     """System and component of its sender, STATUSTEXT.id (0 of a text of one part) and severity."""
     text: bytes = b""
-    next_part: int = 0
-    """STATUSTEXT.chunk_seq that follows."""
+    newest: tuple[int, bytes] = (-1, b"")
+    """The part that came last: STATUSTEXT.chunk_seq, and its bytes."""
     is_whole: bool = False
 
     def add(self, part: int, text: bytes) -> None:
         """Take one part; the last of several is shorter than the others."""
-        self.text += text if part == self.next_part else GAP.encode() + text
-        self.next_part = part + 1
+        self.text += text if part == self.newest[0] + 1 else GAP.encode() + text
+        self.newest = part, text
         self.is_whole = not self.whose[2] or len(text) < PART_BYTES
 
     def show(self) -> str:
@@ -161,14 +161,17 @@ class Words:
         """Take one STATUSTEXT."""
         whose = message.get_srcSystem(), message.get_srcComponent(), message.id, message.severity
         part = message.chunk_seq if message.id else 0
-        words = bytes(getattr(message, "_text_raw", b"")) or message.text.encode()  # pymavlink decodes ASCII alone
-        for text in reversed(self._texts):  # a restarted autopilot counts its texts anew
-            if message.id and text.whose == whose and part >= text.next_part:
+        raw = bytes(getattr(message, "_text_raw", b"")) or message.text.encode()  # pymavlink decodes ASCII alone
+        words = raw.partition(b"\0")[0]
+        for text in reversed(self._texts) if message.id else ():
+            if text.whose == whose and text.newest == (part, words):
+                return  # a network may deliver a datagram twice
+            if text.whose == whose and text.newest[0] < part:
                 break
-        else:
+        else:  # a restarted autopilot counts its texts anew
             text = StatusText(whose)
             self._texts.append(text)
-        text.add(part, words.partition(b"\0")[0])
+        text.add(part, words)
 
     @property
     def newest(self) -> str:

@@ -193,6 +193,7 @@ WHOLE = (FIRST + SECOND + LAST).decode()
     ("parts", "shown"),
     [
         (((7, 0, FIRST), (7, 1, SECOND), (7, 2, LAST)), WHOLE),
+        (((7, 0, FIRST), (7, 0, FIRST), (7, 1, SECOND), (7, 1, SECOND), (7, 2, LAST), (7, 2, LAST)), WHOLE),
         (((7, 0, FIRST), (7, 1, SECOND), (7, 2, LAST), (7, 0, b"Armed")), "Armed"),
         (((7, 1, SECOND), (7, 2, LAST)), f"[…]{(SECOND + LAST).decode()}"),
         (((7, 0, FIRST), (7, 2, LAST)), f"{FIRST.decode()}[…]{LAST.decode()}"),
@@ -206,6 +207,7 @@ def test_a_long_text_is_joined_and_a_piece_that_was_lost_is_marked(
     words = heard(*parts)
     assert words.newest == shown
     assert words.complaints().endswith(f"“{shown}”")
+    assert words.complaints().count("; ") == (shown == "Armed"), "a part that is delivered twice is no text of its own"
 
 
 def test_a_text_in_utf_8_is_shown_as_it_is_also_where_a_letter_stands_in_two_pieces() -> None:

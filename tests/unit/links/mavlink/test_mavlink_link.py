@@ -117,23 +117,6 @@ async def test_we_send_a_heartbeat_every_second_once_somebody_is_there(link: Mav
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.of("HEARTBEAT")} == {(245, 190)}
 
 
-@in_virtual_time
-async def test_the_autopilot_that_is_waiting_for_us_is_spoken_to_first() -> None:
-    autopilot = await Endpoint().open(local=("127.0.0.1", 14580))
-    autopilot.answer = lambda m: [D.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3), *accept(m)]
-    link = MavlinkLink(MavlinkLinkConfig(remote="127.0.0.1:14580", quiet=False), thrust_max_n=2.0)
-    await link.connect()
-    assert link.status.state == "connected"
-    await link.arm(lambda: command(0.0))
-    await asyncio.sleep(0.1)
-    before = len(autopilot.of("SET_ATTITUDE_TARGET"))
-    assert before > 50
-    assert link.send(command())
-    await asyncio.sleep(0.01)
-    assert len(autopilot.of("SET_ATTITUDE_TARGET")) == before + 1
-    await link.close()
-
-
 @scene()
 async def test_a_heartbeat_of_what_is_no_autopilot_leaves_an_armed_vehicle_armed(
     link: MavlinkLink, autopilot: Endpoint
