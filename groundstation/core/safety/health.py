@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from groundstation.core.geometry import Vec3, add, conjugate, multiply, rotation_vector, subtract
 from groundstation.core.messages import ROUNDING_S, Pose, Sentence
-from groundstation.core.safety.pose_gate import PUSH_BASE_S, PushMonitor
+from groundstation.core.safety.pose_gate import PUSH_BASE_S, PUSH_M_S2, PushMonitor
 from groundstation.core.safety.pose_response import (
     BLOCK_S,
     BLOCKS,
@@ -100,7 +100,7 @@ STOP_S = 2.0 * DRIVEN_S
 """Time after which a constant position is a vehicle at rest, not a stop [s]: the model would drift from it."""
 STOPPED_M_S = 0.15
 """Least speed before a stop, and of the model since [m/s]: only a collision takes so much within a pose; less is
-explained by noise and wind."""
+explained by wind. Where noise hides more than 1 mm, the speed counts that a push turns back within it."""
 MISTIMED_S = 0.025
 """Delay of the commands that may be configured wrong [s], and so the model's speed by as much of its acceleration: a
 radio's frame period (`alarms --floors`)."""
@@ -161,7 +161,7 @@ class StopDetector:
             noise_m: noise of positions, 1 sigma per axis [m].
         """
         stopped_s, now_s, room_m, self.is_driven = None, pose.time_s, SIGNIFICANT * noise_m, False
-        slow_m_s = max(STOPPED_M_S, 2.0 * SIGNIFICANT * noise_m / STOPPED_S)  # noise alone hides such a motion
+        slow_m_s = max(STOPPED_M_S, math.sqrt(2.0 * PUSH_M_S2 * room_m))  # a push turns a slower motion back within it
         positions, pushes = _project(pose.position_ned), _project(push)
         others, speeds, recent = _project(disturbance), _project(before.velocity), self._recent
         while len(recent) > 1 and recent[1][0] <= now_s - SPEED_S:

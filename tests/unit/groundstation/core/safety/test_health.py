@@ -216,7 +216,9 @@ def test_a_height_behind_its_thrust_is_found_until_the_vehicle_has_climbed_out(
 FRAME_S = 0.02
 
 
-def watch_stop(places_m: list[float], model_m_s: list[float], push_m_s2: float = 0.0) -> tuple[bool, bool]:
+def watch_stop(
+    places_m: list[float], model_m_s: list[float], push_m_s2: float = 0.0, noise_m: float = NOISE_M
+) -> tuple[bool, bool]:
     """Whether a vehicle whose north is at ``places_m`` by its poses stopped dead; and whether it is to be asked.
 
     The model has it at ``model_m_s`` before each pose, and pushes it by ``push_m_s2``.
@@ -225,7 +227,7 @@ def watch_stop(places_m: list[float], model_m_s: list[float], push_m_s2: float =
     for n, (place_m, speed_m_s) in enumerate(zip(places_m, model_m_s, strict=True)):
         pose = Pose(n, since_s, since_s, (place_m, 0.0, -1.0), IDENTITY)
         before, push = Motion((0.0, 0.0, -1.0), (speed_m_s, 0.0, 0.0), IDENTITY, 0.8, ZERO), (push_m_s2, 0.0, 0.0)
-        stopped |= detector.add_pose(pose, before, push, ZERO, FRAME_S, NOISE_M) is not None
+        stopped |= detector.add_pose(pose, before, push, ZERO, FRAME_S, noise_m) is not None
         asked |= detector.is_driven
         since_s += FRAME_S
     return stopped, asked
@@ -246,6 +248,13 @@ def test_a_picture_that_freezes_is_stopped_dead_unless_its_motion_was_slow(
 ) -> None:
     moves = [n * FRAME_S * speed_m_s for n in range(10)]
     assert watch_stop(moves + 9 * moves[-1:], 19 * [speed_m_s], push_m_s2)[0] is stopped
+
+
+@pytest.mark.parametrize(("noise_m", "speed_m_s", "stopped"), [(0.002, 0.36, False), (0.002, 0.44, True)])
+def test_noise_hides_where_a_push_turns_a_motion_back(noise_m: float, speed_m_s: float, stopped: bool) -> None:
+    """Within four sigma, 8 mm, 1 g turns back what was not faster than 0.4 m/s; the model knows nothing of it."""
+    moves = [n * FRAME_S * speed_m_s for n in range(10)]
+    assert watch_stop(moves + 9 * moves[-1:], 19 * [speed_m_s], noise_m=noise_m)[0] is stopped
 
 
 @pytest.mark.parametrize(
