@@ -57,7 +57,7 @@ if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to 
         Request as Request,
         Waypoint as Waypoint,
     )
-    from groundstation.core.trajectory.port import Reference as Reference
+    from groundstation.core.trajectory.reference import Reference as Reference
     from groundstation.core.vehicle.vehicle import (
         ActuatorCommand as ActuatorCommand,
         Motion as Motion,
@@ -90,7 +90,7 @@ _MODULES = {
     "Estimate": "groundstation.core.messages.snapshot",
     "Request": "groundstation.core.messages.snapshot",
     "Waypoint": "groundstation.core.messages.snapshot",
-    "Reference": "groundstation.core.trajectory.port",
+    "Reference": "groundstation.core.trajectory.reference",
     "ActuatorCommand": "groundstation.core.vehicle.vehicle",
     "Motion": "groundstation.core.vehicle.vehicle",
     "Vehicle": "groundstation.core.vehicle.vehicle",

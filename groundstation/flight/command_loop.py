@@ -103,8 +103,8 @@ class StallDetector:
             self._drained_s = now_s + DRAIN_S
         self._looked_s = now_s
 
-    def may_be_stale(self, now_s: float) -> bool:
-        """Whether data read at ``now_s`` may have arrived during a stall."""
+    def detect_stale(self, now_s: float) -> bool:
+        """Take the time of reading data; return whether they may have arrived during a stall."""
         if self._looked_s is None:
             return False
         self.note_running(now_s)
@@ -144,7 +144,7 @@ class CommandLoop:
 
     def pass_pose(self, pose: Pose) -> bool:
         """Hand on a pose; return False if it may have waited during a stall and must not be used."""
-        if self._stalls.may_be_stale(pose.arrival_s):
+        if self._stalls.detect_stale(pose.arrival_s):
             return False
         self._controller.on_pose(pose)
         self._pacing.end_wait(pose.arrival_s)
@@ -331,7 +331,7 @@ class FrameLateness:
         """The next command is the first."""
         self._due_s = None
 
-    def late_s(self, now_s: float, pose_id: int, arrival_s: float) -> float | None:
+    def measure_s(self, now_s: float, pose_id: int, arrival_s: float) -> float | None:
         """Return the delay of a command from the pose ``pose_id``, which arrived at ``arrival_s`` [s].
 
         None for a command without a frame of its own, or without a new pose.

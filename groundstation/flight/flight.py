@@ -357,7 +357,7 @@ class Flight:
 
     def _on_pilot_event(self, event: FlightEvent | Tick) -> None:
         if isinstance(event, Tick):
-            event = TickRecord(event, self._due.late_s(event.time_s, event.pose.id, event.pose.arrival_s))
+            event = TickRecord(event, self._due.measure_s(event.time_s, event.pose.id, event.pose.arrival_s))
         elif isinstance(event, IdleRecord):
             self._due.begin()
         self._publish(event)

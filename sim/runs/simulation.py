@@ -322,7 +322,7 @@ def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | Non
 
     if v_start is None or not isinstance(config.controller, Law):
         return None
-    return thrust_bound(config.controller, acceleration_sup=asked.acceleration_m_s2, v_start=v_start).bound
+    return thrust_bound(config.controller, acceleration_sup=asked.acceleration_m_s2, v_start=v_start)
 
 
 RECORDING = "flight.mcap"

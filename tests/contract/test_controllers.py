@@ -121,29 +121,6 @@ def test_the_example_flies_the_papers_figure_eight_and_holds_a_point_as_the_page
 # ---- a controller of the user's own
 
 
-BEFORE = """
-from groundstation.control.attitude import half_angle_error, push
-from groundstation.control.baseline import Baseline, Outlet
-from groundstation.control.decision import decided
-from groundstation.control.port import Controller, Decision, Estimate
-from groundstation.trajectories.port import Reference
-from groundstation.vehicle import Vehicle
-"""
-
-
-def test_a_controller_that_was_written_for_the_page_before_flies_the_same_and_is_told_what_to_write(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _, body = CODE.split("\n\n\n", 1)
-    (tmp_path / "leant.py").write_text(f"{BEFORE}\n\n{body.replace('InnerLoop', 'Outlet')}", "utf-8")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.warns(FutureWarning) as words:
-        old = watched(*told("leant:make"), duration_s=1.0)
-    assert "write `from groundstation import InnerLoop as Outlet`" in "\n".join(str(word.message) for word in words)
-    assert {Path(word.filename).name for word in words} == {"leant.py"}
-    assert old.ticks[-1].decision == watched(*told(EXAMPLE), duration_s=1.0).ticks[-1].decision
-
-
 def test_keys_beside_a_factory_go_to_it_but_the_estimators_stay_unless_they_are_in_the_table_of_options() -> None:
     beside = ("controller.stiffness=8.0", "controller.wind_noise=0.3", "controller.options.gravity=9.7")
     controller = told(EXAMPLE, *beside)[1].controller

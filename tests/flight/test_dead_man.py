@@ -182,7 +182,7 @@ def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
 
     async def script(flight: Flight, _: Stage) -> None:
         await flying(flight, 2.0)
-        monkeypatch.setattr(StallDetector, "may_be_stale", lambda *_: True)
+        monkeypatch.setattr(StallDetector, "detect_stale", lambda *_: True)
 
     wire = fly(script)
     assert wire.state is State.ABORTED

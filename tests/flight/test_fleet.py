@@ -9,7 +9,7 @@ import pytest
 from groundstation.config import ConfigError
 from groundstation.core.messages import Ask, Request
 from groundstation.core.mission import State
-from groundstation.core.trajectory.port import HoldConfig
+from groundstation.core.trajectory.shapes import HoldConfig
 from groundstation.flight import Flight
 from groundstation.lab import FleetPlan, Member
 from groundstation.settings import Config

@@ -242,7 +242,7 @@ def test_motors_that_an_autopilot_will_not_stop_on_the_floor_are_stopped_by_forc
 def test_a_way_down_that_does_not_end_is_ended() -> None:
     async def script(flight: Flight, stage: Stage) -> None:
         await until(lambda: flight.state is State.HOLD)
-        flight._controller._course.has_touched_down = lambda *_, **__: False  # type: ignore[method-assign]
+        flight._controller._course.detect_touchdown = lambda *_, **__: False  # type: ignore[method-assign]
         flight.land("the test")
 
     flown = mission("paper", *SHORT, script=script)

@@ -65,7 +65,7 @@ def flown(
         striking = asyncio.ensure_future(strike(flight, meddler)) if lie is not None else None
         while True:
             now = loop.time()
-            evidence = flight._controller.attitudes.compare().verdict(now)
+            evidence = flight._controller.witness.verdict(now)
             if evidence is None:
                 told.silent_s += LOOK_S if flight.state in IN_AIR else 0.0
             else:

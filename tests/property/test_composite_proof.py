@@ -21,7 +21,6 @@ from groundstation.core.estimation import (
     initial_covariance,
     predict_covariance,
     update_covariance,
-    update_moving_covariance,
 )
 from groundstation.core.estimation.estimator import KalmanGain
 from groundstation.core.geometry import FLOATS, Vec3, so3
@@ -360,7 +359,7 @@ def test_the_inverse_covariance_is_a_lyapunov_function_for_any_intervals_and_any
         gain, covariance = update_covariance(covariance, noise * noise)
         e = e - np.array(gain) * e[0]
         if moving:
-            gain, covariance = update_moving_covariance(covariance, 0.01)
+            gain, covariance = update_covariance(covariance, 0.01, 1)
             e = e - np.array(gain) * e[1]
         assert size_in(covariance, e) <= before * (1.0 + 1e-6) + 1e-12
 

@@ -21,7 +21,6 @@ from groundstation.core.estimation import (
     predict_effectiveness,
     update_covariance,
     update_effectiveness,
-    update_moving_covariance,
 )
 from groundstation.core.estimation.estimator import EFFECTIVENESS_LIMITS
 from groundstation.core.geometry import FLOATS, Vec3, add_scaled, subtract
@@ -77,7 +76,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(estimator, "EXCITED_INFORMATION", -1.0)
         patch.setattr(estimator, "SHARE_OF_KNOWN", -1.0)
-        patch.setattr(estimator, "NOISE_MEMORY_S", math.inf)
+        patch.setattr(estimator, "SCORE_MEMORY_S", math.inf)
         compare_with_thirteen_states(poses, seed)
 
 
@@ -111,7 +110,7 @@ def compare_with_thirteen_states(poses: list[tuple[float, Vec3, bool]], seed: in
                 big = big - np.outer(k, row)
             step = tuple(measured[i] - state[i, of] for i in range(3))
             variance = small[4 if of else 0] + r
-            gain, small = (update_moving_covariance if of else update_covariance)(small, r)
+            gain, small = update_covariance(small, r, of)
             e, moved = update_effectiveness(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
             for i, chain in enumerate(zip(e.p, e.v, e.d, e.c, strict=True)):
                 state[i] += np.array(gain) * step[i] + moved * np.array(chain)

@@ -29,22 +29,6 @@ from groundstation.core.vehicle import Motion, Vehicle
 NO_FUNCTION = "none: this controller comes without a Lyapunov function"
 
 
-class ThrustBound(NamedTuple):
-    """The bound and its terms, all in m/s²."""
-
-    bound: float
-    """Least thrust over mass; negative: the theory promises nothing."""
-    gravity: float
-    disturbance: float
-    """B + ε."""
-    reference: float
-    """sup |p¨d|."""
-    virtual_control: float
-    """sup |u*|: √3 times the largest value on one axis."""
-    start: float
-    """√(2 V(0))."""
-
-
 @lru_cache(16)
 def virtual_control_sup(law: Law) -> float:
     """The largest |u*| on one axis [m/s²], over all position and speed errors (u* is odd: z1_dot > 0 is enough).
@@ -73,13 +57,13 @@ def virtual_control_sup(law: Law) -> float:
     return top
 
 
-def thrust_bound(law: Law, *, acceleration_sup: float, v_start: float) -> ThrustBound:
-    """The bound for a reference whose acceleration stays below ``acceleration_sup`` [m/s²], from V(0) = ``v_start``."""
-    disturbance = law.b_bound + law.epsilon
-    control = math.sqrt(3.0) * virtual_control_sup(law)
-    start = math.sqrt(2.0 * v_start)
-    bound = law.gravity - disturbance - acceleration_sup - control - start
-    return ThrustBound(bound, law.gravity, disturbance, acceleration_sup, control, start)
+def thrust_bound(law: Law, *, acceleration_sup: float, v_start: float) -> float:
+    """Return the least thrust over mass [m/s²] for a reference whose acceleration stays below ``acceleration_sup``.
+
+    ``v_start`` is V(0). A negative bound promises nothing.
+    """
+    control = math.sqrt(3.0) * virtual_control_sup(law)  # |u*| from its largest value on one axis
+    return law.gravity - (law.b_bound + law.epsilon) - acceleration_sup - control - math.sqrt(2.0 * v_start)
 
 
 COVERED_RATE_M_S3 = 8.0
@@ -124,8 +108,6 @@ class LyapunovMeasure(NamedTuple):
     """1/(2 kb) [s²]; 0 without an observer that finds d̂ by itself."""
     kappa: float
     """κ [1/s]; 0 likewise."""
-    b_bound2: float
-    """B², the law's limit of |b̂|² [m²/s⁴]; without adaptation inf."""
 
     @property
     def pull(self) -> float:
@@ -145,10 +127,9 @@ def measure(config: Estimation) -> LyapunovMeasure:
     """Return the measure of V under these gains: none for a controller without a Lyapunov function."""
     law = config if isinstance(config, Law) else None
     known = Decrease(NO_FUNCTION, 0.0, 0.0, 0.0) if law is None else decrease(law)
-    bound2 = law.b_bound**2 if law is not None and law.kb > 0.0 else math.inf
     if isinstance(config, Gains) and config.composite == "provable" and config.kb > 0.0:
-        return LyapunovMeasure(law, known, 0.5 / config.kb, config.kappa, bound2)
-    return LyapunovMeasure(law, known, 0.0, 0.0, bound2)
+        return LyapunovMeasure(law, known, 0.5 / config.kb, config.kappa)
+    return LyapunovMeasure(law, known, 0.0, 0.0)
 
 
 def noise_power(law: Law, noise_m: Real, interval_s: Real) -> Real:
@@ -232,9 +213,8 @@ def terms(
 LASTING_S = 0.5
 """Duration of a condition that is reported [s]: an outage of the poses, or a gust's front, is shorter."""
 PINNED_S = 1.0
-"""Duration of commands at their limit that is reported [s]: a climb of 1 m takes less."""
-SUSPENDED_MEAN_S = 1.0
-"""Time constant of the share of commands at which the bound is suspended [s]; above one half it is reported."""
+"""Duration of commands at their limit that is reported, and time constant of the share of such commands [s]: at the
+begin of a climb of 1 m, commands are at their limit for less."""
 REST_S = 5.0
 """Time after its end within which a condition is not reported again [s]."""
 
@@ -377,14 +357,14 @@ class SuspensionWatch:
 
     def __init__(self, mass_kg: float) -> None:
         self.share = 0.0
-        """The share, with a memory of ``SUSPENDED_MEAN_S`` [-]."""
+        """The share, with a memory of ``PINNED_S`` [-]."""
         self._sources, self._limited = EnergySources(mass_kg), Lasting(PINNED_S)
 
     def update(self, frame: Frame, measure: LyapunovMeasure, *, pinned: bool) -> Sentence | None:
         """Take one frame; ``pinned``: the thrust at its limit is reported already."""
         last, dt = frame.last, frame.dt
         share = self.share
-        share += dt / (dt + SUSPENDED_MEAN_S) * (float(last.decision.saturated) - share)
+        share += dt / (dt + PINNED_S) * (float(last.decision.saturated) - share)
         self.share = share if share > 0.01 else 0.0
         if share <= 0.5 or measure.law is None:
             self._limited.end(last.time_s)
@@ -399,58 +379,15 @@ class SuspensionWatch:
         return notice("certificate.suspended", largest=self._sources.name_largest(self._limited.for_s))
 
 
-class DisturbanceWatch:
-    """|b̂| above B."""
-
-    def __init__(self) -> None:
-        self._outside = Lasting()
-
-    @property
-    def for_s(self) -> float:
-        """Time for which |b̂| has been above B [s]."""
-        return self._outside.for_s
-
-    def update(self, length: float, last_s: float, dt: float, law: Law | None) -> Sentence | None:
-        """Take |b̂| = ``length`` [m/s²]."""
-        if law is None or length <= law.b_bound:
-            self._outside.end(last_s)
-            return None
-        if not self._outside.extend(last_s, dt):
-            return None
-        return notice("certificate.disturbance", found_m_s2=length, limit_m_s2=law.b_bound, for_s=self.for_s)
-
-
-class ThrustWatch:
-    """The commanded thrust at one of its limits."""
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
-        self._pinned = Lasting(PINNED_S)
-
-    @property
-    def for_s(self) -> float:
-        """For how long it has been at its limit [s]."""
-        return self._pinned.for_s
-
-    def update(self, thrust_n: float, last_s: float, dt: float) -> Sentence | None:
-        """Take one command's thrust."""
-        if self._least_n < thrust_n < self._most_n:
-            if self._pinned.for_s > 0.0:
-                self._pinned.end(last_s)
-            return None
-        if not self._pinned.extend(last_s, dt):
-            return None
-        which = "upper" if thrust_n >= self._most_n else "lower"
-        return notice("certificate.thrust_margin", which=which, thrust_n=thrust_n, for_s=self.for_s)
-
-
 class CertificateMonitor:
     """Looks at every command of one flight, and changes nothing."""
 
     def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
         self._noise: tuple[float, float] | None = None
         self._above, self._suspension = ExcessWatch(vehicle.mass_kg), SuspensionWatch(vehicle.mass_kg)
-        self._disturbance, self._thrust = DisturbanceWatch(), ThrustWatch(vehicle)
+        self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
+        self._disturbance, self._thrust = Lasting(), Lasting(PINNED_S)
+        """Times of |b̂| above B, and of the commanded thrust at one of its limits."""
         self._watched_s = self._violated_s = self._suspended_s = 0.0
         self._opening: tuple[Sentence, ...] = ()
         self.regain(config)
@@ -509,10 +446,30 @@ class CertificateMonitor:
             found.append(self._suspension.update(frame, bound, pinned=self._thrust.for_s >= LASTING_S))
         bx, by, bz = now.decision.diagnostics.b_hat
         b2 = bx * bx + by * by + bz * bz
-        if b2 > bound.b_bound2 or self._disturbance.for_s > 0.0:
-            found.append(self._disturbance.update(math.sqrt(b2), last.time_s, dt, bound.law))
-        found.append(self._thrust.update(now.decision.drive.thrust, last.time_s, dt))
+        found += [self._check_disturbance(math.sqrt(b2), last.time_s, dt)]
+        found += [self._check_thrust(now.decision.drive.thrust, last.time_s, dt)]
         return tuple(one for one in found if one is not None)
+
+    def _check_disturbance(self, length: float, last_s: float, dt: float) -> Sentence | None:
+        """Return the sentence about |b̂| = ``length`` [m/s²] once it has been above B for long enough."""
+        law, above = self._measure.law, self._disturbance
+        if law is None or law.kb == 0.0 or length <= law.b_bound:
+            above.end(last_s)
+            return None
+        if not above.extend(last_s, dt):
+            return None
+        return notice("certificate.disturbance", found_m_s2=length, limit_m_s2=law.b_bound, for_s=above.for_s)
+
+    def _check_thrust(self, thrust_n: float, last_s: float, dt: float) -> Sentence | None:
+        """Return the sentence about the commanded thrust once it has been at one of its limits for long enough."""
+        pinned = self._thrust
+        if self._least_n < thrust_n < self._most_n:
+            pinned.end(last_s)
+            return None
+        if not pinned.extend(last_s, dt):
+            return None
+        which = "upper" if thrust_n >= self._most_n else "lower"
+        return notice("certificate.thrust_margin", which=which, thrust_n=thrust_n, for_s=pinned.for_s)
 
     def _state(self, *, suspended: bool) -> str:
         if max(self._above.for_s, self._disturbance.for_s) >= LASTING_S:

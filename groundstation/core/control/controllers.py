@@ -9,10 +9,7 @@ observer's disturbance d̂. So a comparison with them is one of control laws.
 
 import inspect
 import math
-import sys
-import warnings
-from functools import partial
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Annotated, Any, Generic, TypeAlias, TypeVar
 
 import msgspec
@@ -512,7 +509,6 @@ class Custom(
         Raises:
             ConfigError: the factory can't be imported or called, does not exist, fails, or makes no controller.
         """
-        _hand_on_old_paths()
         found = find_object(KIND_KEY, self.factory)
         if not callable(found) and not hasattr(found, "decide"):
             raise ConfigError(KIND_KEY, notice("controller.not_callable", factory=self.factory))
@@ -570,40 +566,6 @@ class Guarded:
         """Make a decision with ``drive``, which is checked later."""
         still = make_decision(self._vehicle, estimate, reference, 0.0, (0.0, 0.0, 0.0))
         return still._replace(drive=drive, saturated=False)
-
-
-OLD_PATHS = (
-    "groundstation.control", "groundstation.control.attitude", "groundstation.control.baseline",
-    "groundstation.control.decision", "groundstation.control.port", "groundstation.core.control.decision",
-    "groundstation.core.controllers", "groundstation.core.controllers.baseline", "groundstation.trajectories",
-    "groundstation.trajectories.port", "groundstation.vehicle",
-)  # fmt: skip
-"""Modules from which docs/how-to/own-controller.md used to import. For one release they pass on the public names."""
-RENAMED = {"Outlet": "InnerLoop", "decided": "make_decision", "limited": "clamp_command"}
-"""Former names in those modules, and the present ones."""
-
-
-def _hand_on_old_paths() -> None:
-    """Make the old paths importable: each passes on the names of :mod:`groundstation`, with a warning."""
-    for path in OLD_PATHS:
-        stand_in = ModuleType(path)
-        stand_in.__dict__.update(__path__=[], __getattr__=partial(_find_public, path))
-        sys.modules.setdefault(path, stand_in)
-
-
-def _find_public(path: str, name: str) -> object:
-    """Return the public object that ``path`` used to have under ``name``."""
-    if name.startswith("_"):  # such as __file__, which inspection asks of every module
-        raise AttributeError(name)
-    public = RENAMED.get(name, name)
-    found: object = getattr(sys.modules["groundstation"], public)
-    warnings.warn(
-        f"{path}.{name} has moved, and the old path goes with the next release: write `from groundstation import "
-        f"{public}{'' if public == name else f' as {name}'}`",
-        FutureWarning,
-        stacklevel=2,
-    )
-    return found
 
 
 ControllerConfig: TypeAlias = Gains | Uncompensated | Geometric | L1 | Pid | Indi | Custom

@@ -24,7 +24,8 @@ FIRST_CLIMB_S = 1.0
 FIRST_CLIMB_GROWS = 0.5
 """Growth of that limit [1/s]."""
 FIRST_CLIMB_M = 0.25
-"""Height at which the first climb is over [m]."""
+"""Height at which the first climb is over [m]: until then the height is compared with the thrust directly, as the state
+at lift-off is known."""
 FIRST_CLIMB_COSINE = math.cos(math.radians(30.0))
 """Cosine of the largest tilt in the first second of a climb, whose response is not known yet [-]: it holds against a
 wind of 5.7 m/s²."""

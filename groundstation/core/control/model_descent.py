@@ -9,15 +9,15 @@ hover only brakes the plan's own sink rate.
 import math
 
 from groundstation.core.control.attitude import clamp_command, length, push, sine_error
-from groundstation.core.control.bring_down import OFF
+from groundstation.core.control.bring_down import OFF, SETTLE_S, SINK_S
 from groundstation.core.geometry import FLOATS, Vec3, third_column
 from groundstation.core.vehicle import Motion, Vehicle, integrate, lead
 from links.core import Segment
 
 STEP_S = 0.05
 """Length of one part [s]."""
-LASTS_S = 1.85
-"""Longest descent [s]; with ``OFF`` after it, the longest that a link plays."""
+LASTS_S = SINK_S + SETTLE_S
+"""Longest descent [s]: as long as a bring-down, which the link plays in its place."""
 MOST = 1.15
 """Largest thrust, as a share of the hover thrust [-]."""
 BRAKE_S = 0.35

@@ -43,7 +43,6 @@ from groundstation.core.estimation.estimator import (
     turn_track,
     update_covariance,
     update_effectiveness,
-    update_moving_covariance,
     weigh_along,
     widen_covariance,
 )

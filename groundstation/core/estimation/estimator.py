@@ -168,42 +168,26 @@ def widen_covariance(ops: Ops, s: Covariance, r: Real, step: Vec3) -> Covariance
     return (k * pp, k * pv, k * pd, k * pc, k * vv, k * vd, k * vc, k * dd, k * dc, k * cc)
 
 
-def update_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
-    """Return the gain for a pose of position noise ``r`` [m²], and the covariance after it."""
-    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
-    w = 1.0 / (pp + r)
-    kp, kv, kd, kc = pp * w, pv * w, pd * w, pc * w
-    after = (
-        pp - kp * pp,
-        pv - kp * pv,
-        pd - kp * pd,
-        pc - kp * pc,
-        vv - kv * pv,
-        vd - kv * pd,
-        vc - kv * pc,
-        dd - kd * pd,
-        dc - kd * pc,
-        cc - kc * pc,
-    )
-    return (kp, kv, kd, kc), after
+def update_covariance(s: Covariance, r: Real, of: int = 0) -> tuple[KalmanGain, Covariance]:
+    """Return the gain for a measurement of noise ``r``, and the covariance after it.
 
-
-def update_moving_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
-    """Do the same as :func:`update_covariance` for a velocity of noise ``r`` [m²/s²]; the gain is for 1 m/s."""
+    ``of`` is 0 for a position, with ``r`` in [m²] and the gain for 1 m, and 1 for a velocity, in [m²/s²] and for 1 m/s.
+    """
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
-    w = 1.0 / (vv + r)
-    kp, kv, kd, kc = pv * w, vv * w, vd * w, vc * w
+    p, v, d, c = (pv, vv, vd, vc) if of else (pp, pv, pd, pc)
+    w = 1.0 / (s[VV if of else PP] + r)
+    kp, kv, kd, kc = p * w, v * w, d * w, c * w
     after = (
-        pp - kp * pv,
-        pv - kp * vv,
-        pd - kp * vd,
-        pc - kp * vc,
-        vv - kv * vv,
-        vd - kv * vd,
-        vc - kv * vc,
-        dd - kd * vd,
-        dc - kd * vc,
-        cc - kc * vc,
+        pp - kp * p,
+        pv - kp * v,
+        pd - kp * d,
+        pc - kp * c,
+        vv - kv * v,
+        vd - kv * d,
+        vc - kv * c,
+        dd - kd * d,
+        dc - kd * c,
+        cc - kc * c,
     )
     return (kp, kv, kd, kc), after
 
@@ -362,7 +346,7 @@ CALMEST_NOISE = 0.05
 """Least noise of λ̂'s score, as a share of that by the chain's noises [-]: a room with constant wind, `paper` and
 `quad1kg`, measured in simulated holds and figures of 300 s. The chain is tuned to follow gusts, so it assumes rougher
 wind."""
-NOISE_MEMORY_S = 10.0
+SCORE_MEMORY_S = 10.0
 """Time of excitation over which that noise is averaged [s]: in less, the first seconds of a calm flight raise it."""
 THRUST_KNOWN_S = 0.45
 """Time for which λ̂ is frozen after a release in the air [s]: thrust and speed of that instant are not known, and take
@@ -420,7 +404,7 @@ def predict_effectiveness(
     moves = is_excited(e)
     wanders = ops.where(moves, walk * walk * h, 0.0)
     measured = 2.0 * score * score / (gained + NO_INFORMATION)  # the score's memory is half that of the information
-    noise = ops.where(moves, ops.clamp(noise + h / NOISE_MEMORY_S * (measured - noise), CALMEST_NOISE, math.inf), noise)
+    noise = ops.where(moves, ops.clamp(noise + h / SCORE_MEMORY_S * (measured - noise), CALMEST_NOISE, math.inf), noise)
     keep = ops.where(frozen < 0.0, 1.0 / (1.0 + h), 0.0)
     _, _, _, (ix, iy, iz), (sx, sy, sz) = response
     k = -1.0 / mass
@@ -664,32 +648,14 @@ class ModelEstimator:
         self._recent: deque[tuple[float, Vec3]] = deque(maxlen=5)
         self._reset_count = 0
         self._stamp = 0.0
-        self._motion: Motion | None = None
-        self._disturbance: Vec3 = ZERO
+        self.motion: Motion | None = None
+        """Motion at the newest pose; None before the first."""
+        self.disturbance: Vec3 = ZERO
+        """d̂ at the newest pose [m/s², NED]."""
         self._disturbance_rate: Vec3 = ZERO
         self._disturbance_step: Vec3 = ZERO
         self._drives: deque[tuple[float, ActuatorCommand]] = deque()
         self._path: list[tuple[float, ActuatorResponse, int]] = []
-
-    @property
-    def ready(self) -> bool:
-        """Whether there was a pose."""
-        return self._motion is not None
-
-    @property
-    def stamp_s(self) -> float:
-        """Time stamp of the newest pose [s]."""
-        return self._stamp
-
-    @property
-    def motion(self) -> Motion | None:
-        """Motion at the newest pose; None before the first."""
-        return self._motion
-
-    @property
-    def disturbance(self) -> Vec3:
-        """d̂ at the newest pose [m/s², NED]."""
-        return self._disturbance
 
     @property
     def effectiveness(self) -> float:
@@ -715,7 +681,7 @@ class ModelEstimator:
         """Forget the disturbance before the flight: it was the force of a stand, or a hand."""
         self._covariance, self._track = initial_covariance(self._noise), None
         self._effectiveness = initial_effectiveness(self._gains.effectiveness_deviation)
-        self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
+        self.disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
     def lift_off(self, climb_m_s: float, hover_share: float) -> Vec3:
         """Begin to fly from the floor: take the climb speed [m/s], and the hover thrust over the configured weight [-].
@@ -726,13 +692,13 @@ class ModelEstimator:
         significant part of that disturbance stays. Return the disturbance that is left [m/s², NED].
         """
         self.frozen = self.lands = False
-        north, east, _ = self._disturbance
+        north, east, _ = self.disturbance
         wind = math.hypot(north, east)
         kept = max(wind - LIFTED_M_S2, 0.0) / wind if self._provable and wind else 0.0
         self.release()
         self._covariance = initial_covariance(self._noise, LIFTED_M_S**2, LIFTED_M_S2**2)
-        if self._motion is not None:
-            self._motion = self._motion._replace(velocity=(*self._motion.velocity[:2], -climb_m_s))
+        if self.motion is not None:
+            self.motion = self.motion._replace(velocity=(*self.motion.velocity[:2], -climb_m_s))
         value = 1.0
         if self._separates:
             by_thrust = (self._gains.effectiveness_deviation * self._gains.gravity) ** 2
@@ -742,8 +708,8 @@ class ModelEstimator:
             moved = (0.0, 0.0, hover_share * self._gains.gravity)
             variance = (1.0 - weight) * e.variance
             self._effectiveness = e._replace(value=value, variance=variance, assumed=variance, d=moved, frozen_s=-1.0)
-        self._disturbance = (kept * north, kept * east, (value * hover_share - 1.0) * self._gains.gravity)
-        return self._disturbance
+        self.disturbance = (kept * north, kept * east, (value * hover_share - 1.0) * self._gains.gravity)
+        return self.disturbance
 
     def hold(self, disturbance: Vec3, effectiveness: float, *, at_once: bool = False) -> None:
         """Hold ``disturbance`` [m/s², NED] and λ̂ until :meth:`resume`, as the poses are suspect.
@@ -752,18 +718,18 @@ class ModelEstimator:
         """
         self._held = disturbance
         if at_once:
-            self._disturbance, self._disturbance_rate = disturbance, ZERO
+            self.disturbance, self._disturbance_rate = disturbance, ZERO
         self._effectiveness = self._effectiveness._replace(value=effectiveness)
 
     def believe(self, motion: Motion, disturbance: Vec3, effectiveness: float) -> None:
         """Set the motion at the newest pose's stamp, regardless of that pose; hold disturbance and λ̂."""
         self.hold(disturbance, effectiveness, at_once=True)
-        self._motion = motion
+        self.motion = motion
         self._path = [(self._stamp, begin_response(motion), 0)]
 
     def reset_motion(self, motion: Motion) -> None:
         """Set the motion at the newest pose's stamp, and estimate the disturbance anew."""
-        self.believe(motion, self._disturbance, float(self._effectiveness.value))
+        self.believe(motion, self.disturbance, float(self._effectiveness.value))
         self._covariance, self._track = initial_covariance(self._noise), None
         self.resume()
 
@@ -771,14 +737,9 @@ class ModelEstimator:
         """End :meth:`hold`: the poses are believed again."""
         self._held = None
 
-    @property
-    def holds(self) -> bool:
-        """Whether disturbance and λ̂ are held."""
-        return self._held is not None
-
     def drive(self, disturbance: Vec3) -> None:
         """Drive the observer by b̂ [m/s², NED] instead of its own d̂ (composite adaptation off, or raw)."""
-        self._disturbance = disturbance
+        self.disturbance = disturbance
 
     @property
     def noise_m(self) -> float:
@@ -796,7 +757,7 @@ class ModelEstimator:
 
     def look_ahead(self, time_s: float) -> Ahead | None:
         """Predict the state at ``time_s``, whether delays are predicted or not; None before the first pose."""
-        motion = self._motion
+        motion = self.motion
         if motion is None:
             return None
         response = self._integrate_commands(time_s)
@@ -805,7 +766,7 @@ class ModelEstimator:
     def update(self, pose: Pose, ahead: Ahead | None = None) -> None:
         """Correct the model by one pose; ``ahead``: result of :meth:`look_ahead` for its instant."""
         self.actuator_response = None
-        previous = self._motion
+        previous = self.motion
         if previous is None:
             self._begin(self._first(pose), pose)
             return
@@ -815,7 +776,7 @@ class ModelEstimator:
         if pose.reset_count != self._reset_count:
             # The source moved its origin, not the vehicle: take the new position, keep velocity and disturbance.
             moved = self._at(previous, self._integrate_commands(pose.time_s), dt)
-            self._disturbance = add_scaled(self._disturbance, dt, self._disturbance_rate)
+            self.disturbance = add_scaled(self.disturbance, dt, self._disturbance_rate)
             self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
             self._recent.clear()
             return
@@ -828,31 +789,21 @@ class ModelEstimator:
                 FLOATS, self._effectiveness, dt, response, self._vehicle.mass_kg, gains.effectiveness_walk
             )
         step = subtract(pose.position_ned, model.position)
-        disturbance = add_scaled(self._disturbance, dt, self._disturbance_rate)
+        disturbance = add_scaled(self.disturbance, dt, self._disturbance_rate)
         expected, track, noise, late2 = self._expect(pose, dt, model.velocity)
         expected = widen_covariance(FLOATS, expected, noise + late2, step)
-        gain, self._covariance = update_covariance(expected, noise)
-        across2, along = expected[PP] + noise, None
         if track is not None:
-            narrow = widen_covariance(FLOATS, track.covariance, noise + late2, step)
-            along2, updated = narrow[PP] + noise + late2, update_covariance(narrow, noise + late2)
-            along, track = weigh_along(FLOATS, track.axis, gain, updated, across2, along2)
-        chain = self._correct(model.position, model.velocity, disturbance, gain, step, across2, 0, along)
+            track = track._replace(covariance=widen_covariance(FLOATS, track.covariance, noise + late2, step))
+        chain = (model.position, model.velocity, disturbance)
+        chain = self._correct(chain, step, expected, track, noise, noise + late2, 0)
         if pose.velocity_ned is not None:
-            expected, noise = self._covariance, gains.velocity_noise_m_s**2
-            gain, self._covariance = update_moving_covariance(expected, noise)
-            across2 = expected[VV] + noise
-            if track is not None:
-                along2, updated = track.covariance[VV] + noise, update_moving_covariance(track.covariance, noise)
-                along, track = weigh_along(FLOATS, track.axis, gain, updated, across2, along2)
-            measured = subtract(pose.velocity_ned, self._bias)
-            chain = self._correct(*chain, gain, subtract(measured, chain[1]), across2, 1, along)
+            noise, measured = gains.velocity_noise_m_s**2, subtract(pose.velocity_ned, self._bias)
+            chain = self._correct(chain, subtract(measured, chain[1]), self._covariance, self._track, noise, noise, 1)
             if len(self._recent) > 1 and not self.frozen and self._held is None:
                 self._learn_bias(pose, measured, dt)
-        self._track = track
-        position, velocity, self._disturbance = chain
+        position, velocity, self.disturbance = chain
         if self._held is not None:
-            self._disturbance, self._disturbance_rate = self._held, ZERO
+            self.disturbance, self._disturbance_rate = self._held, ZERO
         if gains.observer == "backward_euler":
             position = pose.position_ned
             velocity = add_scaled(ZERO, 1.0 / dt, subtract(position, previous.position))
@@ -861,7 +812,7 @@ class ModelEstimator:
 
     def update_attitude(self, pose: Pose, ahead: Ahead | None = None) -> None:
         """Take the attitude of one pose alone; all else is the model's."""
-        if self._motion is None or pose.time_s <= self._stamp:
+        if self.motion is None or pose.time_s <= self._stamp:
             return
         _, self.actuator_response, model = self._ahead_to(pose, ahead)
         self._begin(model._replace(attitude=pose.attitude), pose)
@@ -876,7 +827,7 @@ class ModelEstimator:
         stamp, drives = pose.time_s, self._drives
         while len(drives) > 1 and drives[1][0] <= stamp:
             drives.popleft()
-        self._motion, self._stamp, self._reset_count = motion, stamp, pose.reset_count
+        self.motion, self._stamp, self._reset_count = motion, stamp, pose.reset_count
         self._path = [(stamp, begin_response(motion), 0)]
 
     def _expect(self, pose: Pose, dt: float, velocity: Vec3) -> tuple[Covariance, AlongTrack | None, float, float]:
@@ -911,33 +862,50 @@ class ModelEstimator:
 
     def _correct(
         self,
-        position: Vec3,
-        velocity: Vec3,
-        disturbance: Vec3,
-        gain: KalmanGain,
+        chain: tuple[Vec3, Vec3, Vec3],
         step: Vec3,
-        variance: float,
+        expected: Covariance,
+        track: AlongTrack | None,
+        noise: float,
+        along_noise: float,
         of: int,
-        along: AlongGain | None,
     ) -> tuple[Vec3, Vec3, Vec3]:
-        """Correct position, velocity and disturbance by the innovation ``step``; ĉ, λ̂ and b̂'s step in place."""
-        chain: Chain = (position, velocity, disturbance, self._disturbance_rate)
+        """Correct position, velocity and disturbance by one innovation; covariances, ĉ, λ̂ and b̂'s step in place.
+
+        Args:
+            chain: position, velocity and disturbance before.
+            step: innovation of position [m] (``of`` = 0) or of velocity [m/s] (``of`` = 1), NED.
+            expected: covariance before, across the motion where there is a ``track``.
+            track: covariance along the motion; None where it is the same.
+            noise: variance of the measurement's noise across the motion [m² or m²/s²].
+            along_noise: the same along it.
+            of: index of the measured part of the chain.
+        """
+        index = VV if of else PP
+        gain, self._covariance = update_covariance(expected, noise, of)
+        variance, along = expected[index] + noise, None
+        self._track = None
+        if track is not None:
+            updated = update_covariance(track.covariance, along_noise, of)
+            along2 = track.covariance[index] + along_noise
+            along, self._track = weigh_along(FLOATS, track.axis, gain, updated, variance, along2)
+        full: Chain = (*chain, self._disturbance_rate)
         parts = [] if along is None else [(along.more, part_along(along.axis, step))]
         for by, part in (*parts, (gain, step)):
-            chain = correct_chain(chain, by, part)
+            full = correct_chain(full, by, part)
             if self._gains.composite == "raw":
                 self._disturbance_step = add_scaled(self._disturbance_step, by[2], part)
         if self._learns_thrust:
             # A change of λ̂ changes the chain, too.
             e, moved = update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of, along)
-            self._effectiveness, chain = e, apply_effectiveness(chain, moved, e)
+            self._effectiveness, full = e, apply_effectiveness(full, moved, e)
         if self._provable:
-            disturbance, self._disturbance_rate = chain[2:]
-        return chain[0], chain[1], disturbance
+            self._disturbance_rate = full[3]
+        return full[0], full[1], full[2] if self._provable else chain[2]
 
     def predict(self, time_s: float) -> Estimate:
         """Predict the state at ``time_s``; without delay prediction it is that of the newest pose."""
-        motion = self._motion
+        motion = self.motion
         assert motion is not None, "predict() before the first pose"
         h = time_s - self._stamp
         ahead = self._at(motion, self._integrate_commands(time_s), h)
@@ -945,7 +913,7 @@ class ModelEstimator:
             # The actuators are modelled from our own commands and need no pose.
             ahead = motion._replace(thrust=ahead.thrust, rates=ahead.rates)
         step, self._disturbance_step = self._disturbance_step, ZERO
-        disturbance = add_scaled(self._disturbance, h, self._disturbance_rate)
+        disturbance = add_scaled(self.disturbance, h, self._disturbance_rate)
         value, deviation = self._effectiveness.value, self.effectiveness_deviation
         return Estimate(time_s, ahead, disturbance, step, value, deviation)
 
@@ -955,17 +923,16 @@ class ModelEstimator:
         recent.append((pose.time_s, pose.position_ned))
         if len(recent) < 5:
             return
-        # Written out, as this runs once a pose: zip() of them takes a quarter of it all.
-        (r, a), (s, b), (t, c), (u, d), (v, e) = recent
-        span_s = v - r
+        times, places = zip(*recent, strict=True)
+        span_s = times[-1] - times[0]
         if span_s > NOISE_SPAN_S:
             return
-        variance, along, way2 = fourth_difference((r, s, t, u, v), (a, b, c, d, e))
+        variance, along, way2 = fourth_difference(times, places)
         self._noise = max(self._noise + (variance - self._noise) / NOISE_MEMORY, NOISE_FLOOR_M2)
         before, speed2 = self._stamp_noise
         speed2 += (way2 / (span_s * span_s) - speed2) / NOISE_MEMORY
         self._stamp_noise = (before + (along - before) / NOISE_MEMORY, speed2)
-        last_s, newest_s = u - t, v - u
+        last_s, newest_s = times[3] - times[2], times[4] - times[3]
         if max(last_s, newest_s) < LOST_INTERVALS * 0.25 * span_s:
             uneven_s2 = (newest_s - last_s) ** 2 / 6.0  # of three independent stamps, weights 1, -2 and 1
             self._uneven_s2 += (uneven_s2 - self._uneven_s2) / NOISE_MEMORY
@@ -1006,6 +973,6 @@ class ModelEstimator:
 
     def _at(self, motion: Motion, response: ActuatorResponse, h: float) -> Motion:
         """Integrate ``motion`` of the newest pose by ``h`` [s], in which the actuators gave ``response``."""
-        vehicle, (x, y, z) = self._vehicle, self._disturbance
+        vehicle, (x, y, z) = self._vehicle, self.disturbance
         mass, other = vehicle.mass_kg / self._effectiveness.value, (x, y, z + self._gains.gravity)
         return integrate_motion(motion, response, h, mass, other, self._disturbance_rate, vehicle.drag_per_s)

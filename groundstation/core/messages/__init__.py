@@ -6,6 +6,7 @@ from groundstation.core.messages.notices import NOTICES, notice, notice_fact
 from groundstation.core.messages.pose import (
     BODIES_MAX,
     FAR_M,
+    SIGHTING_S,
     Distrusts,
     Excess,
     Others,

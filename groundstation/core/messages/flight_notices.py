@@ -41,7 +41,6 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("goto.point", "point {number} of {count}, {place}, {why}"),
     NoticeTemplate("goto.way", "to {target}: {why}"),
     NoticeTemplate("goto.height", "is {height_m:.2f} m {side} the floor: it must be at least {limit_m:g} m above it"),
-    NoticeTemplate("goto.on_fence", "is on the fence itself"),
     NoticeTemplate("goto.outside", "is {outside_m:.2f} m outside the fence"),
     NoticeTemplate("goto.unseen", "no sighting of {names}"),
     NoticeTemplate("goto.braking", "on the way the vehicle could not brake within the fence"),

@@ -3,6 +3,7 @@
 from groundstation.core.safety.geofence import Fence, FenceConfig, Separation, SeparationConfig
 from groundstation.core.safety.guards import (
     GUARDS,
+    LATE_PERIODS,
     Escalation,
     Guard,
     GuardAction,
@@ -25,5 +26,5 @@ from groundstation.core.safety.takeoff import (
     limit_n,
     usual_limit_n,
 )
-from groundstation.core.safety.touchdown import CERTAIN_S, Hover, LandingConfig, Touchdown
+from groundstation.core.safety.touchdown import CERTAIN_S, OFF_REFERENCE_M, LandingConfig, Touchdown
 from groundstation.core.safety.witness import MOUNTING_DEG, Agreement, Witness

@@ -7,7 +7,7 @@ import msgspec
 
 from groundstation.config import config_notice
 from groundstation.core.geometry import FARTHEST_M, Coordinate, Vec3
-from groundstation.core.messages import BODIES_MAX, MOST_POINTS, Others
+from groundstation.core.messages import BODIES_MAX, MOST_POINTS, SIGHTING_S, Others
 
 TRIANGLE = 3
 """Least number of corners [-]."""
@@ -136,10 +136,6 @@ class Fence:
         return least
 
 
-AHEAD_S = 0.5
-"""Longest time for which the velocity of another vehicle is assumed constant [s]."""
-
-
 class SeparationConfig(_Braking, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Other vehicles in the same room. Config section ``[separation]``; a fleet file fills in ``others`` itself."""
 
@@ -199,7 +195,7 @@ class Separation:
             sight = self._others.sighting(name)
             if sight is None:
                 continue
-            x, y, z = sight.at(min(now_s, sight.time_s + AHEAD_S))
+            x, y, z = sight.at(min(now_s, sight.time_s + SIGHTING_S))
             away = (position[0] - x, position[1] - y, position[2] - z)
             distance = math.hypot(*away)
             room = distance - c.distance_m

@@ -8,18 +8,17 @@ followed by the next step, up to the last one of its row: no landing ends an emp
 import math
 from collections.abc import Callable
 from enum import IntEnum
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
 import msgspec
 
 from groundstation.core.geometry import add_scaled, angle_deg, subtract, third_column
-from groundstation.core.messages import NOTICES, ROUNDING_S, Estimate, Numbers, Pose, Sentence, notice
+from groundstation.core.messages import NOTICES, ROUNDING_S, Numbers, Sentence, Tick, notice
 from groundstation.core.mission import State
 from groundstation.core.safety.conditions import RecentTime, Since
 from groundstation.core.safety.geofence import Fence, Length, Near, Separation
-from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import GRAVITY, Vehicle
-from links.core import Command, LinkStatus
+from links.core import LinkStatus
 from links.text import to_ms, to_percent
 
 
@@ -150,39 +149,11 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ] = 2.0
 
 
-class GuardInput(Protocol):
-    """Parts of a command that the guards check; see :class:`groundstation.core.messages.snapshot.Tick`."""
-
-    @property
-    def time_s(self) -> float:
-        """Instant of its computation."""
-        ...
-
-    @property
-    def pose(self) -> Pose:
-        """Newest pose that it was computed from."""
-        ...
-
-    @property
-    def estimate(self) -> Estimate:
-        """Estimate that it was computed from."""
-        ...
-
-    @property
-    def reference(self) -> Reference:
-        """Reference motion."""
-        ...
-
-    @property
-    def command(self) -> Command:
-        """Command to the link."""
-        ...
-
-
 FRAMES = 100
 """Number of frames among which late ones are counted."""
 LATE_PERIODS = 2.5
-"""Periods after the last frame from which a frame is late [-]."""
+"""Periods after the last frame, or message, from which the next one is late [-]: one is missing, and half a period is
+jitter."""
 RESETS_S = 5.0
 """Time within which resets of the estimate behind the poses are counted [s]."""
 UNDER_FLOOR_M = 0.5
@@ -211,7 +182,7 @@ class GuardView:
         """Take the limits and the vehicle; see :class:`Guards`."""
         self.config, self.fence, self.separation, self.vehicle = config, fence, separation, vehicle
         self.period_s, self.floor_z_m, self.gravity, self.coast_s = period_s, floor_z_m, gravity, coast_s
-        self.tick: GuardInput
+        self.tick: Tick
         """Newest command."""
         self.link: LinkStatus | None = None
         """Newest state of the link."""
@@ -226,7 +197,7 @@ class GuardView:
         self._reset_count: int | None = None
         self._reset_s: list[float] = []
 
-    def add_command(self, tick: GuardInput, *, is_guided: bool) -> None:
+    def add_command(self, tick: Tick, *, is_guided: bool) -> None:
         """Take one more command."""
         self.tick, self.is_guided = tick, is_guided
         now_s, left_s = tick.time_s, self._left_s
@@ -478,7 +449,7 @@ class Guards:
         self._since = Since()
         self._recent = {guard.id: RecentTime(guard.memory_s) for guard in GUARDS if guard.memory_s > 0.0}
 
-    def check_command(self, tick: GuardInput, state: State) -> GuardFinding | None:
+    def check_command(self, tick: Tick, state: State) -> GuardFinding | None:
         """Return the gravest finding of one command."""
         self._view.add_command(tick, is_guided=state is not State.DESCENT)
         found = [self._check(guard, tick.time_s) for guard in GUARDS if guard.id not in OF_LINK]

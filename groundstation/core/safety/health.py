@@ -17,6 +17,7 @@ from collections import deque
 from enum import IntEnum
 from typing import NamedTuple
 
+from groundstation.core.control import FIRST_CLIMB_M
 from groundstation.core.geometry import Vec3, add, conjugate, multiply, rotation_vector, subtract
 from groundstation.core.messages import ROUNDING_S, Pose, Sentence
 from groundstation.core.safety.pose_gate import PUSH_BASE_S, PUSH_M_S2, PushMonitor
@@ -33,6 +34,7 @@ from groundstation.core.safety.pose_response import (
     PASS_RAD_S,
     PLANE,
     POSE_GAP_S,
+    SUSPECT_ALARM,
     TONE_MEMORY_S,
     Alarm,
     HighPass,
@@ -60,8 +62,6 @@ class Failure(NamedTuple):
     """Sentence for the operator."""
 
 
-SUSPECT_ALARM = 0.5
-"""Alarm from which the poses are suspect [-]: half the standard errors that fail them."""
 SHORTEST_S = BLOCKS[0] * BLOCK_S
 """Length of the shortest window, in which the beginning of a fault may be hidden [s]."""
 CALM_ALARM = 0.25
@@ -112,8 +112,6 @@ YAW_MEMORY_S = 1.0
 YAW_LATE_S = 0.55
 """Largest delay of an autopilot's yaw behind its command [s]: PX4 and ArduPilot took .35 s (`autopilots`)."""
 
-CLIMB_M = 0.25
-"""Height up to which the height is compared with the thrust directly [m]: the state at lift-off is known."""
 BEHIND_M = 0.06
 """Height that may be missing there, beside noise [m]: the error of the hover thrust at lift-off."""
 BEHIND_M_S2 = 1.2
@@ -233,7 +231,7 @@ class ClimbMonitor:
     @property
     def is_over(self) -> bool:
         """Whether the vehicle has climbed out of the range of this test."""
-        return self._measured_m > CLIMB_M
+        return self._measured_m > FIRST_CLIMB_M
 
     def add_pose(self, rise_m: float, impulse_m_s: float, reach_m: float, dt_s: float, noise_m: float) -> bool:
         """Take one pose; return whether the height is behind its thrust.

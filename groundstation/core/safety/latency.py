@@ -11,7 +11,6 @@ Against the model, δ is the latency of the poses plus lag and delay of the body
 
 import math
 from collections import deque
-from collections.abc import Callable
 
 from groundstation.core.geometry import Quat, Vec3, interpolate, third_row
 from groundstation.core.messages import Pose, Sentence, notice
@@ -23,7 +22,7 @@ from links.text import to_ms
 MEMORY_S = 20.0
 """Time constant of the fit [s]: a minute of flight resolves 1 ms."""
 SLOW_S = 0.5
-"""Time constant above which a difference is no latency [s]."""
+"""Time constant of the means that are taken out of both sides [s]: longer than any latency, shorter than a drift."""
 REPORT_S = 0.010
 """Least latency of the response, and least change of any latency, that is reported [s]: no first-order lag with a delay
 describes rates better."""
@@ -122,16 +121,15 @@ class ResponseLatency:
         """Latency beyond the configured one [s]; None if it is too small to report, or may be chance."""
         return self._fit.late_s(REPORT_S)
 
-    def describe_news(self, find_pose_latency: Callable[[], tuple[float, float] | None]) -> Sentence | None:
+    def describe_news(self, poses: tuple[float, float] | None) -> Sentence | None:
         """Sentence for the operator about a latency that was not reported yet.
 
-        ``find_pose_latency`` returns the latency of the poses alone beyond the configured one, and its standard
-        deviation [s]; None where the autopilot's attitude does not determine it.
+        ``poses`` is the latency of the poses alone beyond the configured one, and its standard deviation [s]; None
+        where the autopilot's attitude does not determine it.
         """
         late = self.late_s
         if late is None:
             return None
-        poses = find_pose_latency()
         rest = late - (poses[0] if poses else 0.0)
         if abs(rest) < REPORT_S or abs(rest - self._reported_s) < REPORT_S:
             return None
@@ -196,13 +194,13 @@ class PoseLatency:
         """Latency beyond the configured one [s]; None if it is too small to report, or may be chance."""
         return self._fit.late_s(POSE_REPORT_S)
 
-    def describe_news(self, clock_error_s: Callable[[], float]) -> Sentence | None:
+    def describe_news(self, clock_error_s: float) -> Sentence | None:
         """Sentence for the operator about a latency that was not reported yet.
 
-        ``clock_error_s`` returns the largest error of the autopilot's clock [s]: half of a round trip.
+        ``clock_error_s`` is the largest error of the autopilot's clock [s]: half of a round trip.
         """
         late = self.late_s
-        if late is None or abs(late - self._reported_s) < REPORT_S or abs(late) < POSE_REPORT_S + clock_error_s():
+        if late is None or abs(late - self._reported_s) < REPORT_S or abs(late) < POSE_REPORT_S + clock_error_s:
             return None
         self._reported_s = late
         return notice("latency.poses", late=describe_latency(late), late_ms=to_ms(late))

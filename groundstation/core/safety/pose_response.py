@@ -158,6 +158,9 @@ class Alarm(NamedTuple):
     """Whether the newest responses are known well enough to confirm that the poses respond."""
 
 
+SUSPECT_ALARM = 0.5
+"""Alarm from which the compared motions are suspect, and below which they are alike [-]: half the standard errors that
+fail the poses."""
 NO_ALARM = Alarm(0.0, 0.0, False)
 """Result without evidence."""
 

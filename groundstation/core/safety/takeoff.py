@@ -6,7 +6,7 @@ right. So thrust rises quickly to a low limit, and goes off again soon if no pos
 poses of its own has no time to gain speed. :class:`LiftOff` computes the odds of a lift-off from the poses,
 :class:`Spool` the thrust over time, :class:`SpoolUp` combines both.
 
-Constants without a named origin were chosen; tests/unit/groundstation/core/safety/test_liftoff.py flies them.
+Each constant says what it must satisfy; tests/unit/groundstation/core/safety/test_liftoff.py flies them.
 """
 
 import math
@@ -24,17 +24,23 @@ from groundstation.core.vehicle import Vehicle
 from links.text import to_ms, to_percent
 
 SHARES = tuple(0.5 + 0.05 * k for k in range(23))
-"""Hover thrusts of the hypotheses, 0.5 to 1.6 of the configured weight [-]."""
+"""Hover thrusts of the hypotheses, 0.5 to 1.6 of the configured weight [-]: more than ``vehicle.hover_range`` on either
+side, so that the estimate of a vehicle at its end is not cut off."""
 SPREAD = 0.2
-"""Prior standard deviation of the hover thrust over the configured weight [-]."""
+"""Prior standard deviation of the hover thrust over the configured weight [-]: the ends of ``vehicle.hover_range`` are
+about 2σ away."""
 STEP_S = 0.01
-"""Longest integration step of the hypotheses [s]."""
+"""Longest integration step of the hypotheses [s]: the mean lift of a step is off by (h/τ)²/12 of its change, 0.3 % at a
+lag of 50 ms."""
 MOVING_LOG_ODDS = math.log(20.0)
-"""Log odds from which the vehicle counts as moving [-]: 20 to 1."""
+"""Log odds from which the vehicle counts as moving [-]: 20 to 1. A mistake sets the thrust near hover,
+and ends the take-off after :attr:`LiftOff.patience_s`."""
 FLYING_LOG_ODDS = math.log(10_000.0)
-"""Log odds from which the vehicle may count as flying [-]: 10,000 to 1."""
+"""Log odds from which the vehicle may count as flying [-]: 10,000 to 1. A mistake makes the controller run on the
+floor."""
 LEG_TRAVEL_M = 0.015
-"""Largest travel of springing landing legs, and so the least height of a flying vehicle [m]."""
+"""Largest travel of springing landing legs, and so the least height of a flying vehicle [m]: legs of rubber or foam
+spring back by some millimetres."""
 WANDERING_M = 0.35
 """Least height of a flying vehicle whose poses have a velocity [m].
 
@@ -43,29 +49,35 @@ still on the floor.
 """
 CLIMBING = 1.1
 """Thrust from the first motion until the vehicle counts as flying, as a share of the estimated hover thrust [-]; where
-the hover thrust was measured, it is also the limit of the thrust before."""
+the hover thrust was measured, it is also the limit of the thrust before. 0.1 g lifts it by ``LEG_TRAVEL_M`` in 0.18 s,
+and by ``WANDERING_M`` in 0.85 s, well within :attr:`LiftOff.patience_s`."""
 RUSHES_M_S = 1.0
-"""Climb speed from which that thrust is the hover thrust only [m/s]: late release from the floor (ArduPilot's SITL)."""
+"""Climb speed from which that thrust is the hover thrust only [m/s]: the floor of ArduPilot's SITL releases a vehicle
+late, which is this fast then. 0.1 g gives it only after 1 s and 0.5 m, where it has long been flying."""
 LEAST_NOISE_M = 0.0003
-"""Least noise that a height is given, 1σ [m]: legs and floor yield as thrust relieves them."""
+"""Least noise that a height is given, 1σ [m], as of a tracker: legs and floor yield as thrust relieves them."""
 LEAST_WANDER_M2_S = 1e-6
-"""Least random walk of a height [m²/s]: 1 mm in 1 s."""
+"""Least random walk of a height [m²/s]: 1 mm in 1 s. Twelve differences at rest may show less than they have."""
 LEAST_ESTIMATE_WANDER_M2_S = 2.5e-5
-"""Least random walk of a height in poses that have a velocity [m²/s]: 5 mm in 1 s."""
+"""Least random walk of a height in poses that have a velocity [m²/s]: 5 mm in 1 s, by a barometer or GPS."""
 SPEED_NOISE_M_S = 0.05
-"""Noise of a pose's velocity, 1σ [m/s]."""
+"""Noise of a pose's velocity, 1σ [m/s]: more than a GPS receiver's 0.02, as vibration comes on top."""
 LEAST_SPEED_WANDER_M2_S3 = 1e-4
-"""Least random walk of a pose's velocity [m²/s³]: 1 cm/s in 1 s."""
+"""Least random walk of a pose's velocity [m²/s³]: 1 cm/s in 1 s, by the bias of an accelerometer."""
 FITS_M = 0.02
-"""Largest distance of a flying vehicle's height from the height that thrust explains, noise apart [m]."""
+"""Largest distance of a flying vehicle's height from the height that thrust explains, noise apart [m]: little more than
+``LEG_TRAVEL_M``, by which springing legs lift it."""
 JUMP_M = 0.1
-"""Distance of a height from every hypothesis, noise apart, that is a jump [m]: no vehicle on its floor does it."""
+"""Distance of a height from every hypothesis, noise apart, that is a jump [m]: a rising vehicle fits one of them, and
+one on its floor moves by ``LEG_TRAVEL_M`` alone."""
 JUMPS = 2
 """Jumps in a row that end the take-off [-]: a single one may be an outlier."""
 PATIENCE_S = 0.25
-"""Time granted between first motion and flight, beside that of a slow climb to the flying height [s]."""
-PATIENT_CLIMB = 0.25
-"""Acceleration of that slow climb, as a share of gravity [-]; twice its time is granted."""
+"""Time granted between first motion and flight, beside that of a slow climb to the flying height [s]: two lags of the
+slowest rotors (0.11 s), as thrust falls to ``CLIMBING`` meanwhile."""
+SLOW_CLIMB = 1.0 / 16.0
+"""Acceleration of that slow climb, as a share of gravity [-]: less than the 0.1 that ``CLIMBING`` gives, as the hover
+thrust may be estimated 3 % too low."""
 
 
 class StandingWander(NamedTuple):
@@ -219,7 +231,7 @@ class LiftOff:
     @property
     def patience_s(self) -> float:
         """Longest time from the first motion until flight [s]."""
-        return PATIENCE_S + 2.0 * math.sqrt(2.0 * self._least_m / (PATIENT_CLIMB * self._gravity))
+        return PATIENCE_S + math.sqrt(2.0 * self._least_m / (SLOW_CLIMB * self._gravity))
 
     @property
     def hover_share(self) -> float:
@@ -275,43 +287,55 @@ class LiftOff:
 
 
 SURE_SHARE = 0.6
-"""Thrust at the end of ``spool_s``, as a share of the configured weight [-]: it lifts no vehicle."""
+"""Thrust at the end of ``spool_s``, as a share of the configured weight [-]: it lifts no vehicle that may fly, as
+``vehicle.hover_range`` begins at 0.7."""
 NEAR_SHARE = 0.9
-"""Thrust from which the vehicle may lift, as a share of the configured weight [-]: ``WATCHED_S`` begins here."""
+"""Thrust from which the vehicle may lift, as a share of the configured weight [-]: ``WATCHED_S`` begins here. A vehicle
+that is lighter than that moves earlier."""
 NEAR_S = 0.1
-"""Time in which thrust rises from ``SURE_SHARE`` to ``NEAR_SHARE`` [s]."""
-RISE_S = 0.15
-"""Time in which true thrust rises from ``NEAR_SHARE`` to its limit [s]; the command takes the rotors' lag less."""
-SHORTEST_S = 0.05
-"""Least time of that rise in the command [s], where the lag is longer."""
+"""Time in which thrust rises from ``SURE_SHARE`` to ``NEAR_SHARE`` [s]: as quickly as the slowest rotors follow (a lag
+of 0.11 s), as friction no longer holds the vehicle against wind."""
 WATCHED_S = 0.3
-"""Time after ``NEAR_SHARE`` within which the poses must show a motion [s]."""
+"""Time after ``NEAR_SHARE`` within which the poses must show a motion [s]: a vehicle whose poses are another body's
+stays below 0.8 m and 3 m/s by it (docs/explanation/safety.md)."""
+RISE_S = 0.5 * WATCHED_S
+"""Time in which true thrust rises from ``NEAR_SHARE`` to its limit [s]; the command takes the rotors' lag less. The
+other half of ``WATCHED_S`` shows the motion of a vehicle that hovers near the limit."""
+SHORTEST_S = 0.05
+"""Least time of that rise in the command, where the lag is longer [s]: two frames of 22 ms, as a step is no rise."""
 CONFIGURED_SHARE = 1.3
-"""Limit of the thrust, as a share of the configured weight [-]."""
+"""Limit of the thrust, as a share of the configured weight [-]: one whose poses are another body's accelerates by
+0.3 g at most, and one that needs more does not take off (docs/explanation/safety.md)."""
 LEAST_SHARE = 0.75
-"""Least thrust command of a moving vehicle, as a share of the wanted thrust [-], while the rotors still give more."""
+"""Least thrust command of a moving vehicle, as a share of the wanted thrust [-], while the rotors still give more: a
+vehicle that is lifted less than modelled falls at 0.2 g at most."""
 REST_POSES = 50
-"""Poses whose mean is the place of a vehicle at rest [-]."""
+"""Poses whose mean is the place of a vehicle at rest [-]: the mean has a seventh of their noise."""
 WANDER_S = 0.5
-"""Time between two poses whose difference measures the wander [s]."""
+"""Time between two poses whose difference measures the wander [s]: about as long as a lift-off takes, over which the
+wander counts."""
 WANDERS = 12
-"""Differences that are kept [-]."""
+"""Differences that are kept [-]: 6 s, as the wander of an autopilot's estimate changes; it is known to 20 % (1σ)."""
 TIPPED_DEG = 6.0
-"""Largest tilt on the floor from the attitude at rest [deg]."""
+"""Largest tilt on the floor from the attitude at rest [deg]: springing legs at one side of a small vehicle give 6
+(``LEG_TRAVEL_M`` over 0.15 m)."""
 SLIPPED_M = 0.05
-"""Largest horizontal distance on the floor from the place at rest, wander and wind apart [m]."""
+"""Largest horizontal distance on the floor from the place at rest, wander and wind apart [m]: legs that tip by
+``TIPPED_DEG`` move a marker that is 0.3 m high by 3 cm."""
 STEP_M = 0.03
-"""Largest horizontal distance from one pose to the next, noise and wind apart [m].
-
-Poses that change to another body's jump by at least the size of a vehicle.
-"""
+"""Largest horizontal distance from one pose to the next, noise and wind apart [m]: poses that change to another body's
+jump by more than the size of the smallest vehicle."""
 WIND_M_S2 = 5.0
-"""Largest horizontal acceleration by wind while thrust relieves the floor [m/s²]."""
+"""Largest horizontal acceleration by wind while thrust relieves the floor [m/s²]: half of g, a hard gust (a front of
+`gust_front` has 8)."""
 LIGHT_S = 0.2
-"""Time before ``SURE_SHARE`` at which that wind begins to count [s]."""
+"""Time before the end of ``spool_s`` at which that wind begins to count [s]: at its default, thrust is half of the
+weight then."""
 
 
 Transit = Annotated[float, msgspec.Meta(ge=0.02, le=20.0)]
+"""A speed [m/s] or an acceleration [m/s²] of a transit: a larger one is in centimetres, and with less a metre takes a
+minute."""
 
 
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -540,8 +564,8 @@ class SpoolUp:
         """Time since thrust relieves the floor so much that wind may move the vehicle [s]."""
         return max(now_s - self._spool.sure_s + LIGHT_S, 0.0)
 
-    def thrust_n(self, now_s: float) -> float:
-        """Thrust to command now [N]."""
+    def compute_thrust_n(self, now_s: float) -> float:
+        """Return the thrust to command now [N], which the odds of the lift-off take into account."""
         lift, spool = self._lift, self._spool
         thrust = spool.thrust_n(now_s)
         if lift is not None and self._is_moving:
@@ -566,7 +590,7 @@ class SpoolUp:
         lift = self._lift
         return lift is not None and (lift.is_moving or (lift.has_velocity and self._moved_s is not None))
 
-    def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> Sentence | None:
+    def find_fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> Sentence | None:
         """Return why the motors must go off, by the newest pose; None if they may stay on.
 
         A vehicle that has lifted by the end of its patience has lifted off, too: see :attr:`lift_off`.

@@ -32,8 +32,10 @@ SUSPENDED_M_S = 0.4
 from this speed upwards to this speed downwards within 0.5 s. An autopilot's own speed wanders by more than
 ``STILL_M_S``."""
 NEAR_M = 0.3
-"""Height below which the vehicle is near the floor, and distance above its reference from which it does not follow that
-[m]: not every controller lets thrust fall to ``LOW_SHARE``."""
+"""Height below which the vehicle is near the floor [m]: legs and a wandering estimate included."""
+OFF_REFERENCE_M = 0.3
+"""Distance from its reference from which the vehicle does not follow it [m]: the floor, or a hand, holds it. Not every
+controller lets thrust fall to ``LOW_SHARE`` then."""
 REST_M = 0.15
 """Height below which a constant height may be the floor's [m]."""
 LOW_M = 0.05
@@ -63,24 +65,6 @@ class LandingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     ] = 0.25
 
 
-class Hover:
-    """Mean of the thrust commanded in a hold."""
-
-    def __init__(self) -> None:
-        self._sum = 0.0
-        self._count = 0
-
-    def add(self, thrust_n: float) -> None:
-        """Take one thrust command [N]."""
-        self._sum += thrust_n
-        self._count += 1
-
-    @property
-    def thrust_n(self) -> float | None:
-        """Mean commanded thrust [N]; None before the first command."""
-        return self._sum / self._count if self._count else None
-
-
 class Touchdown:
     """Detector of the end of a descent."""
 
@@ -99,7 +83,7 @@ class Touchdown:
         self._constant: deque[tuple[float, float]] = deque()
         """Newest poses whose heights agree: arrival [s], whatever their stamps are, and height [m]."""
 
-    def is_at_rest_by_poses(self, pose: Pose, height_m: float, commanded_sink_m_s: float) -> bool:
+    def detect_rest(self, pose: Pose, height_m: float, commanded_sink_m_s: float) -> bool:
         """Take the newest pose; return whether poses alone prove a vehicle at rest on the floor.
 
         ``height_m`` is its height above the floor, ``commanded_sink_m_s`` the commanded sink rate.
@@ -155,10 +139,10 @@ class Touchdown:
         stays_s = since.held_s("stays", sinks and -SUSPENDED_M_S <= sink_m_s <= limit_m_s, time_s)
         self.may_have_contact = stays_s >= CONTACT_S or (near and sinks and pushed_m_s > PUSHED_M_S)
         # A vehicle that has become lighter hovers with as little thrust, but sinks with its reference.
-        is_suspended = low and speed_m_s <= SUSPENDED_M_S and behind_m > NEAR_M
+        is_suspended = low and speed_m_s <= SUSPENDED_M_S and behind_m > OFF_REFERENCE_M
         if since.held_s("suspended", is_suspended, time_s) >= CERTAIN_S:
             return True
-        is_still = speed_m_s <= STILL_M_S and (low or (near and behind_m > NEAR_M))
+        is_still = speed_m_s <= STILL_M_S and (low or (near and behind_m > OFF_REFERENCE_M))
         is_sure = near and (low or behind_m < math.inf)
         return since.held_s("still", is_still, time_s) >= (LASTING_S if is_sure else CERTAIN_S)
 

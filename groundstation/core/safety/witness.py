@@ -39,6 +39,7 @@ from groundstation.core.safety.pose_response import (
     LEAST_TURN_RAD,
     OWN_TURN,
     PLANE,
+    SUSPECT_ALARM,
     TONE_MEMORY_S,
     HighPass,
     LatenessMonitor,
@@ -81,8 +82,6 @@ ALIKE_SHARE = 0.5
 2 for opposite ones."""
 UNLIKE_SHARE = 0.8
 """Share of squared turning that differs above which they turned different ways [-]."""
-KNOWN_ALARM = 0.5
-"""Alarm of the turning below which both are found to turn alike [-]."""
 AXES = ("roll", "pitch", "yaw")
 """Names of the axes that are compared before arming."""
 
@@ -265,7 +264,7 @@ class Witness:
         self._block_s = min(self._block_s - BLOCK_S, BLOCK_S)
         alarm = self._response.look(LEAST_TURN_RAD)
         self._turning = max(alarm.tones, 1.0 if self._lateness.late_s > 0.0 else 0.0)
-        if alarm.is_known and self._turning < KNOWN_ALARM:
+        if alarm.is_known and self._turning < SUSPECT_ALARM:
             self._known_s = now_s
         if self._alarm < 1.0:
             self._disagrees_since_s = None

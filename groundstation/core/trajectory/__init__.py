@@ -1,25 +1,13 @@
 """Trajectories with exact derivatives, and their demands on a vehicle."""
 
-from groundstation.core.trajectory.feasibility import (
-    Demand,
-    FeasibilityReport,
-    check_feasibility,
-)
-from groundstation.core.trajectory.port import (
-    Blend,
-    Chain,
-    Hold,
-    Limits,
-    Reference,
-    Trajectory,
-    blend,
-    run_in,
-    stop,
-)
+from groundstation.core.trajectory.feasibility import Demand, FeasibilityReport, check_feasibility
+from groundstation.core.trajectory.reference import Reference, Trajectory
 from groundstation.core.trajectory.shapes import (
     ExcitationConfig,
+    Hold,
     LemniscateConfig,
     OwnTrajectoryConfig,
     TrajectoryConfig,
 )
+from groundstation.core.trajectory.transitions import Blend, Chain, Limits, blend, run_in, stop
 from groundstation.core.trajectory.waypoints import parse_course

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, arrays
-from groundstation.core.trajectory.port import Reference, Trajectory
+from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, arrays, scale
+from groundstation.core.trajectory.reference import Reference, Trajectory
 from groundstation.core.vehicle import LimitsConfig, Vehicle
 
 
 class Demand(msgspec.Struct, frozen=True, kw_only=True):
-    """One figure where it is at its extreme, and its limit."""
+    """Extreme of one quantity along a trajectory, and its limit."""
 
     name: str
     unit: str
@@ -63,9 +63,9 @@ class PathMotion(NamedTuple):
     def slow_down(self, share: float) -> "PathMotion":
         """Return the motion at ``share`` of the speed [-]."""
         return PathMotion(
-            _scale(share, self.velocity),
-            _scale(share**2, self.acceleration),
-            _scale(share**3, self.jerk),
+            scale(share, self.velocity),
+            scale(share**2, self.acceleration),
+            scale(share**3, self.jerk),
             self.yaw,
             self.yaw_rate * share,
         )
@@ -165,46 +165,41 @@ _DEGREES = 180.0 / math.pi
 """Degrees in a radian."""
 
 
-def _scale(by: Real, v: Vec3) -> Vec3:
-    return by * v[0], by * v[1], by * v[2]
-
-
 STEP_S = 0.01
-"""The trajectory is looked at so often [s] between two joints, ..."""
+"""Interval of the samples of a segment between two joints [s]: less than a frame of commands."""
 FEWEST = 8
-"""Fewest samples of a segment: its formulas are smooth, and the shortest may be the hardest to
-fly."""
+"""Least number of samples of a segment [-]: the shortest may be the hardest to fly."""
 MOST = 1000
-"""Most samples of a segment."""
-
-
+"""Largest number of samples of a segment [-]: it bounds the time of a check; a segment of more than 10 s is smooth."""
 DIFFERENCE_S = 0.005
-"""Derivatives are compared with the differences over at most this time [s]."""
+"""Largest time over which differences are taken for derivatives [s]: their error is of
+second order in it."""
 FURTHER_S = 60.0
-"""An endless trajectory is examined for this long beyond its first turn, or its first minute [s]."""
-FURTHER_LOOKS = 200
-"""Samples of a trajectory beyond its first turn."""
+"""Time for which an endless trajectory is examined beyond its first turn [s]: several turns of most."""
+FURTHER_SAMPLES = 200
+"""Samples of a trajectory beyond its first turn [-]: one every 0.3 s."""
 BOX_SPARE_M = 0.05
-"""Margin around the box of the first turn that later turns may use [m]."""
+"""Margin around the box of the first turn that later turns may use [m]: peaks lie between its samples."""
 JUMP_M = 0.01
-"""A step of the position that is smaller is rounding [m]."""
+"""Largest step of the position that its velocity need not explain [m]: points may be rounded to centimetres."""
 JUMP_M_S = 0.05
-"""A step of the velocity that is smaller is rounding [m/s]."""
+"""Largest step of the velocity that its acceleration need not explain [m/s]: a vehicle follows it by a tilt of 5
+degrees within 60 ms."""
 JUMP_RAD = 0.02
-"""A step of the yaw that is smaller is rounding [rad]."""
+"""Largest step of the yaw that its rate need not explain [rad]: headings may be rounded to degrees."""
 
 
 class Inconsistency(msgspec.Struct, frozen=True, kw_only=True):
-    """A figure of a trajectory that does not follow from another."""
+    """A derivative of a trajectory that is not the one of its positions, or a period that is none."""
 
     time_s: float
     """When [s after the start of the trajectory]."""
     name: str
     """Name of the declared quantity: velocity, acceleration, jerk, yaw rate or period."""
     declared: float
-    """Its length as declared, in ``unit``."""
+    """Its length as declared, in ``unit``; of a period its time [s]."""
     found: float
-    """The length that follows from what it is the derivative of, in ``unit``."""
+    """Its length by differences, in ``unit``; of a period the distance from the box of the first turn."""
     unit: str
 
     @property
@@ -215,7 +210,7 @@ class Inconsistency(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
-    """A trajectory looked at from its start to its end, or for one turn."""
+    """Demands of a trajectory from its start to its end, or of one turn."""
 
     duration_s: float | None
     """None where it never ends."""
@@ -226,16 +221,16 @@ class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
     start_speed_m_s: float
     lowest_ned: Vec3
     highest_ned: Vec3
-    """Corners of the box that it stays in [m, NED]; smooth ways swing wide of their points."""
+    """Corners of the box that it stays in [m, NED]; smooth curves leave the box of their points."""
     demands: tuple[Demand, ...]
     share: float | None
-    """Share of its own speed at which it keeps the limits [-], the floor aside; None where slower is no help."""
+    """Share of its own speed at which it keeps the limits except the floor [-]; None where none is slow enough."""
     inconsistency: Inconsistency | None = None
-    """Where it declares derivatives that its positions do not have; None where it does not."""
+    """First derivative that its positions do not have; None if all agree."""
 
     @property
     def ok(self) -> bool:
-        """Whether it keeps all limits, and is what it declares."""
+        """Whether it keeps all limits, and its derivatives agree with its positions."""
         return self.inconsistency is None and all(demand.ok for demand in self.demands)
 
     @property
@@ -247,7 +242,7 @@ class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
 def check_feasibility(
     trajectory: Trajectory, vehicle: Vehicle, limits: LimitsConfig, *, gravity: float, floor_z_m: float
 ) -> FeasibilityReport:
-    """Look at all of ``trajectory``; the floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²]."""
+    """Compute the demands of all of ``trajectory``; the floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²]."""
     joints = trajectory.joints_s
     span = joints[-1]
     times: list[float] = []
@@ -318,7 +313,7 @@ def find_inconsistency(
 
 
 def _find_jump(start_s: float, end_s: float, a: Reference, b: Reference) -> Inconsistency | None:
-    """Find a step of the position from one look to the next that its velocity does not make."""
+    """Find a step of the position between two samples that its velocity does not explain."""
     lasts_s = end_s - start_s
     speed = max(math.hypot(*a.velocity_ned), math.hypot(*b.velocity_ned))
     hardest = max(math.hypot(*a.acceleration_ned), math.hypot(*b.acceleration_ned), 1.0)
@@ -329,7 +324,7 @@ def _find_jump(start_s: float, end_s: float, a: Reference, b: Reference) -> Inco
 
 
 def _find_corner(start_s: float, end_s: float, a: Reference, b: Reference) -> Inconsistency | None:
-    """Find a step of velocity or yaw from one look to the next that acceleration or yaw rate do not make."""
+    """Find a step of velocity or yaw between two samples that acceleration or yaw rate do not explain."""
     lasts_s = end_s - start_s
     hardest = max(math.hypot(*a.acceleration_ned), math.hypot(*b.acceleration_ned))
     quickest = max(math.hypot(*a.jerk_ned), math.hypot(*b.jerk_ned))
@@ -344,7 +339,7 @@ def _find_corner(start_s: float, end_s: float, a: Reference, b: Reference) -> In
 
 
 def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Inconsistency | None:
-    """Compare derivatives between two looks ``span_s`` apart [s]; None where they agree."""
+    """Compare the derivatives of two samples ``span_s`` apart [s] with their differences; None where they agree."""
     tables = (
         ("velocity", "m/s", 0.05, a.position_ned, b.position_ned, a.velocity_ned, b.velocity_ned),
         ("acceleration", "m/s²", 0.3, a.velocity_ned, b.velocity_ned, a.acceleration_ned, b.acceleration_ned),
@@ -364,15 +359,15 @@ def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Incons
 
 
 def _look_further(trajectory: Trajectory, span_s: float, references: Sequence[Reference]) -> Inconsistency | None:
-    """Find a trajectory without end that later leaves the box of its first ``span_s`` [s], or is not what it declares.
+    """Find the fault of an endless trajectory that leaves the box of its first ``span_s`` [s], or differs from itself.
 
     As before, two differences in a row count.
     """
     if trajectory.duration_s is not None or span_s <= 0.0:
         return None
     box = [(min(axis), max(axis)) for axis in zip(*(one.position_ned for one in references), strict=True)]
-    for k in range(1, FURTHER_LOOKS + 1):
-        time_s = span_s + k * FURTHER_S / FURTHER_LOOKS
+    for k in range(1, FURTHER_SAMPLES + 1):
+        time_s = span_s + k * FURTHER_S / FURTHER_SAMPLES
         first, second, third = (trajectory.at(time_s + i * DIFFERENCE_S) for i in range(3))
         beyond = [max(low - at, at - high, 0.0) for at, (low, high) in zip(first.position_ned, box, strict=True)]
         if not math.hypot(*beyond) <= BOX_SPARE_M:
@@ -387,8 +382,8 @@ def _look_further(trajectory: Trajectory, span_s: float, references: Sequence[Re
 def _share(
     times: list[float], motions: list[PathMotion], vehicle: Vehicle, limits: LimitsConfig, gravity: float
 ) -> float | None:
-    """The largest share of its speed, below all of it, at which it keeps the limits, height aside."""
-    # All instants at once: they are looked at a dozen times.
+    """Find the largest share of its speed at which it keeps the limits, height aside; None without one."""
+    # All instants at once: they are computed a dozen times.
     ops = arrays()
     whole: Any = [
         np.moveaxis(np.array(column), -1, 0) if isinstance(column[0], tuple) else np.array(column)

@@ -31,13 +31,12 @@ from groundstation.config import (
     needed_names,
 )
 from groundstation.core.geometry import Coordinate, Vec3
-from groundstation.core.trajectory.port import (
+from groundstation.core.trajectory.paced import Paced
+from groundstation.core.trajectory.reference import (
     Acceleration,
     Degrees,
     Endless,
-    HoldConfig,
     Length,
-    Paced,
     PeriodicTrajectory,
     Point,
     Positioned,
@@ -174,7 +173,7 @@ class OwnTrajectory(Positioned):
 
 
 class Tilted:
-    """``curve``, whose side towards one bearing is raised. See the port for ``at`` and ``position_at``."""
+    """``curve``, whose side towards one bearing is raised. See :class:`Trajectory` for ``at`` and ``position_at``."""
 
     def __init__(self, curve: PeriodicTrajectory, middle_ned: Vec3, tilt_rad: float, uphill_rad: float) -> None:
         """Raise the side at bearing ``uphill_rad`` by ``tilt_rad``; the curve is level at the height of its middle."""
@@ -306,7 +305,7 @@ class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, 
 
 
 class Circle(Endless):
-    """pd = centre + r (cos θ, sin θ), θ = θ0 ± (V/r) t. See the port for ``at`` and ``position_at``."""
+    """pd = centre + r (cos θ, sin θ), θ = θ0 ± (V/r) t. See :class:`Trajectory` for ``at`` and ``position_at``."""
 
     def __init__(self, config: CircleConfig) -> None:
         self._north, self._east, down = config.centre_ned
@@ -537,7 +536,7 @@ class Sine(NamedTuple):
 
 
 class Excitation(Endless, Positioned):
-    """The sines at full speed, for ever. See the port for ``at`` and ``position_at``.
+    """The sines at full speed, for ever. See :class:`Trajectory` for ``at`` and ``position_at``.
 
     Each axis, and the heading, is a sum of sines at whole multiples of 1/period, no two of them at the same frequency,
     so that the effects of the axes can be separated. All sines of an axis have the same acceleration;
@@ -606,6 +605,39 @@ def _sum(sines: tuple[Sine, ...] | list[Sine], t: float) -> tuple[float, float, 
     return a, b, c, d
 
 
+class HoldConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="hold"):
+    """A point to stay at."""
+
+    position_ned: Annotated[
+        Point, msgspec.Meta(description="The point [m], world NED; 1 m up is -1 in the third place.")
+    ] = (0.0, 0.0, -1.0)
+    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading [deg], from north towards east.")] = 0.0
+
+    def build(self) -> "Hold":
+        """The trajectory of this config."""
+        return Hold(self.position_ned, math.radians(self.yaw_deg))
+
+
+class Hold:
+    """One reference for all time. See :class:`Trajectory` for ``at`` and ``position_at``."""
+
+    duration_s: float | None = None
+    """None: it never ends."""
+    joints_s = (0.0,)
+    """Its begin alone: it never changes."""
+
+    def __init__(self, position_ned: Vec3, yaw_rad: float) -> None:
+        self._reference = Reference(position_ned, yaw_rad=yaw_rad)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """The point [m], world NED."""
+        return self._reference.position_ned
+
+    def at(self, time_s: float) -> Reference:
+        """The reference at rest."""
+        return self._reference
+
+
 TrajectoryConfig: TypeAlias = (
     CircleConfig
     | ExcitationConfig
@@ -615,4 +647,4 @@ TrajectoryConfig: TypeAlias = (
     | WaypointsConfig
     | OwnTrajectoryConfig
 )
-"""Any trajectory as the config file tells it, picked by its ``kind``; ``.build()`` gives the trajectory."""
+"""Config section ``[trajectory]`` of any ``kind``; ``.build()`` makes the trajectory."""

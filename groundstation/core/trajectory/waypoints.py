@@ -32,25 +32,23 @@ import numpy as np
 
 from groundstation.config import FromFile, config_notice
 from groundstation.core.geometry import FARTHEST_M, Vec3
-from groundstation.core.trajectory.port import (
+from groundstation.core.trajectory.paced import Paced
+from groundstation.core.trajectory.reference import (
     FASTEST_M_S,
     LATEST_S,
     SLOWEST_M_S,
     Acceleration,
-    Coefficients,
     Degrees,
     Moment,
-    Paced,
     Point,
     Ramp,
     Reference,
     Speed,
     Trajectory,
     Velocity,
-    differentiate,
-    evaluate,
     rest_there,
 )
+from groundstation.core.trajectory.transitions import Coefficients, differentiate, evaluate
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -58,7 +56,7 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 DEGREE = 7
-"""Degree of all polynomials here; quintics end in two zeros."""
+"""Degree of all polynomials here [-]; quintics end in two zeros."""
 
 
 def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
@@ -146,7 +144,7 @@ class _Span(NamedTuple):
 
 
 class Spline:
-    """Position and heading as polynomials in time, evaluated in plain floats. See the port for its methods.
+    """Position and heading as polynomials in time, evaluated in plain floats. See :class:`Trajectory` for its methods.
 
     Before its start and after its end it is at rest at its first and its last point.
     """
@@ -225,7 +223,6 @@ _BOUNDS = {
     **{name: FASTEST_M_S for axis in _SPEED for name in axis},
 }
 """Largest magnitude of each column."""
-_KNOWN = ("t_s", *(name for axis in _PLACE for name in axis), "yaw_deg", *(name for axis in _SPEED for name in axis))
 EXAMPLE = "t_s,north_m,east_m,up_m,yaw_deg"
 
 
@@ -285,7 +282,7 @@ def with_course(table: dict[str, Any], text: str, *columns: str) -> dict[str, An
 def _header(cells: list[str], line: int) -> list[str]:
     names = [_SHORT.get(cell.strip(), cell.strip()) for cell in cells]
     for cell, name in zip(cells, names, strict=True):
-        if name not in _KNOWN:
+        if name not in _BOUNDS:
             found = cell.strip()[:40]
             raise ValueError(config_notice("course.names", line=line, example=EXAMPLE, found=found))
         if names.count(name) > 1:
@@ -324,13 +321,13 @@ def _vector(row: dict[str, float], axes: tuple[tuple[str, ...], ...]) -> list[fl
 
 
 SMOOTH_ROUNDS = 30
-"""Iterations that smooth the durations."""
+"""Iterations that make the durations smooth [-]: their steps halve where the gradient turns, 0.2 to below 1e-4."""
 LIMIT_ROUNDS = 12
-"""Iterations after these that only lengthen them to the limits."""
-LOOKS = 48
-"""Speed and acceleration are looked at so often within a leg."""
+"""Iterations after these that bring each leg to its own limits [-]: a step halves the distance."""
+INTERVALS = 48
+"""Intervals between the samples of a leg at which its peaks are searched [-]."""
 MARGIN = 1.001
-"""Peaks lie between the looks, less than a thousandth higher."""
+"""Factor on the durations for true peaks between the samples [-]: they are less than a thousandth higher."""
 
 
 def allocate_times(known: "Array", order: int, max_speed: float, max_acceleration: float) -> "Array":
@@ -384,7 +381,7 @@ def _slope(coefficients: "Array", legs: "Array", order: int) -> "Array":
 
 def _find_demand(coefficients: "Array", legs: "Array", max_speed: float, max_acceleration: float) -> "Array":
     """Return the factor by which each leg must be slowed to keep both limits, (M,)."""
-    x = np.linspace(0.0, 1.0, LOOKS + 1)[:, None]
+    x = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
     powers = np.arange(coefficients.shape[1])
     first = powers * x ** np.maximum(powers - 1, 0)
     second = powers * (powers - 1) * x ** np.maximum(powers - 2, 0)
@@ -395,7 +392,7 @@ def _find_demand(coefficients: "Array", legs: "Array", max_speed: float, max_acc
 
 
 MAX_POINTS = 2000
-"""Waypoints of all laps together."""
+"""Largest number of waypoints of all laps [-]: their times are found within seconds."""
 
 
 class CourseConfig(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -476,7 +473,7 @@ class WaypointsConfig(
 
 
 STILL_M = 0.05
-"""A course that is no longer stays at one place [m]: its speed tells no unit. Chosen."""
+"""Length up to which a course stays at one place [m], so that its speed does not tell the unit of its times."""
 
 
 def check_lists(points: tuple[Vec3, ...], times_s: tuple[float, ...] | None, **lists: tuple[Any, ...] | None) -> None:
@@ -525,12 +522,12 @@ def _plan(config: WaypointsConfig) -> Spline:
         times = allocate_times(known, order, config.max_speed_m_s, config.max_acceleration_m_s2)
     else:
         legs = np.tile(np.diff(np.array(config.times_s)), config.laps)
-        times = np.concatenate([[0.0], np.cumsum(legs)])
+        times = _times(legs)
     return Spline(times, smoothest(times, known, order))
 
 
 MAX_SAMPLES = 50_000
-"""Most samples in a file of a course."""
+"""Largest number of samples in a file of a course [-]: 8 minutes at 100 Hz."""
 
 
 class SamplesConfig(

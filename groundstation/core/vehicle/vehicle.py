@@ -66,7 +66,7 @@ Inside = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 GRAVITY = 9.81
 """Default g [m/s²]: the paper's."""
 APART_S = 0.002
-"""Delays of thrust and of rates that are closer are taken for one [s]."""
+"""Difference of the delays of thrust and rates up to which they count as equal [s]: a tenth of a frame."""
 
 
 class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -196,7 +196,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         return self.command_delay_s + max(self.thrust_delay_s, self.rate_delay_s)
 
     def wind_bound_m_s2(self, gravity: float) -> float:
-        """``wind_share`` of the disturbance that full thrust can trim sideways, at ``gravity`` [m/s²]."""
+        """Return ``wind_share`` of the disturbance that full thrust can trim sideways, at ``gravity`` [m/s²]."""
         most = self.thrust_max_n / self.mass_kg
         return self.wind_share * math.sqrt(max(most * most - gravity * gravity, 0.0))
 
@@ -213,7 +213,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
 
     @classmethod
     def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
-        """``table`` on top of a vehicle file: TOML with the keys of this section, and all of them.
+        """Return ``table`` completed by a vehicle file: TOML with all keys of this section.
 
         A file may start from a ``preset``; then it needs only what differs.
 
@@ -351,7 +351,7 @@ def begin_response(motion: Motion) -> ActuatorResponse:
 def integrate_actuators(
     ops: Ops, before: ActuatorResponse, drive: ActuatorCommand, duration: Real, thrust_lag: float, rate_lag: float
 ) -> ActuatorResponse:
-    """``before`` after ``duration`` [s] of ``drive``, through the lags [s].
+    """Integrate the actuators from ``before`` for ``duration`` [s] of ``drive``, through the lags [s].
 
     The lags are exact; attitude turns by the exact integral of the rates; what thrust gives is its exact integral
     along the attitude at mid-step, so the error is of third order in ``duration`` (keep it below 25 ms).
@@ -384,7 +384,7 @@ def integrate_motion(
     other_rate: Vec3 = ZERO,
     drag: float = 0.0,
 ) -> Motion:
-    """``motion`` after ``duration`` [s] in which commands did what ``after`` says.
+    """Integrate ``motion`` for ``duration`` [s] in which the actuators responded by ``after``.
 
     Args:
         motion: motion at the begin of the interval.
@@ -421,7 +421,7 @@ def integrate(
     rate_lag: float,
     drag: float = 0.0,
 ) -> Motion:
-    """``motion`` after ``duration`` [s] of one ``drive``, a constant ``disturbance`` [m/s², NED], and linear drag."""
+    """Integrate ``motion`` for ``duration`` [s] of one ``drive``, a constant ``disturbance`` [m/s², NED], and drag."""
     x, y, z = disturbance
     after = integrate_actuators(ops, begin_response(motion), drive, duration, thrust_lag, rate_lag)
     return integrate_motion(motion, after, duration, mass, (x, y, z + gravity), ZERO, drag)

@@ -12,22 +12,22 @@ from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference,
 from groundstation.settings import Config
 
 AT_REST_M_S = 0.02
-"""A reference slower than this is not braked before the next leg [m/s]."""
+"""Speed up to which a reference counts as at rest, and is not braked before the next leg [m/s]: a blend takes over such
+a speed within millimetres."""
 CLIMB_M_S2 = 2.0
-"""Deceleration after a lift-off faster than the climb speed, drift included, and largest acceleration of a climb
-[m/s²]: just off the floor thrust allows no more."""
+"""Largest acceleration of a climb, and deceleration after a lift-off that is faster than the climb speed [m/s²]: the
+first climb has 1.2 of the hover thrust, 2 m/s² (``FIRST_CLIMB_SHARE``)."""
 DRIFT_M_S = 0.1
 """Above this horizontal speed at lift-off, wind has moved the vehicle and it is braked [m/s]."""
 DRIFT_BRAKING_M_S2 = 3.0
-"""Deceleration of that braking [m/s²]."""
+"""Deceleration of that braking [m/s²]: less than the tilt limit of the first climb allows (5.7)."""
 DRIFT_BRAKING_PER_S = 3.5
-"""Largest deceleration by an autopilot's own estimate, per m/s of its speed [1/s]: 0.3 m/s may be an error of it."""
+"""Largest deceleration by an autopilot's own estimate, per m/s of its speed [1/s]: its speed may be wrong by 0.3 m/s,
+which is then braked by 1 m/s² only."""
 LEAST_HEIGHT_M = 0.3
-"""Lowest height that goto accepts [m]."""
-ON_FENCE_M = 0.005
-"""A point less than this outside the fence is reported as on it, not outside [m]."""
-CHECKED_POINTS = 40
-"""Number of intervals between the points at which a leg is checked before it is flown [-]: it takes less than 1 ms."""
+"""Lowest height that goto accepts [m]: below it ground effect, and the detection of a landing, begin."""
+CHECKED_INTERVALS = 40
+"""Intervals between the points at which a leg is checked before it is flown [-]: every 10 cm of a leg of 4 m."""
 
 
 class Leg(NamedTuple):
@@ -39,7 +39,7 @@ class Leg(NamedTuple):
 
 
 class Clearance:
-    """Obstacles: to a point, floor and fence; to a leg, fence, speed limit, and where the other vehicles are now."""
+    """Obstacles to points (floor, fence) and to legs (fence, speed limit, and the other vehicles as they fly now)."""
 
     def __init__(self, config: Config, others: Others | None) -> None:
         """``others`` are vehicles to keep away from."""
@@ -56,9 +56,7 @@ class Clearance:
             side = "above" if height >= 0.0 else "below"
             return notice("goto.height", height_m=abs(height), side=side, limit_m=LEAST_HEIGHT_M)
         room = math.inf if self.fence is None else self.fence.room_m(place)
-        if room > 0.0:
-            return None
-        return notice("goto.on_fence") if room > -ON_FENCE_M else notice("goto.outside", outside_m=-room)
+        return None if room > 0.0 else notice("goto.outside", outside_m=-room)
 
     def find_leg_obstacle(self, leg: Leg, now_s: float) -> Sentence | None:
         """Describe why ``leg`` must not be flown, braking included; None if it is free."""
@@ -66,7 +64,7 @@ class Clearance:
         if separation is not None and separation.config.unknown != "warn" and (lost := separation.unknown(now_s)):
             return notice("goto.unseen", names=", ".join(lost))
         way = leg.trajectory
-        begin_s, steps = now_s - leg.start_s, CHECKED_POINTS
+        begin_s, steps = now_s - leg.start_s, CHECKED_INTERVALS
         for n in range(steps + 1):
             at = way.at(begin_s * (1.0 - n / steps))
             if self.fence is not None and not self.fence.braking_room_m(at.position_ned, at.velocity_ned) > 0.0:
@@ -104,7 +102,7 @@ class Course:
         return self._rise(None, self._halt_aside(now), now, limits, time_s)
 
     def entry(self, now: Reference) -> list[Blend]:
-        """Return the ways from ``now`` onto the beginning of the trajectory, which is met at its own velocity."""
+        """Return the blends from ``now`` to the begin of the trajectory, which they meet at its own velocity."""
         ways = self._halt(now)
         begin = run_in(self.trajectory.at(0.0), self._transit)
         return [*ways, blend(_find_end(ways, now), begin.at(0.0), self._transit), begin]
@@ -152,8 +150,8 @@ class Course:
         on = Blend(last.at(last.duration_s), last.at(last.duration_s + 1.0), 1.0)  # continues at that speed
         return _chain([*ways, last], on, time_s)
 
-    def has_touched_down(self, tick: Tick, behind_m: float, *, uplink_ok: bool) -> bool:
-        """Whether a way down is over, ``behind_m`` [m] above its reference.
+    def detect_touchdown(self, tick: Tick, behind_m: float, *, uplink_ok: bool) -> bool:
+        """Take one command of a way down, ``behind_m`` [m] above its reference; return whether it has touched down.
 
         A vehicle without uplink may fly on while a landing commands its thrust: only poses at rest show that it has
         landed.
@@ -161,7 +159,7 @@ class Course:
         motion, commanded_m_s = tick.estimate.motion, tick.reference.velocity_ned[2]
         floor_z_m = self._config.flight.floor_z_m
         height_m, pose_height_m = floor_z_m - motion.position[2], floor_z_m - tick.pose.position_ned[2]
-        at_rest = self.touchdown.is_at_rest_by_poses(tick.pose, pose_height_m, commanded_m_s)
+        at_rest = self.touchdown.detect_rest(tick.pose, pose_height_m, commanded_m_s)
         thrust_n, sink_m_s = tick.command.thrust_n, motion.velocity[2]
         lift_n = motion.thrust * third_column(motion.attitude)[2]
         landed = self.touchdown.update(tick.time_s, thrust_n, lift_n, sink_m_s, height_m, behind_m, commanded_m_s)

@@ -13,6 +13,8 @@ from groundstation.core.messages import NoticeKind, Others, Pose, Sentence, Tick
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
+    LATE_PERIODS,
+    OFF_REFERENCE_M,
     Escalation,
     Failure,
     GuardAction,
@@ -21,6 +23,7 @@ from groundstation.core.safety import (
     HealthState,
     Monitors,
     PoseHealth,
+    PoseLatency,
     Spool,
     SpoolUp,
     StandingPoses,
@@ -28,7 +31,6 @@ from groundstation.core.safety import (
     limit_n,
 )
 from groundstation.core.trajectory import Reference
-from groundstation.flight.controller.attitudes import AttitudeComparison
 from groundstation.flight.controller.course import Course, Leg
 from groundstation.flight.controller.descent_means import DescentMeans, Means
 from groundstation.flight.controller.phases import (
@@ -51,11 +53,6 @@ LAST_CHANCE_S = 0.004
 descent on the model begins in time."""
 LAST_CHANCE_ROUNDING_S = 1e-3
 """A frame so much earlier counts as that last one [s]: timers are late by this much at most. Chosen."""
-OFF_REFERENCE_M = 0.3
-"""Deviation from the reference above which a landing begins at the vehicle's own position [m]: a vehicle that
-is held below its reference would shoot up when released."""
-LAST_PERIODS = 2.5
-"""The last command is valid for this many periods: it must reach the next frame of a pacer."""
 LANDING_MARGIN_S = 10.0
 """Time allowed for a landing in addition to the way down [s]."""
 LANDING_FACTOR = 2.0
@@ -114,8 +111,9 @@ class FlightController:
         """State, and its reason."""
         self.standing = StandingPoses()
         """Poses before take-off."""
-        self.attitudes = AttitudeComparison()
+        self.witness = Witness()
         """Comparison of the poses with the autopilot's attitude."""
+        self._pose_latency = PoseLatency()
         self.tick: Tick | None = None
         """Newest command of the law that has left; none on the floor."""
         self._made: Tick | None = None
@@ -175,15 +173,19 @@ class FlightController:
             self.phase.add_pose(pose)
         elif self.tick is None:
             self.standing.add(pose)
-        self.attitudes.add_pose(pose)
-        if not self.is_dismissed and (news := self._pilot.state.response.describe_news(self.attitudes.find_latency)):
+        self.witness.add_pose(pose)
+        self._pose_latency.add_pose(pose)
+        news = None if self.is_dismissed else self._pilot.state.response.describe_news(self._pose_latency.estimate)
+        if news is not None:
             self._listener.say(news.as_warning(), "latency")
 
     def on_attitude(self, attitude: Attitude, now_s: float) -> None:
         """Take the autopilot's attitude, and compare the poses with it."""
-        witness = self.attitudes.add_attitude(attitude)
+        witness = self.witness
+        witness.add_attitude(attitude)
+        self._pose_latency.add_attitude(attitude)
         if not self.is_dismissed:
-            self._report_disagreement(witness)
+            self._report_disagreement()
         if self.state in IN_AIR:
             self._pilot.set_autopilot_agreement(witness.agrees(now_s))
         in_poses = witness.in_poses(attitude)
@@ -208,11 +210,11 @@ class FlightController:
                 return self._pilot.idle(now_s, self._spool_thrust_n(phase, now_s))
             self._climb_away(now_s)
         if self._answer_uplink(now_s):
-            return self._pilot.last_command(now_s, LAST_PERIODS * self._link.period_s)
+            return self._pilot.last_command(now_s, LATE_PERIODS * self._link.period_s)
         if self._answer_failed_poses(now_s):
             if self._means.chosen is Means.FLOOR:
                 return self._pilot.idle(now_s, 0.0)
-            return self._pilot.surrender(now_s, LAST_PERIODS * self._link.period_s)
+            return self._pilot.surrender(now_s, LATE_PERIODS * self._link.period_s)
         self._ensure_pose(now_s)
         self._made = self._pilot.compute_command(now_s)
         return self._made.command
@@ -233,9 +235,11 @@ class FlightController:
         """Thrust on the floor [N]; 0 where something is wrong, and the motors go off."""
         pose = self._pilot.state.newest_pose
         assert pose is not None, "a spool-up starts after a pose"
-        why = self._uplink.check(now_s) or spool_up.fault(now_s, pose, self._usable_s, self._course.clearance.fence)
+        why = self._uplink.check(now_s) or spool_up.find_fault(
+            now_s, pose, self._usable_s, self._course.clearance.fence
+        )
         if why is None:
-            return spool_up.thrust_n(now_s)
+            return spool_up.compute_thrust_n(now_s)
         self.go(Event.LAND, why, now_s, fault=True)
         return 0.0
 
@@ -299,12 +303,12 @@ class FlightController:
             notice(health.reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news"
         )
 
-    def _report_disagreement(self, witness: Witness) -> None:
+    def _report_disagreement(self) -> None:
         """Report poses that are later than configured, or, while they are used, disagree with the own attitude."""
-        if news := self.attitudes.latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
+        if news := self._pose_latency.describe_news(0.5 * (self._link.status.rtt_s or 0.0)):
             self._listener.say(news.as_warning(), "latency")
         state = self.state
-        if state in IN_AIR and state is not State.DESCENT and (news := witness.describe_news()):
+        if state in IN_AIR and state is not State.DESCENT and (news := self.witness.describe_news()):
             self._listener.say(news.as_warning())
 
     def _ensure_pose(self, now_s: float) -> None:
@@ -467,7 +471,8 @@ class FlightController:
     def _motion(self, now_s: float) -> tuple[Reference, float]:
         """Return the motion that the next leg begins with, and its time [s].
 
-        It is the reference of now, and not the vehicle's own motion, but for a landing far off its reference.
+        It is the reference of now. A landing off its reference begins at the vehicle's own motion: a vehicle that is
+        held below its reference would shoot up when released.
         """
         climb = self.phase.lift_off if isinstance(self.phase, SpoolUp) else None
         if climb is not None:  # it has just left the floor

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from groundstation.core.control import HOLDING, TRACKING, TRANSIT, FlightProfile
 from groundstation.core.messages import Sentence, Tick, Waypoint, notice
 from groundstation.core.mission import Event
-from groundstation.core.safety import Hover, Touchdown
+from groundstation.core.safety import Touchdown
 from groundstation.core.trajectory import Reference
 from groundstation.flight.controller.course import Course, Leg
 from groundstation.settings import Config
@@ -88,20 +88,21 @@ class HoldPhase(FlightPhase):
         self._config, self._course = config, course
         self.waits = waits
         """Whether it lasts until a request ends it."""
-        self._hover = None if waits else Hover()
-        """Measurement of the hover thrust; None without one, or once it is done."""
+        self._thrusts_n: list[float] | None = None if waits else []
+        """Commanded thrusts, whose mean is the hover thrust [N]; None without its measurement, or once that is done."""
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
         """Go on to the trajectory, or land if the hover thrust does not fit the vehicle; see :class:`FlightPhase`."""
         hold_s, weight = self._config.takeoff.hold_s, self._config.weight_n
-        if not uplink_ok or self._hover is None:
+        thrusts = self._thrusts_n
+        if not uplink_ok or thrusts is None:
             return None
         if tick.flight_time_s > 0.5 * hold_s:  # the climb has died away
-            self._hover.add(tick.command.thrust_n)
-        hover = self._hover.thrust_n
-        if tick.flight_time_s < hold_s or hover is None:
+            thrusts.append(tick.command.thrust_n)
+        if tick.flight_time_s < hold_s or not thrusts:
             return None
-        self._course.touchdown, self._hover = Touchdown(hover), None
+        hover = sum(thrusts) / len(thrusts)
+        self._course.touchdown, self._thrusts_n = Touchdown(hover), None
         low, high = self._config.vehicle.hover_range
         percent = to_percent(hover / weight)
         if low <= hover / weight <= high:
@@ -140,7 +141,7 @@ class LandPhase(FlightPhase):
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
         """Stop the motors on the floor, or descend where there is none; see :class:`FlightPhase`."""
         behind_m = tick.reference.position_ned[2] - tick.estimate.motion.position[2]
-        if self._course.has_touched_down(tick, behind_m, uplink_ok=uplink_ok):
+        if self._course.detect_touchdown(tick, behind_m, uplink_ok=uplink_ok):
             return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down"))
         if not tick.time_s > self._over_by_s:
             return None
@@ -156,7 +157,7 @@ class DescentPhase:
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
         """Stop the motors on the floor, or end the commands where there is none; see :class:`FlightPhase`."""
-        if self._course.has_touched_down(tick, math.inf, uplink_ok=uplink_ok):
+        if self._course.detect_touchdown(tick, math.inf, uplink_ok=uplink_ok):
             return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down"))
         if not tick.time_s > self._over_by_s:
             return None

@@ -3,21 +3,19 @@
 import math
 
 from groundstation.core.messages import Sentence, notice
+from groundstation.core.safety import LATE_PERIODS
 from links.core import Arrival, CommandLink
 from links.text import to_ms
 
-TELEMETRY_STALL_S = 0.15
-"""Shortest silence of a vehicle's telemetry after which it may not receive commands either [s]."""
-TELEMETRY_STALL_INTERVALS = 2.5
-"""Shortest such silence as a multiple of its usual telemetry interval [-]."""
+SILENCE_S = 0.15
+"""Silence of a vehicle after which it may not receive commands [s]: of its telemetry, or of its acknowledgements, which
+are overdue by then. Messages at 10 Hz are never silent for so long unless one is lost."""
 TELEMETRY_LOST_S = 3.0
 """After this long a silence only the telemetry counts as lost [s]."""
 TELEMETRY_INTERVAL_S = 0.02
 """Initial value of the usual telemetry interval [s]."""
 INTERVAL_WEIGHT = 0.1
 """Weight of each interval in its running mean [-]."""
-UPLINK_DOWN_S = 0.15
-"""Acknowledgements overdue for this long: the uplink is assumed down [s]."""
 UPLINK_LOST_S = 0.5
 """Acknowledgements overdue for this long: the operator is informed, and the vehicle descends [s]."""
 
@@ -40,7 +38,7 @@ class CommandUplink:
         """
         autopilot = self._link.autopilot
         overdue_s, late_s = Arrival() if autopilot is None else autopilot.arrival(now_s)
-        self.is_down, self.is_late = overdue_s > UPLINK_DOWN_S, late_s > 0.0
+        self.is_down, self.is_late = overdue_s > SILENCE_S, late_s > 0.0
         if self.is_late:
             return notice("fault.late_commands", late_ms=to_ms(late_s))
         return notice("fault.unanswered", overdue_ms=to_ms(overdue_s)) if overdue_s > UPLINK_LOST_S else None
@@ -53,5 +51,5 @@ class CommandUplink:
 
     def is_stalled(self, now_s: float) -> bool:
         """Whether the telemetry is silent for longer than usual, but not lost."""
-        stall_s = max(TELEMETRY_STALL_S, TELEMETRY_STALL_INTERVALS * self._interval_s)
+        stall_s = max(SILENCE_S, LATE_PERIODS * self._interval_s)
         return stall_s < now_s - self._telemetry_s < TELEMETRY_LOST_S

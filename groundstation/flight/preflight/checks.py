@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from groundstation.core.control import Law, thrust_bound
 from groundstation.core.geometry import FARTHEST_M, Vec3, angle_deg, third_column
 from groundstation.core.messages import (
+    ROUNDING_S,
+    SIGHTING_S,
     USUAL_POSE_DROPS,
     Check,
     Others,
@@ -67,8 +69,6 @@ NOISE_M = 0.005
 were flown (`groundstation-sim dev alarms --floors`)."""
 NOISE_DEG = 0.8
 """Roll and pitch noise above this fails, 1σ [°]: 0.6 was flown (`groundstation-sim dev alarms --floors`)."""
-WARN_NOISE = 0.5
-"""Share of either noise limit above which the check warns [-]."""
 MOVED_M = 0.03
 """Largest spread of the positions of a vehicle at rest [m]."""
 WANDERED_M = 0.5
@@ -81,8 +81,8 @@ FLOOR_M = 0.1
 """Largest difference between ``flight.floor_z_m`` and the height of the vehicle at rest [m]."""
 FLOOR_WANDERS_M = 1.0
 """Largest such difference if the poses have a velocity [m]."""
-WARN_RTT = 0.5
-"""Round trip above which the check warns, as a share of ``guards.rtt_s`` [-]."""
+WARN_SHARE = 0.5
+"""Share of the limit of noise and of round trip above which their checks warn [-]."""
 BATTERY_MARGIN = 0.2
 """Charge above ``guards.battery_share`` below which the check warns [-]."""
 
@@ -228,13 +228,13 @@ class Checks:
         coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
         usual_s = FlightConfig().coast_s + GuardsConfig().level_s
         values = {"coast_ms": to_ms(coast_s), "level_ms": to_ms(level_s)}
-        if coast_s + level_s <= usual_s + 1e-9:  # 1 ns for rounding
+        if coast_s + level_s <= usual_s + ROUNDING_S:
             return report("deadline", Verdict.PASS, "check.deadline", **values)
         return report("deadline", Verdict.WARN, "check.deadline_long", usual_ms=to_ms(usual_s), **values)
 
     def _noise(self, noise_m: float, noise_deg: float) -> Check:
         """Check the noise of position and of roll and pitch; the worse by its limit decides."""
-        verdict = find_verdict(max(noise_m / NOISE_M, noise_deg / NOISE_DEG), WARN_NOISE, 1.0)
+        verdict = find_verdict(max(noise_m / NOISE_M, noise_deg / NOISE_DEG), WARN_SHARE, 1.0)
         return report("pose noise", verdict, "check.pose_noise", noise_mm=to_mm(noise_m), noise_deg=noise_deg)
 
     def _rest(self, poses: list[Pose], source: PoseStatus) -> Check:
@@ -348,7 +348,7 @@ class Checks:
         if link.rtt_s is None:
             return report("round trip", Verdict.OFF, "check.rtt_unknown")
         limit = self._config.guards.rtt_s
-        verdict = find_verdict(link.rtt_s, WARN_RTT * limit, limit)
+        verdict = find_verdict(link.rtt_s, WARN_SHARE * limit, limit)
         return report("round trip", verdict, "check.rtt", rtt_ms=to_ms(link.rtt_s), limit_ms=to_ms(limit))
 
     def _arm(self, link: LinkStatus) -> Check:
@@ -418,7 +418,7 @@ class Checks:
         law = self._config.controller
         if not isinstance(law, Law):
             return report("thrust bound", Verdict.OFF, "check.bound_no_law")
-        bound = thrust_bound(law, acceleration_sup=demands.acceleration_m_s2, v_start=0.0).bound
+        bound = thrust_bound(law, acceleration_sup=demands.acceleration_m_s2, v_start=0.0)
         if bound > 0.0:
             return report("thrust bound", Verdict.PASS, "check.bound", bound_m_s2=bound)
         least_n = self._config.vehicle.thrust_min_n
@@ -440,10 +440,6 @@ def describe_failures(checks: Iterable[Check]) -> str:
 def describe_checks(checks: list[Check]) -> str:
     """Describe ``checks`` as text, one on a line."""
     return "\n".join(f"{check.verdict:5}{check.name:20}{check.says}" for check in checks)
-
-
-SIGHTING_S = 0.5
-"""Time after its last sighting for which a body's place counts [s]. Chosen."""
 
 
 class Company:

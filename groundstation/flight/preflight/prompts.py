@@ -8,8 +8,8 @@ from groundstation.core.messages import notice
 from groundstation.settings import Config
 
 LISTEN_S = 1.2
-"""Time before an arming that nobody types [s]: autopilots send one heartbeat a second, and another one with the same id
-must be heard before."""
+"""Time of listening before the first checks, and before an arming that nobody types [s]: autopilots send one heartbeat
+a second, and another one with the same id must be heard before. Poses of that time make the first checks."""
 
 
 def ensure_named(arm: str | None, config: Config) -> None:

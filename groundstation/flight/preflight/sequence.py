@@ -17,15 +17,14 @@ from groundstation.core.mission import Event
 from groundstation.core.pilot import Pilot
 from groundstation.flight.controller import FlightController
 from groundstation.flight.preflight.checks import Checks, Company, describe_failures, explain_drops, report
+from groundstation.flight.preflight.prompts import LISTEN_S
 from groundstation.flight.preflight.proof import proof_path, read_proof
 from groundstation.settings import Config
 from links.core import CommandLink, LinkError
 from links.text import to_ms
 
-COLLECTION_S = 1.2
-"""Time over which poses are collected before the first checks [s]."""
 RECHECK_S = 1.0
-"""Period at which the checks are repeated until the operator arms [s]. Chosen."""
+"""Period at which the checks are repeated until the operator arms [s]: screens show checks that are no older."""
 
 
 class FlightEnded(Exception):
@@ -111,7 +110,7 @@ class ArmingSequence:
             self._ensure_passed("fault.not_armed")
         self.checks = ()
         self._company.leave()
-        self._controller.attitudes.compare().arm()
+        self._controller.witness.arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
         """Connect and make the checks, without arming; a connection that fails is a failed check."""
@@ -125,15 +124,15 @@ class ArmingSequence:
             return [*found, report("frames", Verdict.FAIL, "check.conflict", why=conflict)] if conflict else found
 
     async def _stand(self) -> None:
-        """Collect poses of the vehicle at rest for ``COLLECTION_S``, and let the link examine its autopilot."""
+        """Collect poses of the vehicle at rest for ``LISTEN_S``, and let the link examine its autopilot."""
         self._look = Checks(self._config, self._others, read_proof(proof_path(self._config)))
-        await asyncio.gather(asyncio.sleep(COLLECTION_S), self._link.examine())
+        await asyncio.gather(asyncio.sleep(LISTEN_S), self._link.examine())
 
     def _check(self, *, arming: bool = False) -> list[Check]:
         """Make all checks; ``arming``: the motors start next."""
         assert self._look is not None, "_stand comes first"
         now, standing = asyncio.get_running_loop().time(), self._controller.standing
-        agreement = self._controller.attitudes.compare().verdict(now)
+        agreement = self._controller.witness.verdict(now)
         checks = self._look(standing, self._pilot.state.noise_m, self._link.status, now, agreement, self._source.status)
         checks += self._company(standing, now, arming=arming)
         self.checks = tuple(checks)

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from groundstation.config import RETIRED_KEYS, ConfigError, RetiredKeyWarning, dump, from_dict, keys_of, load
-from groundstation.core.trajectory.port import HoldConfig
-from groundstation.core.trajectory.shapes import CircleConfig
+from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig
 from groundstation.settings import Config
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]

@@ -59,5 +59,5 @@ def test_a_last_chance_that_a_timer_meets_a_tick_early_is_taken() -> None:
 
 def test_a_frame_is_late_by_what_it_misses_and_one_in_between_is_none() -> None:
     due = FrameLateness(link(0.02))
-    seen = [due.late_s(now, 0, 0.0) for now in (1.0, 1.02, 1.043, 1.05, 1.06, 1.101, 1.121)]
+    seen = [due.measure_s(now, 0, 0.0) for now in (1.0, 1.02, 1.043, 1.05, 1.06, 1.101, 1.121)]
     assert seen == pytest.approx([0.0, 0.0, 0.003, None, 0.0, 0.021, 0.0], abs=1e-9)

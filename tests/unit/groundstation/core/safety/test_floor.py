@@ -152,7 +152,7 @@ def test_poses_that_stand_low_while_it_is_told_to_sink_are_of_a_vehicle_on_the_f
     for number, height_m in enumerate(heights_m):
         newest = Pose(number, every_s * number, every_s * number, (0.0, 0.0, -height_m), LEVEL)
         # Several commands rest on one pose.
-        looks = [touchdown.is_at_rest_by_poses(newest, height_m, sinks_m_s) for _ in range(5)]
+        looks = [touchdown.detect_rest(newest, height_m, sinks_m_s) for _ in range(5)]
         if stood is None and looks[0]:
             stood = newest.time_s
     assert stood == (None if stands_s is None else pytest.approx(stands_s))

@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import pytest
 
 from groundstation.config import from_dict
+from groundstation.core.control.attitude import make_decision
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import NOTICES, Estimate, Pose, notice
+from groundstation.core.messages import NOTICES, CertificateReading, Estimate, Pose, Tick, notice
 from groundstation.core.mission import State
 from groundstation.core.safety import (
     GUARDS,
@@ -37,20 +38,12 @@ TILTED = notice("guard.tilt", tilt_deg=50.0, limit_deg=40.0)
 EMPTY = notice("guard.charge", charge=9.0, limit=10.0)
 
 
-class Shown(NamedTuple):
-    time_s: float
-    pose: Pose
-    estimate: Estimate
-    reference: Reference
-    command: Command
-
-
 def leaning(degrees: float) -> tuple[float, float, float, float]:
     half = math.radians(0.5 * degrees)
     return (math.cos(half), math.sin(half), 0.0, 0.0)
 
 
-def shown(time_s: float, **changes: Any) -> Shown:
+def shown(time_s: float, **changes: Any) -> Tick:
     motion = Motion((0.0, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.8, (0.0, 0.0, 0.0))
     command = Command(0.8, (0.0, 0.0, 0.0), 0, 0.0, 1.0)
     estimate = Estimate(
@@ -63,7 +56,9 @@ def shown(time_s: float, **changes: Any) -> Shown:
     command = msgspec.structs.replace(command, **{k: v for k, v in changes.items() if k in ("thrust_n", "rates_rad_s")})
     pose = Pose(0, time_s - changes.get("age_s", 0.0), time_s, changes.get("seen", (0.0, 0.0, -1.0)), leaning(0.0))
     pose = msgspec.structs.replace(pose, reset_count=changes.get("resets", 0))
-    return Shown(time_s, pose, estimate, Reference((0.0, 0.0, -1.0)), command)
+    reference = Reference((0.0, 0.0, -1.0))
+    decision = make_decision(VEHICLE, estimate, reference, command.thrust_n, command.rates_rad_s)
+    return Tick(time_s, 0.0, pose, estimate, reference, decision, command, CertificateReading("none", 0.0, ()))
 
 
 def first(
@@ -82,7 +77,7 @@ def first(
 
 
 def findings(
-    ticks: Iterable[Shown], fence: Fence | None = None, vehicle: Vehicle = VEHICLE
+    ticks: Iterable[Tick], fence: Fence | None = None, vehicle: Vehicle = VEHICLE
 ) -> list[GuardFinding | None]:
     """Return the finding at each tick of a flight along its trajectory."""
     guards = Guards(CONFIG, fence, vehicle, lambda: PERIOD_S)

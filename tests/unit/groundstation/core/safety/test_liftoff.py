@@ -66,9 +66,9 @@ def spooled(
                 if flies is not None:
                     off = flies.climb_m_s - speed
                     return Spooled("", now - spool.near_s, height, speed, flies.hover_share, off)
-                fault = str(spool_up.fault(now, newest, 0.25, None) or "")
+                fault = str(spool_up.find_fault(now, newest, 0.25, None) or "")
                 off_s = now if fault else off_s
-            told = 0.0 if fault else spool_up.thrust_n(now)
+            told = 0.0 if fault else spool_up.compute_thrust_n(now)
         thrust += (told - thrust) * (1.0 - math.exp(-STEP_S / lag_s))
         speed += STEP_S * G * (thrust / hover_share - 1.0)
         height += STEP_S * speed
@@ -188,10 +188,10 @@ def test_a_spool_up_ends_for_these_reasons_at_these_times(shows: Shown, ends_s: 
         if (seen := pose(since_s)) is not None:
             newest = seen
             spool_up.add_pose(newest)
-        assert spool_up.thrust_n(3.0 + since_s) <= 1.3
+        assert spool_up.compute_thrust_n(3.0 + since_s) <= 1.3
         if spool_up.lift_off is not None:
             break
-        if fault := spool_up.fault(3.0 + since_s, newest, 0.25, None):
+        if fault := spool_up.find_fault(3.0 + since_s, newest, 0.25, None):
             assert says is not None and says in fault.text
             assert ends_s is None or since_s == pytest.approx(ends_s, abs=0.025)
             return
@@ -221,7 +221,7 @@ def test_what_leaps_aside_on_the_floor_as_no_vehicle_does_stops_the_motors(
     spool_up.add_pose(Pose(101, at_s, at_s, (step_m, 0.0, 0.0), LEVEL, reset_count=resets))
     after = Pose(102, at_s + 0.01, at_s + 0.01, (step_m, 0.0, 0.0), LEVEL, reset_count=resets)
     spool_up.add_pose(after)
-    assert ("from one pose to the next" in str(spool_up.fault(at_s + 0.01, after, 0.25, None))) is stranger
+    assert ("from one pose to the next" in str(spool_up.find_fault(at_s + 0.01, after, 0.25, None))) is stranger
 
 
 @pytest.mark.tried(2)  # loads, with and without an estimate that wanders

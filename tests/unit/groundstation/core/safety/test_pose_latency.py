@@ -92,15 +92,15 @@ def test_nothing_is_said_of_a_response_that_is_as_told_or_was_seen_for_a_moment(
     assert answered(0.0).late_s is None
     assert answered(0.006).late_s is None
     assert answered(0.03, seconds=3.5, hz=240).late_s is None
-    assert ResponseLatency().describe_news(lambda: None) is None
+    assert ResponseLatency().describe_news(None) is None
 
 
 def test_it_is_said_once_and_the_poses_own_latency_is_not_said_again() -> None:
     response = answered(0.03)
-    assert response.describe_news(lambda: (0.025, 0.0)) is None
-    told = response.describe_news(lambda: None)
+    assert response.describe_news((0.025, 0.0)) is None
+    told = response.describe_news(None)
     assert told is not None
     assert told.text.startswith(tuple(f"poses or the vehicle's turns are {late_ms} ms later" for late_ms in (29, 30)))
-    assert response.describe_news(lambda: None) is None
-    rates = answered(0.03).describe_news(lambda: (0.0, 0.0))
+    assert response.describe_news(None) is None
+    rates = answered(0.03).describe_news((0.0, 0.0))
     assert rates is not None and rates.text.startswith("the vehicle turns")

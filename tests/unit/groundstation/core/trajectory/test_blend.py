@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import Blend, Chain, LemniscateConfig, Limits, Reference, blend, run_in, stop
-from groundstation.core.trajectory.port import LONGER
+from groundstation.core.trajectory.transitions import LENGTHENING
 
 LIMITS = Limits(0.5, 1.0)
 EIGHT = LemniscateConfig(speed_m_s=0.5).build()
@@ -59,7 +59,7 @@ def test_from_rest_to_rest_it_keeps_the_limits_and_is_hardly_longer_than_it_must
     assert max(math.hypot(*r.velocity_ned) for r in seen) <= 1.01 * LIMITS.speed_m_s
     assert max(math.hypot(*r.acceleration_ned) for r in seen) <= 1.03 * LIMITS.acceleration_m_s2
     shortest = max(0.4, 35.0 / 16.0 * length / LIMITS.speed_m_s, math.sqrt(7.513 * length / LIMITS.acceleration_m_s2))
-    assert way.duration_s <= LONGER * shortest + 1e-9
+    assert way.duration_s <= LENGTHENING * shortest + 1e-9
 
 
 @given(st.floats(0.0, 10.0), st.sampled_from([0.5, 1.5]))
