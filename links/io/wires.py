@@ -225,7 +225,7 @@ NETWORK: ContextVar[Network] = ContextVar("network", default=Network())  # noqa:
 
 
 def advise_on_address(error: OSError) -> Sentence:
-    """What to do about an address that the system refuses by ``error``."""
+    """Return the advice about an address that the system refuses by ``error``."""
     causes = {
         errno.EADDRNOTAVAIL: "address.not_ours",
         errno.EACCES: "address.forbidden",

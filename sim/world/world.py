@@ -175,7 +175,7 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     pose_jitter_s: PartOfSecond = 0.0
     """Jitter of the poses' stamps against their exposures, 1σ [s]."""
     tracker_yaw_deg: Angle = 0.0
-    """How far east of where the controller believes it the tracker's north lies [deg]."""
+    """Error of the configured heading of the tracker: its true north lies so far to the east of it [deg]."""
     pose_loss: Share = 0.0
     """Share of the poses lost at random [-]."""
     outage_s: Duration = 0.0
