@@ -2,6 +2,7 @@
 
 from groundstation.runtime.entry import (
     COMPLETION,
+    DAY_S,
     Arguments,
     Exit,
     Groups,

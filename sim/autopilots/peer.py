@@ -198,22 +198,19 @@ class AutopilotPeer:
             self._hear(data)
 
     def _hear(self, data: bytes | None = None) -> None:
-        if self._loop is None:
-            return
-        try:
-            heard = self._unheard.popleft() if data is None else data
-            self._send(self._autopilot.receive(heard, self._loop.time()))
-        except Exception as error:  # noqa: BLE001  # run() raises it
-            self._fail(error)
-        else:
-            self._schedule()
+        heard = self._unheard.popleft() if data is None else data
+        self._ask(lambda now_s: self._autopilot.receive(heard, now_s))
 
     def _wake(self) -> None:
+        self._timer_s = math.inf
+        self._ask(self._autopilot.poll)
+
+    def _ask(self, answer: Callable[[float], list[bytes]]) -> None:
+        """Send what the autopilot answers now, and wake it again when it is due."""
         if self._loop is None:
             return
-        self._timer_s = math.inf
         try:
-            self._send(self._autopilot.poll(self._loop.time()))
+            self._send(answer(self._loop.time()))
         except Exception as error:  # noqa: BLE001  # run() raises it
             self._fail(error)
         else:

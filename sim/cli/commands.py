@@ -166,7 +166,7 @@ def campaign(args: argparse.Namespace) -> Exit:
     if args.kernel is not None:
         print(notice("campaign.kernel"), file=sys.stderr)
     flyers: AbstractContextManager[Crew] = nullcontext(Local(here)) if args.cluster is None else Cluster(args.cluster)
-    with flyers as crew, ProgressBar("flying", args.flights, quiet=args.json, unit="flights") as progress:
+    with flyers as crew, ProgressBar("flights", args.flights, quiet=args.json) as progress:
         rows, flown = run(
             shared,
             range(args.first_seed, args.first_seed + args.flights),
@@ -297,7 +297,7 @@ def dev_reference(args: argparse.Namespace) -> Exit:
 
 def fly(args: argparse.Namespace) -> Exit:
     """Fly one scenario in virtual time."""
-    with ProgressBar("flying", quiet=args.json, unit="s", digits=1) as bar:
+    with ProgressBar("seconds flown", quiet=args.json) as bar:
         run = simulate(
             args.scenario,
             controller=args.controller,

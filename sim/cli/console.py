@@ -19,12 +19,9 @@ def typed_command() -> str:
 class ProgressBar:
     """A bar on stderr while a flight is flown, or many things are done; it is shown once it is known of how many."""
 
-    def __init__(
-        self, label: str, total: float | None = None, *, quiet: bool = False, unit: str | None = None, digits: int = 0
-    ) -> None:
-        """``quiet``, or with no terminal, nothing is shown; ``unit`` is what ``total`` counts in, None for things."""
+    def __init__(self, label: str, total: float | None = None, *, quiet: bool = False) -> None:
+        """``label`` is what ``total`` counts; ``quiet``, or with no terminal, nothing is shown."""
         self._label, self._total, self._quiet = label, total, quiet or not sys.stderr.isatty()
-        self._format = None if unit is None else f"{{task.completed:5.{digits}f}} of {{task.total:.0f}} {unit}"
         self._bar: Any = None
         self._done = 0.0
 
@@ -39,7 +36,7 @@ class ProgressBar:
         if self._quiet or self._total is None:
             return
         if self._bar is None:
-            self._bar = self._make_bar()
+            self._bar = _make_bar()
             self._bar.start()
             self._task = self._bar.add_task(self._label, total=self._total)
         self._bar.update(self._task, completed=min(done, self._total))
@@ -48,25 +45,17 @@ class ProgressBar:
         """One more is done."""
         self.at(self._done + 1)
 
-    def _make_bar(self) -> Any:
-        from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn as Remaining,
-        )
-
-        columns = (
-            (TextColumn(self._format), TimeElapsedColumn()) if self._format else (MofNCompleteColumn(), Remaining())
-        )
-        return Progress(TextColumn(self._label), BarColumn(), *columns, console=Console(file=raw_stream(sys.stderr)))
-
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.stop()
+
+
+def _make_bar() -> Any:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    return Progress(*columns, console=Console(file=raw_stream(sys.stderr)))
 
 
 def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:

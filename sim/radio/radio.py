@@ -15,6 +15,7 @@ import errno
 import math
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -528,21 +529,15 @@ class RfPeer(asyncio.DatagramProtocol):
         loop.call_at(self._free_s + self._air_s, self._complete, data)
 
     def _complete(self, data: bytes) -> None:
-        loop = asyncio.get_running_loop()
-        try:
-            self.receiver.receive(data, loop.time())
-        except Exception as error:  # noqa: BLE001  # last() raises it
-            self._fail(error)
+        self._tell(partial(self.receiver.receive, data))
         if self._watch is not None:
             self._watch.cancel()
-        self._watch = loop.call_later(FAILSAFE_S, self._look)
+        self._watch = asyncio.get_running_loop().call_later(FAILSAFE_S, self._tell, self.receiver.watch)
 
-    def _look(self) -> None:
+    def _tell(self, take: Callable[[float], None]) -> None:
+        """Have the receiver take something now."""
         try:
-            self.receiver.watch(asyncio.get_running_loop().time())
+            take(asyncio.get_running_loop().time())
         except Exception as error:  # noqa: BLE001  # last() raises it
-            self._fail(error)
-
-    def _fail(self, error: Exception) -> None:
-        if self._end is not None and not self._end.done():
-            self._end.set_exception(error)
+            if self._end is not None and not self._end.done():
+                self._end.set_exception(error)

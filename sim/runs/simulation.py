@@ -26,6 +26,7 @@ from groundstation.flight import about
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.machine import write_whole
 from groundstation.recording import FlightLog, LineRecord, Record
+from groundstation.runtime import DAY_S
 from groundstation.settings import Config
 from sim.runs.flight import Result, fly
 from sim.scenarios import BETAFLIGHT, Scenario, choose, prepare, prepare_own
@@ -34,8 +35,6 @@ from sim.world import World
 
 DURATION_S = 60.0
 """Default duration of a flight [s]: what the figures of the scenarios are defined for."""
-LONGEST_S = 86400.0
-"""Largest duration of a flight [s]: one day. Chosen; a typing error must not fill the disk."""
 LEAST_JUDGED_S = STEADY_S + 1.0
 """Duration that a flight must exceed to be judged [s]: errors count from ``STEADY_S`` on."""
 T = TypeVar("T")
@@ -188,9 +187,9 @@ def check_duration(duration_s: object, above_s: float = 0.0) -> float:
     Raises:
         ConfigError: it is no number above ``above_s``, or more than a day.
     """
-    if not (isinstance(duration_s, Real) and above_s < float(duration_s) <= LONGEST_S):
+    if not (isinstance(duration_s, Real) and above_s < float(duration_s) <= DAY_S):
         id = "value.seconds" if above_s == 0.0 else "sim.judged_seconds"
-        raise ConfigError("--duration", notice(id, above=above_s, most=LONGEST_S, found=duration_s))
+        raise ConfigError("--duration", notice(id, above=above_s, most=DAY_S, found=duration_s))
     return float(duration_s)
 
 

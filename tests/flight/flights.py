@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import math
 import struct
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
@@ -27,6 +28,7 @@ from sim.studies.tune import SortieOutcome, tune
 from sim.studies.tune.tune import Sortie
 from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.flown_once import once
+from tests.loops import until
 
 __all__ = ["Certified", "ConfigError", "campaign_of", "flown", "flown_ideal", "median_of", "middle", "ticks_to"]
 
@@ -70,6 +72,41 @@ async def flying(flight: Flight, seconds: float) -> None:
     await sleep_until(flight.started_s + seconds)
 
 
+Act = Callable[[Flight, Stage], object]
+"""What happens in a flight at one instant."""
+
+
+async def nothing(_flight: Flight, _stage: Stage) -> None:
+    """Nothing happens beside the flight."""
+
+
+def after(seconds: float, act: Act) -> Script:
+    """``act`` once the reference has run for ``seconds``."""
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await flying(flight, seconds)
+        act(flight, stage)
+
+    return script
+
+
+def in_state(state: State, act: Act, after_s: float = 0.3) -> Script:
+    """``act`` as ``state`` has lasted ``after_s`` [s]."""
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await until(lambda: flight.state is state)
+        await asyncio.sleep(after_s)
+        act(flight, stage)
+
+    return script
+
+
+def cover_cameras(_: Flight, stage: Stage) -> None:
+    """No pose leaves any more."""
+    assert stage.mocap is not None
+    stage.mocap.cover(True)
+
+
 class SetPoint(NamedTuple):
     """A SET_ATTITUDE_TARGET that left."""
 
@@ -97,6 +134,8 @@ class Wire:
         self.lines: list[str] = []
         self.state: State | None = None
         self.reason = ""
+        self.begun_s = math.inf
+        """When the reference began to run [s]."""
         self.stage: Stage
 
     @property
@@ -137,6 +176,7 @@ def fly_beside(
             with contextlib.suppress(UserCodeFault):
                 await flight.run()
             wire.state, wire.reason = flight.state, flight.snapshot().reason
+            wire.begun_s = math.inf if flight.started_s is None else flight.started_s
             await asyncio.sleep(5.0)
         beside.cancel()
         await asyncio.gather(beside, return_exceptions=True)

@@ -17,7 +17,7 @@ from links.io import Sleep
 from sim.runs import Stage
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.flights import Wire, fly_beside, flying
+from tests.flight.flights import Wire, after, fly_beside, flying, nothing
 
 BREAKS = ("controller.kind=tests.e2e.misbehaving:make", "controller.fault=raise")
 
@@ -60,10 +60,6 @@ def fly(script: Script, *overrides: str, scenario: str = "paper", seed: int = 0,
         _, config = prepare(SCENARIOS[scenario], list(told))
         check(wire, config.vehicle.thrust_max_n)
     return wire
-
-
-async def nothing(_: Flight, __: Stage) -> None:
-    return
 
 
 @pytest.mark.parametrize("pace", ["period", "poses"])
@@ -118,27 +114,16 @@ def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same(monkeypat
     async def never(*_: Any) -> None:
         await asyncio.Event().wait()
 
-    async def script(flight: Flight, _: Stage) -> None:
-        await flying(flight, 2.0)
-        monkeypatch.setattr(Pacing, "next", never)
-
-    wire = fly(script)
+    wire = fly(after(2.0, lambda *_: monkeypatch.setattr(Pacing, "next", never)))
     assert wire.state is State.ABORTED
     assert wire.reason == "the controller hangs: the link has brought the vehicle down without it"
 
 
 def test_a_flight_ends_when_its_computer_wakes_from_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
-    woken: list[float] = []
-
-    async def script(flight: Flight, _: Stage) -> None:
-        await flying(flight, 2.0)
-        monkeypatch.setattr(Sleep, "slept_s", 600.0)
-        woken.append(asyncio.get_running_loop().time())
-
-    wire = fly(script)
+    wire = fly(after(2.0, lambda *_: monkeypatch.setattr(Sleep, "slept_s", 600.0)))
     assert wire.state is State.ABORTED
     assert wire.reason == "the sending computer slept for 600.0 s: arm again to fly"
-    assert wire.frames[-1][0] <= woken[0]
+    assert wire.frames[-1][0] <= wire.begun_s + 2.0 + 1e-6
 
 
 def test_a_flight_that_is_stopped_is_brought_down_and_cannot_be_hurried() -> None:
@@ -180,11 +165,7 @@ def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
 ) -> None:
     """They are read all at once afterwards, and a Vicon datagram does not tell how long it has waited."""
 
-    async def script(flight: Flight, _: Stage) -> None:
-        await flying(flight, 2.0)
-        monkeypatch.setattr(StallDetector, "detect_stale", lambda *_: True)
-
-    wire = fly(script)
+    wire = fly(after(2.0, lambda *_: monkeypatch.setattr(StallDetector, "detect_stale", lambda *_: True)))
     assert wire.state is State.ABORTED
     assert wire.reason.startswith("no pose for")
 

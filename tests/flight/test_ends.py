@@ -11,44 +11,32 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import Stage
 from sim.runs.flight import Script
-from tests.flight.flights import fly_beside, flying
+from tests.flight.flights import after, cover_cameras, fly_beside, flying, nothing
 
 OWN_POSES = ("pose.kind=mavlink",)
 
 
 def test_poses_that_stop_are_answered_by_a_bring_down_within_the_coast_limit_and_then_by_silence() -> None:
-    stopped: list[float] = []
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        await flying(flight, 5.0)
-        assert stage.mocap is not None
-        stage.mocap.cover(True)
-        stopped.append(asyncio.get_running_loop().time())
-
-    wire = fly_beside(script)
+    wire = fly_beside(after(5.0, cover_cameras))
+    stopped_s = wire.begun_s + 5.0
     assert wire.state is State.ABORTED
     assert "no pose for" in wire.reason
     assert "bring-down" in wire.reason
     last, final, _ = wire.frames[-1]
-    assert stopped[0] + 0.15 + 1.5 <= last <= stopped[0] + 0.25 + 2.0 + 1e-9
+    assert stopped_s + 0.15 + 1.5 <= last <= stopped_s + 0.25 + 2.0 + 1e-9
     assert final == 0.0
     # Nothing at all leaves afterwards, not even a heartbeat: the socket is closed.
-    assert max(t for t, _ in wire.sent) <= stopped[0] + 2.30
+    assert max(t for t, _ in wire.sent) <= stopped_s + 2.30
     touchdown = wire.stage.plant.floor.touchdown_m_s
     assert touchdown is not None and touchdown < 2.0
-
-
-async def nothing(_flight: Flight, _stage: Stage) -> None:
-    """Nothing happens beside the flight."""
 
 
 async def land_at_once(flight: Flight, _: Stage) -> None:
     flight.land("changed my mind")
 
 
-async def cover_cameras(_: Flight, stage: Stage) -> None:
-    assert stage.mocap is not None
-    stage.mocap.cover(True)
+async def see_nothing(flight: Flight, stage: Stage) -> None:
+    cover_cameras(flight, stage)
 
 
 async def know_no_position(_: Flight, stage: Stage) -> None:
@@ -77,7 +65,7 @@ async def refuse() -> bool:
         (nothing, (), {"confirm": refuse}, "did not confirm"),
         (land_at_once, (), {}, "changed my mind"),
         (
-            cover_cameras,
+            see_nothing,
             (),
             {},
             r"no pose within 5 s.*pose.kind = vicon \(pose.listen = 127.0.0.1:51001, pose.object = ",
@@ -117,17 +105,10 @@ def test_a_stream_of_garbage_beside_the_poses_changes_nothing_but_the_counters()
 
 
 def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
-    when: list[float] = []
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        await flying(flight, 4.0)
-        stage.autopilot.armed = False
-        when.append(asyncio.get_running_loop().time())
-
-    wire = fly_beside(script)
+    wire = fly_beside(after(4.0, lambda _, stage: setattr(stage.autopilot, "armed", False)))
     assert wire.state is State.ABORTED
     assert "the vehicle is disarmed" in wire.reason
-    assert wire.frames[-1].time_s < when[0] + 1.0 + 0.5 + 0.1  # its next heartbeat, our next look
+    assert wire.frames[-1].time_s < wire.begun_s + 4.0 + 1.0 + 0.5 + 0.1  # its next heartbeat, our next look
 
 
 def test_an_autopilot_that_disarms_by_itself_on_the_floor_has_landed_us() -> None:
@@ -161,26 +142,15 @@ def test_an_autopilot_that_goes_silent_and_hears_us_still_is_landed() -> None:
 
 
 def test_an_autopilot_that_neither_hears_nor_is_heard_ends_the_commands() -> None:
-    when: list[float] = []
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        await flying(flight, 4.0)
-        stage.peer.cut(True)
-        when.append(asyncio.get_running_loop().time())
-
-    wire = fly_beside(script)
+    wire = fly_beside(after(4.0, lambda _, stage: stage.peer.cut(True)))
     assert wire.state is State.ABORTED
     assert "the link is lost" in wire.reason
     lifts = [frame.time_s for frame in wire.frames if frame.thrust > 0.0]
-    assert max(lifts) < when[0] + 8.0  # its heartbeat missed, and the landing that the poses show
+    assert max(lifts) < wire.begun_s + 4.0 + 8.0  # its heartbeat missed, and the landing that the poses show
 
 
 def test_a_request_to_land_ends_softly_on_the_floor_and_disarmed_and_frames_leave_every_22_5_ms() -> None:
-    async def script(flight: Flight, _: Stage) -> None:
-        await flying(flight, 6.0)
-        flight.land("enough")
-
-    wire = fly_beside(script)
+    wire = fly_beside(after(6.0, lambda flight, _: flight.land("enough")))
     assert wire.state is State.LANDED
     assert not wire.stage.autopilot.armed
     touchdown = wire.stage.plant.floor.touchdown_m_s

@@ -14,7 +14,7 @@ from sim.autopilots import Px4Autopilot
 from sim.autopilots.dialects import Px4Mode
 from sim.runs import MissionResult, Stage
 from sim.runs.flight import Script
-from tests.flight.flights import SHORT, mission as fly
+from tests.flight.flights import SHORT, in_state, mission as fly, nothing
 from tests.loops import until
 
 Wrong = Callable[[Vec3, Quat], tuple[Vec3, Quat]]
@@ -152,10 +152,6 @@ def test_who_takes_over_between_two_heartbeats_keeps_it_although_the_vehicle_the
         assert states(flown)[-1] == "handed_over"
 
 
-async def nothing(_flight: Flight, _stage: Stage) -> None:
-    """Nothing happens beside the flight."""
-
-
 GUST = "sim.wind_step_time_s=12.0"
 
 
@@ -174,11 +170,8 @@ def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
 def test_a_hold_at_full_thrust_lands_though_tones_are_flown_in_it() -> None:
     """A wind down of 8 m/s² asks for a little more than the vehicle has."""
 
-    async def hold_down(flight: Flight, stage: Stage) -> None:
-        await until(lambda: flight.state is State.HOLD)
-        stage.plant.pull = lambda body: (0.0, 0.0, 8.0)
-
-    flown = mission(hold_down, "guards.error_m=50.0", "guards.speed_m_s=50.0", "vehicle.hover_range=[0.5, 1.9]")
+    push_down = in_state(State.HOLD, lambda _, stage: setattr(stage.plant, "pull", lambda body: (0.0, 0.0, 8.0)), 0.0)
+    flown = mission(push_down, "guards.error_m=50.0", "guards.speed_m_s=50.0", "vehicle.hover_range=[0.5, 1.9]")
     assert "thrust at its limit" in flown.fault
 
 

@@ -17,22 +17,16 @@ from sim.autopilots import Px4Autopilot
 from sim.runs import MissionResult, Stage, from_floor
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.flights import SHORT, mission
+from tests.flight.flights import SHORT, in_state, mission, nothing
 from tests.loops import until
 from tests.recordings import record_mission
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
 
 
-def in_state(state: State, ask: Ask, after_s: float = 0.3) -> Script:
+def asking(state: State, ask: Ask, after_s: float = 0.3) -> Script:
     """Ask as ``state`` has lasted ``after_s``."""
-
-    async def script(flight: Flight, _: Stage) -> None:
-        await until(lambda: flight.state is state)
-        await asyncio.sleep(after_s)
-        flight.ask(Request(ask, "the test"))
-
-    return script
+    return in_state(state, lambda flight, _: flight.ask(Request(ask, "the test")), after_s)
 
 
 @pytest.mark.tried(1)  # airs
@@ -109,7 +103,7 @@ def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(
     assert "Compass Sensor 0 missing" in flown.why
 
 
-@pytest.mark.parametrize("script", [None, in_state(State.HOLD, Ask.HOLD)], ids=["by itself", "told to hold"])
+@pytest.mark.parametrize("script", [None, asking(State.HOLD, Ask.HOLD)], ids=["by itself", "told to hold"])
 def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_again(script: Script | None) -> None:
     flown = mission("paper", *SHORT, "sim.thrust_gain=1.6", script=script)
     assert not flown.landed
@@ -153,7 +147,7 @@ def test_landing_and_the_failsafe_descent_come_down_softly_from_every_state(
     ask: Ask, scenario: str, state: State
 ) -> None:
     after_s, limit_m_s = (0.3, 0.5) if ask is Ask.LAND else (0.9, 1.0)
-    flown = mission(scenario, *SHORT, script=in_state(state, ask, after_s))
+    flown = mission(scenario, *SHORT, script=asking(state, ask, after_s))
     assert flown.states[-1].state == "landed", flown.why
     assert flown.touchdown_m_s is None or flown.touchdown_m_s < limit_m_s
     assert flown.tilt_max_deg < 45.0
@@ -186,7 +180,7 @@ ABORTED = [State.CONNECTING, State.ARMING, State.TAKEOFF, State.TRACKING, State.
 )
 def test_abort_and_kill_end_every_state_with_the_motors_off(ask: Ask, end: State, state: State) -> None:
     after_s = 0.0 if state in (State.CONNECTING, State.DISARMING) else 0.2
-    flown, stage = mission_on_stage(*SHORT, script=in_state(state, ask, after_s))
+    flown, stage = mission_on_stage(*SHORT, script=asking(state, ask, after_s))
     assert flown.states[-1].state == end
     assert not flown.landed
     assert stage.plant._body.thrust < 0.05
@@ -209,7 +203,7 @@ def test_an_autopilot_that_lands_by_itself_after_an_abort_can_still_be_killed(au
     replies: list[Reply] = []
 
     async def script(flight: Flight, stage: Stage) -> None:
-        await in_state(State.HOLD, Ask.ABORT)(flight, stage)
+        await asking(State.HOLD, Ask.ABORT)(flight, stage)
         await asyncio.sleep(0.5)
         thrusts_n.append(stage.plant.truth(asyncio.get_running_loop().time()).thrust_n)
         replies.append(flight.ask(Request(Ask.KILL, "the test")))
@@ -222,10 +216,6 @@ def test_an_autopilot_that_lands_by_itself_after_an_abort_can_still_be_killed(au
     landing, killed = thrusts_n
     assert landing > 0.5
     assert killed < 0.05
-
-
-async def nothing(_flight: Flight, _stage: Stage) -> None:
-    """Nothing happens beside the mission."""
 
 
 def test_motors_that_an_autopilot_will_not_stop_on_the_floor_are_stopped_by_force(
@@ -253,14 +243,14 @@ def test_a_way_down_that_does_not_end_is_ended() -> None:
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_program_stays_until_an_autopilot_that_lands_by_itself_has_stopped_its_motors(autopilot: str) -> None:
-    abort = in_state(State.HOLD, Ask.ABORT)
+    abort = asking(State.HOLD, Ask.ABORT)
     _, stage = mission_on_stage(*SHORT, "sim.own_estimate=true", script=abort, autopilot=autopilot)
     assert stage.plant._body.thrust < 0.05
 
 
 def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
     async def script(flight: Flight, _: Stage) -> None:
-        await in_state(State.TRACKING, Ask.HOLD, 1.0)(flight, _)
+        await asking(State.TRACKING, Ask.HOLD, 1.0)(flight, _)
         assert not flight.ask(Request(Ask.ARM, "out of place")).done
         await asyncio.sleep(5.0)
         assert flight.state is State.HOLD
@@ -279,7 +269,7 @@ def test_a_mission_that_ends_in_the_failsafe_descent_is_flown_again_from_its_rec
 ) -> None:
     """One that lands: test_moves.py."""
     world, config = from_floor(*prepare(SCENARIOS["adverse"], list(SHORT)), 5.0)
-    _, path = record_mission(tmp_path, world, config, in_state(State.TRACKING, Ask.DESCEND, 1.0), "adverse")
+    _, path = record_mission(tmp_path, world, config, asking(State.TRACKING, Ask.DESCEND, 1.0), "adverse")
     facts = replay_facts(path)
     assert facts["first_difference"] is None
     assert facts["commands"] > 200
