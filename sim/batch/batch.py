@@ -697,7 +697,7 @@ def require_batchable(world: World, config: Config) -> None:
                 raise ConfigError(f"{section}.{name}", notice("batch.delay"))
     if world.tunnel != STILL:
         raise ConfigError("sim.tunnel", notice("batch.tunnel"))
-    for name in ("occlusion_s", "swap_s", "tracker_yaw_deg"):
+    for name in ("occlusion_s", "swap_s", "tracker_yaw_deg", "estimate_wander_m", "estimate_yaw_step_deg"):
         if getattr(world, name) != 0.0:
             raise ConfigError(f"sim.{name}", notice("batch.cameras"))
 

@@ -148,6 +148,7 @@ RIGHT = "the cameras of a batch make no such mistake"
         *((f"--set sim.{key}=0.01", f"sim.{key}: {AT_ONCE}") for key in ("command_delay_s", "thrust_delay_s")),
         ("rotors_mqx", "sim.plant: a batch flies no rotors"),
         *((f"--set sim.{key}=0.1", f"sim.{key}: {RIGHT}") for key in ("occlusion_s", "swap_s", "tracker_yaw_deg")),
+        *((f"--set sim.{key}=0.1", f"sim.{key}: {RIGHT}") for key in ("estimate_wander_m", "estimate_yaw_step_deg")),
     ],
 )
 def test_a_campaign_that_would_not_be_true_is_refused(words: str, complaint: str) -> None:

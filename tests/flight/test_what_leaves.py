@@ -31,7 +31,7 @@ from sim.runs import Stage, confirm_at, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World
-from tests.flight.flights import read_set_points, running
+from tests.flight.flights import cover_cameras, read_set_points, running
 from tests.loops import in_virtual_time, until
 
 Tap = Callable[[float, tuple[str, int], tuple[str, int], bytes], None]
@@ -138,18 +138,13 @@ def test_nothing_lifts_later_than_the_table_says(overrides: list[str], fresh_ms:
             left.extend((frame.time_s, frame.thrust) for frame in read_set_points([(time_s, data)]))
 
     # No pose is newer than the moment at which the cameras were covered.
-    *_, stamp_s = struck(world, config, tap, _poses_stop)
+    *_, stamp_s = struck(world, config, tap, cover_cameras)
     lifting = max(time_s for time_s, thrust in left if thrust > 0.0)
     latest = max(time_s for time_s, _ in left)
     period_s, rest_s = 0.0225, world.pose_latency_s + 1.0 / 50.0
     assert lifting <= stamp_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15
     assert latest <= stamp_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S
     assert latest > stamp_s - rest_s - period_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15, "it is played to its end"
-
-
-def _poses_stop(flight: Flight, stage: Stage) -> None:
-    assert stage.mocap is not None
-    stage.mocap.cover(True)
 
 
 def _controller_raises(flight: Flight, stage: Stage) -> None:
@@ -172,8 +167,8 @@ def _pacer_stops(flight: Flight, stage: Stage) -> None:
 @pytest.mark.parametrize(
     ("event", "link", "fresh_ms"),
     [
-        (_poses_stop, "dsm", 500.0),
-        (_poses_stop, "rf_bridge", 500.0),
+        (cover_cameras, "dsm", 500.0),
+        (cover_cameras, "rf_bridge", 500.0),
         (_controller_raises, "mavlink", 250.0),
         (_controller_raises, "dsm", 250.0),
         (_controller_raises, "rf_bridge", 250.0),
@@ -211,5 +206,5 @@ def test_what_is_owed_leaves_until_the_instant_that_the_table_has(event: Event, 
     latest = max(time_s for time_s, _ in left)
     if link == "mavlink":
         assert latest <= last.deadline_s + BRING_DOWN_LIMIT_S, "then it is silent"
-    elif event is _poses_stop:
+    elif event is cover_cameras:
         assert after, "disarm frames"
