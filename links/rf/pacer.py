@@ -168,8 +168,8 @@ REPORT_S = 0.2
 """Longest time between two reports [s]."""
 STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""
-REOPEN_S = 0.5
-"""Wait before a port that was lost, or could not be opened, is opened again [s]."""
+REOPEN_S = 0.1
+"""Wait before a port that was lost, or could not be opened, is opened again [s]: no frames leave meanwhile."""
 TELEMETRY_MAX_AGE_S = 5.0
 """Age after which a module's telemetry is dropped [s]."""
 ATTITUDE_LATENCY_S = 0.05

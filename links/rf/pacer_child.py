@@ -29,6 +29,9 @@ SPIN_S = 0.00012
 """Length of the busy wait before a frame [s]: about the time in which the kernel wakes a process up. Chosen;
 `groundstation-sim bench links` measures the lateness that comes of it."""
 
+MOST_ORDERS = 256
+"""Limit of the orders that are taken before a frame [-]: a flood of them must not delay it."""
+
 
 class LinuxFlag(IntFlag):
     """Flags of clock_nanosleep and of mlockall (Linux, <time.h> and <sys/mman.h>)."""
@@ -154,7 +157,7 @@ class Commander:
 
     def _obey(self, pacer: FramePacer, now_s: float) -> None:
         """Give the waiting orders to the pacer, or tell it that the commander is gone."""
-        while True:
+        for _ in range(MOST_ORDERS):
             try:
                 data = self._wire.recv(MESSAGE_BYTES)
             except BlockingIOError:
