@@ -38,7 +38,7 @@ def test_the_text_is_the_page_of_evidence_and_a_configuration_may_describe_the_v
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(None, "flight.tlog: No such file"), (b"", "flight.tlog: empty"), (b"hello " * 40, "a .tlog?")],
+    [(None, "flight.tlog: No such file"), (b"", "flight.tlog: empty"), (b"hello " * 40, "is it a .tlog")],
     ids=["missing", "empty", "no recording"],
 )
 def test_a_file_that_can_not_be_replayed_is_named_in_one_line(

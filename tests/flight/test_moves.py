@@ -82,7 +82,7 @@ def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> No
 
 
 CAN_NOT_BE_HELD_AT = (
-    ([Waypoint(3.0, 0.0, 0.0)], "point 1 of 1, [3.0, 0.0, 0.0], is on the fence itself"),
+    ([Waypoint(3.0, 0.0, 0.0)], "point 1 of 1, [3.0, 0.0, 0.0], is 0.00 m outside the fence"),
     ([Waypoint(3.5, 0.0, 0.0)], "point 1 of 1, [3.5, 0.0, 0.0], is 0.50 m outside the fence"),
     ([NEAR, Waypoint(0.0, 0.0, 0.9)], "point 2 of 2, [0.0, 0.0, 0.9], is 0.10 m above the floor"),
     ([Waypoint(0.0, 0.0, 2.0)], "is 1.00 m below the floor: it must be at least 0.3 m above it"),

@@ -56,7 +56,7 @@ class Clearance:
             side = "above" if height >= 0.0 else "below"
             return notice("goto.height", height_m=abs(height), side=side, limit_m=LEAST_HEIGHT_M)
         room = math.inf if self.fence is None else self.fence.room_m(place)
-        return None if room > 0.0 else notice("goto.outside", outside_m=-room)
+        return None if room > 0.0 else notice("goto.outside", outside_m=abs(room))
 
     def find_leg_obstacle(self, leg: Leg, now_s: float) -> Sentence | None:
         """Describe why ``leg`` must not be flown, braking included; None if it is free."""
