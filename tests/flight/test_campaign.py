@@ -103,6 +103,7 @@ def test_a_crash_is_worse_than_any_error(rows: list[CampaignRow]) -> None:
     assert "RMS error, worst        crashed" in text(facts)
 
 
+@pytest.mark.matrix  # the other tests of a campaign fly a few
 def test_forty_adverse_flights_stay_as_close_as_a_thousand() -> None:
     # The first of the thousand that `make soak` flies, and a third as long.
     facts = campaign_of(40, duration_s=20.0, workers=1)

@@ -206,8 +206,8 @@ def gust_in_hover(scenario: str, wind_m_s2: float) -> tuple[float, float]:
     return max(leans), max(moved)
 
 
-@pytest.mark.tried(2)  # the weakest and the strongest
-@pytest.mark.parametrize(("wind_m_s2", "aside_m"), [(1.0, 0.10), (2.0, 0.20), (4.0, 0.55)])
+@pytest.mark.tried(1)  # the strongest
+@pytest.mark.parametrize(("wind_m_s2", "aside_m"), [(4.0, 0.55), (2.0, 0.20), (1.0, 0.10)])
 def test_a_take_off_in_wind_is_no_rougher_than_a_gust_of_that_wind_is_in_hover(
     wind_m_s2: float, aside_m: float
 ) -> None:

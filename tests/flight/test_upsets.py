@@ -77,6 +77,7 @@ def test_drawn_starts_are_within_their_bounds_and_repeat() -> None:
     assert drawn[7] == draw_start(world, reference, 7)
 
 
+@pytest.mark.tried(1)  # vehicles
 @pytest.mark.parametrize("scenario", upsets.VEHICLES)
 def test_ours_recovers_from_every_drawn_start(scenario: str) -> None:
     (row,) = fly_states(scenario, states=8, laws=["adaptive"])

@@ -163,6 +163,7 @@ def test_where_the_model_sides_with_the_poses_what_a_radio_tells_otherwise_convi
     assert told.mission is not None and told.mission.landed
 
 
+@pytest.mark.tried(1)  # links
 @pytest.mark.parametrize(("link", "sets"), [("mavlink", ()), ("crsf", TOLD_BY_RADIO)])
 def test_a_tilt_that_is_askew_in_flight_is_told_and_ends_nothing(link: str, sets: tuple[str, ...]) -> None:
     """A tracked body that is knocked by 9°: the law flies on, as the model finds no more than wind in it."""
