@@ -105,7 +105,7 @@ class Stage:
         return [request.ask for request in self.core.asked]
 
     def server(self, rate_hz: float = 50.0) -> Server:
-        """What serves it."""
+        """Server of the station's socket."""
         config = StatusConfig(path=str(self.path), rate_hz=rate_hz)
         log = self.log
         return Server(

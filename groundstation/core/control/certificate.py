@@ -213,8 +213,9 @@ def terms(
 LASTING_S = 0.5
 """Duration of a condition that is reported [s]: an outage of the poses, or a gust's front, is shorter."""
 PINNED_S = 1.0
-"""Duration of commands at their limit that is reported, and time constant of the share of such commands [s]: at the
-begin of a climb of 1 m, commands are at their limit for less."""
+"""Duration of commands at their limit that is reported [s]: a climb of 1 m takes less."""
+SUSPENDED_MEAN_S = 1.0
+"""Time constant of the share of commands at which the bound is suspended [s]; above one half it is reported."""
 REST_S = 5.0
 """Time after its end within which a condition is not reported again [s]."""
 
@@ -357,14 +358,14 @@ class SuspensionWatch:
 
     def __init__(self, mass_kg: float) -> None:
         self.share = 0.0
-        """The share, with a memory of ``PINNED_S`` [-]."""
+        """The share, with a memory of ``SUSPENDED_MEAN_S`` [-]."""
         self._sources, self._limited = EnergySources(mass_kg), Lasting(PINNED_S)
 
     def update(self, frame: Frame, measure: LyapunovMeasure, *, pinned: bool) -> Sentence | None:
         """Take one frame; ``pinned``: the thrust at its limit is reported already."""
         last, dt = frame.last, frame.dt
         share = self.share
-        share += dt / (dt + PINNED_S) * (float(last.decision.saturated) - share)
+        share += dt / (dt + SUSPENDED_MEAN_S) * (float(last.decision.saturated) - share)
         self.share = share if share > 0.01 else 0.0
         if share <= 0.5 or measure.law is None:
             self._limited.end(last.time_s)
@@ -446,8 +447,8 @@ class CertificateMonitor:
             found.append(self._suspension.update(frame, bound, pinned=self._thrust.for_s >= LASTING_S))
         bx, by, bz = now.decision.diagnostics.b_hat
         b2 = bx * bx + by * by + bz * bz
-        found += [self._check_disturbance(math.sqrt(b2), last.time_s, dt)]
-        found += [self._check_thrust(now.decision.drive.thrust, last.time_s, dt)]
+        found.append(self._check_disturbance(math.sqrt(b2), last.time_s, dt))
+        found.append(self._check_thrust(now.decision.drive.thrust, last.time_s, dt))
         return tuple(one for one in found if one is not None)
 
     def _check_disturbance(self, length: float, last_s: float, dt: float) -> Sentence | None:

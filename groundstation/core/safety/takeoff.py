@@ -326,8 +326,7 @@ STEP_M = 0.03
 """Largest horizontal distance from one pose to the next, noise and wind apart [m]: poses that change to another body's
 jump by more than the size of the smallest vehicle."""
 WIND_M_S2 = 5.0
-"""Largest horizontal acceleration by wind while thrust relieves the floor [m/s²]: half of g, a hard gust (a front of
-`gust_front` has 8)."""
+"""Largest horizontal acceleration by wind while thrust relieves the floor [m/s²]: half of g. Chosen."""
 LIGHT_S = 0.2
 """Time before the end of ``spool_s`` at which that wind begins to count [s]: at its default, thrust is half of the
 weight then."""

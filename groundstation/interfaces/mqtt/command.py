@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 
 LIFE_MS = 4000
 """Validity of a request, and the longest wait for its answer [ms]."""
+SESSIONS_TRIED = 2
+"""Sessions that one request is sealed for [-]: the retained one may be of a station that has ended."""
 AGAIN_S = 0.3
 """A kill that is not answered is published again so often, the same, and obeyed once [s]."""
 
@@ -129,7 +131,11 @@ class _Asking:
                 match str(message.topic).removeprefix(root):
                     case STATE.name:
                         self._state = message.payload.decode(errors="replace")
-                    case SESSION.name if message.payload and message.payload not in self._sessions:
+                    case SESSION.name if (
+                        message.payload
+                        and message.payload not in self._sessions
+                        and len(self._sessions) < SESSIONS_TRIED
+                    ):
                         self._sessions.add(message.payload)
                         await self._send(connection, root + REQUEST.name, message.payload)
                     case ANSWER.name:

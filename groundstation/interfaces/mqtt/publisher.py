@@ -53,6 +53,9 @@ if TYPE_CHECKING:
 PAUSE_S = 1.0
 """Pause in reading after a flood of messages [s]: a kill is repeated for 4 s."""
 
+ANSWERS_KEPT = 16
+"""Limit of the answers that wait for a slow broker [-]; no request waits for them."""
+
 Put = Callable[["aiomqtt.Client", Topic, bytes], Awaitable[None]]
 """Publishes to a topic."""
 
@@ -106,8 +109,7 @@ class RequestListener:
         self.counts = self._gate.counts
         """Number of requests by result."""
         self._session = ""
-        self._answers: deque[bytes] = deque()
-        """Answers that wait for a slow broker; no request waits for them."""
+        self._answers: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
         self._more = asyncio.Event()
 
     def session_message(self) -> bytes:
