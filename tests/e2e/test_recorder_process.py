@@ -8,9 +8,9 @@ import re
 import resource
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
-from statistics import median
 
 import msgspec
 import pytest
@@ -19,7 +19,7 @@ from groundstation.__main__ import main
 from groundstation.core.messages import Pose, Sentence, Tick, TickRecord
 from groundstation.core.pilot import Pilot
 from groundstation.flight import about, recorder
-from groundstation.machine import IdleSlots, RecordingConfig
+from groundstation.machine import NICE, IdleSlots, RecordingConfig
 from groundstation.pose import TlogReader
 from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord
 from groundstation.recording.process import BACKLOG_BYTES
@@ -45,6 +45,20 @@ def times(path: Path, topic: str = "/command") -> list[float]:
     return [entry.value()["time_s"] for entry in Recording(path).entries((topic,))]
 
 
+BESIDE = f"""
+import os, select, time
+os.nice({NICE})
+os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+longest, last = 0.0, time.monotonic()
+while not select.select([0], [], [], 0.01)[0]:
+    now = time.monotonic()
+    longest, last = max(longest, now - last), now
+print(longest)
+"""
+"""A program that stands back as a recorder does and wakes up every 10 ms; at the end of its input it tells the longest
+time that it was kept waiting for [s]."""
+
+
 async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, list[float]]]:
     """Record at 100 Hz to as many recorders at once, and kill each so long after it has begun [s].
 
@@ -54,11 +68,11 @@ async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, lis
 
     async def one(after_s: float, own: Path) -> tuple[float, list[float]]:
         process = RecorderProcess(RecordingConfig(folder=str(own)), about(Config()), lambda *_: None)
+        while not any(path.stat().st_size for path in own.glob("*.mcap")):  # noqa: ASYNC240  # a glance
+            await asyncio.sleep(0.01)
         handed: list[float] = []
-        begun = None
-        while begun is None or loop.time() < begun + after_s:
-            if begun is None and any(path.stat().st_size for path in own.glob("*.mcap")):  # noqa: ASYNC240  # a glance
-                begun = loop.time()
+        begun = loop.time()
+        while loop.time() < begun + after_s:
             handed.append(loop.time())
             process.give(ReceivedRecord(handed[-1], 0, 0, ("127.0.0.1", 1), b"x" * 90))
             process.give(TickRecord(tick._replace(time_s=handed[-1])))
@@ -72,25 +86,26 @@ async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, lis
 
 
 @pytest.mark.tried(1)  # ten of the fifty moments
-@pytest.mark.parametrize("batches", [1, 5])
+@pytest.mark.parametrize("batches", [2, 10])
 def test_a_kill_at_any_moment_leaves_a_recording_of_all_but_the_last_quarter_of_a_second(
     tmp_path: Path, batches: int
 ) -> None:
     luck = random.Random(7)
-    lost_s, late_s = [], 0.0
     for batch in range(batches):
         folder = tmp_path / str(batch)
-        results = asyncio.run(killed_at([luck.uniform(0.0, 1.0) for _ in range(10)], folder))
+        lost_s, late_s = [], []
+        beside = subprocess.Popen([sys.executable, "-c", BESIDE], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        results = asyncio.run(killed_at([luck.uniform(0.0, 2.0) for _ in range(5)], folder))
+        waited_s = float(beside.communicate()[0])
         for number, (killed, handed) in enumerate(results):
             path = the_recording(folder / str(number))
             assert len(Recording(path).about["config"]) > 1000
             found = times(path)
             assert found == handed[: len(found)]
             lost_s.append(killed - (found[-1] if found else handed[0]))
-            late_s = max(late_s, *(b - a for a, b in zip(handed, handed[1:], strict=False)), 0.01)
-    # Ten recorders at once keep a busy machine from being on time, and this program, whose steps are of 10 ms, as well.
-    assert median(lost_s) < 0.25
-    assert max(lost_s) < 0.25 + 20.0 * late_s, "one that is late by seconds has not written"
+            late_s += [b - a for a, b in zip(handed, handed[1:], strict=False)]
+        # A busy machine keeps them and this program waiting: a recorder for its input, its encoding and its writing.
+        assert max(lost_s) < 0.25 + 3.0 * max(waited_s, *late_s), (lost_s, waited_s, max(late_s))
 
 
 async def recording_in(folder: Path) -> None:
