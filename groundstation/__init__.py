@@ -2,17 +2,23 @@
 
 For scripts and notebooks (docs/reference/python.md):
 
-    simulate            fly one scenario in virtual time, with a controller or trajectory of your own; gives a Run
-    compare             fly several controllers through the same scenarios; gives a ControllerComparison
-    error_budget        fly a recorded flight again without each source of its error; gives an ErrorBudget
+    simulate            fly one scenario in virtual time, with a controller or trajectory of your
+                        own; gives a Run
+    compare             fly several controllers through the same scenarios; gives a
+                        ControllerComparison
+    error_budget        fly a recorded flight again without each source of its error; gives an
+                        ErrorBudget
     load                read a recorded flight: a FlightData of arrays, tables and pictures
-    ask_station         ask a vehicle that is being flown here, as `groundstation request` does: a Request, with its Ask
+    ask_station         ask a vehicle that is being flown here, as `groundstation request` does: a
+                        Request, with its Ask
                         and for goto its Waypoints; gives an OrderAnswer
 
-What a controller of your own asks for (docs/how-to/own-controller.md), each loaded when it is asked for:
+What a controller of your own asks for (docs/how-to/own-controller.md), each loaded when it is asked
+for:
 
     Controller          the port: decide(estimate, reference, interval_s) -> Decision
-    Estimate            the vehicle when the command will act, with the disturbance that the observer sees
+    Estimate            the vehicle when the command will act, with the disturbance that the
+                        observer sees
     Motion              its position, velocity, attitude, thrust and body rates in an estimate
     Reference           where the vehicle should be at that instant, with exact derivatives
     Decision            the command, whether it was clamped, and what screens show of it
@@ -20,22 +26,27 @@ What a controller of your own asks for (docs/how-to/own-controller.md), each loa
     Diagnostics         what a control law says about itself at one step
     Vehicle             what the controller is told of the vehicle: mass, limits, lags
     make_decision       a Decision of thrust and body rates, within the vehicle's limits
-    clamp_command       an ActuatorCommand within the vehicle's limits, and whether it had to be clamped
-    push                the push that a wanted acceleration asks of the rotors, tilted no further than a limit
+    clamp_command       an ActuatorCommand within the vehicle's limits, and whether it had to be
+                        clamped
+    push                the push that a wanted acceleration asks of the rotors, tilted no further
+                        than a limit
     sine_error          the turn that brings the thrust along a push, as the sine of its angle
     half_angle_error    the same, as twice the sine of half the angle
     turning             the body rates at which the direction of a changing push turns
     UserCodeFault       what a flight ends in where code of your own fails
     ConfigError         what is raised for a wrong name, key or value
     ApiError            what is raised where no station answers to ask_station
-    Baseline, InnerLoop heading, limits and lags: from a wanted push and turn to a Decision, as the baselines do it
+    Baseline, InnerLoop heading, limits and lags: from a wanted push and turn to a Decision, as the
+    baselines do it
 """
 
 from groundstation.runtime.version import __version__ as __version__
 
 TYPE_CHECKING = False
 # Each as itself, as type checkers take no other name for one that is handed on.
-if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to what stands above what
+if (
+    TYPE_CHECKING
+):  # what stands in sim is handed on, too: the one exception to what stands above what
     from groundstation.analysis.recordings import FlightData as FlightData, load as load
     from groundstation.config.errors import ConfigError as ConfigError
     from groundstation.config.user_code import UserCodeFault as UserCodeFault
@@ -68,7 +79,10 @@ if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to 
     from groundstation.machine.register import ApiError as ApiError
     from sim.runs.simulation import Run as Run, simulate as simulate
     from sim.studies.budget import ErrorBudget as ErrorBudget, error_budget as error_budget
-    from sim.studies.comparison import ControllerComparison as ControllerComparison, compare as compare
+    from sim.studies.comparison import (
+        ControllerComparison as ControllerComparison,
+        compare as compare,
+    )
 
 _MODULES = {
     "FlightData": "groundstation.analysis.recordings",

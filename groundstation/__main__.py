@@ -25,29 +25,37 @@ RECORDING_HELP = "a file, or a name that `logs` lists (default: the newest)"
 CONFIG: Arguments = {
     "config": {"type": path, "metavar": "CONFIG.toml"},
     "--set": {
-        "action": "append", "default": [], "dest": "overrides", "metavar": "KEY=VALUE", "help": "override one key",
+        "action": "append", "default": [], "dest": "overrides", "metavar": "KEY=VALUE",
+        "help": "override one key",
     },
 }  # fmt: skip
-OPTIONAL_CONFIG: Arguments = {**CONFIG, "config": {"type": path, "nargs": "?", "metavar": "CONFIG.toml"}}
+OPTIONAL_CONFIG: Arguments = {
+    **CONFIG,
+    "config": {"type": path, "nargs": "?", "metavar": "CONFIG.toml"},
+}
 REHEARSE: Arguments = {
     "--rehearse": {
         "action": "store_true",
-        "help": "nothing real: every address is turned to what `groundstation-sim serve --config` of the same file "
-        "plays",
-    },
+        "help": "nothing real: every address is turned to what `groundstation-sim serve --config` "
+        "of the same file plays",
+    }
 }
 ARM: Arguments = {
     "--arm": {
         "metavar": "VEHICLE_NAME",
-        "help": "arm this vehicle without asking; it must be the name in the config. THIS MOVES THE VEHICLE",
-    },
+        "help": "arm this vehicle without asking; it must be the name in the config. THIS MOVES "
+        "THE VEHICLE",
+    }
 }
-THEME: Arguments = {"--theme": {"choices": ["dark", "light", "contrast"], "default": "dark", "help": "its colours"}}
+THEME: Arguments = {
+    "--theme": {"choices": ["dark", "light", "contrast"], "default": "dark", "help": "its colours"}
+}
 SOCKET: Arguments = {
-    "--socket": {"type": path, "metavar": "PATH", "help": "its status socket, if not the usual one"},
+    "--socket": {"type": path, "metavar": "PATH", "help": "its status socket, if not the usual one"}
 }
 BROKER: Arguments = {
-    "--ca": {"type": path, "metavar": "FILE", "help": "the authority that the broker's certificate is from"},
+    "--ca": {"type": path, "metavar": "FILE", "help": "the authority that the broker's "
+    "certificate is from"},
     "--user": {"default": "", "metavar": "NAME", "help": "name to log in with at the broker"},
     "--password-file": {
         "type": path, "metavar": "FILE", "help": "its first line is the password; mode 0600",
@@ -55,7 +63,12 @@ BROKER: Arguments = {
 }  # fmt: skip
 RADIO: Arguments = {
     **CONFIG,
-    "--seconds": {"type": seconds, "default": 10.0, "metavar": "S", "help": "for how long (default 10)"},
+    "--seconds": {
+        "type": seconds,
+        "default": 10.0,
+        "metavar": "S",
+        "help": "for how long (default 10)",
+    },
 }
 
 
@@ -77,7 +90,8 @@ FLY: Arguments = {
     **CONFIG,
     **REHEARSE,
     **ARM,
-    "--tui": {"action": "store_true", "help": "fly in a process of its own, and steer it from the dashboard"},
+    "--tui": {"action": "store_true", "help": "fly in a process of its own, and steer it from "
+    "the dashboard"},
     **THEME,
 }  # fmt: skip
 DAEMON: Arguments = {
@@ -85,31 +99,60 @@ DAEMON: Arguments = {
     **REHEARSE,
     **ARM,
     "--once": {"action": "store_true", "help": "end with the first flight"},
-    "--log-format": {"choices": ["text", "logfmt", "json"], "default": "text", "help": "default: text"},
+    "--log-format": {
+        "choices": ["text", "logfmt", "json"],
+        "default": "text",
+        "help": "default: text",
+    },
 }
 DAEMON_UNIT: Arguments = {
     **CONFIG,
-    "--user": {"default": "groundstation", "metavar": "NAME", "help": "as whom it runs (groundstation)"},
+    "--user": {
+        "default": "groundstation",
+        "metavar": "NAME",
+        "help": "as whom it runs (groundstation)",
+    },
 }
-DAEMON_HEALTH: Arguments = {**_vehicle("not needed where only one is served here"), **SOCKET, **_json("a line")}
+DAEMON_HEALTH: Arguments = {
+    **_vehicle("not needed where only one is served here"),
+    **SOCKET,
+    **_json("a line"),
+}
 FLEET: Arguments = {
     "fleet": {"type": path, "metavar": "FLEET.toml"},
     "--arm": {
         "action": "append",
         "default": [],
         "metavar": "NAME",
-        "help": "arm this vehicle without asking; may be repeated. The others wait for `groundstation request arm`. "
-        "THIS MOVES THE VEHICLE",
+        "help": "arm this vehicle without asking; may be repeated. The others wait for "
+        "`groundstation request arm`. THIS MOVES THE VEHICLE",
     },
-    "--set": {"action": "append", "default": [], "dest": "overrides", "metavar": "KEY=VALUE", "help": "for all"},
-    "--show": {"metavar": "NAME", "help": "print the configuration of this vehicle's core, and end"},
+    "--set": {
+        "action": "append",
+        "default": [],
+        "dest": "overrides",
+        "metavar": "KEY=VALUE",
+        "help": "for all",
+    },
+    "--show": {
+        "metavar": "NAME",
+        "help": "print the configuration of this vehicle's core, and end",
+    },
     **REHEARSE,
 }
 FLEET_RELAY: Arguments = {
     "listen": {"metavar": "HOST:PORT", "help": "where the tracker sends to"},
-    "--to": {"action": "append", "required": True, "metavar": "HOST:PORT", "help": "a core; may be repeated"},
+    "--to": {
+        "action": "append",
+        "required": True,
+        "metavar": "HOST:PORT",
+        "help": "a core; may be repeated",
+    },
     "--group": {"metavar": "ADDRESS", "help": "multicast group to join"},
-    "--interface": {"metavar": "ADDRESS", "help": "this machine's own address in the group's network"},
+    "--interface": {
+        "metavar": "ADDRESS",
+        "help": "this machine's own address in the group's network",
+    },
     "--until-eof": {"action": "store_true", "help": "end when standard input does"},
 }
 DOCTOR: Arguments = {
@@ -121,37 +164,50 @@ DOCTOR: Arguments = {
         "metavar": "NAME[=VALUE]",
         "help": "set one parameter, to the recommended value without VALUE; may be repeated",
     },
-    "--restore": {"type": path, "metavar": "FILE", "help": "put back the old value that --fix has kept"},
+    "--restore": {"type": path, "metavar": "FILE", "help": "put back the old value that --fix "
+    "has kept"},
     "--board": {
-        "metavar": "PORT", "help": "own port of a Betaflight behind a receiver: a serial port, or HOST:PORT",
+        "metavar": "PORT", "help": "own port of a Betaflight behind a receiver: a serial port, or "
+        "HOST:PORT",
     },
     "--yes": {"action": "store_true", "help": "do not ask before setting it"},
     **_json("the table"),
 }  # fmt: skip
 RADIO_BRIDGE: Arguments = {
     **OPTIONAL_CONFIG,
-    "--make-key": {"type": path, "metavar": "FILE", "help": "write a new key for both computers, and end"},
+    "--make-key": {
+        "type": path,
+        "metavar": "FILE",
+        "help": "write a new key for both computers, and end",
+    },
 }
 TUI: Arguments = {
     **_recording("log", words="play this recording"),
     **_vehicle("name of the vehicle in its config; without it, the one that runs"),
     **SOCKET,
     "--read-only": {"action": "store_true", "help": "nothing can be ordered from this screen"},
-    "--at": {"type": float, "metavar": "S", "help": "begin so many seconds after the recording's start"},
+    "--at": {"type": float, "metavar": "S", "help": "begin so many seconds after the recording's "
+    "start"},
     **THEME,
-    "--fleet": {"metavar": "URL", "help": "all vehicles at this broker: mqtts://[USER@]HOST[:PORT][/PREFIX]"},
+    "--fleet": {"metavar": "URL", "help": "all vehicles at this broker: "
+    "mqtts://[USER@]HOST[:PORT][/PREFIX]"},
     **BROKER,
 }  # fmt: skip
 REQUEST: Arguments = {
     "ask": {
-        "choices": ["hold", "return", "track", "goto", "follow", "land", "descend", "abort", "kill", "arm"],
+        "choices": ["hold", "return", "track", "goto", "follow", "land", "descend", "abort",
+            "kill", "arm"],
         "metavar": "WHAT",
-        "help": "hold, return, track, land, descend; abort: commands stop; kill: motors off AT ONCE, also in the air; "
-        "arm: THIS MOVES THE VEHICLE, and --vehicle must name it; goto, follow: while it holds, to the points in WHERE",
+        "help":
+            "hold, return, track, land, descend; abort: commands stop; kill: motors off AT ONCE, "
+            "also in the air; arm: THIS MOVES THE VEHICLE, and --vehicle must name it; goto, "
+            "follow: while it holds, to the points in WHERE",
     },
     "where": {
         "nargs": "*", "default": [], "metavar": "WHERE",
-        "help": "of goto: NORTH EAST DOWN [m] and perhaps YAW [deg]; of follow: FILE.csv with a point a line",
+        "help":
+            "of goto: NORTH EAST DOWN [m] and perhaps YAW [deg]; of follow: FILE.csv with a point "
+            "a line",
     },
     **_vehicle("not needed where only one is flown here, but for arm"),
     **SOCKET,
@@ -167,14 +223,22 @@ REPLAY: Arguments = {
     "--config": {"type": path, "metavar": "FILE.toml"},
     **_json("the report"),
     "--trust-modules": {
-        "action": "store_true", "help": "import the controller's module that LOG names: its code runs here",
+        "action": "store_true", "help": "import the controller's module that LOG names: its code "
+        "runs here",
     },
 }  # fmt: skip
 LOGS: Arguments = {
     **OPTIONAL_CONFIG,
     "config": {"type": path, "nargs": "?", "metavar": "CONFIG.toml|DIR"},
-    "--folder": {"type": path, "metavar": "DIR", "help": "list these instead of recording.folder; as DIR alone"},
-    "--tidy": {"action": "store_true", "help": "first remove what recording.keep_gb and keep_days let go"},
+    "--folder": {
+        "type": path,
+        "metavar": "DIR",
+        "help": "list these instead of recording.folder; as DIR alone",
+    },
+    "--tidy": {
+        "action": "store_true",
+        "help": "first remove what recording.keep_gb and keep_days let go",
+    },
     **_json("the table"),
 }
 EXPORT: Arguments = {
@@ -185,9 +249,11 @@ EXPORT: Arguments = {
         "help": "default: csv",
     },
     "--channel": {
-        "action": "append", "default": [], "metavar": "/NAME", "help": "only this one; may be repeated. Default: all",
+        "action": "append", "default": [], "metavar": "/NAME", "help": "only this one; may be "
+        "repeated. Default: all",
     },
-    "--out": {"type": path, "metavar": "PATH", "help": "folder or file to write (default: beside the recording)"},
+    "--out": {"type": path, "metavar": "PATH", "help": "folder or file to write (default: beside "
+    "the recording)"},
 }  # fmt: skip
 VIEW: Arguments = {
     **_recording("log", words=f"also one that is being recorded now; {RECORDING_HELP}"),
@@ -200,7 +266,10 @@ CHECK: Arguments = {
     **CONFIG,
     **REHEARSE,
     **_json("the list"),
-    "--limits": {"action": "store_true", "help": "list the limits in flight, too, and what follows each"},
+    "--limits": {
+        "action": "store_true",
+        "help": "list the limits in flight, too, and what follows each",
+    },
     "--watch": {"action": "store_true", "help": "show the pose source live; opens no command link"},
     "--seconds": {"type": seconds, "metavar": "S", "help": "for how long (with --watch)"},
 }
@@ -212,25 +281,50 @@ CARRY: Arguments = {
 }
 REPORT: Arguments = {
     **_recording("files", words=f"one, or several to overlay; {RECORDING_HELP}", nargs="*"),
-    "--out": {"type": path, "metavar": "DIR", "help": "folder of page and figures (default: beside the first)"},
+    "--out": {"type": path, "metavar": "DIR", "help": "folder of page and figures (default: "
+    "beside the first)"},
     "--format": {
         "default": "html", "metavar": "LIST",
-        "help": "some of html (default), pdf, svg (figures a column wide, for print), csv (the table)",
+        "help": "some of html (default), pdf, svg (figures a column wide, for print), csv (the "
+        "table)",
     },
-    "--budget": {"action": "store_true", "help": "print the error budget alone: what has how much of RMS²"},
-    "--json": {"action": "store_true", "help": "print the numbers; the page only where --out is given"},
+    "--budget": {"action": "store_true", "help": "print the error budget alone: what has how "
+    "much of RMS²"},
+    "--json": {"action": "store_true", "help": "print the numbers; the page only where --out is "
+    "given"},
 }  # fmt: skip
 IDENTIFY: Arguments = {
     **_recording(words=f"best of trajectory.kind = 'excitation'; {RECORDING_HELP}"),
-    "--out": {"type": path, "metavar": "FILE.toml", "help": "write a vehicle file, for vehicle.file"},
-    "--page": {"type": path, "metavar": "DIR", "help": "write a page with the fits, and its figures"},
+    "--out": {
+        "type": path,
+        "metavar": "FILE.toml",
+        "help": "write a vehicle file, for vehicle.file",
+    },
+    "--page": {
+        "type": path,
+        "metavar": "DIR",
+        "help": "write a page with the fits, and its figures",
+    },
     **_json("the table"),
 }
 LOGS_IMPORT: Arguments = {
     "files": {"type": path, "nargs": "+", "metavar": "FILE"},
-    "--map": {"required": True, "metavar": "MAP", "help": "a mapping that comes along, or a file: the how-to"},
-    "--out": {"type": path, "required": True, "metavar": "FLIGHT.mcap", "help": "the recording to write"},
-    "--body": {"default": "", "metavar": "NAME", "help": "the vehicle, where a tracker's file has several bodies"},
+    "--map": {
+        "required": True,
+        "metavar": "MAP",
+        "help": "a mapping that comes along, or a file: the how-to",
+    },
+    "--out": {
+        "type": path,
+        "required": True,
+        "metavar": "FLIGHT.mcap",
+        "help": "the recording to write",
+    },
+    "--body": {
+        "default": "",
+        "metavar": "NAME",
+        "help": "the vehicle, where a tracker's file has several bodies",
+    },
 }
 REPLAY_EVIDENCE: Arguments = {
     **_recording("files", "FLIGHT.mcap", f"imported, or our own; {RECORDING_HELP}", "*"),
@@ -239,18 +333,32 @@ REPLAY_EVIDENCE: Arguments = {
 MAKE_KEY: Arguments = {"file": {"type": path, "metavar": "FILE"}}
 TRAJECTORY: Arguments = {**OPTIONAL_CONFIG, **_json("the table")}
 CONFIG_VEHICLES: Arguments = {
-    "name": {"nargs": "?", "metavar": "NAME", "help": "print this one's file, to start your own from"},
+    "name": {
+        "nargs": "?",
+        "metavar": "NAME",
+        "help": "print this one's file, to start your own from",
+    }
 }
 CONFIG_NEW: Arguments = {
-    "name": {"nargs": "?", "metavar": "NAME", "help": "the one to print; without it they are listed"},
-    "--all": {"type": path, "metavar": "DIR", "help": "write all, and the files they name, into a new folder"},
+    "name": {
+        "nargs": "?",
+        "metavar": "NAME",
+        "help": "the one to print; without it they are listed",
+    },
+    "--all": {
+        "type": path,
+        "metavar": "DIR",
+        "help": "write all, and the files they name, into a new folder",
+    },
 }
 
 
 def _stop_all(parser: argparse.ArgumentParser) -> None:
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--descend", action="store_true", help="failsafe descent instead")
-    how.add_argument("--kill", action="store_true", help="motors off instead, also in the air; asks before")
+    how.add_argument(
+        "--kill", action="store_true", help="motors off instead, also in the air; asks before"
+    )
     parser.add_argument("--yes", action="store_true", help="with --kill: do not ask")
 
 
@@ -267,16 +375,40 @@ def _report(parser: argparse.ArgumentParser) -> None:
 
 COMMANDS: Groups = {
     "prepare": {
-        "config": ("print, start or complete a configuration; list the vehicles that come along", None),
-        "config show": ("print the configuration in force, defaults and overrides included", OPTIONAL_CONFIG),
-        "config new": ("print a commented configuration to start from; without NAME list them", CONFIG_NEW),
-        "config vehicles": ("list the vehicles that come along, for vehicle.preset", CONFIG_VEHICLES),
-        "config completion": ("print the script by which a shell completes command lines", COMPLETION),
-        "trajectory": ("compare what the trajectory needs with what the vehicle can do: PASS or FAIL", TRAJECTORY),
+        "config": (
+            "print, start or complete a configuration; list the vehicles that come along",
+            None,
+        ),
+        "config show": (
+            "print the configuration in force, defaults and overrides included",
+            OPTIONAL_CONFIG,
+        ),
+        "config new": (
+            "print a commented configuration to start from; without NAME list them",
+            CONFIG_NEW,
+        ),
+        "config vehicles": (
+            "list the vehicles that come along, for vehicle.preset",
+            CONFIG_VEHICLES,
+        ),
+        "config completion": (
+            "print the script by which a shell completes command lines",
+            COMPLETION,
+        ),
+        "trajectory": (
+            "compare what the trajectory needs with what the vehicle can do: PASS or FAIL",
+            TRAJECTORY,
+        ),
         "doctor": ("check the autopilot's parameters; set one on request, disarmed only", DOCTOR),
         "check": ("run the pre-flight checks on the vehicle; arms nothing", CHECK),
-        "carry": ("measure the tracker's axes and latency by carrying the vehicle, propellers off", CARRY),
-        "props-off": ("the required test with the propellers off, step by step. THIS STARTS THE MOTORS", CONFIG),
+        "carry": (
+            "measure the tracker's axes and latency by carrying the vehicle, propellers off",
+            CARRY,
+        ),
+        "props-off": (
+            "the required test with the propellers off, step by step. THIS STARTS THE MOTORS",
+            CONFIG,
+        ),
     },
     "fly": {
         "fly": ("connect, ask, arm, fly the trajectory, land", FLY),
@@ -287,24 +419,48 @@ COMMANDS: Groups = {
         "daemon health": ("ask a running daemon how it is: exit code 0 for well", DAEMON_HEALTH),
         "daemon unit": ("print a systemd unit for the daemon of a configuration", DAEMON_UNIT),
         "fleet": ("fly several vehicles of one fleet file, a process each", FLEET),
-        "fleet relay": ("receive a stream of poses once, and send copies to the core of each vehicle", FLEET_RELAY),
+        "fleet relay": (
+            "receive a stream of poses once, and send copies to the core of each vehicle",
+            FLEET_RELAY,
+        ),
     },
     "after the flight": {
         "logs": ("list the recorded flights with their headline numbers", LOGS),
-        "logs import": ("convert a flight that others recorded (CSV, ULog, .bin, .tlog)", LOGS_IMPORT),
-        "report": ("write a page with figures about a recorded flight, or overlay several", _report),
+        "logs import": (
+            "convert a flight that others recorded (CSV, ULog, .bin, .tlog)",
+            LOGS_IMPORT,
+        ),
+        "report": (
+            "write a page with figures about a recorded flight, or overlay several",
+            _report,
+        ),
         "view": ("show a recorded or a running flight in Foxglove", VIEW),
-        "export": ("write a recording as CSV or for other programs, or repair one that was cut off", EXPORT),
-        "identify": ("measure thrust, lags, delay and drag of the vehicle from a recording", IDENTIFY),
-        "replay": ("compute a recorded flight again, compare to the last bit; examine a .tlog", REPLAY),
-        "replay evidence": ("measure how well our estimator predicts recorded flights", REPLAY_EVIDENCE),
+        "export": (
+            "write a recording as CSV or for other programs, or repair one that was cut off",
+            EXPORT,
+        ),
+        "identify": (
+            "measure thrust, lags, delay and drag of the vehicle from a recording",
+            IDENTIFY,
+        ),
+        "replay": (
+            "compute a recorded flight again, compare to the last bit; examine a .tlog",
+            REPLAY,
+        ),
+        "replay evidence": (
+            "measure how well our estimator predicts recorded flights",
+            REPLAY_EVIDENCE,
+        ),
     },
     "lab": {
         "radio": ("bind an RF module, check its range, or drive one for another computer", None),
         "radio bind": ("have the RF module bind a receiver", RADIO),
         "radio range-check": ("have the RF module send at low power", RADIO),
         "radio idle": ("send disarmed frames", RADIO),
-        "radio bridge": ("send the commands of another computer by an RF module here", RADIO_BRIDGE),
+        "radio bridge": (
+            "send the commands of another computer by an RF module here",
+            RADIO_BRIDGE,
+        ),
         "mqtt": ("make keys of clients; list topics and schemas", None),
         "mqtt make-key": ("write the new key of a client that may ask by MQTT", MAKE_KEY),
         "mqtt topics": ("list the topics", {}),
@@ -327,11 +483,13 @@ MOVED = {
 GONE = {
     "fly --view": "`groundstation view` shows the newest flight, also while it is flown",
     "tui --screenshot": "play the recording, and take the picture with the terminal's own means",
-    "tui --rehearse": "`groundstation fly --rehearse --tui CONFIG.toml` flies it, `groundstation tui` shows what runs",
+    "tui --rehearse": "`groundstation fly --rehearse --tui CONFIG.toml` flies it, `groundstation "
+    "tui` shows what runs",
     "tui --browser": "from another computer `ssh -t HOST groundstation tui` shows the dashboard",
     "export --format poses": "`--channel /measured` has the poses",
     "export --format rrd": "`groundstation view` shows a recording in Foxglove",
-    "export --format foxglove": "`groundstation view` shows a recording in Foxglove, with its trails",
+    "export --format foxglove": "`groundstation view` shows a recording in Foxglove, with its "
+    "trails",
     "export --format parquet": 'in Python `flight["errors"].to_pandas().to_parquet(…)` writes it',
     "view --in": "`groundstation view` shows it in Foxglove, the only viewer",
     "report --format tex": "`--format csv` has the table",
@@ -349,7 +507,9 @@ def parser() -> Program:
 
 
 def main() -> int:
-    """Entry point; for the exit codes see groundstation/runtime/entry.py and docs/reference/exit-codes.md."""
+    """Entry point; for the exit codes see groundstation/runtime/entry.py and
+    docs/reference/exit-codes.md.
+    """
     from groundstation.runtime import run
 
     return run(parser, "groundstation.interfaces.cli.commands", MOVED, GONE)

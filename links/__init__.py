@@ -1,17 +1,22 @@
-"""Command links: how thrust and body rates leave for a vehicle, and that they stop when nobody commands.
+"""Command links: how thrust and body rates leave for a vehicle, and that they stop when nobody
+commands.
 
 This is all that a user imports; what is behind it may change.
 
 - ``make_link``: the link that a configuration describes.
-- ``MavlinkLinkConfig``: PX4 or ArduPilot over UDP, TCP or a serial port; ``DsmLinkConfig``, ``CrsfLinkConfig``: a
-  transmitter module on a serial port; ``BridgeLinkConfig``: such a module on another computer.
-- ``CommandLink``: what every link does: ``connect``, ``arm``, ``send``, ``disarm``, ``kill``, ``close``.
-- ``Command``: thrust and body rates, the pose that they came from, a deadline, and the bring-down after it.
+- ``MavlinkLinkConfig``: PX4 or ArduPilot over UDP, TCP or a serial port; ``DsmLinkConfig``,
+  ``CrsfLinkConfig``: a transmitter module on a serial port; ``BridgeLinkConfig``: such a module on
+  another computer.
+- ``CommandLink``: what every link does: ``connect``, ``arm``, ``send``, ``disarm``, ``kill``,
+  ``close``.
+- ``Command``: thrust and body rates, the pose that they came from, a deadline, and the bring-down
+  after it.
 - ``Segment``: one part of a bring-down.
 - ``LinkStatus``: what a link tells of itself and of its vehicle.
 - ``Attitude``: how the vehicle itself believes that it lies and turns.
-- ``LinkError``: anything that a link reports to the operator; ``LinkLost``: the other end went silent;
-  ``LinkRejected``: the vehicle refused; ``LinkMisuse``: the caller broke the port's contract.
+- ``LinkError``: anything that a link reports to the operator; ``LinkLost``: the other end went
+  silent; ``LinkRejected``: the vehicle refused; ``LinkMisuse``: the caller broke the port's
+  contract.
 """
 
 TYPE_CHECKING = False

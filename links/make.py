@@ -18,7 +18,9 @@ LINKS = {
 """Kind → the room that is imported for it, and the link's class there."""
 
 
-def make_link(config: "Any", *, thrust_max_n: float, thrust_curve: float = 0.0, **wires: "Any") -> "CommandLink":
+def make_link(
+    config: "Any", *, thrust_max_n: float, thrust_curve: float = 0.0, **wires: "Any"
+) -> "CommandLink":
     """The link that ``config``, the configuration of one kind, describes.
 
     ``thrust_max_n`` is the thrust of the full signal [N], ``thrust_curve`` the vehicle's

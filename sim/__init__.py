@@ -1,19 +1,26 @@
-"""Everything simulated: worlds, autopilots, trackers and radios, and the flights and studies that are made of them.
+"""Everything simulated: worlds, autopilots, trackers and radios, and the flights and studies that
+are made of them.
 
-This is what a user imports; what is behind it may change. A flight is two lines, in a fraction of its own time:
+This is what a user imports; what is behind it may change. A flight is two lines, in a fraction of
+its own time:
 
     world, config = prepare(SCENARIOS["paper"], [])
     result = fly(world, config, seed=0, duration_s=20.0)
 
-- ``SCENARIOS``: the scenarios by name, each a ``Scenario``: what is true, and what the controller is told.
-- ``prepare``: the truth and the configuration of a scenario after overrides, such as ``"vehicle.mass_kg=0.9"``.
+- ``SCENARIOS``: the scenarios by name, each a ``Scenario``: what is true, and what the controller
+  is told.
+- ``prepare``: the truth and the configuration of a scenario after overrides, such as
+  ``"vehicle.mass_kg=0.9"``.
 - ``prepare_own``: the same for a user's configuration file.
 - ``World``: the truth of a flight: what the vehicle, the air, the cameras and the radio really do.
-- ``simulate``: the two lines in one, with a controller or a trajectory of your own, recorded; its ``Run``, as arrays.
+- ``simulate``: the two lines in one, with a controller or a trajectory of your own, recorded; its
+  ``Run``, as arrays.
 - ``compare``: controllers side by side in the same scenarios; their ``ControllerComparison``.
-- ``error_budget``: a recorded flight flown again without each source of its error; the ``ErrorBudget``.
+- ``error_budget``: a recorded flight flown again without each source of its error; the
+  ``ErrorBudget``.
 - ``fly``: a flight in virtual time, from its release on; its ``Result``.
-- ``from_floor``, ``fly_mission``: a mission from the floor and back in virtual time; its ``MissionResult``.
+- ``from_floor``, ``fly_mission``: a mission from the floor and back in virtual time; its
+  ``MissionResult``.
 - ``fly_fleet``: several missions at once; its ``FleetMission``.
 - ``serve``, ``serve_fleet``: the simulated side alone, in real time, for whatever flies it.
 """

@@ -1,4 +1,5 @@
-"""A vehicle for tests: a point of mass 1 that turns at once as it is told, and writes down what is done to it.
+"""A vehicle for tests: a point of mass 1 that turns at once as it is told, and writes down what is
+done to it.
 
 And what flies it by an RF link.
 """
@@ -17,7 +18,10 @@ GRAVITY = 9.81
 
 
 class Brick:
-    """Implements :class:`sim.world.quadrotor.Airframe`; thrust 0..1 is 0..2 times its weight. The floor is at z = 0."""
+    """Implements :class:`sim.world.quadrotor.Airframe`; thrust 0..1 is 0..2 times its weight.
+
+    The floor is at z = 0.
+    """
 
     def __init__(self, height_m: float = 0.0, *, held: bool = False) -> None:
         self.acts: list[tuple[float, float, Vec3]] = []
@@ -52,7 +56,9 @@ class Brick:
         self._move(time_s)
         on_ground = not self._held and self._position[2] >= 0.0
         thrust = 2.0 * GRAVITY * self._thrust if self._on else 0.0
-        return TrueState(time_s, self._position, self._velocity, self.attitude, self._rates, thrust, on_ground)
+        return TrueState(
+            time_s, self._position, self._velocity, self.attitude, self._rates, thrust, on_ground
+        )
 
     def measure(self, time_s: float) -> TrueState:
         return self.truth(time_s)
@@ -77,7 +83,11 @@ class Brick:
             lift = 2.0 * GRAVITY * self._thrust if self._on else 0.0
             x, y, z = self._position
             u, v, w = self._velocity
-            u, v, w = u - lift * down[0] * step, v - lift * down[1] * step, w + (GRAVITY - lift * down[2]) * step
+            u, v, w = (
+                u - lift * down[0] * step,
+                v - lift * down[1] * step,
+                w + (GRAVITY - lift * down[2]) * step,
+            )
             if z + w * step >= 0.0 and w > 0.0:
                 z, u, v, w = 0.0, 0.0, 0.0, 0.0
             self._position = (x + u * step, y + v * step, z + w * step)

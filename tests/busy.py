@@ -1,9 +1,12 @@
-"""Tests in real time that fail run once more, and it is said; a machine that could not keep time is told apart.
+"""Tests in real time that fail run once more, and it is said.
 
-What is kept waiting for a processor is late, and says nothing about the code. A floor tells: on each processor, a
-process that does nothing but keep a plain timer of a radio frame's period. Where it was late by half a period and more
-for over a twentieth of the second attempt's own time, nothing could have kept time there, and the test is left out,
-loudly. Anything less excuses nothing: what fails twice has failed.
+A machine that could not keep time is told apart.
+
+What is kept waiting for a processor is late, and says nothing about the code. A floor tells: on
+each processor, a process that does nothing but keep a plain timer of a radio frame's period. Where
+it was late by half a period and more for over a twentieth of the second attempt's own time, nothing
+could have kept time there, and the test is left out, loudly. Anything less excuses nothing: what
+fails twice has failed.
 """
 
 import gc
@@ -24,14 +27,16 @@ from _pytest.runner import runtestprotocol
 PERIOD_S = 0.0225
 """Of the timer: DSM's, the slowest that we keep [s]."""
 GROSS = 0.05
-"""Share of the timer's moments that came late by half a period and more, above which nothing could keep time [-]."""
+"""Share of the timer's moments that came late by half a period and more, above which nothing could
+keep time [-]."""
 LEAST_S = 1.0
 """No share is taken of less: a single late moment is no excuse for a short test [s]."""
 PATIENCE_S = 20.0
 """How long a test waits for a machine that keeps time again [s]."""
 TOO_BUSY = "left out: machine too busy"
 RARELY = 20_000
-"""Garbage is looked for when so many more objects were made than dropped [-]: else in a fortieth of all time."""
+"""Garbage is looked for when so many more objects were made than dropped [-]: else in a fortieth of
+all time."""
 
 # Each moment has its own due time: who is held up for a second misses all of a second's.
 SLEEPER = f"""
@@ -61,7 +66,9 @@ class Sleeper:
         self._late_at_s: deque[float] = deque(maxlen=10_000)
 
     def late(self, since_s: float) -> float:
-        """The share of its moments that came late, from a time on the monotonic clock until now [-]."""
+        """The share of its moments that came late, from a time on the monotonic clock until now
+        [-].
+        """
         out = self._process.stdout
         assert out is not None
         os.set_blocking(out.fileno(), False)
@@ -85,7 +92,9 @@ class Machine:
 
     def watch(self) -> None:
         """Tests in real time begin."""
-        self._sleepers = self._sleepers or [Sleeper(processor) for processor in os.sched_getaffinity(0)]
+        self._sleepers = self._sleepers or [
+            Sleeper(processor) for processor in os.sched_getaffinity(0)
+        ]
 
     def late(self, since_s: float) -> float:
         """For what share of the time since then its worst processor kept no time [-]."""
@@ -126,7 +135,10 @@ def retry(run: Callable[[], Attempt], wait: Callable[[], None]) -> tuple[bool, s
     if not second.failure:
         return True, f"{said}, passed when tried again"
     same = second.failure.partition(": ")[0] == first.failure.partition(": ")[0]
-    again = f"{'at the same line' if same else second.failure}; machine late {second.late:.0%} of the time"
+    again = (
+        f"{'at the same line' if same else second.failure}; machine late {second.late:.0%} of the "
+        "time"
+    )
     return second.late <= GROSS, f"{said}, failed when tried again ({again})"
 
 
@@ -134,7 +146,9 @@ MACHINE = Machine()
 
 
 def pytest_collection_finish() -> None:
-    """All tests are known: to look at them as garbage again would hold up one in real time for a tenth of a second."""
+    """All tests are known: to look at them as garbage again would hold up one in real time for a
+    tenth of a second.
+    """
     gc.collect()
     gc.freeze()
     gc.set_threshold(RARELY, *gc.get_threshold()[1:])
@@ -150,7 +164,11 @@ def failure_of(reports: list[pytest.TestReport]) -> str:
     for report in reports:
         if report.failed:
             crash = getattr(report.longrepr, "reprcrash", None)
-            where = f"{Path(crash.path).name}:{crash.lineno}: {crash.message}" if crash else report.longreprtext
+            where = (
+                f"{Path(crash.path).name}:{crash.lineno}: {crash.message}"
+                if crash
+                else report.longreprtext
+            )
             return (where.splitlines() or [report.when or ""])[0]
     return ""
 
@@ -165,8 +183,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
     def run() -> Attempt:
         if reports:
-            # What the first attempt shares with others was as late as itself; and what it left open is no failure of
-            # the second.
+            # What the first attempt shares with others was as late as itself; and what it left open
+            # is no failure of the second.
             item.session._setupstate.teardown_exact(None)
             reports.clear()
             sys.last_type = sys.last_value = sys.last_traceback = None

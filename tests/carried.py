@@ -1,4 +1,6 @@
-"""A simulated carry: somebody makes the moves by hand, not quite as shown, before a tracker and an autopilot."""
+"""A simulated carry: somebody makes the moves by hand, not quite as shown, before a tracker and an
+autopilot.
+"""
 
 import math
 import random
@@ -27,13 +29,18 @@ def carried(
     noise_m: float = 5e-4,
     noise_rad: float = 3e-3,
 ) -> tuple[Carry, list[Attitude]]:
-    """The moves as a tracker of 50 Hz sees them, stamped ``late_s`` too late; the autopilot's attitudes at 100 Hz."""
+    """The moves as a tracker of 50 Hz sees them, stamped ``late_s`` too late.
+
+    The autopilot's attitudes at 100 Hz.
+    """
     draw = random.Random(seed + 1)
     at, carry, attitudes = make_hand(seed, moves=moves), Carry(), []
     turn = so3.from_euler_zyx(0.0, 0.0, math.radians(30.0))
 
     def noisy(q: Quat) -> Quat:
-        return so3.rotate(q, (draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad)))
+        return so3.rotate(
+            q, (draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad))
+        )
 
     for n in range(int(100 * lasts_s(moves))):
         time_s = 0.01 * n

@@ -1,4 +1,6 @@
-"""What every test shares: the hypothesis profiles, and how a test says that it needs a system program."""
+"""What every test shares: the hypothesis profiles, and how a test says that it needs a system
+program.
+"""
 
 import os
 import re
@@ -17,27 +19,35 @@ from tests.orphans import MARK, end_orphans, mark_session
 
 pytest_plugins = ["tests.busy", "tests.matrix"]
 
-# The same examples in every run: `make test` passes or fails by the code alone. `make soak` looks further.
+# The same examples in every run: `make test` passes or fails by the code alone. `make soak` looks
+# further.
 settings.register_profile(
-    "full", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    "full",
+    derandomize=True,
+    database=None,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 settings.register_profile("quick", settings.get_profile("full"), max_examples=12)
 settings.register_profile("big", max_examples=5000, deadline=None, print_blob=True)
 settings.load_profile("full")
 
 NOT_RUN = "not run: install "
-"""Begins the reason for which a test is left out that a program would bring; CI takes it for a failure."""
+"""Begins the reason for which a test is left out that a program would bring; CI takes it for a
+failure."""
 LEFT_OUT = "left out: "
 """The same where nothing that could be installed would help."""
 
 E2E = "tests/e2e/"
 
-# Debian puts brokers where a user's PATH does not look; $SBIN hides them, for a machine that is to look bare.
+# Debian puts brokers where a user's PATH does not look; $SBIN hides them, for a machine that is to
+# look bare.
 SBIN = os.environ.get("SBIN", "/usr/local/sbin:/usr/sbin:/sbin")
 SEARCH_PATH = os.pathsep.join(filter(None, [os.environ.get("PATH", os.defpath), SBIN]))
 
 
-# Whatever a shell starts in the background ignores Ctrl-C, and so would every program that a test starts.
+# Whatever a shell starts in the background ignores Ctrl-C, and so would every program that a test
+# starts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -53,10 +63,14 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """What has no test of the kind that is asked for is not even imported: every worker would do so."""
+    """What has no test of the kind that is asked for is not even imported: every worker would do
+    so.
+    """
     asked, lives = str(config.option.markexpr), E2E in f"{collection_path.as_posix()}/"
     if asked.startswith("real_time") and not lives and collection_path.suffix == ".py":
-        return None if re.search("real_time|BOTH_LOOPS", collection_path.read_text("utf-8")) else True
+        return (
+            None if re.search("real_time|BOTH_LOOPS", collection_path.read_text("utf-8")) else True
+        )
     return True if asked.startswith("not (real_time") and lives else None
 
 
@@ -70,23 +84,32 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _not_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Flights of tests are recorded and registered too, but never among the user's own, nor those of other tests."""
+    """Flights of tests are recorded and registered too, but never among the user's own, nor those
+    of other tests.
+    """
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
     os.environ["XDG_RUNTIME_DIR"] = str(tmp_path_factory.mktemp("run"))
     base = tmp_path_factory.getbasetemp()
-    os.environ[FOLDER] = str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "flights")
+    os.environ[FOLDER] = str(
+        (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "flights"
+    )
 
 
 @pytest.fixture
 def short_path() -> Iterator[Path]:
-    """A folder in which a socket's path stays below the system's hundred letters, whatever is in front of it."""
+    """A folder in which a socket's path stays below the system's hundred letters, whatever is in
+    front of it.
+    """
     with TemporaryDirectory(prefix="gs-") as folder:
         yield Path(folder)
 
 
 @pytest.fixture(scope="session")
 def needs_program() -> Callable[..., str]:
-    """``needs_program("tmux")`` is the program's full path; where it is missing, the test is left out, loudly."""
+    """``needs_program("tmux")`` is the program's full path.
+
+    Where it is missing, the test is left out, loudly.
+    """
 
     def find(name: str) -> str:
         if found := shutil.which(name, path=SEARCH_PATH):
@@ -100,8 +123,12 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """One line for each missing program, and for whatever else a machine lacks."""
     left_out: Counter[str] = Counter()
     for report in terminalreporter.stats.get("skipped", []):
-        reason = str(report.longrepr[2]) if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        reason = (
+            str(report.longrepr[2]) if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        )
         if said := re.search(f"({NOT_RUN}|{LEFT_OUT}).*", reason):
             left_out[said[0]] += 1
     for reason, tests in sorted(left_out.items()):
-        terminalreporter.write_line(f"{reason} ({tests} {'test' if tests == 1 else 'tests'})", red=True, bold=True)
+        terminalreporter.write_line(
+            f"{reason} ({tests} {'test' if tests == 1 else 'tests'})", red=True, bold=True
+        )

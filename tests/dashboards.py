@@ -53,7 +53,11 @@ HELLO = FlightIdentity("mqx", "process 7, groundstation 0.1.0", dump(Config()))
 CHECKS = (
     Check("pose rate", Verdict.PASS, "50 poses a second"),
     Check("battery", Verdict.WARN, "it is at 7.41 V, 35 %"),
-    Check("floor", Verdict.FAIL, "position +1.00 m (down) at rest, flight.floor_z_m is +0.00 m: correct it"),
+    Check(
+        "floor",
+        Verdict.FAIL,
+        "position +1.00 m (down) at rest, flight.floor_z_m is +0.00 m: correct it",
+    ),
     Check("fence", Verdict.OFF, "there is none"),
 )
 
@@ -109,7 +113,12 @@ class Stage:
         config = StatusConfig(path=str(self.path), rate_hz=rate_hz)
         log = self.log
         return Server(
-            config, "mqx", self.latest, self.core, config_text=dump(Config()), log=lambda told: log.append(told.text)
+            config,
+            "mqx",
+            self.latest,
+            self.core,
+            config_text=dump(Config()),
+            log=lambda told: log.append(told.text),
         )
 
     @contextlib.asynccontextmanager
@@ -157,7 +166,10 @@ Played = Callable[..., Coroutine[Any, Any, None]]
 
 
 def dashboard(**options: Any) -> Callable[[Played], Callable[..., None]]:
-    """Make a test of a coroutine that is given a dashboard of ``stage``, and it; ``options`` are those of ``play``."""
+    """Make a test of a coroutine that is given a dashboard of ``stage``, and it.
+
+    ``options`` are those of ``play``.
+    """
 
     def decorate(test: Played) -> Callable[..., None]:
         @wraps(test)

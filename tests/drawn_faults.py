@@ -1,7 +1,9 @@
-"""Faults that nobody chose: ``python -m tests.drawn_faults COUNT SEED``, and whether their room's tests fail.
+"""Faults that nobody chose: ``python -m tests.drawn_faults COUNT SEED``, and whether their room's
+tests fail.
 
-Each turns one comparison around, swaps one operator for its opposite, or doubles one number (0 becomes 1). What
-survives is a hole in the tests, or changes nothing that anybody could see. Not part of any `make` target.
+Each turns one comparison around, swaps one operator for its opposite, or doubles one number (0
+becomes 1). What survives is a hole in the tests, or changes nothing that anybody could see. Not
+part of any `make` target.
 """
 
 import ast
@@ -17,16 +19,30 @@ from typing import Any
 from tests.seeded_faults import ROOT, catches, copy_checkout
 
 ROOMS = {
-    "groundstation/core": "unit/groundstation/core property contract/test_controllers.py contract/test_trajectories.py",
-    "groundstation/pose": "unit/groundstation/pose property/test_vicon_codec.py contract/test_poses.py",
+    "groundstation/core": "unit/groundstation/core property contract/test_controllers.py "
+    "contract/test_trajectories.py",
+    "groundstation/pose": "unit/groundstation/pose property/test_vicon_codec.py "
+    "contract/test_poses.py",
     "links/core": "unit/links/core contract/test_links.py",
     "links/mavlink": "unit/links/mavlink property/test_mavlink_codec.py contract/test_links.py",
-    "links/rf": "unit/links/rf property/test_rf_codecs.py property/test_mailbox.py contract/test_links.py",
+    "links/rf": "unit/links/rf property/test_rf_codecs.py property/test_mailbox.py "
+    "contract/test_links.py",
 }
 """Tests of each room."""
-PAGES = ("tests/unit/test_reference.py", "tests/unit/groundstation/interfaces/mqtt/test_mqtt_schemas.py")
+PAGES = (
+    "tests/unit/test_reference.py",
+    "tests/unit/groundstation/interfaces/mqtt/test_mqtt_schemas.py",
+)
 """Tests of every room: pages and schemas hold the default and the range of each key."""
-PAIRS = (("<", ">"), ("<=", ">="), ("==", "!="), ("+", "-"), ("*", "/"), ("and", "or"), ("is", "is not"))
+PAIRS = (
+    ("<", ">"),
+    ("<=", ">="),
+    ("==", "!="),
+    ("+", "-"),
+    ("*", "/"),
+    ("and", "or"),
+    ("is", "is not"),
+)
 OPPOSITE = {one.encode(): other.encode() for pair in PAIRS for one, other in (pair, pair[::-1])}
 
 
@@ -35,13 +51,19 @@ def slips(text: bytes) -> Iterator[tuple[int, int, bytes]]:
     lines = [0, *accumulate(map(len, text.splitlines(keepends=True)))]
 
     def span(node: Any) -> tuple[int, int]:
-        return lines[node.lineno - 1] + node.col_offset, lines[node.end_lineno - 1] + node.end_col_offset
+        return lines[node.lineno - 1] + node.col_offset, lines[
+            node.end_lineno - 1
+        ] + node.end_col_offset
 
     for node in ast.walk(ast.parse(text)):
         match node:
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
                 yield *span(node), repr(2 * value or 1).encode()
-            case ast.BinOp(left=a, right=b) | ast.Compare(left=a, comparators=[b]) | ast.BoolOp(values=[a, b]):
+            case (
+                ast.BinOp(left=a, right=b)
+                | ast.Compare(left=a, comparators=[b])
+                | ast.BoolOp(values=[a, b])
+            ):
                 found = re.compile(rb"[\s)]*(.+?)[\s(]*").fullmatch(text, span(a)[1], span(b)[0])
                 if found is not None and found[1] in OPPOSITE:
                     yield *found.span(1), OPPOSITE[found[1]]
@@ -50,7 +72,11 @@ def slips(text: bytes) -> Iterator[tuple[int, int, bytes]]:
 def tests_of(room: str, module: Path) -> list[str]:
     """The tests of a room; first those that name the module."""
     folders = [ROOT / "tests" / told for told in ROOMS[room].split()]
-    found = [path for folder in folders for path in ([folder] if folder.is_file() else folder.rglob("test_*.py"))]
+    found = [
+        path
+        for folder in folders
+        for path in ([folder] if folder.is_file() else folder.rglob("test_*.py"))
+    ]
     found.sort(key=lambda one: module.stem not in one.read_text())
     return [*(str(one.relative_to(ROOT)) for one in found), *PAGES]
 
@@ -68,10 +94,19 @@ def main() -> int:
             try:
                 by = catches(folder, tests_of(room, path), "not (real_time or matrix or soak)")
             except RuntimeError as error:
-                by = str(error).strip().splitlines()[-1]  # as a rule nothing can be imported any more
+                by = (
+                    str(error).strip().splitlines()[-1]
+                )  # as a rule nothing can be imported any more
             file.write_bytes(right)
             place = path.relative_to(ROOT), right[:begin].count(b"\n") + 1
-            print(*place, right[begin:end].decode(), "->", wrong.decode(), by or "SURVIVED", flush=True)
+            print(
+                *place,
+                right[begin:end].decode(),
+                "->",
+                wrong.decode(),
+                by or "SURVIVED",
+                flush=True,
+            )
             survived += not by
     print(f"{count - survived} of {count} caught")
     return survived > 0

@@ -57,7 +57,11 @@ class ExternalPoses:
             if (m.frame_id, m.child_frame_id) != (MavFrame.LOCAL_FRD, MavFrame.BODY_FRD):
                 self.left["frame"] += 1
                 return
-        elif m.estimator_type not in (EstimatorKind.UNKNOWN, EstimatorKind.VISION, EstimatorKind.VIO):
+        elif m.estimator_type not in (
+            EstimatorKind.UNKNOWN,
+            EstimatorKind.VISION,
+            EstimatorKind.VIO,
+        ):
             self.left["estimator"] += 1
             return
         elif m.frame_id not in (MavFrame.LOCAL_NED, MavFrame.LOCAL_FRD):
@@ -70,4 +74,6 @@ class ExternalPoses:
             return
         variance = m.pose_covariance[0], m.pose_covariance[15]
         pose = (m.x, m.y, m.z), tuple(m.q)
-        self.fused.append(Fused(now_s, m.time_usec * 1e-6, *pose, velocity, variance, m.reset_counter))
+        self.fused.append(
+            Fused(now_s, m.time_usec * 1e-6, *pose, velocity, variance, m.reset_counter)
+        )

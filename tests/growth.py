@@ -16,12 +16,19 @@ def look() -> dict[str, int]:
     """Count the interpreter's objects and memory after a full collection."""
     gc.collect()
     resident = int(Path("/proc/self/statm").read_text("utf-8").split()[1]) * 4096
-    return {"objects": len(gc.get_objects()), "blocks": sys.getallocatedblocks(), "resident_bytes": resident}
+    return {
+        "objects": len(gc.get_objects()),
+        "blocks": sys.getallocatedblocks(),
+        "resident_bytes": resident,
+    }
 
 
 @in_virtual_time
 async def looks_within(duration_s: float, count: int) -> list[dict[str, int]]:
-    """Looks at the start of an `adverse` flight and ``count`` times after; no referee, which would keep every step."""
+    """Looks at the start of an `adverse` flight and ``count`` times after.
+
+    No referee, which would keep every step.
+    """
     world, config = prepare(SCENARIOS["adverse"], [])
 
     stage, flight = Stage(world, config, 0), make_flight(config, confirm=confirm_at(0.0))

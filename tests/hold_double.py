@@ -6,7 +6,9 @@ from evdev import AbsInfo, ecodes
 
 
 class DeviceDouble:
-    """What :class:`evdev.InputDevice` is to us: it can be asked how keys and axes stand, until it is unplugged."""
+    """What :class:`evdev.InputDevice` is to us: it can be asked how keys and axes stand, until it
+    is unplugged.
+    """
 
     def __init__(self, name: str, path: str, codes: Mapping[int, Sequence[int]]) -> None:
         """``codes`` by kind (EV_KEY, EV_ABS)."""
@@ -44,7 +46,9 @@ class DeviceDouble:
 
 def pad(name: str = "Xbox pad", path: str = "/dev/input/event5") -> DeviceDouble:
     """A gamepad with a button at each shoulder, and a trigger."""
-    return DeviceDouble(name, path, {ecodes.EV_KEY: [ecodes.BTN_TL, ecodes.BTN_TR], ecodes.EV_ABS: [ecodes.ABS_RZ]})
+    return DeviceDouble(
+        name, path, {ecodes.EV_KEY: [ecodes.BTN_TL, ecodes.BTN_TR], ecodes.EV_ABS: [ecodes.ABS_RZ]}
+    )
 
 
 class Hand:

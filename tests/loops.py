@@ -23,8 +23,8 @@ Run = Callable[[Callable[..., Coroutine[Any, Any, Any]]], Callable[..., Any]]
 def in_real_time(work: Callable[P, Coroutine[Any, Any, T]]) -> Callable[P, T]:
     """Return ``work`` as a plain function that runs in real time, on real sockets.
 
-    What thousands of tests have left behind is not searched for garbage meanwhile: that takes as long as a dead-man
-    waits. The programs do the same before they fly.
+    What thousands of tests have left behind is not searched for garbage meanwhile: that takes as
+    long as a dead-man waits. The programs do the same before they fly.
     """
 
     @wraps(work)
@@ -43,7 +43,9 @@ Scene = Callable[..., Awaitable[None]]
 
 
 def on_stage(stage: Callable[[Scene], None], count: int) -> Callable[[Scene], Callable[..., None]]:
-    """Return a decorator for tests: ``stage`` gives their first ``count`` arguments, and pytest the others."""
+    """Return a decorator for tests: ``stage`` gives their first ``count`` arguments, and pytest the
+    others.
+    """
 
     def decorate(test: Scene) -> Callable[..., None]:
         @wraps(test)
@@ -94,7 +96,9 @@ async def until(true: Callable[[], Any], within_s: float = 60.0) -> None:
 async def free_address() -> str:
     """An address of this machine, host:port, at which nobody listens."""
     loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0))
+    transport, _ = await loop.create_datagram_endpoint(
+        asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0)
+    )
     host, port = transport.get_extra_info("sockname")[:2]
     transport.close()
     await asyncio.sleep(0)
@@ -112,7 +116,9 @@ def _move(which: Callable[[H], bool], source: MutableSequence[H], target: list[H
 
 
 class SuspendableLoop(VirtualTimeLoop):
-    """Loop of virtual time on which what belongs to one process may stand still while the rest goes on."""
+    """Loop of virtual time on which what belongs to one process may stand still while the rest goes
+    on.
+    """
 
     _ready: deque[asyncio.Handle]  # asyncio's own, of which typeshed does not tell
     _scheduled: list[asyncio.TimerHandle]
@@ -124,7 +130,9 @@ class SuspendableLoop(VirtualTimeLoop):
         self._held_timers: list[asyncio.TimerHandle] = []
 
     def suspend(self, process: ContextVar[bool]) -> None:
-        """Run nothing in whose context ``process`` is true, until :meth:`resume`: its timers and datagrams wait."""
+        """Run nothing in whose context ``process`` is true, until :meth:`resume`: its timers and
+        datagrams wait.
+        """
         self._suspended = process
 
     def resume(self) -> None:

@@ -1,7 +1,8 @@
-"""``@pytest.mark.tried(N)``: of a long row of cases `make test` tries N, and `make test-all` the others.
+"""``@pytest.mark.tried(N)``: of a long row of cases `make test` tries N, and `make test-all` the
+others.
 
-The mark stands at the test, with a remark that says why these will do. Cases left out get the mark ``matrix``, which a
-test that `make test` leaves out as a whole bears itself.
+The mark stands at the test, with a remark that says why these will do. Cases left out get the mark
+``matrix``, which a test that `make test` leaves out as a whole bears itself.
 """
 
 from collections import defaultdict
@@ -10,9 +11,15 @@ import pytest
 
 
 def spread(tried: int, cases: int) -> set[int]:
-    """Return the numbers of the cases that are tried: ``tried`` of ``cases``, the first, and the last of many."""
+    """Return the numbers of the cases that are tried: ``tried`` of ``cases``, the first, and the
+    last of many.
+    """
     tried = min(tried, cases)
-    return {round(k * (cases - 1) / (tried - 1)) for k in range(tried)} if tried > 1 else set(range(tried))
+    return (
+        {round(k * (cases - 1) / (tried - 1)) for k in range(tried)}
+        if tried > 1
+        else set(range(tried))
+    )
 
 
 @pytest.hookimpl(tryfirst=True)  # before ``-m`` chooses

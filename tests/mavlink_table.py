@@ -1,4 +1,6 @@
-"""The byte table of the MAVLink frames, shared by the tests of reader, writer, poses and by the fuzz tests."""
+"""The byte table of the MAVLink frames, shared by the tests of reader, writer, poses and by the
+fuzz tests.
+"""
 
 import json
 import math

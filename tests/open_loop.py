@@ -1,9 +1,11 @@
-"""A flight in virtual time whose loop also serves real sockets, pipes and threads, and yet flies the same each time.
+"""A flight in virtual time whose loop also serves real sockets, pipes and threads, and yet flies
+the same each time.
 
-What comes from outside comes at any turn of the loop, and never at an instant of its own: virtual time stands still
-meanwhile. What it sets off runs between the flight's own callbacks, and leaves their order and their instants alone,
-which takes more than :class:`VirtualTimeLoop` promises: timers of one instant run in the order in which they were made,
-time goes exactly to each of them, and two that are a nanosecond apart are two.
+What comes from outside comes at any turn of the loop, and never at an instant of its own: virtual
+time stands still meanwhile. What it sets off runs between the flight's own callbacks, and leaves
+their order and their instants alone, which takes more than :class:`VirtualTimeLoop` promises:
+timers of one instant run in the order in which they were made, time goes exactly to each of them,
+and two that are a nanosecond apart are two.
 """
 
 import math
@@ -19,7 +21,8 @@ from sim.time import VirtualTimeLoop
 from sim.time.virtual_time import SimulationStuck
 
 OUTSIDE_S = 20.0
-"""How long a loop on which nothing is scheduled waits for something from outside, in real time [s]."""
+"""How long a loop on which nothing is scheduled waits for something from outside, in real time
+[s]."""
 
 
 class _Timer(TimerHandle):
@@ -56,7 +59,9 @@ class _Open(selectors.BaseSelector):
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         if timeout is None:
             if not (came := self._real.select(OUTSIDE_S)):
-                raise SimulationStuck("the simulation is stuck: nothing is scheduled, and nothing comes from outside")
+                raise SimulationStuck(
+                    "the simulation is stuck: nothing is scheduled, and nothing comes from outside"
+                )
             return came
         if (came := self._real.select(0.0)) or timeout == 0.0:
             return came
@@ -103,7 +108,11 @@ class OpenLoop(VirtualTimeLoop):
         return when
 
     def call_at(  # type: ignore[override]  # its own way to say the same
-        self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+        self,
+        when: float,
+        callback: Callable[..., object],
+        *args: Any,
+        context: Context | None = None,
     ) -> TimerHandle:
         timer = _Timer(when, callback, args, self, context)
         self._timers += 1
@@ -113,5 +122,8 @@ class OpenLoop(VirtualTimeLoop):
         return timer
 
     async def shutdown_default_executor(self, timeout: float | None = None) -> None:  # noqa: ASYNC109  # asyncio's own
-        """Join the threads; not within a time that is virtual, which would be over before they could end."""
+        """Join the threads.
+
+        Not within a time that is virtual, which would be over before they could end.
+        """
         await super().shutdown_default_executor()

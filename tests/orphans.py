@@ -1,7 +1,9 @@
-"""Pacers that outlive whoever started them. Each sends disarm frames for ever, as it must to a real module.
+"""Pacers that outlive whoever started them.
 
-A worker or a test that is killed leaves its pacers behind, as a station would. They are known by a mark in their
-environment: the session that started them, by the process that runs it.
+Each sends disarm frames for ever, as it must to a real module.
+
+A worker or a test that is killed leaves its pacers behind, as a station would. They are known by a
+mark in their environment: the session that started them, by the process that runs it.
 """
 
 import contextlib
@@ -14,7 +16,10 @@ PROGRAMS = {b"links.rf.pacer_child", b"links.rf.pacer_standby"}
 
 
 def mark_session() -> bool:
-    """Have everything that is started from now on bear our mark; False where an outer session's is borne already."""
+    """Have everything that is started from now on bear our mark.
+
+    False where an outer session's is borne already.
+    """
     if MARK in os.environ:
         return False
     os.environ[MARK] = session_of(os.getpid())
@@ -22,9 +27,13 @@ def mark_session() -> bool:
 
 
 def session_of(process: int) -> str:
-    """The mark of the session that ``process`` runs: its number and, as numbers come again, when it began."""
+    """The mark of the session that ``process`` runs: its number and, as numbers come again, when it
+    began.
+    """
     try:
-        return f"{process}:{Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()[19]}"
+        return (
+            f"{process}:{Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()[19]}"
+        )
     except OSError:
         return ""
 
@@ -36,13 +45,19 @@ def pacers() -> dict[int, str]:
         with contextlib.suppress(OSError):  # it ended meanwhile, or is not ours
             if not PROGRAMS.isdisjoint((folder / "cmdline").read_bytes().split(b"\0")):
                 environment = (folder / "environ").read_bytes().split(b"\0")
-                marks = [one.decode().partition("=")[2] for one in environment if one.startswith(MARK.encode() + b"=")]
+                marks = [
+                    one.decode().partition("=")[2]
+                    for one in environment
+                    if one.startswith(MARK.encode() + b"=")
+                ]
                 found |= {int(folder.name): session for session in marks}
     return found
 
 
 def end_orphans(over: str) -> None:
-    """End the pacers of the session ``over``, and of those that did not come to do it themselves."""
+    """End the pacers of the session ``over``, and of those that did not come to do it
+    themselves.
+    """
     for process, session in pacers().items():
         runs = session_of(int(session.partition(":")[0])) == session
         if session == over or not runs:

@@ -5,7 +5,14 @@ import pathlib
 import msgspec
 
 from groundstation.core.geometry import Frames, Quat, Vec3
-from groundstation.pose.sources import Intake, JsonReader, NatNetReader, PoseReader, QualisysReader, VisionReader
+from groundstation.pose.sources import (
+    Intake,
+    JsonReader,
+    NatNetReader,
+    PoseReader,
+    QualisysReader,
+    VisionReader,
+)
 from groundstation.pose.sources.vicon_codec import ViconObject
 
 
@@ -45,7 +52,10 @@ FILES = {
     "json": "json_poses.json",
     "vision": "vision_position_estimate.json",
 }
-TABLES = {name: msgspec.json.decode((GOLDEN / file).read_bytes(), type=Table) for name, file in FILES.items()}
+TABLES = {
+    name: msgspec.json.decode((GOLDEN / file).read_bytes(), type=Table)
+    for name, file in FILES.items()
+}
 
 
 def fresh_reader(name: str) -> PoseReader:

@@ -20,9 +20,16 @@ from tests.flown_once import folder_of, once
 
 @cache
 def recorded(
-    scenario: str = "paper", *overrides: str, seed: int = 0, duration_s: float = 8.0, source: str = "vicon"
+    scenario: str = "paper",
+    *overrides: str,
+    seed: int = 0,
+    duration_s: float = 8.0,
+    source: str = "vicon",
 ) -> tuple[Path, Result, tuple[Record, ...]]:
-    """The recording, the result, and the records of one flight. The file is shared: nobody may change it."""
+    """The recording, the result, and the records of one flight.
+
+    The file is shared: nobody may change it.
+    """
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
 
     def make(folder: Path) -> tuple[Result, tuple[Record, ...]]:
@@ -34,7 +41,13 @@ def recorded(
             run.give(record)
 
         result = fly(world, config, seed=seed, duration_s=duration_s, give=give)
-        run.close({"completed": result.completed, "why": result.why, **msgspec.to_builtins(result.verdict)})
+        run.close(
+            {
+                "completed": result.completed,
+                "why": result.why,
+                **msgspec.to_builtins(result.verdict),
+            }
+        )
         return result, tuple(records)
 
     key = ("recorded", scenario, world, config, seed, duration_s)
@@ -42,7 +55,11 @@ def recorded(
 
 
 def record_mission(
-    folder: Path, world: World, config: Config, script: Script | None = None, scenario: str = "paper"
+    folder: Path,
+    world: World,
+    config: Config,
+    script: Script | None = None,
+    scenario: str = "paper",
 ) -> tuple[MissionResult, Path]:
     """A mission with ``script`` beside it, and its recording in ``folder``."""
     run = RunFolder(folder, config, world, scenario=scenario, seed=0)
@@ -58,7 +75,10 @@ def rewrite(
     about: Callable[[dict[str, str]], dict[str, str]] = dict,
     edit: Callable[[Entry], list[tuple[str, bytes]]] = lambda entry: [(entry.topic, entry.data)],
 ) -> Path:
-    """A copy of a recording that says something else of itself; ``edit`` gives what stands in place of each entry."""
+    """A copy of a recording that says something else of itself.
+
+    ``edit`` gives what stands in place of each entry.
+    """
     recording = Recording(path)
     with target.open("wb") as file:
         writer: Any = Writer(file)

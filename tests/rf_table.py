@@ -1,4 +1,6 @@
-"""The byte table of the serial RF modules, shared by the tests of reader, writer and by the fuzz tests."""
+"""The byte table of the serial RF modules, shared by the tests of reader, writer and by the fuzz
+tests.
+"""
 
 import json
 import pathlib
@@ -26,7 +28,9 @@ def _load() -> list[Row]:
         codec = DsmLinkConfig(protocol=r["protocol"], model_id=r["model_id"]).codec()
         positions = tuple(position(count, 96, 928) for count in r["counts"])
         service = Service(r["service"]) if r["service"] else None
-        rows.append(Row(r["about"], bytes.fromhex(r["hex"]), codec, positions, service, r["model_id"]))
+        rows.append(
+            Row(r["about"], bytes.fromhex(r["hex"]), codec, positions, service, r["model_id"])
+        )
     for r in table["crsf"]:
         codec_ = CrsfLinkConfig(address=r["address"]).codec()
         positions = tuple(position(count, 172, 1811) for count in r["counts"])

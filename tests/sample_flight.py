@@ -1,4 +1,6 @@
-"""Snapshots of a made-up flight, and a process that serves them: ``python -m tests.sample_flight SOCKET [SECONDS]``."""
+"""Snapshots of a made-up flight, and a process that serves them:
+``python -m tests.sample_flight SOCKET [SECONDS]``.
+"""
 
 import asyncio
 import math
@@ -52,8 +54,12 @@ class Outspoken(Sampled):
         return super().ask(request)
 
 
-def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text: str = "Armed by us") -> Snapshot:
-    """The made-up flight ``time_s`` after its start: a figure of eight, flown with some centimetres of error."""
+def sample(
+    time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text: str = "Armed by us"
+) -> Snapshot:
+    """The made-up flight ``time_s`` after its start: a figure of eight, flown with some centimetres
+    of error.
+    """
     phase = 0.5 * time_s
     reference: Vec3 = (1.2 * math.sin(phase), 0.8 * math.sin(2.0 * phase), -1.0)
     fade = 0.02 + 0.6 * math.exp(-0.5 * time_s)
@@ -103,7 +109,12 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text
             thrust_scale_error=0.013,
         ),
         link=LinkStatus(
-            state="armed", sent=int(44.4 * time_s), expired=0, received=120, dropped={"bad_checksum": 1}, text=text
+            state="armed",
+            sent=int(44.4 * time_s),
+            expired=0,
+            received=120,
+            dropped={"bad_checksum": 1},
+            text=text,
         ),
         certificate=Certificate(
             state="holds",

@@ -1,8 +1,9 @@
-"""Forty faults of one line each, and whether the tests catch them: ``python -m tests.seeded_faults [NUMBER ...]``.
+"""Forty faults of one line each, and whether the tests catch them:
+``python -m tests.seeded_faults [NUMBER ...]``.
 
-Each is put into a copy of the checkout. First run the tests that concern the file; where they let it pass, with
-``--all`` everything that computes. What ``make test`` leaves to ``make test-all`` is left out here, too, unless
-``--long`` is given. Not part of any `make` target: it takes minutes.
+Each is put into a copy of the checkout. First run the tests that concern the file; where they let
+it pass, with ``--all`` everything that computes. What ``make test`` leaves to ``make test-all`` is
+left out here, too, unless ``--long`` is given. Not part of any `make` target: it takes minutes.
 """
 
 import argparse
@@ -28,24 +29,29 @@ class Fault(NamedTuple):
 
 
 CONCERNED = {
-    "deadman.py": "unit/links/core/test_deadman.py unit/links/rf/test_pacer.py unit/links/mavlink/test_mavlink_link.py",
-    "guards.py": "unit/groundstation/core/safety/test_guards.py unit/groundstation/core/safety/test_separation.py "
-    "flight/test_guards.py",
-    "pacer.py": "unit/links/rf/test_pacer.py unit/links/mavlink/test_sleep.py unit/links/rf/test_rf_link.py flight/test_pacer_strikes.py",
-    "intake.py": "unit/groundstation/pose/sources/test_gate.py unit/groundstation/pose/sources/test_source_clock.py "
-    "flight/test_gate.py",
-    "mission.py": "unit/groundstation/core/mission/test_mission.py flight/test_missions.py flight/test_ends.py",
+    "deadman.py": "unit/links/core/test_deadman.py unit/links/rf/test_pacer.py "
+    "unit/links/mavlink/test_mavlink_link.py",
+    "guards.py": "unit/groundstation/core/safety/test_guards.py "
+    "unit/groundstation/core/safety/test_separation.py flight/test_guards.py",
+    "pacer.py": "unit/links/rf/test_pacer.py unit/links/mavlink/test_sleep.py "
+    "unit/links/rf/test_rf_link.py flight/test_pacer_strikes.py",
+    "intake.py": "unit/groundstation/pose/sources/test_gate.py "
+    "unit/groundstation/pose/sources/test_source_clock.py flight/test_gate.py",
+    "mission.py": "unit/groundstation/core/mission/test_mission.py flight/test_missions.py "
+    "flight/test_ends.py",
     "backstepping.py": "unit/sim/studies/test_law_vectors.py property/test_law.py",
-    "adaptive.py": "unit/groundstation/core/control/test_look_ahead.py property/test_composite_proof.py "
-    "contract/test_controllers.py",
+    "adaptive.py": "unit/groundstation/core/control/test_look_ahead.py "
+    "property/test_composite_proof.py contract/test_controllers.py",
     "demand_limits.py": "property/test_demand_limits.py",
     "protocol/codec.py": "unit/links/mavlink/test_mavlink_codec.py property/test_mavlink_codec.py",
     "protocol/senders.py": "unit/links/mavlink/test_mavlink_senders.py",
     "protocol/signing.py": "unit/links/mavlink/test_mavlink_signing.py",
     "module_codec.py": "unit/links/rf/test_rf_codecs.py property/test_rf_codecs.py",
-    "vicon_codec.py": "unit/groundstation/pose/sources/test_vicon_codec.py property/test_vicon_codec.py",
+    "vicon_codec.py": "unit/groundstation/pose/sources/test_vicon_codec.py "
+    "property/test_vicon_codec.py",
     "bridge/codec.py": "unit/links/bridge/test_bridge.py",
-    "natnet_codec.py": "unit/groundstation/pose/sources/test_servers.py unit/groundstation/pose/sources/test_pose_codecs.py",
+    "natnet_codec.py": "unit/groundstation/pose/sources/test_servers.py "
+    "unit/groundstation/pose/sources/test_pose_codecs.py",
 }
 """The tests that are about a file."""
 
@@ -61,9 +67,9 @@ FAULTS = (
     Fault("guards.py", "None if tilt <= v.config.tilt_deg", "None if tilt <= 2.0 * v.config.tilt_deg"),
     Fault("guards.py", "None if rtt <= limit", "None if rtt <= 5.0 * limit"),
     Fault("guards.py", "share is None or not share < limit", "share is None or not share > limit"),
-    Fault("guards.py", "return max((one for one in found", "return min((one for one in found"),
+    Fault("guards.py", "return max(\n            (one for one in found", "return min(\n            (one for one in found"),
     Fault("guards.py", "now_s - left_s > LATE_PERIODS", "now_s - left_s > 10.0 * LATE_PERIODS"),
-    Fault("guards.py", "any(abs(rate) >= AT_LIMIT", "all(abs(rate) >= AT_LIMIT"),
+    Fault("guards.py", "any(\n        abs(rate) >= AT_LIMIT", "all(\n        abs(rate) >= AT_LIMIT"),
     Fault("pacer.py", "if arming == self._arming.number:", "if arming <= self._arming.number:"),
     Fault("pacer.py", "self._deadman.stop()  # no command has come", "pass  # no command has come"),
     Fault("pacer.py", "case Arm(number, at_s) if self._deadman.phase(now_s) is Phase.OVER:", "case Arm(number, at_s):"),
@@ -105,7 +111,9 @@ def copy_checkout(folder: Path) -> None:
 
     def leave_out(at: str, names: list[str]) -> set[str]:
         made = {"runs", "build"} if Path(at) == ROOT else set()
-        return {name for name in names if name in made or name.startswith(".") or name == "__pycache__"}
+        return {
+            name for name in names if name in made or name.startswith(".") or name == "__pycache__"
+        }
 
     shutil.copytree(ROOT, folder, ignore=leave_out)
 
@@ -119,7 +127,9 @@ def file_of(folder: Path, fault: Fault) -> Path:
     named = [file for package in PACKAGES for file in (folder / package).rglob(fault.file)]
     found = [file for file in named if fault.right in file.read_text("utf-8")]
     if len(found) != 1 or found[0].read_text("utf-8").count(fault.right) != 1:
-        raise ValueError(f"{fault.file}: {fault.right!r} is to be changed in one place, and stands in {found}")
+        raise ValueError(
+            f"{fault.file}: {fault.right!r} is to be changed in one place, and stands in {found}"
+        )
     return found[0]
 
 
@@ -131,7 +141,18 @@ def catches(folder: Path, tests: list[str], chosen: str) -> str:
     """
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "pytest", "-q", "-x", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist"),
+            *(
+                sys.executable,
+                "-m",
+                "pytest",
+                "-q",
+                "-x",
+                "--tb=no",
+                "-p",
+                "no:cacheprovider",
+                "-p",
+                "no:xdist",
+            ),
             *("--hypothesis-profile", "quick", "-m", chosen, *tests),
         ],
         cwd=folder,
@@ -143,7 +164,11 @@ def catches(folder: Path, tests: list[str], chosen: str) -> str:
     if done.returncode == 0:
         return ""
     # What has no test's name could not be read: no test has seen anything.
-    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR")) and "::" in line]
+    failed = [
+        line
+        for line in done.stdout.splitlines()
+        if line.startswith(("FAILED", "ERROR")) and "::" in line
+    ]
     if not failed:
         raise RuntimeError(done.stdout + done.stderr)
     return failed[0].partition(" - ")[0]
@@ -152,8 +177,16 @@ def catches(folder: Path, tests: list[str], chosen: str) -> str:
 def main() -> int:
     """Seed each fault and tell what caught it."""
     words = argparse.ArgumentParser(description=__doc__)
-    words.add_argument("numbers", nargs="*", type=int, metavar="NUMBER", help=f"0 to {len(FAULTS) - 1}; none means all")
-    words.add_argument("--all", action="store_true", help="what the concerned tests let pass goes through all")
+    words.add_argument(
+        "numbers",
+        nargs="*",
+        type=int,
+        metavar="NUMBER",
+        help=f"0 to {len(FAULTS) - 1}; none means all",
+    )
+    words.add_argument(
+        "--all", action="store_true", help="what the concerned tests let pass goes through all"
+    )
     words.add_argument("--long", action="store_true", help="with what `make test-all` adds")
     args = words.parse_args()
     chosen = "not (real_time or soak)" if args.long else "not (real_time or matrix or soak)"
@@ -166,11 +199,21 @@ def main() -> int:
             file = file_of(folder, fault)
             file.write_text(file.read_text("utf-8").replace(fault.right, fault.wrong), "utf-8")
             tests = [f"tests/{test}" for test in CONCERNED[fault.file].split()]
-            by = catches(folder, tests, chosen) or (args.all and catches(folder, ["tests"], chosen)) or ""
-        print(f"{number:2} {fault.file:18} {fault.wrong.strip()[:50]!r:54} {by or 'ESCAPED'}", flush=True)
+            by = (
+                catches(folder, tests, chosen)
+                or (args.all and catches(folder, ["tests"], chosen))
+                or ""
+            )
+        print(
+            f"{number:2} {fault.file:18} {fault.wrong.strip()[:50]!r:54} {by or 'ESCAPED'}",
+            flush=True,
+        )
         if not by:
             escaped.append(number)
-    print(f"{len(args.numbers or FAULTS) - len(escaped)} of {len(args.numbers or FAULTS)} caught; escaped: {escaped}")
+    print(
+        f"{len(args.numbers or FAULTS) - len(escaped)} of {len(args.numbers or FAULTS)} caught; "
+        f"escaped: {escaped}"
+    )
     return len(escaped) > 0
 
 

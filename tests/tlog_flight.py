@@ -1,4 +1,6 @@
-"""A made-up flight as a .tlog: a vehicle without lag that follows a circle exactly, on the set-points that do that."""
+"""A made-up flight as a .tlog: a vehicle without lag that follows a circle exactly, on the
+set-points that do that.
+"""
 
 import math
 import struct
@@ -21,7 +23,9 @@ NOTHING = [0.0] * 21
 
 
 class Flight(msgspec.Struct, frozen=True, kw_only=True):
-    """On the ground for a second, once around a circle of 1 m, then on the ground again, still armed, for two."""
+    """On the ground for a second, once around a circle of 1 m, then on the ground again, still
+    armed, for two.
+    """
 
     duration_s: float = 8.0
     """In the air [s]."""
@@ -47,7 +51,11 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
         turning = math.tau / self.duration_s * 30.0 * x * x * (1.0 - x) ** 2
         turning_dot = math.tau / self.duration_s**2 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
         c, s = math.cos(angle), math.sin(angle)
-        force = (turning_dot * s + turning**2 * c, -turning_dot * c + turning**2 * s, GRAVITY)  # g e3 - p¨
+        force = (
+            turning_dot * s + turning**2 * c,
+            -turning_dot * c + turning**2 * s,
+            GRAVITY,
+        )  # g e3 - p¨
         length = math.hypot(*force)
         # No yaw: tilt about x and y so that R e3 points along the force.
         pitch = math.atan2(force[0], force[2])
@@ -71,9 +79,16 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
         events: list[tuple[int, bytes]] = []
         for second in range(int(end) + 1):
             mode = 128 if second else 0
-            events.append((1_000_000 * second, VEHICLE.pack(D.MAVLink_heartbeat_message(2, 12, mode, 0, 4, 3))))
+            events.append(
+                (
+                    1_000_000 * second,
+                    VEHICLE.pack(D.MAVLink_heartbeat_message(2, 12, mode, 0, 4, 3)),
+                )
+            )
         events.append((200_000, ground.command(1, 1, MavCommand.ARM_DISARM, 1.0)))
-        events.append((210_000, VEHICLE.pack(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0))))
+        events.append(
+            (210_000, VEHICLE.pack(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0)))
+        )
         for tenth in range(int(10 * end)):
             aground = not 10 <= tenth < 10 * (1.0 + self.duration_s)
             state = D.MAVLink_extended_sys_state_message(0, 1 if aground else 2)
@@ -106,6 +121,21 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
         stamp = self.stamp_us(round(1e6 * t))
         return sender.pack(
             D.MAVLink_odometry_message(
-                stamp, 1, 1, x + moved, y + aside_m, z, attitude, *v, 0.0, 0.0, 0.0, NOTHING, NOTHING, counter, 8, 0
+                stamp,
+                1,
+                1,
+                x + moved,
+                y + aside_m,
+                z,
+                attitude,
+                *v,
+                0.0,
+                0.0,
+                0.0,
+                NOTHING,
+                NOTHING,
+                counter,
+                8,
+                0,
             )
         )

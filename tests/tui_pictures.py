@@ -1,6 +1,8 @@
-"""The pictures of the dashboard that tests compare with: ``python -m tests.tui_pictures`` draws them anew.
+"""The pictures of the dashboard that tests compare with: ``python -m tests.tui_pictures`` draws
+them anew.
 
-With a recording, ``python -m tests.tui_pictures LOG.mcap SECONDS FILE.svg``, it draws the one of the documents.
+With a recording, ``python -m tests.tui_pictures LOG.mcap SECONDS FILE.svg``, it draws the one of
+the documents.
 """
 
 import asyncio
@@ -43,7 +45,9 @@ PICTURES = {
     "fly_wide_light": Pictured([*flown(20.0), YOURS], (132, 40), "light"),
     "ready": Pictured([*on_ground(), YOURS], (80, 24)),
     "arm": Pictured([*on_ground(), YOURS], (80, 24), keys=("a", "m", "q")),
-    "link_lost_contrast": Pictured(flown(20.0, link=LOST, reason="nothing heard for 1.2 s"), (100, 30), "contrast"),
+    "link_lost_contrast": Pictured(
+        flown(20.0, link=LOST, reason="nothing heard for 1.2 s"), (100, 30), "contrast"
+    ),
     "control": Pictured(flown(20.0), (80, 24), keys=("2",)),
     "links": Pictured(flown(20.0, **LATE), (80, 24), "light", keys=("3",)),
     "recording": Pictured(flown(20.0), (80, 24), keys=("5",), live=False),
@@ -72,7 +76,9 @@ async def _draw(wanted: Pictured) -> str:
 
 
 def normal(svg: str) -> str:
-    """``svg`` without the numbers that differ from run to run, and without fonts that would have to be fetched."""
+    """``svg`` without the numbers that differ from run to run, and without fonts that would have to
+    be fetched.
+    """
     return FAR_FONT.sub("", ID.sub("terminal-", svg))
 
 
@@ -87,7 +93,9 @@ async def draw_recording(log: Path, at_s: float) -> str:
 
 if __name__ == "__main__" and len(sys.argv) > 1:
     _, recording, instant_s, picture = sys.argv
-    Path(picture).write_text(asyncio.run(draw_recording(Path(recording), float(instant_s))), "utf-8")
+    Path(picture).write_text(
+        asyncio.run(draw_recording(Path(recording), float(instant_s))), "utf-8"
+    )
 elif __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     for one in PICTURES:

@@ -1,13 +1,16 @@
-"""Recordings, listed and exported (``groundstation logs``, ``groundstation export``), and read as arrays: flight data.
+"""Recordings, listed and exported (``groundstation logs``, ``groundstation export``), and read as
+arrays: flight data.
 
-A list has the headline numbers of each flight. An export has channels as CSV, or a recording that was cut off made
-whole.
+A list has the headline numbers of each flight. An export has channels as CSV, or a recording that
+was cut off made whole.
 
 Flight data is a recorded flight as arrays, tables and pictures, for notebooks and scripts:
 
     log = load("flight.mcap")
-    log.time, log.reference.position, log.estimate.position, log.error      # arrays, one row a command
-    log["errors"].to_pandas()                                               # any channel, one row a message
+    log.time, log.reference.position, log.estimate.position, log.error      # arrays, one row a
+                                                                            command
+    log["errors"].to_pandas()                                               # any channel, one row a
+                                                                            message
 """
 
 import argparse
@@ -68,12 +71,15 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     """Write the recording at ``path`` in another format, say what was written, and return 0.
 
     Raises:
-        ConfigError: a file is no recording, a channel has another name, or the result can't be written.
+        ConfigError: a file is no recording, a channel has another name, or the result can't be
+            written.
     """
     wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
     for name in wanted:
         if name not in CHANNELS:
-            raise ConfigError("--channel", notice("value.choice", choices=list(CHANNELS), found=name))
+            raise ConfigError(
+                "--channel", notice("value.choice", choices=list(CHANNELS), found=name)
+            )
     to_screen = form == "csv" and len(wanted) == 1 and out is None
     target = out or path.with_name(f"{path.stem}{SUFFIXES[form]}")
     if form == "csv" and target.is_file():
@@ -111,7 +117,11 @@ def _export(recording: Recording, form: str, topics: list[str], target: Path) ->
     """Write ``recording`` to ``target``; returns what was written."""
     if form == "mcap":
         return f"{rewrite(recording, target, topics)} messages"
-    rows = [count for count in write_tables(recording, form, topics or list(CHANNELS), target).values() if count]
+    rows = [
+        count
+        for count in write_tables(recording, form, topics or list(CHANNELS), target).values()
+        if count
+    ]
     return f"{sum(rows)} rows of {len(rows)} channels"
 
 
@@ -119,11 +129,17 @@ def _file_name(topic: str) -> str:
     return f"{topic.strip('/').replace('/', '_')}.csv"
 
 
-def _write_csv_folder(recording: Recording, topics: Collection[str], folder: Path) -> dict[str, int]:
-    """A folder with a file for each channel that holds anything: nobody reads a table without a column."""
+def _write_csv_folder(
+    recording: Recording, topics: Collection[str], folder: Path
+) -> dict[str, int]:
+    """A folder with a file for each channel that holds anything: nobody reads a table without a
+    column.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        files = {topic: stack.enter_context(open_whole(folder / _file_name(topic))) for topic in topics}
+        files = {
+            topic: stack.enter_context(open_whole(folder / _file_name(topic))) for topic in topics
+        }
         rows = write_csv(recording, files)
     for topic, count in rows.items():
         if not count:
@@ -134,8 +150,8 @@ def _write_csv_folder(recording: Recording, topics: Collection[str], folder: Pat
 def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, int]:
     """Write the messages on each topic to its file, one row each; returns the number of rows.
 
-    Columns are named as ``rates_rad_s.x``: all that any message has, as some come only later (the attitude that a radio
-    brings back, a counter's new reason). So the recording is read twice.
+    Columns are named as ``rates_rad_s.x``: all that any message has, as some come only later (the
+    attitude that a radio brings back, a counter's new reason). So the recording is read twice.
     """
     names: dict[str, dict[str, None]] = {topic: {} for topic in files}
     rows = dict.fromkeys(files, 0)
@@ -156,7 +172,10 @@ def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, in
 
 
 def rewrite(recording: Recording, target: Path, topics: list[str]) -> int:
-    """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages."""
+    """Write what can be read of ``recording`` to ``target``, whole and with an index.
+
+    The number of messages.
+    """
     count = 0
     with open(target, "wb", opener=open_private) as file:  # Path.open has no opener
         writer = begin_mcap(file, "groundstation export", recording.about)
@@ -171,10 +190,12 @@ def rewrite(recording: Recording, target: Path, topics: list[str]) -> int:
 
 
 def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
-    """List what ``config`` has recorded (or what is in ``args.folder``), tidy first where ``args.tidy``; returns 0.
+    """List what ``config`` has recorded (or what is in ``args.folder``), tidy first where
+    ``args.tidy``; returns 0.
 
     Raises:
-        ConfigError: ``args.folder`` is no folder. That of ``config`` need not be there: nothing has been recorded yet.
+        ConfigError: ``args.folder`` is no folder. That of ``config`` need not be there: nothing has
+            been recorded yet.
     """
     if args.folder is not None:
         if not args.folder.expanduser().is_dir():
@@ -185,7 +206,15 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
     removed = tidy(config, args.now_s) if args.tidy else []
     flights = [describe_recording(path, folder) for path in list_flights(folder)]
     if args.json:
-        print(json.dumps({"folder": str(folder), "flights": flights, "removed": [path.name for path in removed]}))
+        print(
+            json.dumps(
+                {
+                    "folder": str(folder),
+                    "flights": flights,
+                    "removed": [path.name for path in removed],
+                }
+            )
+        )
         return Exit.DONE
     for path in removed:
         print(f"removed {path.name}")
@@ -200,7 +229,10 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
 
 def describe_recording(path: Path, folder: Path) -> dict[str, Any]:
     """Describe one file for the list of ``folder``."""
-    facts: dict[str, Any] = {"file": str(path.relative_to(folder)), "size_bytes": path.stat().st_size}
+    facts: dict[str, Any] = {
+        "file": str(path.relative_to(folder)),
+        "size_bytes": path.stat().st_size,
+    }
     try:
         about, headline, whole = quick_headline(path)
     except NoRecording as error:
@@ -217,11 +249,24 @@ def describe_recording(path: Path, folder: Path) -> dict[str, Any]:
     }
 
 
-_HEADS = ("", "controller", "trajectory", "flown", "RMS", "largest", "true RMS", "true largest", "size")
+_HEADS = (
+    "",
+    "controller",
+    "trajectory",
+    "flown",
+    "RMS",
+    "largest",
+    "true RMS",
+    "true largest",
+    "size",
+)
 
 
 def _table(rows: list[list[str]]) -> list[str]:
-    """The rows in columns as wide as what stands in them, below their heads; the last cell of a row is as it comes."""
+    """The rows in columns as wide as what stands in them, below their heads.
+
+    The last cell of a row is as it comes.
+    """
     if not rows:
         return []
     rows = [[*_HEADS, "ended"], *rows]
@@ -252,7 +297,10 @@ def _cm(value: float | None) -> str:
 
 
 class Track(NamedTuple):
-    """Where the vehicle was, was believed to be, or should have been: one row a command. What is not known is NaN."""
+    """Where the vehicle was, was believed to be, or should have been: one row a command.
+
+    What is not known is NaN.
+    """
 
     position: "Column"
     """Position (N, 3) [m], world NED: north, east, down."""
@@ -265,9 +313,12 @@ class Track(NamedTuple):
 
 
 class Channel(dict[str, "NDArray[Any]"]):
-    """One channel of a recording: its columns by name, such as ``z1_m.x``; a vector's own name gives all components.
+    """One channel of a recording: its columns by name, such as ``z1_m.x``.
 
-    A column has the shape (N,), one row a message; the components of a vector together (N, 3) or (N, 4).
+    A vector's own name gives all components.
+
+    A column has the shape (N,), one row a message; the components of a vector together (N, 3) or
+    (N, 4).
     """
 
     def __init__(self, topic: str, columns: "dict[str, NDArray[Any]]") -> None:
@@ -287,11 +338,18 @@ class Channel(dict[str, "NDArray[Any]"]):
         """
         parts = [column for key, column in self.items() if key.rpartition(".")[0] == name]
         if not parts:
-            raise KeyError(str(notice("recording.no_column", topic=self.topic, name=name, columns=", ".join(self))))
+            raise KeyError(
+                str(
+                    notice(
+                        "recording.no_column", topic=self.topic, name=name, columns=", ".join(self)
+                    )
+                )
+            )
         return np.stack(parts, axis=-1)
 
     def to_pandas(self) -> "DataFrame":
-        """The columns as a table, one row a message, by ``time_s`` on the event loop's clock [s] where it has that.
+        """The columns as a table, one row a message, by ``time_s`` on the event loop's clock [s]
+        where it has that.
 
         Raises:
             ConfigError: pandas is not installed.
@@ -324,17 +382,21 @@ class FlightData:
     def __repr__(self) -> str:
         """For a notebook: what was flown, and how well."""
         rms = (
-            "no steady part" if self.rms_cm is None else f"RMS error {self.rms_cm:.2f} cm against {self.error_against}"
+            "no steady part"
+            if self.rms_cm is None
+            else f"RMS error {self.rms_cm:.2f} cm against {self.error_against}"
         )
         short = _short_of(self._recording)  # known by now: the figures are read to its end
         return (
-            f"<{type(self).__name__} of {self.path.name}, {self.about.get('controller', 'no controller')}: "
-            f"{rms}{short}>"
+            f"<{type(self).__name__} of {self.path.name}, "
+            f"{self.about.get('controller', 'no controller')}: {rms}{short}>"
         )
 
     @property
     def about(self) -> dict[str, str]:
-        """Facts known before the flight, as text: vehicle, controller, config, scenario, seed, version, ..."""
+        """Facts known before the flight, as text: vehicle, controller, config, scenario, seed,
+        version, ...
+        """
         return self._recording.about
 
     @cached_property
@@ -358,14 +420,22 @@ class FlightData:
 
     @property
     def time(self) -> "Column":
-        """Time of each command since the trajectory began (N,) [s]; where it never did, since the first command."""
+        """Time of each command since the trajectory began (N,) [s].
+
+        Where it never did, since the first command.
+        """
         return self.columns.t
 
     @property
     def reference(self) -> Track:
         """Where the vehicle should have been."""
         vectors = self.columns.vectors
-        return Track(vectors["reference_ned"], vectors["reference_velocity_ned"], None, np.zeros_like(self.columns.t))
+        return Track(
+            vectors["reference_ned"],
+            vectors["reference_velocity_ned"],
+            None,
+            np.zeros_like(self.columns.t),
+        )
 
     @property
     def estimate(self) -> Track:
@@ -375,11 +445,19 @@ class FlightData:
 
     @property
     def truth(self) -> Track | None:
-        """Where a simulated vehicle really was when the command was computed; None where no truth was recorded."""
+        """Where a simulated vehicle really was when the command was computed.
+
+        None where no truth was recorded.
+        """
         vectors, error = self.columns.vectors, self.columns.scalars["true_error_m"]
         if not np.isfinite(vectors["true_position_ned"]).any():
             return None
-        return Track(vectors["true_position_ned"], vectors["true_velocity_ned"], vectors["true_attitude"], error)
+        return Track(
+            vectors["true_position_ned"],
+            vectors["true_velocity_ned"],
+            vectors["true_attitude"],
+            error,
+        )
 
     @property
     def error(self) -> "Column":
@@ -388,26 +466,44 @@ class FlightData:
 
     @property
     def error_against(self) -> str:
-        """``truth`` or ``estimate``: what :attr:`error`, :attr:`rms_cm` and :attr:`max_cm` are measured by."""
-        return "truth" if self.headline.true_rms_m is not None or self.truth is not None else "estimate"
+        """``truth`` or ``estimate``: what :attr:`error`, :attr:`rms_cm` and :attr:`max_cm` are
+        measured by.
+        """
+        return (
+            "truth"
+            if self.headline.true_rms_m is not None or self.truth is not None
+            else "estimate"
+        )
 
     @property
     def rms_cm(self) -> float | None:
-        """Root mean square of the error over the steady part [cm]; None where the flight ended before it."""
-        return _to_cm(self.headline.true_rms_m if self.error_against == "truth" else self.headline.rms_m)
+        """Root mean square of the error over the steady part [cm].
+
+        None where the flight ended before it.
+        """
+        return _to_cm(
+            self.headline.true_rms_m if self.error_against == "truth" else self.headline.rms_m
+        )
 
     @property
     def max_cm(self) -> float | None:
         """The largest error of the steady part [cm]; None where the flight ended before it."""
-        return _to_cm(self.headline.true_max_m if self.error_against == "truth" else self.headline.max_m)
+        return _to_cm(
+            self.headline.true_max_m if self.error_against == "truth" else self.headline.max_m
+        )
 
     @property
     def channels(self) -> list[str]:
-        """The names for ``flight[name]``; docs/reference/recording-channels.md tells what is in each."""
+        """The names for ``flight[name]``.
+
+        Docs/reference/recording-channels.md tells what is in each.
+        """
         return [topic.strip("/") for topic in CHANNELS]
 
     def __getitem__(self, channel: str) -> Channel:
-        """One channel, as ``errors`` or ``/errors``; its messages in the order in which things happened.
+        """One channel, as ``errors`` or ``/errors``.
+
+        Its messages in the order in which things happened.
 
         Raises:
             KeyError: there is none of that name.
@@ -418,7 +514,8 @@ class FlightData:
         return Channel(topic, tabulate(self._recording.entries((topic,)), (topic,))[topic])
 
     def to_pandas(self) -> "DataFrame":
-        """One row a command by its time [s]: reference, estimate and truth in columns such as ``truth.position.north``.
+        """One row a command by its time [s]: reference, estimate and truth in columns such as
+        ``truth.position.north``.
 
         Raises:
             ConfigError: pandas is not installed.
@@ -427,19 +524,29 @@ class FlightData:
         from pandas import DataFrame
 
         table: dict[str, Column] = {}
-        for name, track in (("reference", self.reference), ("estimate", self.estimate), ("truth", self.truth)):
+        for name, track in (
+            ("reference", self.reference),
+            ("estimate", self.estimate),
+            ("truth", self.truth),
+        ):
             if track is None:
                 continue
             for part, values in zip(("position", "velocity"), track[:2], strict=True):
-                table |= {f"{name}.{part}.{axis}": values[:, i] for i, axis in enumerate(("north", "east", "down"))}
+                table |= {
+                    f"{name}.{part}.{axis}": values[:, i]
+                    for i, axis in enumerate(("north", "east", "down"))
+                }
             if track.attitude is not None:
-                table |= {f"{name}.attitude.{axis}": track.attitude[:, i] for i, axis in enumerate("wxyz")}
+                table |= {
+                    f"{name}.attitude.{axis}": track.attitude[:, i] for i, axis in enumerate("wxyz")
+                }
                 table[f"{name}.error_m"] = track.error
         table["thrust_n"] = self.columns.scalars["thrust_n"]
         return DataFrame(table, index=self.time).rename_axis("time_s")
 
     def plot(self, figure: str = "position") -> "Figure":
-        """One figure of ``groundstation report``, such as position, error, path, disturbance, actuation, lyapunov.
+        """One figure of ``groundstation report``, such as position, error, path, disturbance,
+        actuation, lyapunov.
 
         Raises:
             ConfigError: there is no figure of that name, or matplotlib is not installed.
@@ -450,7 +557,8 @@ class FlightData:
         return draw_figure(find_figure(figure), self.columns)
 
     def save(self, path: Path | str) -> Path:
-        """Write the recording to ``path``: itself as .mcap, or its channels as one of the formats of ``export``.
+        """Write the recording to ``path``: itself as .mcap, or its channels as one of the formats
+        of ``export``.
 
         As .csv they are a folder, with a file for each channel.
 
@@ -483,20 +591,26 @@ def load(path: Path | str) -> FlightData:
     if not isinstance(told, Path | str) or not str(told):
         raise ConfigError("LOG", notice("recording.no_path", found=path))
     if Path(path).is_dir():
-        raise ConfigError("LOG", notice("recording.folder", path=path, example=Path(path) / "flight.mcap"))
+        raise ConfigError(
+            "LOG", notice("recording.folder", path=path, example=Path(path) / "flight.mcap")
+        )
     return FlightData(Path(path))
 
 
 def _write_npz(tables: "Tables", target: Path) -> None:
     columns: Any = {
-        f"{topic}.{name}": _without_objects(column) for topic, table in tables.items() for name, column in table.items()
+        f"{topic}.{name}": _without_objects(column)
+        for topic, table in tables.items()
+        for name, column in table.items()
     }
     with target.open("wb") as file:  # which keeps the name that was asked for
         np.savez_compressed(file, **columns)
 
 
 def _without_objects(column: "NDArray[Any]") -> "NDArray[Any]":
-    """Texts as NumPy's own, which `numpy.load` reads as it is: objects would be pickled, and nobody unpickles those."""
+    """Texts as NumPy's own, which `numpy.load` reads as it is: objects would be pickled, and nobody
+    unpickles those.
+    """
     if column.dtype != object:
         return column
     return np.array(["" if value is None else value for value in column], dtype=str)
@@ -508,21 +622,23 @@ def _write_mat(tables: "Tables", target: Path) -> None:
     from scipy.io import savemat
 
     told = {
-        topic: {name.replace(".", "_"): column for name, column in table.items()} for topic, table in tables.items()
+        topic: {name.replace(".", "_"): column for name, column in table.items()}
+        for topic, table in tables.items()
     }
     savemat(target, told, long_field_names=True, oned_as="column")
 
 
-_TABLE_WRITERS: "dict[str, Callable[[Tables, Path], None]]" = {
-    "npz": _write_npz,
-    "mat": _write_mat,
-}
+_TABLE_WRITERS: "dict[str, Callable[[Tables, Path], None]]" = {"npz": _write_npz, "mat": _write_mat}
 FORMATS = (*_TABLE_WRITERS, "csv")
 """Formats of channels by the ending of the file's name; csv makes a folder."""
 
 
-def write_tables(recording: Recording, form: str, topics: Collection[str], target: Path) -> dict[str, int]:
-    """Write the messages on ``topics`` to ``target`` in one of :data:`FORMATS`; returns how many each has.
+def write_tables(
+    recording: Recording, form: str, topics: Collection[str], target: Path
+) -> dict[str, int]:
+    """Write the messages on ``topics`` to ``target`` in one of :data:`FORMATS`.
+
+    Returns how many each has.
 
     Raises:
         ConfigError: the package for it is not installed.

@@ -1,8 +1,9 @@
 """Replay, ``groundstation replay LOG.mcap``: a recorded flight flown again, from the wire up.
 
-What went in is taken from the recording: every byte with its arrival, the instant of every command, the reference. What
-came out, every pose and every command, is made anew and held against what was recorded, to the last bit. Sources and
-links run unchanged on a tape loop: they hear what they heard in flight; what they send goes nowhere.
+What went in is taken from the recording: every byte with its arrival, the instant of every command,
+the reference. What came out, every pose and every command, is made anew and held against what was
+recorded, to the last bit. Sources and links run unchanged on a tape loop: they hear what they heard
+in flight; what they send goes nowhere.
 """
 
 import asyncio
@@ -46,26 +47,35 @@ from links.io import NETWORK, Network
 
 NAMES = ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s")
 FLOWN_AGAIN = ("vehicle", "controller", "pose", "gate", "link", "flight")
-"""Tables of the configuration that a replay asks; the reference, and what the mission did, are as recorded."""
+"""Tables of the configuration that a replay asks; the reference, and what the mission did, are as
+recorded."""
 END = "this is all that is in it"
 
 
-def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool, trust_modules: bool = False) -> Exit:
+def replay_command(
+    path: Path, overrides: Sequence[str], *, as_json: bool, trust_modules: bool = False
+) -> Exit:
     """Fly ``path`` again, with ``overrides`` where given; print what came of it.
 
-    Returns 0, or 1 where the recording is damaged, or nothing was changed and the commands are not the same to the last
-    bit.
+    Returns 0, or 1 where the recording is damaged, or nothing was changed and the commands are not
+    the same to the last bit.
 
     Raises:
-        ConfigError: the file is no recording of a flight of ours, an override is bad, or it was flown by a controller
-            of somebody's own, whose module nobody has said to be trusted.
+        ConfigError: the file is no recording of a flight of ours, an override is bad, or it was
+            flown by a controller of somebody's own, whose module nobody has said to be trusted.
     """
     facts = replay_facts(path, overrides, trust_modules=trust_modules)
     print(json.dumps(facts) if as_json else text_of(facts))
-    return Exit.DONE if facts["damaged_at"] is None and (overrides or facts["identical"]) else Exit.FAILED
+    return (
+        Exit.DONE
+        if facts["damaged_at"] is None and (overrides or facts["identical"])
+        else Exit.FAILED
+    )
 
 
-def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bool = False) -> dict[str, Any]:
+def replay_facts(
+    path: Path, overrides: Sequence[str] = (), *, trust_modules: bool = False
+) -> dict[str, Any]:
     """The object that ``--json`` prints.
 
     Raises:
@@ -76,7 +86,9 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
         if "imported" in recording.about:
             raise ConfigError("LOG", notice("replay.imported", path=path))
         config, left_out = read_flown_config(recording.about, recording.path, overrides)
-        if not trust_modules and not {"controller.kind", "controller.factory"} & set(map(_key, overrides)):
+        if not trust_modules and not {"controller.kind", "controller.factory"} & set(
+            map(_key, overrides)
+        ):
             _ensure_own(config, path)
         result = fly_again(recording, config)
     own = about_texts(About(config="", vehicle="", controller="", trajectory="", period_s=0.0))
@@ -96,11 +108,18 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
         "damaged_at": recording.damaged_at,
         "overrides": list(overrides),
         "settings_left_out": left_out,
-        "without_effect": [override for override in overrides if _key(override).partition(".")[0] not in FLOWN_AGAIN],
+        "without_effect": [
+            override
+            for override in overrides
+            if _key(override).partition(".")[0] not in FLOWN_AGAIN
+        ],
         "changes": {
-            name: _change([(p.recorded[i], p.replayed[i]) for p in result.commands]) for i, name in enumerate(NAMES)
+            name: _change([(p.recorded[i], p.replayed[i]) for p in result.commands])
+            for i, name in enumerate(NAMES)
         },
-        "saturated_fraction": sum(pair.saturated for pair in result.commands) / count if count else None,
+        "saturated_fraction": sum(pair.saturated for pair in result.commands) / count
+        if count
+        else None,
         "recorded_by": {key: recording.about.get(key, "") for key in ("version", "git", "python")},
         "replayed_by": {key: own[key] for key in ("version", "git", "python")},
     }
@@ -133,8 +152,15 @@ def _change(pairs: list[tuple[float, float]]) -> dict[str, float] | None:
 def text_of(facts: dict[str, Any]) -> str:
     """Describe the result for people."""
     lines = [
-        f"{facts['file']}: {facts['commands']} commands, {facts['idle_commands']} idle ones, {facts['poses']} poses"
-        + ("" if facts["whole"] else f"; the recording was cut off, {END}" if facts["damaged_at"] is None else "")
+        f"{facts['file']}: {facts['commands']} commands, {facts['idle_commands']} idle ones, "
+        f"{facts['poses']} poses"
+        + (
+            ""
+            if facts["whole"]
+            else f"; the recording was cut off, {END}"
+            if facts["damaged_at"] is None
+            else ""
+        )
     ]
     if facts["damaged_at"] is not None:
         lines.append(f"DAMAGED at byte {facts['damaged_at']}: the rest is not read, {END}")
@@ -142,7 +168,8 @@ def text_of(facts: dict[str, Any]) -> str:
         lines.append(f"{facts['lost']} records are missing: the recorder could not keep up")
     if facts["differing"]["pose"]:
         lines += [
-            f"nobody listens on {wire} this time: what was heard there is left out" for wire in facts["unheard_wires"]
+            f"nobody listens on {wire} this time: what was heard there is left out"
+            for wire in facts["unheard_wires"]
         ]
     first = facts["first_difference"]
     if facts["identical"]:
@@ -150,19 +177,26 @@ def text_of(facts: dict[str, Any]) -> str:
         lines.append(f"identical: every pose and every command{there} is the same to the last bit")
     elif first is not None:
         lines.append(
-            f"not identical: {facts['differing']['command']} commands differ, first {first['what']} "
-            f"{first['number']} at {first['time_s']:.6f} s, {first['field']}: "
+            f"not identical: {facts['differing']['command']} commands differ, first "
+            f"{first['what']} {first['number']} at {first['time_s']:.6f} s, {first['field']}: "
             f"{first['recorded']} recorded, {first['replayed']} now"
         )
     if facts["without_effect"]:
         lines.append(
-            f"{', '.join(facts['without_effect'])}: changes nothing here. The reference is the recorded one, and only "
-            "pose source, gate, estimator and controller run again; to fly it otherwise, use the simulator"
+            f"{', '.join(facts['without_effect'])}: changes nothing here. The reference is the "
+            "recorded one, and only pose source, gate, estimator and controller run again; to fly "
+            "it otherwise, use the simulator"
         )
     if facts["overrides"]:
-        lines += ["", f"with {', '.join(facts['overrides'])}, on the poses that were seen (nothing flies differently):"]
+        lines += [
+            "",
+            f"with {', '.join(facts['overrides'])}, on the poses that were seen (nothing flies "
+            "differently):",
+        ]
     if not facts["identical"] and facts["commands"]:
-        lines.append(f"{'':20}{'mean recorded':>15}{'mean now':>12}{'change RMS':>12}{'largest':>12}")
+        lines.append(
+            f"{'':20}{'mean recorded':>15}{'mean now':>12}{'change RMS':>12}{'largest':>12}"
+        )
         for name in NAMES:
             c = facts["changes"][name]
             lines.append(
@@ -177,7 +211,9 @@ def text_of(facts: dict[str, Any]) -> str:
 
 
 def _describe_versions(facts: dict[str, Any]) -> str:
-    largest = [0.0 if facts["changes"][name] is None else facts["changes"][name]["max"] for name in NAMES]
+    largest = [
+        0.0 if facts["changes"][name] is None else facts["changes"][name]["max"] for name in NAMES
+    ]
     return notice(
         "replay.versions",
         recorded=_name_program(facts["recorded_by"]),
@@ -188,7 +224,10 @@ def _describe_versions(facts: dict[str, Any]) -> str:
 
 
 def _name_program(program: dict[str, str]) -> str:
-    return f"version {program['version']} ({program['git'][:12] or 'no commit'}) on Python {program['python']}"
+    return (
+        f"version {program['version']} ({program['git'][:12] or 'no commit'}) on Python "
+        f"{program['python']}"
+    )
 
 
 Wire = tuple[str, str, str]
@@ -222,11 +261,16 @@ class TapeLoop(asyncio.SelectorEventLoop):
         return self.now
 
     def settle(self) -> None:
-        """Run until every task waits for something that is not on the tape yet, or for a later time."""
+        """Run until every task waits for something that is not on the tape yet, or for a later
+        time.
+        """
         self.run_forever()
 
     def protocol(self, wire: Wire) -> Any:
-        """The code at our end of a wire that the recording says was opened now; None where nobody opened it."""
+        """The code at our end of a wire that the recording says was opened now.
+
+        None where nobody opened it.
+        """
         opened = self._protocols[wire]
         return opened.pop(0) if opened else None
 
@@ -235,7 +279,9 @@ class TapeLoop(asyncio.SelectorEventLoop):
         protocol = factory()
         self._protocols[wire].append(protocol)
         peer = tuple(wire[2].rsplit(":", 1)) if wire[2] and wire[0] != "serial" else None
-        transport = _Mute({"sockname": local or ("127.0.0.1", 0), "peername": peer, "socket": _NoSocket()})
+        transport = _Mute(
+            {"sockname": local or ("127.0.0.1", 0), "peername": peer, "socket": _NoSocket()}
+        )
         protocol.connection_made(transport)
         return transport, protocol
 
@@ -248,17 +294,28 @@ class TapeNetwork(Network):
         self._loop = loop
 
     async def open_datagram(
-        self, factory: Callable[[], Any], local: Any = None, remote: Any = None, *, reuse_port: bool | None = None
+        self,
+        factory: Callable[[], Any],
+        local: Any = None,
+        remote: Any = None,
+        *,
+        reuse_port: bool | None = None,
     ) -> tuple[Any, Any]:
         """A datagram endpoint."""
         # The port from which a remote address is spoken to is not what tells wires apart.
-        return self._loop.open(("udp", "" if remote else _address(local), _address(remote)), factory, local)
+        return self._loop.open(
+            ("udp", "" if remote else _address(local), _address(remote)), factory, local
+        )
 
-    async def open_stream(self, factory: Callable[[], Any], host: str, port: int) -> tuple[Any, Any]:
+    async def open_stream(
+        self, factory: Callable[[], Any], host: str, port: int
+    ) -> tuple[Any, Any]:
         """A connection."""
         return self._loop.open(("tcp", "", _address((host, port))), factory, None)
 
-    async def open_serial(self, factory: Callable[[], Any], path: str, baud: int) -> tuple[Any, Any]:
+    async def open_serial(
+        self, factory: Callable[[], Any], path: str, baud: int
+    ) -> tuple[Any, Any]:
         """A serial port."""
         return self._loop.open(("serial", "", path), factory, None)
 
@@ -346,7 +403,17 @@ def _signs(value: Any) -> Any:
     return math.copysign(1.0, value) if isinstance(value, float) else None
 
 
-TOPICS = ("/raw/opened", "/raw/received", "/measured", "/follow", "/switch", "/idle", "/command", "/reference", "/lost")
+TOPICS = (
+    "/raw/opened",
+    "/raw/received",
+    "/measured",
+    "/follow",
+    "/switch",
+    "/idle",
+    "/command",
+    "/reference",
+    "/lost",
+)
 
 
 class CommandPair(NamedTuple):
@@ -363,7 +430,8 @@ class ReplayResult:
 
     commands: list[CommandPair] = field(default_factory=list)
     count: Counter[str] = field(default_factory=Counter)
-    """Number of recorded poses, idle commands and commands, by ``pose``, ``idle`` and ``command``."""
+    """Number of recorded poses, idle commands and commands, by ``pose``, ``idle`` and
+    ``command``."""
     differing: dict[str, int] = field(default_factory=lambda: {"pose": 0, "idle": 0, "command": 0})
     """Number of those that differ in any bit."""
     first: Difference | None = None
@@ -381,9 +449,13 @@ class ReplayResult:
                 return
         self.count[what] += 1
 
-    def differ(self, what: str, time_s: float, field_name: str, recorded: Any, replayed: Any) -> None:
+    def differ(
+        self, what: str, time_s: float, field_name: str, recorded: Any, replayed: Any
+    ) -> None:
         """Note that the next ``what`` differs in a field."""
-        self.first = self.first or Difference(what, self.count[what], time_s, field_name, recorded, replayed)
+        self.first = self.first or Difference(
+            what, self.count[what], time_s, field_name, recorded, replayed
+        )
         self.differing[what] += 1
         self.count[what] += 1
 
@@ -392,7 +464,9 @@ class ObedientPilot(Pilot):
     """A pilot whose vehicle may have been told something else."""
 
     def obey(self, time_s: float, command: Command) -> None:
-        """Take the recorded ``command`` of ``time_s`` [s] in place of the new one: the vehicle moved by it."""
+        """Take the recorded ``command`` of ``time_s`` [s] in place of the new one: the vehicle
+        moved by it.
+        """
         drive = ActuatorCommand(command.thrust_n, command.rates_rad_s)
         self.state.estimator.add_command(time_s + self._vehicle.command_delay_s, drive)
 
@@ -471,7 +545,8 @@ class _Replay:
     async def _connect(self) -> None:
         """As a flight does; but the link only where poses come by it, and never one with a pacer.
 
-        What is opened past the event loop would be a real wire, with a real vehicle at its other end.
+        What is opened past the event loop would be a real wire, with a real vehicle at its other
+        end.
         """
         await self._source.start(self._deliver)
         if self._hears_link:
@@ -489,7 +564,9 @@ class _Replay:
             self._connecting = self._loop.create_task(self._connect())
             self._connecting.add_done_callback(lambda task: task.cancelled() or task.exception())
         self._loop.settle()
-        protocol = self._loop.protocol((opened.kind, "" if opened.remote else opened.local, opened.remote))
+        protocol = self._loop.protocol(
+            (opened.kind, "" if opened.remote else opened.local, opened.remote)
+        )
         self._wires[opened.wire] = protocol
         if protocol is None:
             self.result.deaf.append(f"{opened.kind} {opened.local or opened.remote}")
@@ -501,7 +578,8 @@ class _Replay:
         protocol = self._wires.get(received.wire)
         if protocol is None:
             return
-        # The source looks at the clock a moment after the tap did. What it saw stands in the pose that it made.
+        # The source looks at the clock a moment after the tap did. What it saw stands in the pose
+        # that it made.
         self._loop.now = _arrival_s(entries, index) or received.time_s
         if received.peer:
             host, _, port = received.peer.rpartition(":")
@@ -515,7 +593,11 @@ class _Replay:
         if not (self._delivered and self._delivered[0].id == seen.id):
             self._loop.settle()
         recorded = read_pose(seen)
-        pose = self._delivered.popleft() if self._delivered and self._delivered[0].id == seen.id else None
+        pose = (
+            self._delivered.popleft()
+            if self._delivered and self._delivered[0].id == seen.id
+            else None
+        )
         if pose is None:
             self.result.differ("pose", seen.arrival_s, "all of it", seen.id, None)
             pose = recorded
@@ -539,7 +621,9 @@ class _Replay:
             case "agreement", 1:
                 pilot.set_autopilot_agreement(None if values[0] < 0.0 else bool(values[0]))
             case "autopilot_attitude", 5:
-                pilot.take_autopilot_attitude(values[0], (values[1], values[2], values[3], values[4]))
+                pilot.take_autopilot_attitude(
+                    values[0], (values[1], values[2], values[3], values[4])
+                )
             case "touch", 1:
                 pilot.set_ground_contact(bool(values[0]))
             case "listen", 1:
@@ -548,8 +632,13 @@ class _Replay:
                 pilot.lift_off(*values)
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
-            case "ease", 2 | 3 | 4:  # the second is the first; of 2 no transit had limits, of 4 one each
-                pilot.use_profile(TRANSIT if any(values[2:3]) else HOLDING if values[0] else TRACKING)
+            case (
+                "ease",
+                2 | 3 | 4,
+            ):  # the second is the first; of 2 no transit had limits, of 4 one each
+                pilot.use_profile(
+                    TRANSIT if any(values[2:3]) else HOLDING if values[0] else TRACKING
+                )
             case "surrender", 1:
                 self._end = partial(pilot.surrender, hold_s=values[0])
             case "let_go", 1:
@@ -579,7 +668,10 @@ class _Replay:
 
 
 def _arrival_s(entries: list[Entry], index: int) -> float | None:
-    """When the pose arrived that the bytes at ``index`` brought [s]; None where they brought none."""
+    """When the pose arrived that the bytes at ``index`` brought [s].
+
+    None where they brought none.
+    """
     for following in range(index + 1, len(entries)):
         entry = entries[following]
         if entry.topic == "/measured":

@@ -1,7 +1,9 @@
-"""Viewer, ``groundstation view LOG``: a recorded flight as Foxglove draws it in space, also while it is being flown.
+"""Viewer, ``groundstation view LOG``: a recorded flight as Foxglove draws it in space, also while
+it is being flown.
 
-The trails in the room are made of the recording's own messages (:class:`FoxgloveScene`), in a process of its own, so
-that a flight does nothing for whoever looks on. The server is foxglove-sdk's.
+The trails in the room are made of the recording's own messages (:class:`FoxgloveScene`), in a
+process of its own, so that a flight does nothing for whoever looks on. The server is
+foxglove-sdk's.
 """
 
 import asyncio
@@ -30,7 +32,8 @@ from links.io import parse_address
 TRAIL_S = 20.0
 """Length of a trail in time [s]."""
 SAMPLE_S = 0.2
-"""Interval between points of a trail, at each of which it is drawn, and of polling for new records [s]."""
+"""Interval between points of a trail, at each of which it is drawn, and of polling for new records
+[s]."""
 TRAILS = ("estimate", "reference", "truth")
 """Channels whose positions leave a trail."""
 LEVEL = ch.Quaternion(0.0, 0.0, 0.0, 1.0)
@@ -46,17 +49,24 @@ class PosesInFrame(msgspec.Struct, frozen=True, gc=False):
 
 
 class FoxgloveScene:
-    """A recording's messages as they are, beside trails of their positions; the vehicle is its own frame, ``/tf``."""
+    """A recording's messages as they are, beside trails of their positions.
+
+    The vehicle is its own frame, ``/tf``.
+    """
 
     topics = tuple(f"/scene/{name}" for name in TRAILS)
     """Topics that are drawn beside the recording's own."""
 
     def __init__(self) -> None:
-        self._trails: dict[str, deque[tuple[float, ch.FoxglovePose]]] = {f"/{name}": deque() for name in TRAILS}
+        self._trails: dict[str, deque[tuple[float, ch.FoxglovePose]]] = {
+            f"/{name}": deque() for name in TRAILS
+        }
 
     def channels(self) -> Iterator[ChannelForm]:
         """Those of the scene, and those of a recording but for its bytes."""
-        yield from (channel_form(topic, "foxglove.PosesInFrame", PosesInFrame) for topic in self.topics)
+        yield from (
+            channel_form(topic, "foxglove.PosesInFrame", PosesInFrame) for topic in self.topics
+        )
         yield from describe_channels(topic for topic in CHANNELS if not topic.startswith("/raw"))
 
     def messages(self, entry: Entry) -> Iterator[tuple[str, bytes]]:
@@ -71,7 +81,10 @@ class FoxgloveScene:
         stamp = ch.Time.of(entry.stamp_ns)
         drawn = PosesInFrame(stamp, ch.WORLD, tuple(pose for _, pose in trail))
         yield f"/scene{entry.topic}", msgspec.json.encode(drawn)
-        yield "/tf", msgspec.json.encode(ch.turn_world_over(stamp))  # again, for whoever begins to look in between
+        yield (
+            "/tf",
+            msgspec.json.encode(ch.turn_world_over(stamp)),
+        )  # again, for whoever begins to look in between
 
 
 LISTEN = "127.0.0.1:8765"
@@ -79,12 +92,15 @@ LISTEN = "127.0.0.1:8765"
 
 
 def view_command(path: Path, listen: str | None) -> Exit:
-    """Show a recording in Foxglove, served at ``listen`` (HOST:PORT; without it at :data:`LISTEN`); returns 0.
+    """Show a recording in Foxglove, served at ``listen`` (HOST:PORT; without it at :data:`LISTEN`).
+
+    Returns 0.
 
     One that is still being written is followed to its end.
 
     Raises:
-        ConfigError: it is no recording, foxglove-sdk is missing, or there is no listening at ``listen``.
+        ConfigError: it is no recording, foxglove-sdk is missing, or there is no listening at
+            ``listen``.
     """
     try:
         host, port = parse_address(listen or LISTEN)
@@ -97,7 +113,9 @@ def view_command(path: Path, listen: str | None) -> Exit:
 
 
 async def _serve(recording: Recording, host: str, port: int) -> None:
-    """To whoever connects by Foxglove: a flight as it goes on, a finished one at its own pace once somebody looks."""
+    """To whoever connects by Foxglove: a flight as it goes on, a finished one at its own pace once
+    somebody looks.
+    """
     import foxglove
     from foxglove.websocket import ServerListener
 
@@ -105,7 +123,9 @@ async def _serve(recording: Recording, host: str, port: int) -> None:
     scene, channels = FoxgloveScene(), {}
     for topic, name, text, form, encoding in scene.channels():
         about = foxglove.Schema(name=name, encoding=form, data=text)
-        channels[topic] = foxglove.Channel(topic, schema=about, message_encoding=encoding, context=context)
+        channels[topic] = foxglove.Channel(
+            topic, schema=about, message_encoding=encoding, context=context
+        )
     loop = asyncio.get_running_loop()
 
     class Subscriptions(ServerListener):
@@ -115,10 +135,16 @@ async def _serve(recording: Recording, host: str, port: int) -> None:
 
     try:
         server = foxglove.start_server(
-            name=recording.path.stem, host=host, port=port, context=context, server_listener=Subscriptions()
+            name=recording.path.stem,
+            host=host,
+            port=port,
+            context=context,
+            server_listener=Subscriptions(),
         )
     except (RuntimeError, OSError) as error:
-        raise ConfigError("--listen", notice("value.refused", value=f"{host}:{port}", why=error)) from None
+        raise ConfigError(
+            "--listen", notice("value.refused", value=f"{host}:{port}", why=error)
+        ) from None
     print(f"{recording.path}: in Foxglove, Open connection, ws://{host}:{server.port}", flush=True)
     live = is_being_written(recording.path)
     if not live:

@@ -1,7 +1,14 @@
 """Configuration: TOML files and overrides into frozen structs, with errors that name the key."""
 
 from groundstation.config.config_notices import CONFIG_NOTICES, config_notice
-from groundstation.config.errors import ArgumentError, ConfigError, Problem, dotted_key, locate, refuse_io
+from groundstation.config.errors import (
+    ArgumentError,
+    ConfigError,
+    Problem,
+    dotted_key,
+    locate,
+    refuse_io,
+)
 from groundstation.config.loader import convert, from_dict, load
 from groundstation.config.retired import RETIRED_KEYS, RetiredKeyWarning
 from groundstation.config.schema import (

@@ -20,14 +20,18 @@ class ConfigError(Exception):
     """
 
     def __init__(self, key: str, problem: str | Sentence, source: str = "") -> None:
-        """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the override)."""
+        """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the
+        override).
+        """
         self.key = key
         self.problem = str(problem)
         super().__init__(": ".join(part for part in (source, key, self.problem) if part))
         self.source = source
 
     def __reduce__(self) -> tuple[type[Self], tuple[str, ...]]:
-        """Pickle the constructor's arguments: a worker process hands its errors to the one that started it."""
+        """Pickle the constructor's arguments: a worker process hands its errors to the one that
+        started it.
+        """
         return type(self), (self.key, self.problem, self.source)
 
 
@@ -68,18 +72,23 @@ def element_path(path: KeyPath, index: int) -> KeyPath:
 
 @contextmanager
 def refuse_io(key: str, id: str, path: Path | str, source: str = "") -> Iterator[None]:
-    """Report by ``key`` why the block fails; ``id`` names the sentence about ``path``, such as ``file.unwritten``.
+    """Report by ``key`` why the block fails.
+
+    ``id`` names the sentence about ``path``, such as ``file.unwritten``.
 
     Where ``path`` is a folder, the sentence is about the file in it that the system names.
 
     Raises:
-        ConfigError: in the place of an OSError, as ssl.SSLError is one, and of text that is no UTF-8.
+        ConfigError: in the place of an OSError, as ssl.SSLError is one, and of text that is no
+            UTF-8.
     """
     try:
         yield
     except OSError as error:
         named = error.filename if error.filename is not None and Path(path).is_dir() else path
-        raise ConfigError(key, config_notice(id, path=named, why=error.strerror or error), source) from None
+        raise ConfigError(
+            key, config_notice(id, path=named, why=error.strerror or error), source
+        ) from None
     except UnicodeDecodeError as error:
         why = config_notice("file.not_utf8", at=error.start)
         raise ConfigError(key, config_notice(id, path=path, why=why), source) from None

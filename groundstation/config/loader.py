@@ -1,8 +1,9 @@
 """Configuration: one TOML file and ``--set`` overrides into frozen structs.
 
-Any ``msgspec.Struct`` may be the root; types, ``msgspec.Meta`` bounds, ``Literal`` and tagged unions are its schema. A
-table needs only the keys that it changes. :func:`msgspec.convert` checks everything, once; its errors are translated
-for the operator: the dotted key, what is accepted there, and what was written instead.
+Any ``msgspec.Struct`` may be the root; types, ``msgspec.Meta`` bounds, ``Literal`` and tagged
+unions are its schema. A table needs only the keys that it changes. :func:`msgspec.convert` checks
+everything, once; its errors are translated for the operator: the dotted key, what is accepted
+there, and what was written instead.
 """
 
 import math
@@ -45,20 +46,33 @@ def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
     """
     if path is None:
         return from_dict({}, root, overrides)
-    return from_dict(resolve_files(read_toml(path), path.parent), root, overrides, source=str(path), folder=path.parent)
+    return from_dict(
+        resolve_files(read_toml(path), path.parent),
+        root,
+        overrides,
+        source=str(path),
+        folder=path.parent,
+    )
 
 
 def from_dict(
-    data: Mapping[str, Any], root: type[T], overrides: Sequence[str] = (), *, source: str = "", folder: Path = Path()
+    data: Mapping[str, Any],
+    root: type[T],
+    overrides: Sequence[str] = (),
+    *,
+    source: str = "",
+    folder: Path = Path(),
 ) -> T:
     """Make a ``root`` of ``data``, changed by ``overrides``; errors name ``source``.
 
-    The value of an override is TOML (``3.5``, ``true``, ``[1, 2]``, ``"text"``), or else a plain string. One
-    that gives a section another kind removes the keys of ``data`` that only the old kind has.
-    Files that a section names are relative to ``folder``. Keys of earlier versions are left out, with a warning.
+    The value of an override is TOML (``3.5``, ``true``, ``[1, 2]``, ``"text"``), or else a plain
+    string. One that gives a section another kind removes the keys of ``data`` that only the old
+    kind has. Files that a section names are relative to ``folder``. Keys of earlier versions are
+    left out, with a warning.
 
     Raises:
-        ConfigError: an unknown key, a missing one, or a value outside its type or bounds; NaN and infinity always.
+        ConfigError: an unknown key, a missing one, or a value outside its type or bounds; NaN and
+            infinity always.
     """
     data = drop_retired_keys(data, source)
     changed = dict(data)
@@ -70,8 +84,12 @@ def from_dict(
     except Problem as problem:
         key = dotted_key(problem.path)
         if problem.path[:1] in switched and problem.text.startswith("missing"):
-            raise ConfigError(key, config_notice("config.switched", why=problem.text, key=key), "--set") from None
-        raise ConfigError(key, problem.text, _blame(problem.path, data, set_paths, source)) from None
+            raise ConfigError(
+                key, config_notice("config.switched", why=problem.text, key=key), "--set"
+            ) from None
+        raise ConfigError(
+            key, problem.text, _blame(problem.path, data, set_paths, source)
+        ) from None
 
 
 LARGEST = 2**63
@@ -96,23 +114,33 @@ def _complete(info: mi.Type, value: Any, default: Any, path: KeyPath) -> Any:
     if isinstance(value, Mapping):
         struct = find_struct(info, value, default)
         if struct is None:
-            inner = next((kind.value_type for kind in options(info) if isinstance(kind, mi.DictType)), None)
+            inner = next(
+                (kind.value_type for kind in options(info) if isinstance(kind, mi.DictType)), None
+            )
             if inner is None:
                 return value
-            return {key: _complete(inner, item, None, (*path, str(key))) for key, item in value.items()}
-        return _complete_table(struct, value, default if isinstance(default, struct.cls) else None, path)
+            return {
+                key: _complete(inner, item, None, (*path, str(key))) for key, item in value.items()
+            }
+        return _complete_table(
+            struct, value, default if isinstance(default, struct.cls) else None, path
+        )
     if isinstance(value, list | tuple):
         kinds_of_items = item_types(info, len(value))
         return [
             _complete(kind, item, None, element_path(path, i))
             for i, (kind, item) in enumerate(zip(kinds_of_items, value, strict=True))
         ]
-    if (isinstance(value, float) and not math.isfinite(value)) or (isinstance(value, int) and abs(value) >= LARGEST):
+    if (isinstance(value, float) and not math.isfinite(value)) or (
+        isinstance(value, int) and abs(value) >= LARGEST
+    ):
         raise Problem(path, _refuse(info, value))
     return value
 
 
-def _complete_table(struct: mi.StructType, value: Mapping[str, Any], default: Any, path: KeyPath) -> dict[str, Any]:
+def _complete_table(
+    struct: mi.StructType, value: Mapping[str, Any], default: Any, path: KeyPath
+) -> dict[str, Any]:
     if issubclass(struct.cls, OpenFactory):
         value = struct.cls.expand(dict(value))
     fields = {field.encode_name: field for field in struct.fields}
@@ -120,7 +148,9 @@ def _complete_table(struct: mi.StructType, value: Mapping[str, Any], default: An
     whole: dict[str, Any] = dict(tag)
     for key, item in value.items():
         if key in fields:
-            base = default_of(fields[key]) if default is None else getattr(default, fields[key].name)
+            base = (
+                default_of(fields[key]) if default is None else getattr(default, fields[key].name)
+            )
             whole[key] = _complete(fields[key].type, item, base, (*path, key))
         elif key not in tag:
             raise Problem((*path, key), describe_unknown_key(key, item, [*tag, *fields]))
@@ -131,7 +161,8 @@ def _complete_table(struct: mi.StructType, value: Mapping[str, Any], default: An
 
 
 _STEP = re.compile(r"\.([^.\[\]`]+)|\[(\d+)\]|\[\.\.\.\]")
-"""One step of a path as msgspec writes it: a key of a struct, a place in an array, or some key of a table."""
+"""One step of a path as msgspec writes it: a key of a struct, a place in an array, or some key of a
+table."""
 
 
 def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) -> Problem:
@@ -143,7 +174,11 @@ def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) ->
         name, index = step.groups()
         if index is not None:
             place = int(index)
-            info, value, path = item_types(info, len(value))[place], value[place], element_path(path, place)
+            info, value, path = (
+                item_types(info, len(value))[place],
+                value[place],
+                element_path(path, place),
+            )
             continue
         struct = find_struct(info, value, None)
         if name is None:
@@ -151,12 +186,19 @@ def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) ->
             info = next(kind.value_type for kind in options(info) if isinstance(kind, mi.DictType))
         elif struct is None:  # the key of the kind is wrong
             known, tag = tags(info), value[name]
-            return Problem((*path, name), f"expected one of {known}, got {describe_value(tag)}{suggest(tag, known)}")
+            return Problem(
+                (*path, name),
+                f"expected one of {known}, got {describe_value(tag)}{suggest(tag, known)}",
+            )
         else:
             info = next(field.type for field in struct.fields if field.encode_name == name)
         value, path = value[name], (*path, name)
     struct = find_struct(info, value, None) if isinstance(value, dict) else None
-    missing = text.removeprefix("Object missing required field `").rstrip("`") if text.startswith("Object") else ""
+    missing = (
+        text.removeprefix("Object missing required field `").rstrip("`")
+        if text.startswith("Object")
+        else ""
+    )
     if missing and struct is None:
         return Problem((*path, missing), f"missing; expected one of {tags(info)}")
     if struct is None:
@@ -164,12 +206,18 @@ def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) ->
     if missing:
         kind = next(field.type for field in struct.fields if field.encode_name == missing)
         return Problem((*path, missing), f"missing; expected {describe_type(kind)}")
-    name, colon, rest = text.partition(": ")  # of a __post_init__: the key comes first if several are possible
+    name, colon, rest = text.partition(
+        ": "
+    )  # of a __post_init__: the key comes first if several are possible
     return Problem((*path, name), rest) if colon and name in value else Problem(path, text)
 
 
-def _find_wrong_key(root: type[msgspec.Struct], whole: dict[str, Any], table: dict[str, Any], error: str) -> str:
-    """Find the key of ``table``, somewhere in ``whole``, that alone causes ``error``: msgspec does not name it."""
+def _find_wrong_key(
+    root: type[msgspec.Struct], whole: dict[str, Any], table: dict[str, Any], error: str
+) -> str:
+    """Find the key of ``table``, somewhere in ``whole``, that alone causes ``error``: msgspec does
+    not name it.
+    """
     entries = dict(table)
     for key, item in entries.items():
         table.clear()
@@ -184,12 +232,16 @@ def _find_wrong_key(root: type[msgspec.Struct], whole: dict[str, Any], table: di
 
 
 def _refuse(info: mi.Type, value: Any) -> str:
-    words = [word for kind in options(info) if isinstance(kind, mi.LiteralType) for word in kind.values]
+    words = [
+        word for kind in options(info) if isinstance(kind, mi.LiteralType) for word in kind.values
+    ]
     return f"expected {describe_type(info)}, got {describe_value(value)}{suggest(value, words)}"
 
 
 def _override(data: dict[str, Any], text: str) -> KeyPath:
-    """Set ``a.b=value`` in ``data`` (whose nested tables are copied, never changed) and return its path."""
+    """Set ``a.b=value`` in ``data`` (whose nested tables are copied, never changed) and return its
+    path.
+    """
     key, equals, value = text.partition("=")
     path = tuple(part.strip() for part in key.split("."))
     if not equals or not all(path):
@@ -206,9 +258,13 @@ def _override(data: dict[str, Any], text: str) -> KeyPath:
 
 
 def _switch(
-    root: type[msgspec.Struct], data: Mapping[str, Any], changed: dict[str, Any], set_paths: Sequence[KeyPath]
+    root: type[msgspec.Struct],
+    data: Mapping[str, Any],
+    changed: dict[str, Any],
+    set_paths: Sequence[KeyPath],
 ) -> list[KeyPath]:
-    """Remove the keys of ``data`` that only other kinds have from a section whose kind an override changes.
+    """Remove the keys of ``data`` that only other kinds have from a section whose kind an override
+    changes.
 
     Return the sections whose kind an override gives.
     """
@@ -220,9 +276,18 @@ def _switch(
             continue
         switched.append((section,))
         kind = table.get(tag_field)
-        if isinstance(kind, str) and kind in keys and isinstance(written, Mapping) and kind != written.get(tag_field):
+        if (
+            isinstance(kind, str)
+            and kind in keys
+            and isinstance(written, Mapping)
+            and kind != written.get(tag_field)
+        ):
             strange = set().union(*keys.values()) - keys[kind]
-            kept = {key: value for key, value in table.items() if key not in strange or (section, key) in set_paths}
+            kept = {
+                key: value
+                for key, value in table.items()
+                if key not in strange or (section, key) in set_paths
+            }
             changed[section] = kept
     return switched
 
@@ -251,6 +316,8 @@ def _blame(path: KeyPath, data: Any, set_paths: Iterable[KeyPath], source: str) 
     for part in path:
         in_file = in_file[part] if isinstance(in_file, Mapping) and part in in_file else None
     for override in set_paths:
-        if path[: len(override)] == override or (not isinstance(in_file, Mapping) and override[: len(path)] == path):
+        if path[: len(override)] == override or (
+            not isinstance(in_file, Mapping) and override[: len(path)] == path
+        ):
             return "--set"
     return source

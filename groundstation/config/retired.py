@@ -15,11 +15,13 @@ RETIRED_KEYS: dict[str, str] = {
     "guards.tilt_error_s": "Use guards.oscillation_s.",
     "guards.sway_deg": "Use guards.oscillation_deg.",
     "guards.sway_s": "Use guards.oscillation_s.",
-    "takeoff.nudge": "The height behind the thrust and the response tests find another body's poses.",
+    "takeoff.nudge": "The height behind the thrust and the response tests find another body's "
+    "poses.",
     "guards.heave": "guards.oscillation_deg does its work.",
     "guards.heave_s": "guards.oscillation_s does its work.",
 }
-"""Dotted key (``guards.tilt_share``), or a section with all its keys (``pilot``), to one sentence of advice."""
+"""Dotted key (``guards.tilt_share``), or a section with all its keys (``pilot``), to one sentence
+of advice."""
 
 
 class RetiredKeyWarning(UserWarning):
@@ -27,9 +29,14 @@ class RetiredKeyWarning(UserWarning):
 
 
 def drop_retired_keys(
-    data: Mapping[str, Any], source: str = "", advice: Mapping[str, str] = RETIRED_KEYS, section: str = ""
+    data: Mapping[str, Any],
+    source: str = "",
+    advice: Mapping[str, str] = RETIRED_KEYS,
+    section: str = "",
 ) -> dict[str, Any]:
-    """``data`` without the keys that ``advice`` names; a :class:`RetiredKeyWarning` for each of them.
+    """``data`` without the keys that ``advice`` names.
+
+    A :class:`RetiredKeyWarning` for each of them.
 
     Args:
         data: a configuration, or its table ``section``.
@@ -42,7 +49,9 @@ def drop_retired_keys(
         dotted = f"{section}{key}"
         if dotted in advice:
             words = f"{dotted}: no longer used, ignored. {advice[dotted]}"
-            warnings.warn(f"{source}: {words}" if source else words, RetiredKeyWarning, stacklevel=2)
+            warnings.warn(
+                f"{source}: {words}" if source else words, RetiredKeyWarning, stacklevel=2
+            )
         elif isinstance(value, Mapping):
             kept[key] = drop_retired_keys(value, source, advice, f"{dotted}.")
         else:

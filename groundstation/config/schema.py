@@ -1,4 +1,6 @@
-"""Schema of a configuration in words, from msgspec's description of the structs and their bounds."""
+"""Schema of a configuration in words, from msgspec's description of the structs and their
+bounds.
+"""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,7 +26,10 @@ CLIENT_LETTERS = 32
 
 
 def name_pattern(most: int) -> str:
-    """Return the pattern of a whole name of at most ``most`` letters; ``$`` would let a line end pass."""
+    """Return the pattern of a whole name of at most ``most`` letters.
+
+    ``$`` would let a line end pass.
+    """
     return rf"\A{_FIRST}{_NEXT}{{0,{most - 1}}}\Z"
 
 
@@ -71,7 +76,11 @@ def describe_type(info: mi.Type) -> str:
             return f"an array{_lengths(info, 'value')}, each {describe_type(info.item_type)}"
         case mi.UnionType():
             kinds = [kind for kind in info.types if not isinstance(kind, mi.NoneType)]
-            tagged = [kind for kind in map(strip_metadata, kinds) if isinstance(kind, mi.StructType) and kind.tag_field]
+            tagged = [
+                kind
+                for kind in map(strip_metadata, kinds)
+                if isinstance(kind, mi.StructType) and kind.tag_field
+            ]
             if len(tagged) == len(kinds) > 1:
                 return f"a table with {tagged[0].tag_field}, one of {[kind.tag for kind in tagged]}"
             return " or ".join(dict.fromkeys(map(describe_type, kinds)))
@@ -84,7 +93,13 @@ def describe_type(info: mi.Type) -> str:
 
 
 def _bounds(info: mi.FloatType | mi.IntType) -> str:
-    signs = ((">", info.gt), (">=", info.ge), ("<", info.lt), ("<=", info.le), ("a multiple of", info.multiple_of))
+    signs = (
+        (">", info.gt),
+        (">=", info.ge),
+        ("<", info.lt),
+        ("<=", info.le),
+        ("a multiple of", info.multiple_of),
+    )
     text = " and ".join(f"{sign} {bound:g}" for sign, bound in signs if bound is not None)
     return f" {text}" if text else ""
 
@@ -110,7 +125,10 @@ def describe_unknown_key(key: str, value: Any, known: list[str]) -> str:
 
 
 def suggest(written: Any, known: Iterable[Any]) -> str:
-    """Suggest the word of ``known`` that ``written`` probably means, as the end of an error; empty without one."""
+    """Suggest the word of ``known`` that ``written`` probably means, as the end of an error.
+
+    Empty without one.
+    """
     words = [word for word in known if isinstance(word, str)]
     near = get_close_matches(written, words, n=1) if isinstance(written, str) else []
     return f"; did you mean {near[0]}?" if near else ""
@@ -129,7 +147,8 @@ def describe_value(value: Any) -> str:
 
 
 class OpenFactory:
-    """Base of a struct of a tagged union with the keys ``factory`` and ``options``: its ``kind`` may name a factory.
+    """Base of a struct of a tagged union with the keys ``factory`` and ``options``: its ``kind``
+    may name a factory.
 
     Its tags can't be listed.
     """
@@ -140,7 +159,8 @@ class OpenFactory:
 
     @classmethod
     def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
-        """Return ``table`` in this struct's own form if its ``kind`` names a factory, else unchanged.
+        """Return ``table`` in this struct's own form if its ``kind`` names a factory, else
+        unchanged.
 
         Keys that the struct does not have are the factory's options.
         """
@@ -169,7 +189,11 @@ def field_descriptions(struct: type[msgspec.Struct]) -> dict[str, str]:
     for cls in reversed(struct.__mro__):
         if issubclass(cls, msgspec.Struct) and cls is not msgspec.Struct:
             (info,) = structs(inspect_struct(cls))
-            found |= {field.encode_name: text for field in info.fields if (text := _description(field.type))}
+            found |= {
+                field.encode_name: text
+                for field in info.fields
+                if (text := _description(field.type))
+            }
     return found
 
 
@@ -180,20 +204,29 @@ def _description(info: mi.Type) -> str:
 
 
 def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[str]]]:
-    """Return the key of the kind of a ``section`` of ``root``, and the keys of each kind; empty without kinds."""
+    """Return the key of the kind of a ``section`` of ``root``, and the keys of each kind.
+
+    Empty without kinds.
+    """
     info = inspect_struct(root)
     assert isinstance(info, mi.StructType)
     for field in info.fields:
         tagged = [kind for kind in structs(field.type) if kind.tag_field is not None]
         if field.encode_name == section and tagged:
-            return tagged[0].tag_field or "", {kind.tag: {one.encode_name for one in kind.fields} for kind in tagged}
+            return tagged[0].tag_field or "", {
+                kind.tag: {one.encode_name for one in kind.fields} for kind in tagged
+            }
     return "", {}
 
 
 def options(info: mi.Type) -> list[mi.Type]:
     """Return the types of a value: each of a union, without their metadata."""
     info = strip_metadata(info)
-    return [kind for each in info.types for kind in options(each)] if isinstance(info, mi.UnionType) else [info]
+    return (
+        [kind for each in info.types for kind in options(each)]
+        if isinstance(info, mi.UnionType)
+        else [info]
+    )
 
 
 def structs(info: mi.Type) -> list[mi.StructType]:
@@ -209,7 +242,11 @@ def find_struct(info: mi.Type, table: Mapping[str, Any], default: object) -> mi.
         named = table.get(kind.tag_field, kind.tag if isinstance(default, kind.cls) else None)
         if type(named) is type(kind.tag) and named == kind.tag:
             return kind
-        if isinstance(named, str) and issubclass(kind.cls, OpenFactory) and re.match(FACTORY, named):
+        if (
+            isinstance(named, str)
+            and issubclass(kind.cls, OpenFactory)
+            and re.match(FACTORY, named)
+        ):
             return kind
     return None
 
@@ -217,7 +254,10 @@ def find_struct(info: mi.Type, table: Mapping[str, Any], default: object) -> mi.
 def tags(info: mi.Type) -> list[Any]:
     """Return the tags of the structs of a union, as the operator may write them."""
     kinds = structs(info)
-    return [*(kind.tag for kind in kinds), *(kind.cls.EXAMPLE for kind in kinds if issubclass(kind.cls, OpenFactory))]
+    return [
+        *(kind.tag for kind in kinds),
+        *(kind.cls.EXAMPLE for kind in kinds if issubclass(kind.cls, OpenFactory)),
+    ]
 
 
 def item_types(info: mi.Type, length: int) -> list[mi.Type]:
@@ -238,13 +278,22 @@ def default_of(field: mi.Field) -> Any:
 
 
 def keys_of(root: type[msgspec.Struct]) -> list[str]:
-    """Return every key of a ``root``, of every kind of its sections, as an operator writes it; sorted."""
+    """Return every key of a ``root``, of every kind of its sections, as an operator writes it.
+
+    Sorted.
+    """
     return sorted({key for key, _ in _keys(mi.type_info(root), ())})
 
 
 def texts_of(root: type[msgspec.Struct]) -> list[str]:
     """Return the keys whose value may be or hold a free text."""
-    return sorted({key for key, info in _keys(mi.type_info(root), ()) if info is not None and _holds_text(info)})
+    return sorted(
+        {
+            key
+            for key, info in _keys(mi.type_info(root), ())
+            if info is not None and _holds_text(info)
+        }
+    )
 
 
 def _holds_text(info: mi.Type) -> bool:
@@ -257,7 +306,9 @@ def _holds_text(info: mi.Type) -> bool:
             return any(map(_holds_text, info.item_types))
         case mi.VarTupleType() | mi.ListType():
             return _holds_text(info.item_type)
-    return not isinstance(info, mi.FloatType | mi.IntType | mi.BoolType | mi.LiteralType | mi.EnumType | mi.NoneType)
+    return not isinstance(
+        info, mi.FloatType | mi.IntType | mi.BoolType | mi.LiteralType | mi.EnumType | mi.NoneType
+    )
 
 
 def _keys(info: mi.Type, path: KeyPath) -> Iterator[tuple[str, mi.Type | None]]:

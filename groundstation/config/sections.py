@@ -1,7 +1,7 @@
 """Sections of a configuration with a file of their own, and the files that come along.
 
-The path of such a file (a vehicle, a preset, a CSV) is relative to the configuration's: it is read once, so that the
-checked values are those that fly.
+The path of such a file (a vehicle, a preset, a CSV) is relative to the configuration's: it is read
+once, so that the checked values are those that fly.
 """
 
 from pathlib import Path
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 class FromFile:
     """Base of a section of a configuration whose keys may be in a file that its key ``file`` names.
 
-    Such a struct has the optional key ``file``, and ``preset`` if it has :attr:`PRESETS`. Both are gone once read.
+    Such a struct has the optional key ``file``, and ``preset`` if it has :attr:`PRESETS`. Both are
+    gone once read.
     """
 
     __slots__ = ()
@@ -47,7 +48,8 @@ def with_files(root: type[msgspec.Struct], data: dict[str, Any], folder: Path) -
         folder: what the names of files are relative to.
 
     Raises:
-        Problem: a file can't be read, or its text is wrong; the path is that of the key that names it.
+        Problem: a file can't be read, or its text is wrong; the path is that of the key that names
+            it.
     """
     info = inspect_struct(root)
     assert isinstance(info, mi.StructType)
@@ -57,14 +59,18 @@ def with_files(root: type[msgspec.Struct], data: dict[str, Any], folder: Path) -
         if isinstance(table, dict):
             struct = find_struct(field.type, table, default_of(field))
             if struct is not None and issubclass(struct.cls, FromFile):
-                changed[field.encode_name] = _read_section(struct.cls, table, folder, (field.encode_name,))
+                changed[field.encode_name] = _read_section(
+                    struct.cls, table, folder, (field.encode_name,)
+                )
     return changed
 
 
 def resolve_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return ``data`` with the name of each key, password or certificate (``…_file = "name"``) resolved in ``folder``.
+    """Return ``data`` with the name of each key, password or certificate (``…_file = "name"``)
+    resolved in ``folder``.
 
-    The names become absolute, so that the configuration in force means the same wherever it is read again.
+    The names become absolute, so that the configuration in force means the same wherever it is read
+    again.
     """
     changed: dict[str, Any] = {}
     for key, value in data.items():
@@ -82,7 +88,9 @@ def presets(kind: type[FromFile]) -> dict[str, str]:
     return shipped_texts(kind.PRESETS) if kind.PRESETS else {}
 
 
-def _read_section(kind: type[FromFile], table: dict[str, Any], folder: Path, path: KeyPath) -> dict[str, Any]:
+def _read_section(
+    kind: type[FromFile], table: dict[str, Any], folder: Path, path: KeyPath
+) -> dict[str, Any]:
     preset, file = table.get("preset"), table.get("file")
     rest = {key: value for key, value in table.items() if key not in ("preset", "file")}
     if kind.PRESETS and isinstance(preset, str):
@@ -91,7 +99,9 @@ def _read_section(kind: type[FromFile], table: dict[str, Any], folder: Path, pat
         known = presets(kind)
         if preset not in known:
             nearest = suggest(preset, known)
-            problem = config_notice("config.unknown_name", choices=list(known), found=preset, nearest=nearest)
+            problem = config_notice(
+                "config.unknown_name", choices=list(known), found=preset, nearest=nearest
+            )
             raise Problem((*path, "preset"), problem)
         key, name, text = "preset", preset, known[preset]
     elif isinstance(file, str):
@@ -124,7 +134,9 @@ def _find_shipped(folder: str) -> "Traversable":
 
 
 def shipped_texts(folder: str) -> dict[str, str]:
-    """Return the text of each TOML file in a folder that comes along, by name and in the order of their names."""
+    """Return the text of each TOML file in a folder that comes along, by name and in the order of
+    their names.
+    """
     files = [file for file in _find_shipped(folder).iterdir() if file.name.endswith(".toml")]
     texts = {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files}
     return dict(sorted(texts.items()))
@@ -134,7 +146,9 @@ def list_examples() -> str:
     """Return a line for each configuration that comes along: its name, and its first line."""
     texts = shipped_texts("examples")
     width = max(map(len, texts))
-    return "\n".join(f"{name:{width}}  {text.splitlines()[0].removeprefix('# ')}" for name, text in texts.items())
+    return "\n".join(
+        f"{name:{width}}  {text.splitlines()[0].removeprefix('# ')}" for name, text in texts.items()
+    )
 
 
 def example_text(name: str) -> str:
@@ -145,7 +159,9 @@ def example_text(name: str) -> str:
     """
     texts = shipped_texts("examples")
     if name not in texts:
-        problem = config_notice("config.unknown_name", choices=list(texts), found=name, nearest=suggest(name, texts))
+        problem = config_notice(
+            "config.unknown_name", choices=list(texts), found=name, nearest=suggest(name, texts)
+        )
         raise ConfigError("config new", problem)
     return texts[name]
 

@@ -30,7 +30,9 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError(config_notice("config.depth", most=DEEPEST)) from None
     inside: list[Any] = [data]
     for _ in range(DEEPEST):
-        inside = [one for item in inside for one in (item.values() if isinstance(item, dict) else item)]
+        inside = [
+            one for item in inside for one in (item.values() if isinstance(item, dict) else item)
+        ]
         inside = [one for one in inside if isinstance(one, dict | list)]
         if not inside:
             return data
@@ -41,7 +43,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Read and parse the TOML file ``path``.
 
     Raises:
-        ConfigError: it can't be read, is an empty file (``/dev/null`` asks for the defaults), or is not TOML.
+        ConfigError: it can't be read, is an empty file (``/dev/null`` asks for the defaults), or is
+            not TOML.
     """
     try:
         text = path.read_bytes().decode("utf-8-sig")
@@ -49,7 +52,9 @@ def read_toml(path: Path) -> dict[str, Any]:
             raise ValueError(config_notice("file.empty"))
         return parse_toml(text)
     except OSError as error:
-        raise ConfigError("", config_notice("config.unread", why=error.strerror), str(path)) from None
+        raise ConfigError(
+            "", config_notice("config.unread", why=error.strerror), str(path)
+        ) from None
     except UnicodeDecodeError as error:
         raise ConfigError("", config_notice("file.not_utf8", at=error.start), str(path)) from None
     except ValueError as error:
@@ -57,10 +62,11 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def dump(config: msgspec.Struct) -> str:
-    """Return the configuration in force as TOML, each key with the first sentence of its description.
+    """Return the configuration in force as TOML, each key with the first sentence of its
+    description.
 
-    It loads back to the same. A key that is None has no TOML form and appears as a comment. A path that the locale
-    could not decode is UTF-8 here.
+    It loads back to the same. A key that is None has no TOML form and appears as a comment. A path
+    that the locale could not decode is UTF-8 here.
     """
     text = "\n".join(_table(config, ())).lstrip("\n") + "\n"
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
@@ -76,7 +82,9 @@ def _table(table: msgspec.Struct | dict[str, Any], path: tuple[str, ...]) -> Ite
         if isinstance(value, msgspec.Struct | dict):
             inner.append((key, value))
             continue
-        line = f"# {_key(key)} is not set" if value is None else f"{_key(key)} = {write_value(value)}"
+        line = (
+            f"# {_key(key)} is not set" if value is None else f"{_key(key)} = {write_value(value)}"
+        )
         first, stop, _ = notes.get(key, "").partition(". ")
         note = first + stop.rstrip()
         yield f"{line}{'. ' if value is None else '  # '}{note}" if note else line
@@ -98,7 +106,9 @@ def write_value(value: Any) -> str:
     """Return ``value`` as TOML, on one line."""
     if isinstance(value, msgspec.Struct | dict):
         entries = _entries(value).items()
-        items = ", ".join(f"{_key(key)} = {write_value(item)}" for key, item in entries if item is not None)
+        items = ", ".join(
+            f"{_key(key)} = {write_value(item)}" for key, item in entries if item is not None
+        )
         return f"{{ {items} }}" if items else "{}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(write_value, value))}]"

@@ -1,7 +1,7 @@
 """Code of the user's own that a configuration names: ``kind = "package.module:factory"``.
 
-An object that Python already has is lent to a flight under such a name (:func:`lend`). A fault in it is reported in
-one sentence, with the user's own frames behind it (:class:`UserCodeFault`).
+An object that Python already has is lent to a flight under such a name (:func:`lend`). A fault in
+it is reported in one sentence, with the user's own frames behind it (:class:`UserCodeFault`).
 """
 
 import copy
@@ -24,25 +24,33 @@ Option = bool | int | float | str | list[bool | int | float | str]
 """Types of an option's value; NaN and infinity are refused as everywhere."""
 _LENT: "ContextVar[Mapping[str, object]]" = ContextVar("lent")
 STEP_LIMIT_S = 0.5
-"""A step that has not returned after this time is interrupted [s]. By then no command may rest on a pose
-(flight.coast_s and guards.level_s: 0.5 s), and the link plays its bring-down."""
+"""A step that has not returned after this time is interrupted [s]. By then no command may rest on a
+pose (flight.coast_s and guards.level_s: 0.5 s), and the link plays its bring-down."""
 MAKING_LIMIT_S = 20.0
-"""An import or a factory that has not returned after this time is interrupted [s]. Nothing flies yet; large
-numerical packages take several seconds to import on a small computer."""
+"""An import or a factory that has not returned after this time is interrupted [s]. Nothing flies
+yet; large numerical packages take several seconds to import on a small computer."""
 
 
 class SelfInterrupt(Exception):
-    """The user's code raised KeyboardInterrupt without Ctrl-C: it ends the flight as any of its faults does."""
+    """The user's code raised KeyboardInterrupt without Ctrl-C: it ends the flight as any of its
+    faults does.
+    """
 
 
 class StepWatch:
-    """Watch on the duration of steps of the user's code; this one watches nothing: in virtual time they take none."""
+    """Watch on the duration of steps of the user's code.
+
+    This one watches nothing: in virtual time they take none.
+    """
 
     slow: Sentence | None = None
     """The slowest step that was too slow, for the operator; None without one."""
 
     def find_recent(self) -> Sentence | None:
-        """Return the newest step that was too slow, if it ended within the last second; else None."""
+        """Return the newest step that was too slow, if it ended within the last second.
+
+        Else None.
+        """
         return None
 
     def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
@@ -51,7 +59,9 @@ class StepWatch:
     def end(self) -> None:
         """The step has returned, or failed."""
 
-    def run(self, what: str, limit_s: float, code: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
+    def run(
+        self, what: str, limit_s: float, code: Callable[..., Any], /, *arguments: Any, **named: Any
+    ) -> Any:
         """Call ``code`` of the user's as a step of ``what``, which has ``limit_s`` [s] to return.
 
         Raises:
@@ -70,7 +80,10 @@ class StepWatch:
             self.end()
 
     def is_interrupted_by_keys(self) -> bool:
-        """Whether Ctrl-C raises KeyboardInterrupt in a step; else only the user's code itself can have."""
+        """Whether Ctrl-C raises KeyboardInterrupt in a step.
+
+        Else only the user's code itself can have.
+        """
         return True
 
 
@@ -83,10 +96,16 @@ R = TypeVar("R")
 
 
 class UserCodeFault(Exception):
-    """Code of the user's own failed, or returned a value that must not leave; its cause has the user's frames."""
+    """Code of the user's own failed, or returned a value that must not leave.
+
+    Its cause has the user's frames.
+    """
 
     def __init__(self, what: str | Sentence, error: BaseException | None = None) -> None:
-        """``what`` failed with ``error``, caught where the user's code was called; None: ``what`` is the whole text."""
+        """``what`` failed with ``error``, caught where the user's code was called.
+
+        None: ``what`` is the whole text.
+        """
         super().__init__(str(what) if error is None else f"{what} failed: {describe_error(error)}")
         self._frames: str | None = None
         if error is not None:
@@ -94,26 +113,39 @@ class UserCodeFault(Exception):
             self.__cause__ = error
 
     def __reduce__(self) -> tuple[type["UserCodeFault"], tuple[str], dict[str, str]]:
-        """Pickle the sentence and the user's frames: a worker process hands its faults to the one that started it."""
+        """Pickle the sentence and the user's frames: a worker process hands its faults to the one
+        that started it.
+        """
         return type(self), (str(self),), {"_frames": self.frames()}
 
     def frames(self) -> str:
-        """Return the traceback of the user's code as lines, also of a worker process; empty where nothing raised."""
+        """Return the traceback of the user's code as lines, also of a worker process.
+
+        Empty where nothing raised.
+        """
         if self._frames is None:
-            self._frames = "".join(traceback.format_exception(self.__cause__)) if self.__cause__ else ""
+            self._frames = (
+                "".join(traceback.format_exception(self.__cause__)) if self.__cause__ else ""
+            )
         return self._frames
 
 
 def _strip_caller(error: BaseException) -> None:
-    """Leave ``error`` the frames of the user's code alone, without those that called or imported it."""
+    """Leave ``error`` the frames of the user's code alone, without those that called or imported
+    it.
+    """
     frames = error.__traceback__ and error.__traceback__.tb_next
-    while frames and frames.tb_frame.f_globals.get("__name__", "").startswith(("groundstation.", "importlib")):
+    while frames and frames.tb_frame.f_globals.get("__name__", "").startswith(
+        ("groundstation.", "importlib")
+    ):
         frames = frames.tb_next
     error.__traceback__ = frames
 
 
 def without_frames(work: Callable[P, R]) -> Callable[P, R]:
-    """Wrap ``work``: its refusals show the caller's own frames and names, and none of those between."""
+    """Wrap ``work``: its refusals show the caller's own frames and names, and none of those
+    between.
+    """
 
     @wraps(work)
     def plain(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -151,7 +183,9 @@ def describe_error(error: BaseException) -> str:
 
 @contextmanager
 def lend(objects: Mapping[str, object]) -> Iterator[None]:
-    """Bind each name (``module:name``) to that object within this context, and in tasks started in it."""
+    """Bind each name (``module:name``) to that object within this context, and in tasks started in
+    it.
+    """
     token = _LENT.set({**_LENT.get({}), **objects})
     try:
         yield
@@ -160,9 +194,14 @@ def lend(objects: Mapping[str, object]) -> Iterator[None]:
 
 
 def name_object(thing: object) -> str:
-    """Return a name for ``thing`` as :func:`lend` and configurations accept it: of its module and itself."""
+    """Return a name for ``thing`` as :func:`lend` and configurations accept it: of its module and
+    itself.
+    """
     named = thing if inspect.isclass(thing) or inspect.isroutine(thing) else type(thing)
-    module, name = getattr(named, "__module__", None) or "python", getattr(named, "__name__", "given")
+    module, name = (
+        getattr(named, "__module__", None) or "python",
+        getattr(named, "__name__", "given"),
+    )
     text = f"{module}:{re.sub(r'[^A-Za-z0-9_]', '_', name)}"
     return text if re.match(FACTORY, text) else "python:given"
 
@@ -178,7 +217,11 @@ def find_object(key: str, factory: str) -> Any:
         return lent[factory]
     module_name, _, name = factory.partition(":")
     module = _run_making(
-        key, config_notice("code.no_import", module=module_name), module_name, importlib.import_module, module_name
+        key,
+        config_notice("code.no_import", module=module_name),
+        module_name,
+        importlib.import_module,
+        module_name,
     )
     if not hasattr(module, name):
         raise ConfigError(key, config_notice("code.no_attribute", module=module_name, name=name))
@@ -186,7 +229,13 @@ def find_object(key: str, factory: str) -> Any:
 
 
 def _run_making(
-    key: str, failed: Sentence, what: str, code: Callable[..., Any], /, *arguments: Any, **named: Any
+    key: str,
+    failed: Sentence,
+    what: str,
+    code: Callable[..., Any],
+    /,
+    *arguments: Any,
+    **named: Any,
 ) -> Any:
     """Call ``code`` of the user's, which imports or makes ``what`` before the flight.
 
@@ -200,7 +249,9 @@ def _run_making(
     except BaseException as error:
         _strip_caller(error)
         id = "code.no_module" if isinstance(error, ModuleNotFoundError) else "value.refused"
-        raise ConfigError(key, config_notice(id, value=failed, why=describe_error(error))) from error
+        raise ConfigError(
+            key, config_notice(id, value=failed, why=describe_error(error))
+        ) from error
 
 
 def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter] | None:
@@ -211,20 +262,28 @@ def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter] | None:
 
 
 def needed_names(function: Callable[..., Any], options: Mapping[str, Any]) -> list[str] | None:
-    """Return the names of the arguments that ``function`` needs beside ``options``; None if they are unknown."""
+    """Return the names of the arguments that ``function`` needs beside ``options``.
+
+    None if they are unknown.
+    """
     parameters = _parameters(function)
     if parameters is None or any(one.kind is one.VAR_POSITIONAL for one in parameters):
         return None
     places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     return [
-        one.name for one in parameters if one.kind in places and one.default is one.empty and one.name not in options
+        one.name
+        for one in parameters
+        if one.kind in places and one.default is one.empty and one.name not in options
     ]
 
 
-def call_factory(key: str, factory: str, found: Any, given: tuple[Any, ...], options: Mapping[str, Any]) -> Any:
+def call_factory(
+    key: str, factory: str, found: Any, given: tuple[Any, ...], options: Mapping[str, Any]
+) -> Any:
     """Call the user's factory; a ready object is copied, so that each flight begins anew.
 
-    A factory gets as much of ``given`` as it needs, then the options as one dict if it needs more, or by name.
+    A factory gets as much of ``given`` as it needs, then the options as one dict if it needs more,
+    or by name.
 
     Raises:
         ConfigError: it can't be called so, or fails; by ``key``.
@@ -234,7 +293,12 @@ def call_factory(key: str, factory: str, found: Any, given: tuple[Any, ...], opt
     needed = needed_names(found, options)
     arguments: tuple[Any, ...] = (*given, dict(options))
     named: dict[str, Any] = {}
-    as_dict = any(one.name == "options" and one.kind is not one.VAR_KEYWORD for one in _parameters(found) or ())
+    as_dict = any(
+        one.name == "options" and one.kind is not one.VAR_KEYWORD
+        for one in _parameters(found) or ()
+    )
     if needed is not None and len(needed) <= len(given) and not as_dict:
         arguments, named = given[: len(needed)], dict(options)
-    return _run_making(key, config_notice("code.no_result", factory=factory), factory, found, *arguments, **named)
+    return _run_making(
+        key, config_notice("code.no_result", factory=factory), factory, found, *arguments, **named
+    )

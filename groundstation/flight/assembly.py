@@ -1,8 +1,8 @@
 """Assembly of a flight from one configuration: link, pose source, gate, operator's hold, recorder.
 
-A recorded flight hands over to a recorder all data that a replay needs, as they occur. Its wires are tapped, too: its
-network notes every byte in and out, whatever link or source opens them. The wires of the pacer's own process are not
-recorded.
+A recorded flight hands over to a recorder all data that a replay needs, as they occur. Its wires
+are tapped, too: its network notes every byte in and out, whatever link or source opens them. The
+wires of the pacer's own process are not recorded.
 """
 
 import asyncio
@@ -64,20 +64,29 @@ class WireTaps(Network):
         self._turn_begun = False
 
     async def open_datagram(
-        self, factory: Callable[[], Any], local: Any = None, remote: Any = None, *, reuse_port: bool | None = None
+        self,
+        factory: Callable[[], Any],
+        local: Any = None,
+        remote: Any = None,
+        *,
+        reuse_port: bool | None = None,
     ) -> tuple[Any, Any]:
         """Open a datagram endpoint."""
         tap = TappedProtocol(self, "udp", local, remote, factory)
         await super().open_datagram(tap.begin, local, remote, reuse_port=reuse_port)
         return tap.transport, tap.inner
 
-    async def open_stream(self, factory: Callable[[], Any], host: str, port: int) -> tuple[Any, Any]:
+    async def open_stream(
+        self, factory: Callable[[], Any], host: str, port: int
+    ) -> tuple[Any, Any]:
         """Open a connection."""
         tap = TappedProtocol(self, "tcp", None, (host, port), factory)
         await super().open_stream(tap.begin, host, port)
         return tap.transport, tap.inner
 
-    async def open_serial(self, factory: Callable[[], Any], path: str, baud: int) -> tuple[Any, Any]:
+    async def open_serial(
+        self, factory: Callable[[], Any], path: str, baud: int
+    ) -> tuple[Any, Any]:
         """Open a serial port."""
         tap = TappedProtocol(self, "serial", None, (path, NO_PORT), factory)
         await super().open_serial(tap.begin, path, baud)
@@ -87,7 +96,9 @@ class WireTaps(Network):
         """Note that a wire was opened, and return its number."""
         number = self._opened
         self._opened += 1
-        self._give(WireRecord(asyncio.get_running_loop().time(), number, kind, _peer(local), _peer(remote)))
+        self._give(
+            WireRecord(asyncio.get_running_loop().time(), number, kind, _peer(local), _peer(remote))
+        )
         return number
 
     def note_received(self, wire: int, data: bytes, peer: Any) -> None:
@@ -95,7 +106,9 @@ class WireTaps(Network):
         if not self._turn_begun:
             self._turn_begun = True
             asyncio.get_running_loop().call_soon(self._next_turn)
-        self._give(ReceivedRecord(asyncio.get_running_loop().time(), wire, self._turn, _peer(peer), data))
+        self._give(
+            ReceivedRecord(asyncio.get_running_loop().time(), wire, self._turn, _peer(peer), data)
+        )
 
     def note_sent(self, wire: int, data: bytes, peer: Any) -> None:
         """Note sent bytes."""
@@ -111,9 +124,14 @@ def _peer(address: Any) -> Peer:
 
 
 class TappedProtocol:
-    """Wrapper of the protocol of one wire that notes its bytes; all else is passed to the protocol."""
+    """Wrapper of the protocol of one wire that notes its bytes.
 
-    def __init__(self, wires: WireTaps, kind: str, local: Any, remote: Any, factory: Callable[[], Any]) -> None:
+    All else is passed to the protocol.
+    """
+
+    def __init__(
+        self, wires: WireTaps, kind: str, local: Any, remote: Any, factory: Callable[[], Any]
+    ) -> None:
         """``kind`` of wire, with the requested addresses; ``factory`` makes the protocol."""
         self._wires = wires
         self._asked = kind, local, remote
@@ -148,7 +166,10 @@ class TappedProtocol:
 
 
 class TappedTransport:
-    """Wrapper of a transport or a socket that notes sent bytes; all else is passed to the original."""
+    """Wrapper of a transport or a socket that notes sent bytes.
+
+    All else is passed to the original.
+    """
 
     def __init__(self, original: Any, wires: WireTaps, wire: int) -> None:
         self._original = original
@@ -178,7 +199,11 @@ class TappedTransport:
     def get_extra_info(self, name: str, default: Any = None) -> Any:
         """Tap the socket, too: some senders bypass the transport and its buffer."""
         found = self._original.get_extra_info(name, default)
-        return TappedTransport(found, self._wires, self._wire) if name == "socket" and found is not None else found
+        return (
+            TappedTransport(found, self._wires, self._wire)
+            if name == "socket" and found is not None
+            else found
+        )
 
     def dup(self) -> Any:
         """Return a second handle of a socket."""
@@ -196,7 +221,12 @@ def make_ends(
     Raises:
         ConfigError: the poses need another link.
     """
-    link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
+    link = make_link(
+        config.link,
+        thrust_max_n=config.full_thrust_n,
+        thrust_curve=config.thrust_curve,
+        **(wires or {}),
+    )
     if link.autopilot is not None:
         link.autopilot.shares_poses = config.pose.shares_link
     return link, make_source(config.pose, link, others)
@@ -211,7 +241,10 @@ STATUS_S = 0.2
 
 
 class FlightRecorder:
-    """Hands over the events of a flight, and its wires, as records. Its faults never end the flight."""
+    """Hands over the events of a flight, and its wires, as records.
+
+    Its faults never end the flight.
+    """
 
     def __init__(self, give: Give, say: Say, link: CommandLink, source: PoseSource) -> None:
         """``give`` takes the records; ``say`` gets one warning if one could not be taken.
@@ -230,7 +263,9 @@ class FlightRecorder:
         match event:
             case PoseRecord(pose):
                 self.give(event)
-                if pose.arrival_s - self._sent_s > STATUS_S:  # not while a pose waits for its command
+                if (
+                    pose.arrival_s - self._sent_s > STATUS_S
+                ):  # not while a pose waits for its command
                     self._note_status()
             case CommandSent(tick):
                 self._sent_s = tick.time_s
@@ -304,7 +339,10 @@ def make_flight(
     """
     bodies = None
     if config.pose.shows_others:
-        bodies = Others(config.separation.others, own=config.pose.body_id if config.flight.start == "floor" else None)
+        bodies = Others(
+            config.separation.others,
+            own=config.pose.body_id if config.flight.start == "floor" else None,
+        )
     link, source = make_ends(config, wires, bodies)
     hold = make_hold(config.operator, link)
     if on_pose is not None:
@@ -318,7 +356,11 @@ def make_flight(
         assert isinstance(link, MavlinkLink), "only a MAVLink section can forward"
         floor_z_m = config.flight.floor_z_m
         source = ForwardingSource(
-            source, link, config.forwards, floor_z_m=floor_z_m, believes=lambda: flight.believes_poses
+            source,
+            link,
+            config.forwards,
+            floor_z_m=floor_z_m,
+            believes=lambda: flight.believes_poses,
         )
     tape = None
     if give is not None:
@@ -351,8 +393,9 @@ async def recorder(
 ) -> AsyncIterator[Give | None]:
     """Record a flight in real time by a process of its own; None without ``recording.enabled``.
 
-    Records are handed over in ``quiet`` slots. ``keep`` returns at the end whether the recording is kept. If the
-    recorder has not told the flight's error, ``describe_error`` returns the sentence about it.
+    Records are handed over in ``quiet`` slots. ``keep`` returns at the end whether the recording is
+    kept. If the recorder has not told the flight's error, ``describe_error`` returns the sentence
+    about it.
     """
     process = None
     if config.recording.enabled:

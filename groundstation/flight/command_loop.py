@@ -1,8 +1,8 @@
 """Command loop: commands of idle, spool-up and flight, then zero thrust until the motors are off.
 
-They leave at the link's frames, or as poses arrive, and always before a deadline passes. The loop also detects that
-this program was stalled: data read next may have waited as long, and a pose without a time stamp of its own would
-otherwise pass for fresh.
+They leave at the link's frames, or as poses arrive, and always before a deadline passes. The loop
+also detects that this program was stalled: data read next may have waited as long, and a pose
+without a time stamp of its own would otherwise pass for fresh.
 """
 
 import asyncio
@@ -10,13 +10,7 @@ import math
 from collections.abc import Awaitable
 
 from groundstation.config import STEP_WATCH
-from groundstation.core.messages import (
-    LinkDropWatch,
-    Pose,
-    Say,
-    Sentence,
-    notice,
-)
+from groundstation.core.messages import LinkDropWatch, Pose, Say, Sentence, notice
 from groundstation.core.mission import IN_AIR, Event, State
 from groundstation.core.pilot import Pilot
 from groundstation.flight.controller import LAST_CHANCE_S, FlightController
@@ -26,16 +20,17 @@ from links.core import Command, CommandLink, LinkError, Phase
 from links.text import to_ms
 
 AT_ONCE_S = 1e-6
-"""Times closer than this are equal [s]: timers fire up to a clock tick early, in virtual time without end."""
+"""Times closer than this are equal [s]: timers fire up to a clock tick early, in virtual time
+without end."""
 
 
 class Pacing:
     """Frames of one link. Times are on the event loop's clock [s].
 
-    A command leaves every period; or, if the link follows poses, at each pose (but not within half a period of the last
-    command), and one and a half periods after the last one without a pose. In both cases one more leaves just before
-    the deadline of the last one: waiting for the next frame must not lengthen a gap between poses, and the descent on
-    the model begins in time.
+    A command leaves every period; or, if the link follows poses, at each pose (but not within half
+    a period of the last command), and one and a half periods after the last one without a pose. In
+    both cases one more leaves just before the deadline of the last one: waiting for the next frame
+    must not lengthen a gap between poses, and the descent on the model begins in time.
     """
 
     def __init__(self, link: CommandLink) -> None:
@@ -49,14 +44,19 @@ class Pacing:
         self._frame_s = asyncio.get_running_loop().time()
 
     async def next(self, left_s: float, deadline_s: float) -> None:
-        """Wait for the next frame; the last command left at ``left_s``, and its deadline is ``deadline_s``."""
+        """Wait for the next frame.
+
+        The last command left at ``left_s``, and its deadline is ``deadline_s``.
+        """
         period, chance = self._link.period_s, deadline_s - LAST_CHANCE_S
         if chance <= left_s + AT_ONCE_S:
             chance = math.inf  # it has been used
         if self._link.follows_poses:
             await self._wait(min(left_s + 0.5 * period, chance), min(left_s + 1.5 * period, chance))
             return
-        if left_s > self._frame_s - 0.5 * period:  # else it left early, and this frame is still to come
+        if (
+            left_s > self._frame_s - 0.5 * period
+        ):  # else it left early, and this frame is still to come
             self._frame_s += period
         if self._frame_s < left_s:  # late frames are skipped; the others keep the link's phase
             self._frame_s += math.ceil((left_s - self._frame_s) / period) * period
@@ -72,7 +72,10 @@ class Pacing:
             asyncio.get_running_loop().call_at(self._from_s, wake, self._waiting)
 
     async def _wait(self, from_s: float, until_s: float) -> None:
-        """Wait for a pose, until ``until_s`` at most; one that arrives before ``from_s`` counts at that time."""
+        """Wait for a pose, until ``until_s`` at most.
+
+        One that arrives before ``from_s`` counts at that time.
+        """
         loop = asyncio.get_running_loop()
         self._waiting, self._from_s = loop.create_future(), from_s
         timer = loop.call_at(until_s, wake, self._waiting)
@@ -88,7 +91,8 @@ STALL_CHECK_S = 0.02
 STALL_S = 0.06
 """A longer time without a look means that the program was stalled [s]."""
 DRAIN_S = 0.01
-"""Data read within this time after a stall does not count [s]: a socket is drained within some milliseconds."""
+"""Data read within this time after a stall does not count [s]: a socket is drained within some
+milliseconds."""
 
 
 class StallDetector:
@@ -120,15 +124,12 @@ HANG_S = 1.0
 
 
 class CommandLoop:
-    """Sends the commands of the :class:`groundstation.flight.controller.FlightController`, one each frame."""
+    """Sends the commands of the :class:`groundstation.flight.controller.FlightController`, one each
+    frame.
+    """
 
     def __init__(
-        self,
-        link: CommandLink,
-        pilot: Pilot,
-        controller: FlightController,
-        idle_n: float,
-        say: Say,
+        self, link: CommandLink, pilot: Pilot, controller: FlightController, idle_n: float, say: Say
     ) -> None:
         """``idle_n`` is the thrust [N] until the vehicle is armed."""
         self._link = link
@@ -143,7 +144,9 @@ class CommandLoop:
         self._stalls = StallDetector()
 
     def pass_pose(self, pose: Pose) -> bool:
-        """Hand on a pose; return False if it may have waited during a stall and must not be used."""
+        """Hand on a pose; return False if it may have waited during a stall and must not be
+        used.
+        """
         if self._stalls.detect_stale(pose.arrival_s):
             return False
         self._controller.on_pose(pose)
@@ -180,7 +183,9 @@ class CommandLoop:
             await asyncio.sleep(STALL_CHECK_S)
 
     async def _while_the_link_sends(self, work: Awaitable[None]) -> None:
-        """Await ``work``; a controller that does not notice that the link has fallen silent hangs."""
+        """Await ``work``; a controller that does not notice that the link has fallen silent
+        hangs.
+        """
         task, silent = asyncio.ensure_future(work), asyncio.ensure_future(self._link.silent())
         try:
             await asyncio.wait({task, silent}, return_when=asyncio.FIRST_COMPLETED)
@@ -236,8 +241,13 @@ class CommandLoop:
         for news in self.drops.find_news(status) if self.drops is not None else ():
             self._say(news.as_warning())
 
-    def _explain_refusal(self, now: float, command: Command, last: tuple[float, Command] | None) -> Sentence:
-        """Return why the link did not accept ``command``; ``last`` is the one before, with the time it left."""
+    def _explain_refusal(
+        self, now: float, command: Command, last: tuple[float, Command] | None
+    ) -> Sentence:
+        """Return why the link did not accept ``command``.
+
+        ``last`` is the one before, with the time it left.
+        """
         status = self._link.status
         if status.phase == "fresh":
             return notice("fault.late_command", text=status.text)
@@ -253,7 +263,8 @@ class CommandLoop:
     def _ensure_armed(self, now: float) -> None:
         """End the flight if the autopilot has disarmed, or land if it did so on the floor.
 
-        An autopilot whose telemetry is lost may still receive commands: the vehicle lands while the poses respond.
+        An autopilot whose telemetry is lost may still receive commands: the vehicle lands while the
+        poses respond.
         """
         status, controller = self._link.status, self._controller
         if status.slept_s > 0.0:
@@ -268,11 +279,15 @@ class CommandLoop:
         elif status.state != "lost":
             raise FlightEnded(notice("fault.disarmed", state=status.state, text=status.text))
         else:  # it may still be armed, or be landing by itself
-            last = f", and the autopilot was in {status.mode} when last heard" if status.mode else ""
+            last = (
+                f", and the autopilot was in {status.mode} when last heard" if status.mode else ""
+            )
             if status.phase != Phase.FRESH:
                 raise FlightEnded(notice("fault.link_lost", last=last, text=status.text))
             if controller.state is not State.DESCENT:
-                controller.go(Event.LAND, notice("fault.link_lost_land", last=last), now, fault=True)
+                controller.go(
+                    Event.LAND, notice("fault.link_lost_land", last=last), now, fault=True
+                )
 
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""
@@ -286,7 +301,9 @@ class CommandLoop:
                     break
                 except LinkError as error:
                     if loop.time() > give_up:
-                        fault = self._controller.fault if self._link.status.state == "lost" else None
+                        fault = (
+                            self._controller.fault if self._link.status.state == "lost" else None
+                        )
                         if fault is not None:
                             raise FlightEnded(notice("fault.motors_unknown", why=fault)) from error
                         await self._force_motors_off(error)
@@ -298,7 +315,8 @@ class CommandLoop:
         self._controller.go(Event.DISARMED, notice(ended), loop.time())
 
     async def _force_motors_off(self, refusal: LinkError) -> None:
-        """Stop the motors by force if the poses still show the vehicle on the floor: its own LAND might drive off.
+        """Stop the motors by force if the poses still show the vehicle on the floor: its own LAND
+        might drive off.
 
         Raises:
             FlightEnded: it is not there, or that is refused, too.
@@ -319,10 +337,15 @@ class CommandLoop:
 
 
 class FrameLateness:
-    """Delay of commands behind their frames; a late frame is skipped (:class:`Pacing` has the same rule)."""
+    """Delay of commands behind their frames.
+
+    A late frame is skipped (:class:`Pacing` has the same rule).
+    """
 
     def __init__(self, link: CommandLink) -> None:
-        """``link`` is not used before the first command: some know their period only once connected."""
+        """``link`` is not used before the first command: some know their period only once
+        connected.
+        """
         self._link = link
         self._due_s: float | None = None
         self._pose_id: int | None = None
@@ -332,7 +355,8 @@ class FrameLateness:
         self._due_s = None
 
     def measure_s(self, now_s: float, pose_id: int, arrival_s: float) -> float | None:
-        """Return the delay of a command from the pose ``pose_id``, which arrived at ``arrival_s`` [s].
+        """Return the delay of a command from the pose ``pose_id``, which arrived at ``arrival_s``
+        [s].
 
         None for a command without a frame of its own, or without a new pose.
         """

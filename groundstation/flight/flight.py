@@ -44,7 +44,9 @@ from groundstation.settings import Config
 from links.core import CommandLink, LinkError
 from links.io import NETWORK, Network
 
-HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING})
+HELD_IN = frozenset(
+    {State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING}
+)
 """States in which releasing the operator's hold lands the vehicle; the others land already."""
 
 
@@ -99,26 +101,22 @@ class Flight:
         self._due = FrameLateness(link)
         flight = config.flight
         self._pilot = Pilot(
-            config.vehicle, config.controller, flight.coast_s, flight.floor_z_m, self._on_pilot_event, self._now,
+            config.vehicle, config.controller, flight.coast_s, flight.floor_z_m,
+            self._on_pilot_event, self._now,
             monitors.health, follows_poses=link.follows_poses,
         )  # fmt: skip
         self._suspicious = False
         self._shutdown = Shutdown(link, source, self.say, forwards=config.forwards is not None)
-        self._controller = FlightController(
-            config,
-            link,
-            self._pilot,
-            self,
-            others,
-            monitors,
-        )
+        self._controller = FlightController(config, link, self._pilot, self, others, monitors)
         self._commands = CommandLoop(
             link, self._pilot, self._controller, flight.idle_thrust * config.weight_n, self.say
         )
         self._live = LiveGains(config.controller)
         self._quiet = quiet
         if not config.pose.by_autopilot:  # else both are its own estimate
-            link.watch_attitude(lambda attitude: self._controller.on_attitude(attitude, self._now()))
+            link.watch_attitude(
+                lambda attitude: self._controller.on_attitude(attitude, self._now())
+            )
         self._preflight = ArmingSequence(
             config,
             link,
@@ -163,8 +161,8 @@ class Flight:
         event, why, now = EVENT_OF[request.ask], request.why, self._now()
         self._publish(RequestRecord(now, request.ask, why))
         if not self._controller.mission.allows(event):
-            refusal = notice("mission.hold_first" if request.ask is Ask.GOTO else "mission.not_possible",
-                             ask=request.ask, state=self.state)  # fmt: skip
+            name = "mission.hold_first" if request.ask is Ask.GOTO else "mission.not_possible"
+            refusal = notice(name, ask=request.ask, state=self.state)
             self.say(notice("mission.refused_asker", refusal=refusal, why=why) if why else refusal)
             return Reply.of(False, refusal)
         match request.ask:
@@ -192,7 +190,10 @@ class Flight:
             case _:
                 asked = "mission.ended_before" if self.state in ON_GROUND else "mission.asked"
                 self._controller.go(event, notice(asked, why=why), now)
-        return Reply.of(True, notice("flight.state", state=self.state, reason=self._controller.mission.reason or ""))
+        return Reply.of(
+            True,
+            notice("flight.state", state=self.state, reason=self._controller.mission.reason or ""),
+        )
 
     def set_gain(self, key: str, value: float) -> Reply:
         """Begin to move a gain (see live_gains.py), or reply why not."""
@@ -231,7 +232,8 @@ class Flight:
     async def run(self) -> FlightOutcome:
         """Fly. However this ends, the link first brings the vehicle down, or stops its motors.
 
-        Then the link and the source are closed, and nothing leaves any more; cancelling does not shorten that.
+        Then the link and the source are closed, and nothing leaves any more; cancelling does not
+        shorten that.
         """
         controller = self._controller
         if self._network is not None:
@@ -259,7 +261,9 @@ class Flight:
                 self._report_drops()
                 end = controller.mission.reason or notice("mission.waiting")
                 self._publish(EndRecord(self._now(), self.state, end.text, end.id, end.numbers))
-        return FlightOutcome(self.state, self.reason, "" if controller.fault is None else controller.fault.text)
+        return FlightOutcome(
+            self.state, self.reason, "" if controller.fault is None else controller.fault.text
+        )
 
     def _report_drops(self) -> None:
         """Report which messages and poses were lost in the flight, if they were many."""
@@ -278,7 +282,9 @@ class Flight:
     async def _fly(self) -> None:
         await self._preflight.depart(self._on_pose)
         self._controller.go(Event.ARM, notice("mission.arming"), self._now())
-        await self._commands.fly(Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE)
+        await self._commands.fly(
+            Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE
+        )
 
     async def check(self) -> list[Check]:
         """Connect, make all checks as before a flight, and disconnect; instead of :meth:`run`."""
@@ -308,7 +314,9 @@ class Flight:
 
     def _on_pose(self, pose: Pose) -> None:
         if self._commands.pass_pose(pose):
-            if not self._controller.is_dismissed:  # later the model, which the gate uses, gets no commands
+            if (
+                not self._controller.is_dismissed
+            ):  # later the model, which the gate uses, gets no commands
                 self.believes_poses = self._pilot.state.newest_pose is pose
             self._preflight.first_pose.set()
 
@@ -333,7 +341,8 @@ class Flight:
             self.say(warning.as_warning(), "certificate")
         suspicious, self._suspicious = self._suspicious, self._pilot.state.is_suspicious
         if self._suspicious and not suspicious and self._link.autopilot is not None:
-            self._link.autopilot.ask_mode()  # a vehicle that somebody has taken over does not respond either
+            # A vehicle that somebody has taken over does not respond either.
+            self._link.autopilot.ask_mode()
         step, news = self._live.update(
             tick.time_s,
             tick.estimate,
@@ -357,7 +366,9 @@ class Flight:
 
     def _on_pilot_event(self, event: FlightEvent | Tick) -> None:
         if isinstance(event, Tick):
-            event = TickRecord(event, self._due.measure_s(event.time_s, event.pose.id, event.pose.arrival_s))
+            event = TickRecord(
+                event, self._due.measure_s(event.time_s, event.pose.id, event.pose.arrival_s)
+            )
         elif isinstance(event, IdleRecord):
             self._due.begin()
         self._publish(event)

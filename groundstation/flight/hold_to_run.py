@@ -1,4 +1,6 @@
-"""Hold-to-run control: the position of a key, an axis or a channel, read for as long as a flight lasts."""
+"""Hold-to-run control: the position of a key, an axis or a channel, read for as long as a flight
+lasts.
+"""
 
 import asyncio
 import os
@@ -24,9 +26,10 @@ if TYPE_CHECKING:
 class DeviceInput:
     """A key or an axis of one of this machine's input devices, by evdev. Linux only.
 
-    Its present state is read from the kernel (EVIOCGKEY, EVIOCGABS), instead of adding up events: no event can be
-    lost, a key that was held before the device was opened is known, and a device that another program has grabbed,
-    such as another flight of the same operator, can be read as well.
+    Its present state is read from the kernel (EVIOCGKEY, EVIOCGABS), instead of adding up events:
+    no event can be lost, a key that was held before the device was opened is known, and a device
+    that another program has grabbed, such as another flight of the same operator, can be read as
+    well.
     """
 
     def __init__(self, device: "InputDevice[str]", hold: str, code: int) -> None:
@@ -89,9 +92,13 @@ def open_device(config: OperatorConfig) -> DeviceInput:
         return DeviceInput(fits[0], config.hold, code)
     if fits:
         several = ", ".join(map(_name_device, fits))
-        raise ConfigError("operator.device", notice("hold.several", name=config.hold, devices=several))
+        raise ConfigError(
+            "operator.device", notice("hold.several", name=config.hold, devices=several)
+        )
     listed = ", ".join(map(_name_device, found)) or notice("hold.no_device")
-    raise ConfigError("operator.device", notice("hold.no_such_device", name=config.hold, devices=listed))
+    raise ConfigError(
+        "operator.device", notice("hold.no_such_device", name=config.hold, devices=listed)
+    )
 
 
 def _name_device(device: "InputDevice[str]") -> str:
@@ -107,7 +114,9 @@ def _devices(path: str) -> "Iterator[InputDevice[str]]":
             yield InputDevice(str(Path(path).resolve()), readonly=True)
         except OSError as error:
             id = "hold.joystick" if Path(path).resolve().name.startswith("js") else "value.refused"
-            raise ConfigError("operator.device", notice(id, value=path, why=error.strerror or error)) from None
+            raise ConfigError(
+                "operator.device", notice(id, value=path, why=error.strerror or error)
+            ) from None
         return
     for one in sorted(list_devices(writable=False)):
         with suppress(OSError):
@@ -125,7 +134,9 @@ _UNUSED = (0, 0xFFFF)
 
 
 class ChannelInput:
-    """A channel of the operator's transmitter, reported by the autopilot (RC_CHANNELS, MAVLink common message 65)."""
+    """A channel of the operator's transmitter, reported by the autopilot (RC_CHANNELS, MAVLink
+    common message 65).
+    """
 
     def __init__(self, connection: MavlinkConnection, number: int) -> None:
         """``number`` is from 1 to 18; the messages are requested as ``connection`` opens."""
@@ -162,12 +173,16 @@ class ChannelInput:
             case "RC_CHANNELS":
                 self._raw, self._time_s = getattr(message, self._field), arrival_s
             case "SYS_STATUS":
-                enabled, healthy = message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
+                enabled, healthy = (
+                    message.onboard_control_sensors_enabled,
+                    message.onboard_control_sensors_health,
+                )
                 self._receives = not enabled & _RECEIVER or bool(healthy & _RECEIVER)
 
 
 LOOK_S = 0.01
-"""Period at which the input is read [s]: a release is detected within twice this time, a bounce included."""
+"""Period at which the input is read [s]: a release is detected within twice this time, a bounce
+included."""
 
 
 class Input(Protocol):

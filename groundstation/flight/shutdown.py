@@ -3,12 +3,7 @@
 import asyncio
 from contextlib import suppress
 
-from groundstation.core.messages import (
-    Distrusts,
-    PoseSource,
-    Say,
-    notice,
-)
+from groundstation.core.messages import Distrusts, PoseSource, Say, notice
 from links.core import CommandLink, LinkError
 
 MONITOR_PERIOD_S = 0.1
@@ -19,7 +14,10 @@ command [s]."""
 
 
 class Shutdown:
-    """End of one flight: the bring-down, or a kill; poses to an autopilot that uses them; closed wires."""
+    """End of one flight: the bring-down, or a kill.
+
+    Poses to an autopilot that uses them; closed wires.
+    """
 
     closed = False
     """Whether nothing leaves any more."""
@@ -31,7 +29,8 @@ class Shutdown:
         self.forwards = forwards
         """Whether the autopilot gets the poses of the source."""
         self.stays = False
-        """Whether commands have ended while the autopilot is still monitored, and gets poses if it did before."""
+        """Whether commands have ended while the autopilot is still monitored, and gets poses if it
+        did before."""
         self.leave = asyncio.Event()
         """Set by a request to end that, too."""
         self._kill: asyncio.Task[None] | None = None
@@ -53,7 +52,10 @@ class Shutdown:
                 part.distrust()
 
     async def close(self) -> None:
-        """Close the link, which may have to bring the vehicle down first, and the source; report each step."""
+        """Close the link, which may have to bring the vehicle down first, and the source.
+
+        Report each step.
+        """
         link = self._link
         if self._kill is None and link.status.phase in ("fresh", "bring_down"):
             self._say(notice("flight.bringing_down"))
@@ -62,7 +64,11 @@ class Shutdown:
             await link.silent()
             if not self.killed and not link.status.unmet:
                 taken = link.status.taken
-                self._say(notice("flight.taken", mode=taken) if taken else notice("flight.bring_down_over"))
+                self._say(
+                    notice("flight.taken", mode=taken)
+                    if taken
+                    else notice("flight.bring_down_over")
+                )
         if not self.killed and link.status.unmet:
             self._say(notice("flight.not_brought_down", why=link.status.unmet))
         await self._stay()
@@ -77,12 +83,16 @@ class Shutdown:
         await self._source.close()
 
     async def _stay(self) -> None:
-        """Keep the poses to an autopilot that brings the vehicle down with them, and the way to stop its motors.
+        """Keep the poses to an autopilot that brings the vehicle down with them, and the way to
+        stop its motors.
 
         An autopilot that uses no poses of ours is monitored for a limited time.
         """
         autopilot = self._link.autopilot
-        if not (self._turns() and (self.forwards or (autopilot is not None and autopilot.lands_by_itself))):
+        if not (
+            self._turns()
+            and (self.forwards or (autopilot is not None and autopilot.lands_by_itself))
+        ):
             return
         now_s = asyncio.get_running_loop().time
         until_s = now_s() + MONITORED_S

@@ -81,7 +81,10 @@ class FlightStatistics:
         checks: tuple[Check, ...],
         gains: dict[str, float],
     ) -> Snapshot:
-        """Return the flight as it is now; before the first command with the newest pose's position and attitude."""
+        """Return the flight as it is now.
+
+        Before the first command with the newest pose's position and attitude.
+        """
         now = asyncio.get_running_loop().time()
         position, velocity, attitude = ZERO, ZERO, IDENTITY
         if self._tick is not None:

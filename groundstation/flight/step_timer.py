@@ -1,9 +1,11 @@
-"""Step timer: raises in a step of the user's code that does not return, and remembers one that was slow.
+"""Step timer: raises in a step of the user's code that does not return, and remembers one that was
+slow.
 
-For flights in real time. A timer signal (SIGALRM) interrupts Python code wherever it is, also where it
-sleeps or waits for a socket; code that catches every exception is interrupted again at its next line. Code that
-uses SIGALRM for a timeout of its own is interrupted by the operator's keys (:meth:`StepTimer.interrupt_by`). Compiled
-code that never returns is not interrupted: Python runs no handler before it does.
+For flights in real time. A timer signal (SIGALRM) interrupts Python code wherever it is, also where
+it sleeps or waits for a socket; code that catches every exception is interrupted again at its next
+line. Code that uses SIGALRM for a timeout of its own is interrupted by the operator's keys
+(:meth:`StepTimer.interrupt_by`). Compiled code that never returns is not interrupted: Python runs
+no handler before it does.
 """
 
 import signal
@@ -21,11 +23,11 @@ from links.text import to_ms
 AGAIN_S = 0.05
 """Period of repeated interrupts [s]: code that catches every exception may go on."""
 SLOW_S = 0.1
-"""A step that takes longer is reported [s]: a command must leave within 0.25 s of its pose (flight.coast_s),
-and the pose's own latency and the link take their share."""
+"""A step that takes longer is reported [s]: a command must leave within 0.25 s of its pose
+(flight.coast_s), and the pose's own latency and the link take their share."""
 STALLING_S = 0.05
-"""A step that takes longer may end the flight [s]: with what else one frame needs, poses wait for more than 0.06 s, as
-in a program that was stalled, and are not used."""
+"""A step that takes longer may end the flight [s]: with what else one frame needs, poses wait for
+more than 0.06 s, as in a program that was stalled, and are not used."""
 SLOWER = 1.5
 """A step that is slower by this factor is reported again [-]."""
 RECENT_S = 1.0
@@ -33,7 +35,10 @@ RECENT_S = 1.0
 
 
 class StepTimeout(BaseException):
-    """A step of the user's code has not returned in time. No Exception: code that catches those goes on."""
+    """A step of the user's code has not returned in time.
+
+    No Exception: code that catches those goes on.
+    """
 
 
 class StepTimer(StepWatch):
@@ -74,11 +79,18 @@ class StepTimer(StepWatch):
         self._keys.add(number)
 
     def is_interrupted_by_keys(self) -> bool:
-        """Whether Ctrl-C raises KeyboardInterrupt in a step: not where the event loop handles it."""
+        """Whether Ctrl-C raises KeyboardInterrupt in a step: not where the event loop handles
+        it.
+        """
         return signal.SIGINT not in self._keys
 
-    def run(self, what: str, limit_s: float, code: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
-        """Call ``code`` as a step. Only the main thread receives signals: a step in another one is not watched."""
+    def run(
+        self, what: str, limit_s: float, code: Callable[..., Any], /, *arguments: Any, **named: Any
+    ) -> Any:
+        """Call ``code`` as a step.
+
+        Only the main thread receives signals: a step in another one is not watched.
+        """
         if threading.current_thread() is not threading.main_thread():
             return code(*arguments, **named)
         return super().run(what, limit_s, code, *arguments, **named)
@@ -105,14 +117,19 @@ class StepTimer(StepWatch):
             return
         self._newest_s = now_s
         if took_s <= SLOW_S:
-            self._newest = notice("code.stalls", what=what, took_ms=to_ms(took_s), limit_ms=to_ms(STALLING_S))
+            self._newest = notice(
+                "code.stalls", what=what, took_ms=to_ms(took_s), limit_ms=to_ms(STALLING_S)
+            )
             return
         self._newest = notice("code.slow", what=what, took_ms=to_ms(took_s), limit_ms=to_ms(SLOW_S))
         if took_s > SLOWER * self._slowest_s or self.slow is None:
             self.slow, self._slowest_s = self._newest, took_s
 
     def find_recent(self) -> Sentence | None:
-        """Return the newest step that was too slow, if it ended within the last second; else None."""
+        """Return the newest step that was too slow, if it ended within the last second.
+
+        Else None.
+        """
         return self._newest if time.monotonic() - self._newest_s < RECENT_S else None
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
@@ -123,7 +140,8 @@ class StepTimer(StepWatch):
     def _interrupt_late(self, frame: FrameType | None) -> None:
         now_s = time.monotonic()
         if now_s - self._interrupted_s < 0.5 * AGAIN_S:
-            return  # a key and the alarm at once: the second would be raised where the first is handled
+            # A key and the alarm at once: the second would be raised where the first is handled.
+            return
         if self._what and now_s - self._begun_s > self._limit_s - AGAIN_S:
             self._interrupts += 1
             self._interrupted_s = now_s
@@ -132,7 +150,9 @@ class StepTimer(StepWatch):
             raise self._timeout()
 
     def _raise_at_next_line(self, frame: FrameType | None) -> None:
-        """Have each of the user's frames raise once more at its next line: in the handler that catches everything."""
+        """Have each of the user's frames raise once more at its next line: in the handler that
+        catches everything.
+        """
 
         def raise_again(_frame: FrameType, event: str, _argument: object) -> Any:
             if event == "line":

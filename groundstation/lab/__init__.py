@@ -1,4 +1,6 @@
-"""Preparation of a laboratory and its vehicles: parameters, axes, propellers off, several vehicles."""
+"""Preparation of a laboratory and its vehicles: parameters, axes, propellers off, several
+vehicles.
+"""
 
 from groundstation.lab.doctor import DoctorOrders, run_doctor
 from groundstation.lab.fleet import FleetPlan, Member, read_fleet

@@ -1,4 +1,5 @@
-"""Doctor: an autopilot's parameters, or a Betaflight's settings, looked at, and on request set one by one, or put back.
+"""Doctor: an autopilot's parameters, or a Betaflight's settings, looked at, and on request set one
+by one, or put back.
 
 The old value is on disk before a new one is set: so every change can be taken back.
 """
@@ -40,7 +41,16 @@ from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import LinkError, LinkLost, LinkRejected, signal
 from links.mavlink import MavlinkConnection, MavlinkLinkConfig
-from links.mavlink.protocol import ARDUPILOT, ARMED, PX4, AutopilotParameter, Handshake, ReadAll, Write, is_same
+from links.mavlink.protocol import (
+    ARDUPILOT,
+    ARMED,
+    PX4,
+    AutopilotParameter,
+    Handshake,
+    ReadAll,
+    Write,
+    is_same,
+)
 from links.rf import Board, RfLinkConfig, describe_change, describe_pulses, find_settings
 
 
@@ -96,19 +106,26 @@ def load_restore(path: Path) -> Restore:
     try:
         return msgspec.json.decode(path.read_bytes(), type=Restore)
     except OSError as error:
-        raise ConfigError("--restore", notice("file.unread", path=path, why=error.strerror)) from None
+        raise ConfigError(
+            "--restore", notice("file.unread", path=path, why=error.strerror)
+        ) from None
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
         raise ConfigError("--restore", notice("doctor.other_file", path=path, why=error)) from None
 
 
 BEAT_S = 3.0
 """Timeout for the heartbeat that reports arming [s]."""
-TABLES: dict[int, Callable[[VehicleFacts], list[Advice]]] = {PX4: px4_advice, ARDUPILOT: ardupilot_advice}
+TABLES: dict[int, Callable[[VehicleFacts], list[Advice]]] = {
+    PX4: px4_advice,
+    ARDUPILOT: ardupilot_advice,
+}
 """HEARTBEAT.autopilot → its advice."""
 
 
 class BoardVisit:
-    """A Betaflight behind a receiver, by its own port: ``open`` it, ``examine``, perhaps ``set``, and ``close`` it."""
+    """A Betaflight behind a receiver, by its own port: ``open`` it, ``examine``, perhaps ``set``,
+    and ``close`` it.
+    """
 
     autopilot = "Betaflight"
 
@@ -116,7 +133,8 @@ class BoardVisit:
         """Nothing is opened yet; ``port`` is the flight controller's own.
 
         Raises:
-            ConfigError: it is none, or the link's map is none that a Betaflight could be set up for.
+            ConfigError: it is none, or the link's map is none that a Betaflight could be set up
+                for.
         """
         link = config.link
         if not isinstance(link, RfLinkConfig):
@@ -138,7 +156,9 @@ class BoardVisit:
     @property
     def advice(self) -> list[Advice]:
         """Return the advice for the settings and mode rows that were read."""
-        return betaflight_advice(self.facts, {name: one.value for name, one in self.parameters.items()})
+        return betaflight_advice(
+            self.facts, {name: one.value for name, one in self.parameters.items()}
+        )
 
     async def open(self) -> None:
         """Connect, and hear that it is not armed."""
@@ -156,7 +176,10 @@ class BoardVisit:
         for table in ("aux", "rxrange", "rxfail", "map"):
             self.parameters |= self._find_settings(await self._board.tell(table))
         self.parameters |= await self.read(
-            name for advice in self.advice for name in advice.names if name not in self.parameters and " " not in name
+            name
+            for advice in self.advice
+            for name in advice.names
+            if name not in self.parameters and " " not in name
         )
         return [judge(advice, self.parameters) for advice in self.advice]
 
@@ -167,10 +190,14 @@ class BoardVisit:
         for name in names:
             table = name.split()[0]
             try:
-                said = await self._board.tell(table if " " in name or name == "map" else f"get {name}")
+                said = await self._board.tell(
+                    table if " " in name or name == "map" else f"get {name}"
+                )
             except LinkRejected:
                 continue  # another version's
-            found |= {known: one for known, one in self._find_settings(said).items() if known == name}
+            found |= {
+                known: one for known, one in self._find_settings(said).items() if known == name
+            }
         return found
 
     async def set(self, parameter: Setting) -> Setting:
@@ -181,7 +208,11 @@ class BoardVisit:
         found = await self.read([parameter.name])
         if parameter.name not in found or found[parameter.name].value != parameter.value:
             now = show(found[parameter.name].value) if parameter.name in found else "nothing"
-            raise LinkRejected(notice("doctor.reads_back", name=parameter.name, value=show(parameter.value), found=now))
+            raise LinkRejected(
+                notice(
+                    "doctor.reads_back", name=parameter.name, value=show(parameter.value), found=now
+                )
+            )
         self.parameters |= found
         return found[parameter.name]
 
@@ -216,7 +247,11 @@ def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
     return ReceiverFacts(
         order=order,
         half_us=half_us,
-        rates_deg_s=(sticks["roll"].full_rate_deg_s, sticks["pitch"].full_rate_deg_s, sticks["yaw"].full_rate_deg_s),
+        rates_deg_s=(
+            sticks["roll"].full_rate_deg_s,
+            sticks["pitch"].full_rate_deg_s,
+            sticks["yaw"].full_rate_deg_s,
+        ),
         throttle_low=link.map.thrust.low,
         own_curve=own_curve,
         arm=(arm.channel - 5, armed_us, disarmed_us),
@@ -311,7 +346,12 @@ class MavlinkVisit:
         now = found[parameter.name]
         if not (isinstance(now.value, float) and is_same(now.value, value)):
             raise LinkRejected(
-                notice("doctor.reads_back", name=parameter.name, value=show(value), found=show(now.value))
+                notice(
+                    "doctor.reads_back",
+                    name=parameter.name,
+                    value=show(value),
+                    found=show(now.value),
+                )
             )
         self.parameters[now.name] = now
         return now
@@ -340,25 +380,32 @@ class MavlinkVisit:
 
 
 Visit = BoardVisit | MavlinkVisit
-"""Changes nothing by itself. Every method but ``close`` raises LinkError where the other end goes away."""
+"""Changes nothing by itself. Every method but ``close`` raises LinkError where the other end goes
+away."""
 _MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
 WIDTH = 100
 """Width of the printed text [columns]."""
 
 
 def doctor_report(title: str, findings: Sequence[ParameterFinding], command: str) -> str:
-    """The table, the worst first, each that is not right with its reason and the ``command`` that mends it."""
+    """The table, the worst first, each that is not right with its reason and the ``command`` that
+    mends it.
+    """
     worst_first = ("must", "should", "ok", "note", "absent")
     wide = max(17, *(len(finding.name) + 1 for finding in findings))
     lines = [title, "", f"{'':8}{'parameter':{wide}}{'value':>9}  accepted"]
     for finding in sorted(findings, key=lambda f: worst_first.index(f.verdict)):
         value = "-" if finding.value is None else show(finding.value)
-        lines += _wrap(f"{_MARKS[finding.verdict]:8}{finding.name:{wide}}{value:>9}  ", finding.accepted)
+        lines += _wrap(
+            f"{_MARKS[finding.verdict]:8}{finding.name:{wide}}{value:>9}  ", finding.accepted
+        )
         if finding.verdict in (Weight.MUST, Weight.SHOULD, Weight.NOTE):
             lines += _wrap(" " * 12, finding.why)
         if finding.recommended is not None:
             value = show(finding.recommended)
-            mend = notice("doctor.set_to", value=value, command=command, name=shlex.quote(finding.name))
+            mend = notice(
+                "doctor.set_to", value=value, command=command, name=shlex.quote(finding.name)
+            )
             lines.append(f"{'':12}{mend}")
             if finding.reboot:
                 lines.append(f"{'':12}{notice('doctor.reboot')}")
@@ -367,7 +414,9 @@ def doctor_report(title: str, findings: Sequence[ParameterFinding], command: str
 
 
 def _wrap(begin: str, text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=begin, subsequent_indent=" " * max(len(begin), 12))
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=begin, subsequent_indent=" " * max(len(begin), 12)
+    )
 
 
 def _summary(findings: Sequence[ParameterFinding]) -> str:
@@ -407,13 +456,17 @@ class _Fix(NamedTuple):
     saved: str
 
 
-async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say: Callable[[str], None] = print) -> Exit:
-    """Visit the autopilot of ``config``; ``ask`` puts a question to the operator, None where nobody is there.
+async def run_doctor(
+    config: Config, orders: DoctorOrders, ask: Ask | None, say: Callable[[str], None] = print
+) -> Exit:
+    """Visit the autopilot of ``config``.
+
+    ``ask`` puts a question to the operator, None where nobody is there.
 
     ``say`` tells what was found.
 
-    Returns 0 where all is as it should be, 1 where something is not or was not confirmed, 3 where the autopilot does
-    not answer or refuses.
+    Returns 0 where all is as it should be, 1 where something is not or was not confirmed, 3 where
+    the autopilot does not answer or refuses.
 
     Raises:
         ConfigError: the orders make no sense.
@@ -435,7 +488,11 @@ async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say:
     try:
         await visit.open()
         findings = await visit.examine()
-        all_wanted = [_parse_fix(fix, visit) for fix in orders.fix] if kept is None else [await _find_old(visit, kept)]
+        all_wanted = (
+            [_parse_fix(fix, visit) for fix in orders.fix]
+            if kept is None
+            else [await _find_old(visit, kept)]
+        )
         _ensure_each_once(all_wanted)
         fixed: list[_Fix] = []
         for wanted in all_wanted:
@@ -477,11 +534,20 @@ def _parse_fix(fix: str, visit: Visit) -> Setting:
         raise ConfigError("--fix", notice("doctor.absent", autopilot=visit.autopilot, name=name))
     old, rule = visit.parameters[name], rules[name]
     try:
-        value = rule.better(old.value) if not equals else float(text) if isinstance(old.value, float) else text
+        value = (
+            rule.better(old.value)
+            if not equals
+            else float(text)
+            if isinstance(old.value, float)
+            else text
+        )
     except ValueError:
         raise ConfigError("--fix", notice("doctor.no_number", name=name, text=text)) from None
     if not rule.accepts(value):
-        raise ConfigError("--fix", notice("doctor.not_accepted", name=name, accepted=rule.words, value=show(value)))
+        raise ConfigError(
+            "--fix",
+            notice("doctor.not_accepted", name=name, accepted=rule.words, value=show(value)),
+        )
     if not equals and rule.accepts(old.value):
         raise ConfigError("--fix", notice("doctor.fine", name=name, value=show(old.value)))
     return old._replace(value=value)
@@ -502,13 +568,20 @@ async def _find_old(visit: Visit, kept: Restore) -> Setting:
         )
     found = await visit.read([kept.name])
     if kept.name not in found or found[kept.name].kind != kept.kind:
-        raise ConfigError("--restore", notice("doctor.other_kind", autopilot=visit.autopilot, name=kept.name))
+        raise ConfigError(
+            "--restore", notice("doctor.other_kind", autopilot=visit.autopilot, name=kept.name)
+        )
     visit.parameters[kept.name] = found[kept.name]
     return kept.parameter
 
 
-async def _set(visit: Visit, wanted: Setting, config: Config, orders: DoctorOrders, ask: Ask | None) -> _Fix | None:
-    """Set it once the operator has typed its name, its old value being kept; None where he has not."""
+async def _set(
+    visit: Visit, wanted: Setting, config: Config, orders: DoctorOrders, ask: Ask | None
+) -> _Fix | None:
+    """Set it once the operator has typed its name, its old value being kept.
+
+    None where he has not.
+    """
     old = visit.parameters[wanted.name]
     if not orders.yes:
         assert ask is not None, "checked before"
@@ -521,7 +594,10 @@ async def _set(visit: Visit, wanted: Setting, config: Config, orders: DoctorOrde
             new=show(wanted.value),
         )
         if (await ask(question.text)).strip() != wanted.name:
-            print(f"groundstation: doctor: {notice('doctor.unchanged', name=wanted.name)}", file=sys.stderr)
+            print(
+                f"groundstation: doctor: {notice('doctor.unchanged', name=wanted.name)}",
+                file=sys.stderr,
+            )
             return None
     kept = Restore(
         vehicle=config.vehicle.name,
@@ -542,7 +618,11 @@ async def _set(visit: Visit, wanted: Setting, config: Config, orders: DoctorOrde
 
 
 def _format_result(
-    visit: Visit, findings: list[ParameterFinding], fixed: list[_Fix], config: Config, orders: DoctorOrders
+    visit: Visit,
+    findings: list[ParameterFinding],
+    fixed: list[_Fix],
+    config: Config,
+    orders: DoctorOrders,
 ) -> str:
     if orders.as_json:
         facts: dict[str, Any] = {

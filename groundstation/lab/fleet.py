@@ -1,4 +1,6 @@
-"""Fleet plan: a file names the configuration that all vehicles share, and for each what differs from it."""
+"""Fleet plan: a file names the configuration that all vehicles share, and for each what differs
+from it.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -6,7 +8,14 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
-from groundstation.config import VEHICLE_LETTERS, ConfigError, from_dict, name_pattern, read_toml, resolve_files
+from groundstation.config import (
+    VEHICLE_LETTERS,
+    ConfigError,
+    from_dict,
+    name_pattern,
+    read_toml,
+    resolve_files,
+)
 from groundstation.core.messages import notice
 from groundstation.pose import PoseConfig
 from groundstation.settings import Config, rehearse
@@ -21,14 +30,18 @@ class FleetFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Contents of a fleet file, but for the sections of each vehicle."""
 
     config: Annotated[
-        str, msgspec.Meta(description="The configuration that all vehicles share; relative to the fleet file.")
+        str,
+        msgspec.Meta(
+            description="The configuration that all vehicles share; relative to the fleet file."
+        ),
     ]
     relay_port: Annotated[
         int,
         msgspec.Meta(
             ge=1024,
             le=65000,
-            description="Loopback UDP port to which the first vehicle's copy of the poses goes; the others' follow it.",
+            description="Loopback UDP port to which the first vehicle's copy of the poses goes; "
+            "the others' follow it.",
         ),
     ] = 51101
     vehicles: Annotated[
@@ -62,7 +75,8 @@ class FleetPlan(NamedTuple):
 
     members: tuple[Member, ...]
     relay_listen: str | None
-    """Where poses come in to be handed on, host:port; None where each core hears the source by itself."""
+    """Where poses come in to be handed on, host:port; None where each core hears the source by
+    itself."""
 
     @property
     def relay_targets(self) -> tuple[str, ...]:
@@ -73,10 +87,12 @@ class FleetPlan(NamedTuple):
 def read_fleet(path: Path, overrides: Sequence[str] = (), *, rehearsed: bool = False) -> FleetPlan:
     """The fleet in the TOML file ``path``; ``overrides`` (``a.b=value``) are for every vehicle.
 
-    ``rehearsed``: with every address turned to the loopback network, see :mod:`groundstation.settings.settings`.
+    ``rehearsed``: with every address turned to the loopback network, see
+        :mod:`groundstation.settings.settings`.
 
     Raises:
-        ConfigError: by file, vehicle and key; also where two vehicles would use the same name, object or port.
+        ConfigError: by file, vehicle and key; also where two vehicles would use the same name,
+            object or port.
     """
     data = read_toml(path)
     if data and not {"config", "vehicles"} & data.keys():
@@ -99,9 +115,14 @@ def read_fleet(path: Path, overrides: Sequence[str] = (), *, rehearsed: bool = F
         for number, (who, lab) in enumerate(zip(whos, labs, strict=True))
     ]
     if rehearsed:
-        turned = [[rehearse(one, path, fleet=True) for one in (member.lab, member.core)] for member in members]
+        turned = [
+            [rehearse(one, path, fleet=True) for one in (member.lab, member.core)]
+            for member in members
+        ]
         members = [Member(lab.vehicle.name, lab, core) for lab, core in turned]
-        _ensure_unlike("name", [(who.name, one.name) for who, one in zip(whos, members, strict=True)], path)
+        _ensure_unlike(
+            "name", [(who.name, one.name) for who, one in zip(whos, members, strict=True)], path
+        )
         labs = [member.lab for member in members]
     return FleetPlan(tuple(members), labs[0].pose.address if relayed else None)
 
@@ -128,7 +149,9 @@ def _member(
     kind = pose.get("kind", "vicon") if isinstance(pose, dict) else "vicon"
     kinds = {one.__struct_config__.tag: one for one in PoseConfig.__args__ if one.shows_others}
     if kind not in kinds:
-        raise ConfigError("pose.kind", notice("fleet.pose_kind", choices=list(kinds), found=kind), str(shared))
+        raise ConfigError(
+            "pose.kind", notice("fleet.pose_kind", choices=list(kinds), found=kind), str(shared)
+        )
     for section, told in (
         ("vehicle", {"name": who.name}),
         ("pose", {kinds[kind].body_key: who.object or who.name}),
@@ -140,17 +163,26 @@ def _member(
         placed = resolve_files(data, shared.parent)
         return from_dict(placed, Config, overrides, source=str(shared), folder=shared.parent)
     except ConfigError as error:
-        source = f"{path}: vehicle {who.name}" if _has(entry, error.key) else f"{error.source} (for {who.name})"
+        source = (
+            f"{path}: vehicle {who.name}"
+            if _has(entry, error.key)
+            else f"{error.source} (for {who.name})"
+        )
         raise ConfigError(error.key, error.problem, source) from None
 
 
 def _merge(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """``common`` with what ``own`` changes, table by table; one of another ``kind`` takes the place of the whole."""
+    """``common`` with what ``own`` changes, table by table.
+
+    One of another ``kind`` takes the place of the whole.
+    """
     merged = dict(common)
     for key, value in own.items():
         old = common.get(key)
         same = (
-            isinstance(old, dict) and isinstance(value, dict) and value.get("kind", old.get("kind")) == old.get("kind")
+            isinstance(old, dict)
+            and isinstance(value, dict)
+            and value.get("kind", old.get("kind")) == old.get("kind")
         )
         merged[key] = _merge(old, value) if same and isinstance(old, dict) else value
     return merged
@@ -176,34 +208,54 @@ def _ensure_unlike(key: str, named: Sequence[tuple[str, str | None]], path: Path
     first: dict[str, str] = {}
     for name, value in named:
         if value is not None and (other := first.setdefault(value, name)) is not name:
-            raise ConfigError(key, notice("fleet.taken", value=value, other=other), f"{path}: vehicle {name}")
+            raise ConfigError(
+                key, notice("fleet.taken", value=value, other=other), f"{path}: vehicle {name}"
+            )
 
 
 def _ensure_apart(whos: list[_Who], labs: list[Config], relay_port: int, path: Path) -> None:
     """No two vehicles share a link or a socket, and all hear the same source."""
     names = [who.name for who in whos]
     for key in ("listen", "serial", "port"):
-        _ensure_unlike(f"link.{key}", [(n, _end(lab, key)) for n, lab in zip(names, labs, strict=True)], path)
-    for key in ("remote", "tcp"):  # several may be behind one address: they have their own system ids
+        _ensure_unlike(
+            f"link.{key}", [(n, _end(lab, key)) for n, lab in zip(names, labs, strict=True)], path
+        )
+    for key in (
+        "remote",
+        "tcp",
+    ):  # several may be behind one address: they have their own system ids
         ends = [lab.link.destination if lab.link.way == key else None for lab in labs]
         _ensure_unlike(f"link.{key}", list(zip(names, ends, strict=True)), path)
-    _ensure_unlike("status.path", [(n, lab.status.path or None) for n, lab in zip(names, labs, strict=True)], path)
+    _ensure_unlike(
+        "status.path",
+        [(n, lab.status.path or None) for n, lab in zip(names, labs, strict=True)],
+        path,
+    )
     for name, lab in zip(names, labs, strict=True):
         if lab.pose.stream != labs[0].pose.stream:
-            raise ConfigError("pose", notice("fleet.other_source", other=names[0]), f"{path}: vehicle {name}")
+            raise ConfigError(
+                "pose", notice("fleet.other_source", other=names[0]), f"{path}: vehicle {name}"
+            )
         port = _end(lab, "listen")
         if lab.pose.is_relayed:
             taken = range(relay_port, relay_port + len(labs))
             poses_port = parse_address(lab.pose.address)[1]
             if poses_port in taken:
-                says = notice("fleet.relay_ports", first=taken[0], last=taken[-1], address=lab.pose.address)
+                says = notice(
+                    "fleet.relay_ports", first=taken[0], last=taken[-1], address=lab.pose.address
+                )
                 raise ConfigError("relay_port", says, str(path))
             if port is not None and int(port) in (*taken, poses_port):
-                raise ConfigError("link.listen", notice("fleet.port", port=port), f"{path}: vehicle {name}")
+                raise ConfigError(
+                    "link.listen", notice("fleet.port", port=port), f"{path}: vehicle {name}"
+                )
 
 
 def _end(config: Config, key: str) -> str | None:
-    """Where the link of ``config`` ends, if ``key`` says so; of an address of this machine only the port counts."""
+    """Where the link of ``config`` ends, if ``key`` says so.
+
+    Of an address of this machine only the port counts.
+    """
     link = config.link
     if link.way != key:
         return None

@@ -1,7 +1,8 @@
-"""Pose monitor, ``groundstation check --watch``: any pose source live, without flying, and carried along shown moves.
+"""Pose monitor, ``groundstation check --watch``: any pose source live, without flying, and carried
+along shown moves.
 
-For the monitor no command link is opened, so nothing that moves a vehicle can leave. For ``groundstation carry`` the
-vehicle is carried by hand, and its tracker's axes are written.
+For the monitor no command link is opened, so nothing that moves a vehicle can leave. For
+``groundstation carry`` the vehicle is carried by hand, and its tracker's axes are written.
 """
 
 import asyncio
@@ -62,7 +63,8 @@ class Ears(msgspec.Struct, frozen=True):
     source: PoseSource
     """Behind the gate."""
     connection: MavlinkConnection | None
-    """To the autopilot, where that was wanted; only what it is asked for, and our heartbeat, leave on it."""
+    """To the autopilot, where that was wanted; only what it is asked for, and our heartbeat, leave
+    on it."""
     names: Callable[[], tuple[str, ...]]
     """The bodies that the source has, where it has told."""
 
@@ -78,8 +80,9 @@ async def open_ears(
 ) -> AsyncIterator[Ears]:
     """Listen to the poses of ``config`` for as long as the block lasts.
 
-    ``deliver`` gets those that pass the gate, ``raw`` every one, ``tell`` what happens to them. The autopilot is
-    connected to where poses come by it, or where ``autopilot`` is given: it may ask for messages before.
+    ``deliver`` gets those that pass the gate, ``raw`` every one, ``tell`` what happens to them. The
+    autopilot is connected to where poses come by it, or where ``autopilot`` is given: it may ask
+    for messages before.
 
     Raises:
         ConfigError: the poses need another link.
@@ -117,7 +120,9 @@ REFRESH_S = 0.25
 
 
 def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit:
-    """Watch until ``seconds`` [s] have passed, or Ctrl-C; returns 0 where poses came, 1 where none did, 3 without any.
+    """Watch until ``seconds`` [s] have passed, or Ctrl-C.
+
+    Returns 0 where poses came, 1 where none did, 3 without any.
 
     Raises:
         ConfigError: the poses need another link.
@@ -129,7 +134,11 @@ def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit
             print(json.dumps({"source": kind, "ok": seen.ok, **msgspec.to_builtins(seen)}))
         else:
             seen = asyncio.run(
-                _listen_on_screen(config, seconds, notice("watch.title", kind=kind, vehicle=config.vehicle.name).text)
+                _listen_on_screen(
+                    config,
+                    seconds,
+                    notice("watch.title", kind=kind, vehicle=config.vehicle.name).text,
+                )
             )
     except (SourceError, LinkError) as error:
         print(f"groundstation: check: {error}", file=sys.stderr)
@@ -142,7 +151,9 @@ def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit
 async def listen(
     config: Config, seconds: float | None, show: Callable[[PoseStreamSummary], None] | None = None
 ) -> PoseStreamSummary:
-    """Observe the source of ``config`` for ``seconds`` [s]; ``show`` is called a few times a second.
+    """Observe the source of ``config`` for ``seconds`` [s].
+
+    ``show`` is called a few times a second.
 
     Raises:
         ConfigError: the poses need another link.
@@ -192,7 +203,9 @@ async def _listen_on_screen(config: Config, seconds: float | None, title: str) -
         console.print(summary_table(title, seen))
         return seen
     with Live(console=console, auto_refresh=False) as live:
-        return await listen(config, seconds, lambda seen: live.update(summary_table(title, seen), refresh=True))
+        return await listen(
+            config, seconds, lambda seen: live.update(summary_table(title, seen), refresh=True)
+        )
 
 
 @contextlib.contextmanager
@@ -211,7 +224,12 @@ def _interrupt(loop: asyncio.AbstractEventLoop) -> Iterator[asyncio.Event]:
 def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
     """Describe the stream in words."""
     lines = [
-        _row("watch.poses", count=seen.poses, rate_hz=seen.rate_hz, source_rate_hz=seen.source_rate_hz),
+        _row(
+            "watch.poses",
+            count=seen.poses,
+            rate_hz=seen.rate_hz,
+            source_rate_hz=seen.source_rate_hz,
+        ),
         ("age", _age(seen)),
         _row("watch.latency", latency_ms=1e3 * seen.latency_s, most_ms=1e3 * seen.latency_max_s),
         _row("watch.jitter", jitter_ms=1e3 * seen.jitter_s, longest_ms=1e3 * seen.longest_s),
@@ -221,11 +239,16 @@ def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
         lines.append(("stamps", seen.stamp_fault))
     if seen.position_ned is not None and seen.roll_pitch_yaw_deg is not None:
         north, east, down = seen.position_ned
-        lines.append(_row("watch.place", north_m=north, east_m=east, height_m=seen.floor_z_m - down))
+        lines.append(
+            _row("watch.place", north_m=north, east_m=east, height_m=seen.floor_z_m - down)
+        )
         roll, pitch, yaw = seen.roll_pitch_yaw_deg
         lines.append(_row("watch.attitude", roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw))
         lines.append(("noise at rest", _noise(seen.noise_m, seen.noise_deg)))
-    lines += [("dropped", f"{count} {describe_drop(reason, seen.excesses)}") for reason, count in seen.dropped.items()]
+    lines += [
+        ("dropped", f"{count} {describe_drop(reason, seen.excesses)}")
+        for reason, count in seen.dropped.items()
+    ]
     if seen.advice:
         lines.append(("advice", seen.advice))
     if not seen.poses and not seen.dropped:
@@ -251,7 +274,11 @@ def summary_table(title: str, seen: PoseStreamSummary) -> "Table":
 
 
 def _age(seen: PoseStreamSummary) -> str:
-    return (notice("watch.no_pose") if seen.age_s is None else notice("watch.age", age_ms=1e3 * seen.age_s)).text
+    return (
+        notice("watch.no_pose")
+        if seen.age_s is None
+        else notice("watch.age", age_ms=1e3 * seen.age_s)
+    ).text
 
 
 def _row(id: str, **numbers: float) -> tuple[str, str]:
@@ -262,7 +289,9 @@ def _row(id: str, **numbers: float) -> tuple[str, str]:
 def _gaps(seen: PoseStreamSummary) -> str:
     if seen.drift is None:
         return notice("watch.gaps", gaps=seen.gaps, steps=seen.clock_steps).text
-    return notice("watch.gaps_drift", gaps=seen.gaps, steps=seen.clock_steps, drift_ppm=1e6 * seen.drift).text
+    return notice(
+        "watch.gaps_drift", gaps=seen.gaps, steps=seen.clock_steps, drift_ppm=1e6 * seen.drift
+    ).text
 
 
 def _noise(place_m: Vec3 | None, turn_deg: Vec3 | None) -> str:
@@ -271,7 +300,13 @@ def _noise(place_m: Vec3 | None, turn_deg: Vec3 | None) -> str:
     north, east, down = (1e3 * value for value in place_m)
     roll, pitch, yaw = turn_deg
     return notice(
-        "watch.noise", north_mm=north, east_mm=east, down_mm=down, roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw
+        "watch.noise",
+        north_mm=north,
+        east_mm=east,
+        down_mm=down,
+        roll_deg=roll,
+        pitch_deg=pitch,
+        yaw_deg=yaw,
     ).text
 
 
@@ -281,15 +316,24 @@ Value = str | float | Sequence[float]
 
 
 def set_keys(text: str, table: str, keys: Mapping[str, Value]) -> str:
-    """``text`` (TOML) with ``keys`` set in ``table``, each on a line of its own; new tables go to the end.
+    """``text`` (TOML) with ``keys`` set in ``table``, each on a line of its own.
+
+    New tables go to the end.
 
     Sees tables that have a header, and keys that are written on one line.
     """
     lines = text.splitlines()
-    begin = next((n for n, line in enumerate(lines) if (m := _HEADER.match(line)) and m[1] == table), None)
+    begin = next(
+        (n for n, line in enumerate(lines) if (m := _HEADER.match(line)) and m[1] == table), None
+    )
     if begin is None:
-        return "\n".join([*lines, *([""] if lines else []), f"[{table}]", *map(_line, keys.items())]) + "\n"
-    end = next((n for n in range(begin + 1, len(lines)) if lines[n].lstrip().startswith("[")), len(lines))
+        return (
+            "\n".join([*lines, *([""] if lines else []), f"[{table}]", *map(_line, keys.items())])
+            + "\n"
+        )
+    end = next(
+        (n for n in range(begin + 1, len(lines)) if lines[n].lstrip().startswith("[")), len(lines)
+    )
     body = lines[begin + 1 : end]
     for key, value in keys.items():
         mine = re.compile(rf"\s*{re.escape(key)}\s*=")
@@ -306,9 +350,12 @@ def write_keys(path: Path, tables: Mapping[str, Mapping[str, Value]], expected: 
     """Set the keys of ``tables`` in the file ``path``; returns where the file as it was is kept.
 
     Raises:
-        ConfigError: it can't be written, or what would be read from it then is not ``expected``; it is left as it was.
+        ConfigError: it can't be written, or what would be read from it then is not ``expected``; it
+            is left as it was.
     """
-    by_hand = "; ".join(f"[{table}] {' '.join(map(_line, keys.items()))}" for table, keys in tables.items() if keys)
+    by_hand = "; ".join(
+        f"[{table}] {' '.join(map(_line, keys.items()))}" for table, keys in tables.items() if keys
+    )
     try:
         before = path.read_text("utf-8")
         text = before
@@ -326,7 +373,9 @@ def write_keys(path: Path, tables: Mapping[str, Mapping[str, Value]], expected: 
         write_whole(kept, before)
         new.replace(path)
     except OSError as error:
-        raise ConfigError("", notice("carry.unwritable", why=error.strerror, keys=by_hand), str(path)) from None
+        raise ConfigError(
+            "", notice("carry.unwritable", why=error.strerror, keys=by_hand), str(path)
+        ) from None
     return kept
 
 
@@ -349,11 +398,13 @@ class CarryRecord(NamedTuple):
     """Whether the autopilot has told its time."""
 
 
-def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: bool, keep: bool) -> Exit:
+def carry_command(
+    config: Config, path: Path, overrides: list[str], *, as_json: bool, keep: bool
+) -> Exit:
     """Show the moves, and write what they tell into the file ``path`` unless ``keep``.
 
-    Returns 0 where all fits, 1 where a move contradicts or was not made, 3 where poses or autopilot can't be heard,
-    130 after Ctrl-C.
+    Returns 0 where all fits, 1 where a move contradicts or was not made, 3 where poses or autopilot
+    can't be heard, 130 after Ctrl-C.
 
     Raises:
         ConfigError: these poses have no axes to find, or the file can't be written.
@@ -377,7 +428,12 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
             print(json.dumps(facts | {"move": getattr(error, "move", "") or None} | says))
         return code
     tables, changed = calibrated_config(config, found)
-    facts |= {"ok": True, "found": msgspec.to_builtins(found), "set": tables, "synchronised": seen.synchronised}
+    facts |= {
+        "ok": True,
+        "found": msgspec.to_builtins(found),
+        "set": tables,
+        "synchronised": seen.synchronised,
+    }
     for line in describe_calibration(found, tables, synchronised=seen.synchronised):
         say(line)
     if not keep:
@@ -415,7 +471,10 @@ def _require_disarmed(connection: MavlinkConnection | None) -> None:
 
 
 def _say_not_made(move: str, source: PoseSource, *, deaf: bool) -> Sentence:
-    """Why nothing was seen of a ``move``, and what to do; ``deaf``: the autopilot has sent nothing."""
+    """Why nothing was seen of a ``move``, and what to do.
+
+    ``deaf``: the autopilot has sent nothing.
+    """
     dropped = explain_drops(source.status)
     seen = f"; {dropped}" if dropped else ""
     if deaf:
@@ -453,12 +512,20 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
         connection.subscribe(hear)
 
     async with open_ears(
-        in_tracker_axes(config), _ignore, raw=pose, tell=_ignore, autopilot=ask if has_autopilot else None
+        in_tracker_axes(config),
+        _ignore,
+        raw=pose,
+        tell=_ignore,
+        autopilot=ask if has_autopilot else None,
     ) as ears:
         connection = ears.connection
         say(notice("carry.begin" if has_autopilot else "carry.begin_unseen").text)
         while (move := carry.move) is not None:
-            say(notice("carry.move", number=len(carry.rests) + 1, count=len(MOVES), move=move.say).text)
+            say(
+                notice(
+                    "carry.move", number=len(carry.rests) + 1, count=len(MOVES), move=move.say
+                ).text
+            )
             begun.set()
             ended.clear()
             give_up_s = asyncio.get_running_loop().time() + PATIENCE_S
@@ -466,7 +533,9 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
                 await asyncio.sleep(REFRESH_S)
                 _require_disarmed(connection)
                 if asyncio.get_running_loop().time() > give_up_s:
-                    raise CarryFailure("", _say_not_made(move.name, ears.source, deaf=has_autopilot and not felt))
+                    raise CarryFailure(
+                        "", _say_not_made(move.name, ears.source, deaf=has_autopilot and not felt)
+                    )
         synchronised = connection is not None and connection.clock is not None
     return CarryRecord(carry, felt, synchronised)
 
@@ -484,7 +553,9 @@ def in_tracker_axes(config: Config) -> Config:
     return msgspec.structs.replace(config, pose=plain)
 
 
-def calibrated_config(config: Config, found: AxisCalibration) -> tuple[dict[str, dict[str, Value]], Config]:
+def calibrated_config(
+    config: Config, found: AxisCalibration
+) -> tuple[dict[str, dict[str, Value]], Config]:
     """The keys to write, by table, and the configuration that they make."""
     pose: Any = config.pose
     top: dict[str, Value] = {"world": found.world, "body": found.body}
@@ -513,10 +584,16 @@ def describe_calibration(
         says.append(notice("carry.body_turned", roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw))
     if found.autopilot_north_deg is not None:
         side = "right" if found.autopilot_north_deg > 0.0 else "left"
-        says.append(notice("carry.autopilot_north", north_deg=abs(found.autopilot_north_deg), side=side))
+        says.append(
+            notice("carry.autopilot_north", north_deg=abs(found.autopilot_north_deg), side=side)
+        )
     if found.late_s is not None:
         row = "carry.latency" if synchronised else "carry.latency_unsynchronised"
         way = "older" if found.late_s >= 0.0 else "younger"
         says.append(notice(row, late_ms=1e3 * abs(found.late_s), way=way))
-    keys = [f"  {table}.{key} = {value!r}" for table, set_ in tables.items() for key, value in set_.items()]
+    keys = [
+        f"  {table}.{key} = {value!r}"
+        for table, set_ in tables.items()
+        for key, value in set_.items()
+    ]
     return [*(one.text for one in says), *keys]

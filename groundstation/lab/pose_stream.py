@@ -1,10 +1,12 @@
-"""Pose stream: its rate, age, jitter, gaps, place, noise, and what the moves of a carried vehicle say of it. Sans-IO.
+"""Pose stream: its rate, age, jitter, gaps, place, noise, and what the moves of a carried vehicle
+say of it. Sans-IO.
 
-Axis calibration: poses are taken in the tracker's own axes: which those are is what the moves are to tell. The turns
-alone tell how the tracked body lies on the vehicle, R_FB: v_F = R_FB v_B for every rotation vector, where v_F is the
-autopilot's, or else the shown one. That and the first rest tell how the lab lies, R_NL = R_FB R_LBᵀ, north being where
-the nose was. What is left is a check: the shifts must go where the turns say that up, forward and right are. A mirrored
-tracker turns all of them around at once, as turns are axial vectors and shifts are not. Wahba's problem by singular
+Axis calibration: poses are taken in the tracker's own axes: which those are is what the moves are
+to tell. The turns alone tell how the tracked body lies on the vehicle, R_FB: v_F = R_FB v_B for
+every rotation vector, where v_F is the autopilot's, or else the shown one. That and the first rest
+tell how the lab lies, R_NL = R_FB R_LBᵀ, north being where the nose was. What is left is a check:
+the shifts must go where the turns say that up, forward and right are. A mirrored tracker turns all
+of them around at once, as turns are axial vectors and shifts are not. Wahba's problem by singular
 values: F. L. Markley, J. Astronautical Sciences 36 (1988).
 """
 
@@ -104,7 +106,12 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def ok(self) -> bool:
         """Whether poses arrive now, of one sender, and their stamps show their age."""
-        return not self.stamp_fault and not self.advice and self.age_s is not None and self.rate_hz > 0.0
+        return (
+            not self.stamp_fault
+            and not self.advice
+            and self.age_s is not None
+            and self.rate_hz > 0.0
+        )
 
 
 class PoseStreamMonitor:
@@ -140,7 +147,9 @@ class PoseStreamMonitor:
         *,
         stamp_fault: str = "",
     ) -> PoseStreamSummary:
-        """All of it; ``status`` and ``bodies`` are the source's, ``stamp_fault`` is what is wrong with its stamps."""
+        """All of it; ``status`` and ``bodies`` are the source's, ``stamp_fault`` is what is wrong
+        with its stamps.
+        """
         newest = self._recent[-1] if self._recent else None
         recent = [pose for pose in self._recent if pose.arrival_s > now_s - WINDOW_S]
         apart = [b.arrival_s - a.arrival_s for a, b in pairwise(recent)]
@@ -148,7 +157,11 @@ class PoseStreamMonitor:
         noise = _at_rest(recent) if window_s >= WINDOW_S else None
         return PoseStreamSummary(
             poses=self._poses,
-            rate_hz=(len(apart) / sum(apart) if len(recent) > 1 and now_s - recent[-1].arrival_s < 1.0 else 0.0),
+            rate_hz=(
+                len(apart) / sum(apart)
+                if len(recent) > 1 and now_s - recent[-1].arrival_s < 1.0
+                else 0.0
+            ),
             source_rate_hz=status.rate_hz,
             age_s=None if newest is None else now_s - newest.time_s,
             latency_s=status.latency_s,
@@ -174,7 +187,10 @@ class PoseStreamMonitor:
 
 
 def _at_rest(poses: list[Pose]) -> tuple[Vec3, Vec3] | None:
-    """Noise of place [m] and attitude [deg] where the vehicle does not move; None where it does, or who knows."""
+    """Noise of place [m] and attitude [deg] where the vehicle does not move.
+
+    None where it does, or who knows.
+    """
     if len(poses) < 10:
         return None
     places = [pose.position_ned for pose in poses]
@@ -220,7 +236,8 @@ class CarryMove(msgspec.Struct, frozen=True):
 
     name: str
     kind: Literal["still", "shift", "turn", "back"]
-    """``still``: it stands; ``shift`` along ``axis``; ``turn`` about it; ``back``: a turn undone."""
+    """``still``: it stands; ``shift`` along ``axis``; ``turn`` about it; ``back``: a turn
+    undone."""
     axis: Vec3
     """Unit vector forward, right, down on the vehicle; turns are right-handed."""
     say: str
@@ -228,18 +245,46 @@ class CarryMove(msgspec.Struct, frozen=True):
 
 
 MOVES = (
-    CarryMove("still", "still", (0.0, 0.0, 0.0), "Stand it level on the floor, its nose to where north shall be."),
-    CarryMove("up", "shift", (0.0, 0.0, -1.0), "Lift it straight up by half a metre, and hold it still."),
     CarryMove(
-        "forward", "shift", (1.0, 0.0, 0.0), "Carry it forward along its nose by half a metre, and hold it still."
+        "still",
+        "still",
+        (0.0, 0.0, 0.0),
+        "Stand it level on the floor, its nose to where north shall be.",
     ),
-    CarryMove("right", "shift", (0.0, 1.0, 0.0), "Carry it to its right by half a metre, and hold it still."),
-    CarryMove("nose down", "turn", (0.0, -1.0, 0.0), "Tip its nose down by some 40 degrees, and hold it still."),
+    CarryMove(
+        "up", "shift", (0.0, 0.0, -1.0), "Lift it straight up by half a metre, and hold it still."
+    ),
+    CarryMove(
+        "forward",
+        "shift",
+        (1.0, 0.0, 0.0),
+        "Carry it forward along its nose by half a metre, and hold it still.",
+    ),
+    CarryMove(
+        "right",
+        "shift",
+        (0.0, 1.0, 0.0),
+        "Carry it to its right by half a metre, and hold it still.",
+    ),
+    CarryMove(
+        "nose down",
+        "turn",
+        (0.0, -1.0, 0.0),
+        "Tip its nose down by some 40 degrees, and hold it still.",
+    ),
     CarryMove("level", "back", (0.0, 1.0, 0.0), "Level it again, and hold it still."),
-    CarryMove("roll right", "turn", (1.0, 0.0, 0.0), "Tip its right side down by some 40 degrees, and hold it still."),
+    CarryMove(
+        "roll right",
+        "turn",
+        (1.0, 0.0, 0.0),
+        "Tip its right side down by some 40 degrees, and hold it still.",
+    ),
     CarryMove("level again", "back", (-1.0, 0.0, 0.0), "Level it again, and hold it still."),
     CarryMove(
-        "turn right", "turn", (0.0, 0.0, 1.0), "Keep it level, turn its nose right by a quarter, and hold it still."
+        "turn right",
+        "turn",
+        (0.0, 0.0, 1.0),
+        "Keep it level, turn its nose right by a quarter, and hold it still.",
     ),
 )
 
@@ -322,14 +367,20 @@ def mean_attitude(attitudes: list[Quat]) -> Quat:
 def _is_still(recent: deque[Sample]) -> bool:
     first = recent[0]
     return all(
-        math.dist(sample.position, first.position) < STANDS_M and angle_deg(first.attitude, sample.attitude) < REST_DEG
+        math.dist(sample.position, first.position) < STANDS_M
+        and angle_deg(first.attitude, sample.attitude) < REST_DEG
         for sample in recent
     )
 
 
 def _rest(recent: deque[Sample]) -> Rest:
     position = _mean([sample.position for sample in recent])
-    return Rest(recent[0].time_s, recent[-1].time_s, position, mean_attitude([sample.attitude for sample in recent]))
+    return Rest(
+        recent[0].time_s,
+        recent[-1].time_s,
+        position,
+        mean_attitude([sample.attitude for sample in recent]),
+    )
 
 
 WRONG_DEG = 40.0
@@ -345,7 +396,10 @@ SNAP_DEG = 1.0
 
 
 class CarryFailure(Exception):
-    """The carry can't go on, or its moves do not fit together; the sentence says why, and what to do."""
+    """The carry can't go on, or its moves do not fit together.
+
+    The sentence says why, and what to do.
+    """
 
     def __init__(self, move: str, says: Sentence) -> None:
         """``move`` by its name; empty where it is not a single one."""
@@ -370,11 +424,13 @@ class AxisCalibration(msgspec.Struct, frozen=True, kw_only=True):
     """Direction of the autopilot's north, to the right of ours [deg]."""
 
 
-def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Attitude]) -> AxisCalibration:
+def solve_axes(
+    rests: list[Rest], poses: list[Sample], autopilot: list[Attitude]
+) -> AxisCalibration:
     """Solve for the axes by all moves.
 
-    ``poses`` are in the tracker's own axes; ``autopilot``, which may be empty, are attitudes FRD to its NED. Stamps are
-    on our clock [s].
+    ``poses`` are in the tracker's own axes; ``autopilot``, which may be empty, are attitudes FRD to
+    its NED. Stamps are on our clock [s].
 
     Raises:
         CarryFailure: they do not fit together.
@@ -399,7 +455,9 @@ def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Attitude]
     if theirs is not None:  # the nose's bearing by our north, less that by the autopilot's
         north = math.remainder(lab_yaw - yaw - math.degrees(so3.euler_zyx(theirs[0])[2]), 360.0)
     lab_deg, body_deg = (0.0, 0.0, round(lab_yaw, 1)), _snap_angles(body_askew)
-    frames = Frames(world_name, body_name, Alignment(lab_rotation_deg=lab_deg, body_rotation_deg=body_deg))
+    frames = Frames(
+        world_name, body_name, Alignment(lab_rotation_deg=lab_deg, body_rotation_deg=body_deg)
+    )
     return AxisCalibration(
         world=world_name,
         body=body_name,
@@ -444,10 +502,14 @@ def _body(rests: list[Rest], theirs: list[Quat] | None) -> "NDArray[Any]":
 def _check_turn(move: CarryMove, seen: Vec3, told: Vec3) -> None:
     """The autopilot must have felt the shown turn, and as much of it as the tracker has seen."""
     if _between_deg(told, move.axis) > WRONG_DEG:
-        raise CarryFailure(move.name, notice("carry.turned_otherwise", move=move.name, way=_in_words(told)))
+        raise CarryFailure(
+            move.name, notice("carry.turned_otherwise", move=move.name, way=_in_words(told))
+        )
     far, felt = math.degrees(math.hypot(*seen)), math.degrees(math.hypot(*told))
     if abs(far - felt) > APART_DEG:
-        raise CarryFailure(move.name, notice("carry.turned_apart", move=move.name, seen_deg=far, felt_deg=felt))
+        raise CarryFailure(
+            move.name, notice("carry.turned_apart", move=move.name, seen_deg=far, felt_deg=felt)
+        )
 
 
 def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
@@ -459,7 +521,9 @@ def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
             # F = R_FB R_LBᵀ: what is along the lab's axes, along the vehicle's.
             off[move] = body @ _matrix(so3.conjugate(before.attitude)) @ way
     wrong = {move: way for move, way in off.items() if _between_deg(way, move.axis) > WRONG_DEG}
-    if len(wrong) == len(off) and all(_between_deg(-way, move.axis) < WRONG_DEG for move, way in wrong.items()):
+    if len(wrong) == len(off) and all(
+        _between_deg(-way, move.axis) < WRONG_DEG for move, way in wrong.items()
+    ):
         raise CarryFailure("", notice("carry.left_handed"))
     for move, way in wrong.items():
         way_words = _in_words(way, shift=True)
@@ -467,16 +531,23 @@ def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
 
 
 def _nearest_axes(matrix: "NDArray[Any]", names: tuple[str, ...]) -> tuple[Any, Vec3]:
-    """The name whose axes are nearest to the columns of ``matrix``, and roll, pitch, yaw of what is left [deg]."""
+    """The name whose axes are nearest to the columns of ``matrix``, and roll, pitch, yaw of what is
+    left [deg].
+    """
     best = max(names, key=lambda name: float(np.sum(np.array(axes(name)).T * matrix)))
     left = matrix @ np.array(axes(best))
     rows = tuple((float(a), float(b), float(c)) for a, b, c in left)
-    roll, pitch, yaw = map(math.degrees, so3.euler_zyx(so3.from_matrix((rows[0], rows[1], rows[2]))))
+    roll, pitch, yaw = map(
+        math.degrees, so3.euler_zyx(so3.from_matrix((rows[0], rows[1], rows[2])))
+    )
     return best, (roll, pitch, yaw)
 
 
 def _find_lateness(poses: list[Sample], autopilot: list[Attitude], frames: Frames) -> float | None:
-    """Excess of the poses' stamps [s], by the autopilot's attitude; None where it is too small to tell."""
+    """Excess of the poses' stamps [s], by the autopilot's attitude.
+
+    None where it is too small to tell.
+    """
     latency = PoseLatency(math.inf)
     for seen in sorted([*autopilot, *poses], key=operator.attrgetter("time_s")):
         match seen:
@@ -500,7 +571,11 @@ def _between_deg(a: Any, b: Any) -> float:
 def _in_words(vector: Any, *, shift: bool = False) -> str:
     """Where a vector forward, right, down points mostly: as a way, or as the axis of a turn."""
     ways = (("forward", "backward"), ("right", "left"), ("down", "up"))
-    turns = (("roll right", "roll left"), ("tip its nose up", "tip its nose down"), ("turn right", "turn left"))
+    turns = (
+        ("roll right", "roll left"),
+        ("tip its nose up", "tip its nose down"),
+        ("turn right", "turn left"),
+    )
     axis = max(range(3), key=lambda n: abs(vector[n]))
     return (ways if shift else turns)[axis][int(vector[axis] < 0.0)]
 

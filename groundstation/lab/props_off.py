@@ -1,4 +1,6 @@
-"""Propellers-off test: asks, leads through the steps with the vehicle's lock held, and keeps what was proven."""
+"""Propellers-off test: asks, leads through the steps with the vehicle's lock held, and keeps what
+was proven.
+"""
 
 import asyncio
 import contextlib
@@ -14,15 +16,14 @@ import msgspec
 
 from groundstation.config import ConfigError, dump
 from groundstation.core.messages import notice
-from groundstation.flight.preflight import Proof, hash_sections, line_from_terminal, proof_path, save_proof
-from groundstation.machine import (
-    ApiError,
-    Taken,
-    hold_lock,
-    precise_loop,
-    socket_path,
-    to_the_end,
+from groundstation.flight.preflight import (
+    Proof,
+    hash_sections,
+    line_from_terminal,
+    proof_path,
+    save_proof,
 )
+from groundstation.machine import ApiError, Taken, hold_lock, precise_loop, socket_path, to_the_end
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.io import open_child
@@ -45,7 +46,8 @@ NEWS_S = 3.0
 TRIES = 3
 """Attempts at a step that the vehicle ends by disarming itself, and at a disarming."""
 AGAIN_S = 3.0
-"""Wait before it is tried again to disarm [s]: the pacer of a radio that was killed holds the port for so long."""
+"""Wait before it is tried again to disarm [s]: the pacer of a radio that was killed holds the port
+for so long."""
 
 
 Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"]
@@ -55,9 +57,9 @@ class News(msgspec.Struct, frozen=True):
     """Report of the vehicle."""
 
     event: Event
-    """``arming``: from here on the motors may turn. ``armed``: they do. ``silent``: nothing leaves any more. ``lost``:
-    the link is. ``disarmed``: the vehicle tells so. ``failed``: it can't go on. ``off``: the order to stop was
-    acknowledged, and that is the last."""
+    """``arming``: from here on the motors may turn. ``armed``: they do. ``silent``: nothing leaves
+    any more. ``lost``: the link is. ``disarmed``: the vehicle tells so. ``failed``: it can't go on.
+    ``off``: the order to stop was acknowledged, and that is the last."""
     at_s: float
     """On the machine's monotonic clock [s]."""
     text: str = ""
@@ -85,7 +87,9 @@ OFF_S = 12.0
 
 
 class Hand:
-    """Process that holds one armed vehicle, and can also disarm it (groundstation/lab/props_off_hand.py)."""
+    """Process that holds one armed vehicle, and can also disarm it
+    (groundstation/lab/props_off_hand.py).
+    """
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         assert process.stdin is not None and process.stdout is not None, "both are pipes"
@@ -127,7 +131,10 @@ class Hand:
         return news
 
     async def off(self) -> News | None:
-        """Have it order the motors off; its news of the acknowledgement, None where there was none."""
+        """Have it order the motors off.
+
+        Its news of the acknowledgement, None where there was none.
+        """
         self._in.close()
         try:
             await self.listen(OFF_S)
@@ -147,7 +154,9 @@ class Hand:
 
 async def open_hand(config: Config, *words: str) -> Hand:
     """Start a hand; with the word ``disarm`` one that disarms only."""
-    process = await open_child("groundstation.lab.props_off_hand", *words, stdin=asyncio.subprocess.PIPE)
+    process = await open_child(
+        "groundstation.lab.props_off_hand", *words, stdin=asyncio.subprocess.PIPE
+    )
     hand = Hand(process)
     assert process.stdin is not None, "it is a pipe"
     process.stdin.write(msgspec.json.encode(dump(config)) + b"\n")
@@ -163,7 +172,11 @@ class Guide:
     """One test of one vehicle. Times are on the event loop's clock [s], which is the hand's."""
 
     def __init__(
-        self, config: Config, open_hand: Callable[..., Awaitable[Hand]], ask: Ask, say: Callable[[str], None]
+        self,
+        config: Config,
+        open_hand: Callable[..., Awaitable[Hand]],
+        ask: Ask,
+        say: Callable[[str], None],
     ) -> None:
         """``open_hand(config, *words)`` is :func:`groundstation.lab.props_off.open_hand`."""
         self._config = config
@@ -309,7 +322,10 @@ class Guide:
             raise _StepAgain
 
     async def _event(self, hand: Hand, event: str, otherwise: str) -> News:
-        """Wait for the event that the operator was asked for; where none comes, the sentence ``otherwise`` is true."""
+        """Wait for the event that the operator was asked for.
+
+        Where none comes, the sentence ``otherwise`` is true.
+        """
         try:
             news = await hand.until(event, ACT_S)
         except TimeoutError:
@@ -351,7 +367,9 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 def props_off_command(config: Config, now_s: float) -> Exit:
-    """The test of the vehicle of ``config``; ``now_s`` is the wall time at its beginning [s since 1970].
+    """The test of the vehicle of ``config``.
+
+    ``now_s`` is the wall time at its beginning [s since 1970].
 
     Raises:
         ConfigError: nobody sits at a terminal, or what was proven can't be kept.
@@ -393,14 +411,25 @@ async def _guide(config: Config, now_s: float) -> Exit:
     except asyncio.CancelledError:
         _say(f"\n{notice('props.interrupted')}")
         return Exit.FAILED
-    date = datetime.fromtimestamp(now_s + loop.time() - began_s, tz=UTC).isoformat(timespec="seconds")
+    date = datetime.fromtimestamp(now_s + loop.time() - began_s, tz=UTC).isoformat(
+        timespec="seconds"
+    )
     path = proof_path(config)
     try:
         save_proof(
-            Proof(vehicle=name, digest=hash_sections(config), firmware=guide.firmware, date=date, steps=steps), path
+            Proof(
+                vehicle=name,
+                digest=hash_sections(config),
+                firmware=guide.firmware,
+                date=date,
+                steps=steps,
+            ),
+            path,
         )
     except OSError as error:
-        raise ConfigError("props-off", notice("props.unwritable", path=path, why=error.strerror)) from None
+        raise ConfigError(
+            "props-off", notice("props.unwritable", path=path, why=error.strerror)
+        ) from None
     _say(f"\n{notice('props.passed', path=path, firmware=guide.firmware or 'not told')}")
     return Exit.DONE
 

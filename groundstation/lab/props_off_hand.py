@@ -1,10 +1,11 @@
-"""Hand of the propellers-off test: a process that holds one vehicle armed, its motors idling, until told to let go.
+"""Hand of the propellers-off test: a process that holds one vehicle armed, its motors idling, until
+told to let go.
 
-Thrust never leaves that is more than idling: none at all over MAVLink, where arming alone turns the motors and an
-ArduPilot in GUIDED takes off by any; ``flight.idle_thrust`` over a radio. However this ends, the motors are ordered off
-first, by force. The process gets one line with the configuration from standard input, and tells news on standard
-output. It is deaf to what a terminal sends; the end of its input is the order to let go: so it disarms when its guide
-dies, too.
+Thrust never leaves that is more than idling: none at all over MAVLink, where arming alone turns the
+motors and an ArduPilot in GUIDED takes off by any; ``flight.idle_thrust`` over a radio. However
+this ends, the motors are ordered off first, by force. The process gets one line with the
+configuration from standard input, and tells news on standard output. It is deaf to what a terminal
+sends; the end of its input is the order to let go: so it disarms when its guide dies, too.
 """
 
 import asyncio
@@ -35,8 +36,13 @@ def idle_n(config: Config) -> float:
     return 0.0 if config.link.has_autopilot else config.flight.idle_thrust * config.weight_n
 
 
-async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: Awaitable[object], tell: Tell) -> None:
-    """Arm, and hold it idling until ``ordered`` is done; then, or where it can't go on, the motors are ordered off."""
+async def hold(
+    config: Config, link: CommandLink, source: PoseSource, ordered: Awaitable[object], tell: Tell
+) -> None:
+    """Arm, and hold it idling until ``ordered`` is done.
+
+    Then, or where it can't go on, the motors are ordered off.
+    """
     loop = asyncio.get_running_loop()
     begun = False
 
@@ -105,7 +111,8 @@ async def _hold_armed(
     await link.arm(lambda: pilot.idle(loop.time(), thrust_n))
     tell(News("armed", loop.time(), firmware=link.status.firmware))
     told: set[Event] = set()
-    while True:  # also after the link has fallen silent: poses that come back must not start the motors again
+    # Also after the link has fallen silent: poses that come back must not start the motors again.
+    while True:
         now = loop.time()
         link.send(pilot.idle(now, thrust_n))
         for event in _find_events(config, link):
@@ -143,7 +150,14 @@ async def _off(link: CommandLink, source: PoseSource, tell: Tell, *, begun: bool
 
 def main() -> None:
     """Hold it armed, or with the argument ``disarm`` disarm it."""
-    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE):
+    for number in (
+        signal.SIGINT,
+        signal.SIGHUP,
+        signal.SIGTERM,
+        signal.SIGQUIT,
+        signal.SIGTSTP,
+        signal.SIGPIPE,
+    ):
         signal.signal(number, signal.SIG_IGN)
     text = msgspec.json.decode(sys.stdin.buffer.readline(), type=str)
     config = from_dict(tomllib.loads(text), Config)

@@ -1,4 +1,6 @@
-"""Pose relay: one stream of datagrams in, a copy for each core out by loopback, bytes unchanged, drops counted."""
+"""Pose relay: one stream of datagrams in, a copy for each core out by loopback, bytes unchanged,
+drops counted.
+"""
 
 import asyncio
 import os
@@ -11,21 +13,26 @@ from groundstation.pose.sources import cannot_listen, join
 from links.io import Datagrams, format_address, parse_address
 
 SENDERS = 4
-"""Number of senders that are told apart: each has a port of its own on the way out, so that a core sees where two send
-poses of one body; further ones share the first port."""
+"""Number of senders that are told apart: each has a port of its own on the way out, so that a core
+sees where two send poses of one body; further ones share the first port."""
 
 
 class Relay(asyncio.DatagramProtocol):
     """Runs on the real and on the virtual loop alike.
 
-    A copy that can't leave at once is dropped: the next pose is worth more than an old one. Where this dies, no pose
-    comes any more, and every core's guards do what they do without poses.
+    A copy that can't leave at once is dropped: the next pose is worth more than an old one. Where
+    this dies, no pose comes any more, and every core's guards do what they do without poses.
     """
 
-    def __init__(self, listen: str, targets: Sequence[str], *, group: str = "", interface: str = "") -> None:
-        """Hand what comes to ``listen`` (host:port) on to each of ``targets``; nothing is opened yet.
+    def __init__(
+        self, listen: str, targets: Sequence[str], *, group: str = "", interface: str = ""
+    ) -> None:
+        """Hand what comes to ``listen`` (host:port) on to each of ``targets``.
 
-        ``group`` is a multicast address to join, by way of the ``interface`` with this address of ours.
+        Nothing is opened yet.
+
+        ``group`` is a multicast address to join, by way of the ``interface`` with this address of
+        ours.
 
         Raises:
             ValueError: an address is none.
@@ -54,7 +61,9 @@ class Relay(asyncio.DatagramProtocol):
         local = (self._group, port) if self._group else (host, port)
         try:
             for _ in range(SENDERS):
-                out, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0))
+                out, _ = await loop.create_datagram_endpoint(
+                    asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0)
+                )
                 self._outs.append(Datagrams(out))
             self._in, _ = await loop.create_datagram_endpoint(
                 lambda: self, local_addr=local, reuse_port=True if self._group else None
@@ -95,13 +104,15 @@ class Relay(asyncio.DatagramProtocol):
         drops = ", ".join(f"{count} {reason}" for reason, count in sorted(self.dropped.items()))
         senders = ", ".join(format_address(sender) for sender in self._ports) or "nobody"
         return (
-            f"relay: {self.received} datagrams handed on to {len(self._targets)} cores, from {senders}; "
-            f"dropped: {drops or 'none'}"
+            f"relay: {self.received} datagrams handed on to {len(self._targets)} cores, from "
+            f"{senders}; dropped: {drops or 'none'}"
         )
 
 
 async def run_relay(relay: Relay, say: Callable[[str], None], *, until_eof: bool) -> None:
-    """Hand on until SIGINT or SIGTERM, or where ``until_eof`` until standard input ends; then say what was done.
+    """Hand on until SIGINT or SIGTERM, or where ``until_eof`` until standard input ends.
+
+    Then say what was done.
 
     Raises:
         SourceError: see :meth:`Relay.open`.

@@ -1,6 +1,9 @@
-"""Clocks: waiting on the event loop's clock, exactly and without drift; its idle moments; and the time of day.
+"""Clocks: waiting on the event loop's clock, exactly and without drift.
 
-asyncio's own timers, on epoll(7), are up to a millisecond late; those of the loop that is made here are punctual.
+Its idle moments; and the time of day.
+
+asyncio's own timers, on epoll(7), are up to a millisecond late; those of the loop that is made here
+are punctual.
 """
 
 import asyncio
@@ -19,7 +22,10 @@ CANCEL_AGAIN_S = 1.0
 
 
 async def sleep_until(when_s: float) -> None:
-    """Sleep until ``when_s`` on the event loop's clock [s]; if that has passed, let others run once."""
+    """Sleep until ``when_s`` on the event loop's clock [s].
+
+    If that has passed, let others run once.
+    """
     loop = asyncio.get_running_loop()
     if when_s <= loop.time():
         await asyncio.sleep(0)
@@ -39,7 +45,10 @@ def wake(future: "asyncio.Future[None]") -> None:
 
 
 async def to_the_end(work: Awaitable[T]) -> T:
-    """Await ``work`` to its end even if this task is cancelled meanwhile; the cancellation is raised after it."""
+    """Await ``work`` to its end even if this task is cancelled meanwhile.
+
+    The cancellation is raised after it.
+    """
     task = asyncio.ensure_future(work)
     cancelled: asyncio.CancelledError | None = None
     while not task.done():
@@ -55,7 +64,8 @@ async def to_the_end(work: Awaitable[T]) -> T:
 async def cancel_task(task: "asyncio.Task[None]") -> None:
     """Cancel ``task`` again and again until it has ended, and raise its exception.
 
-    Before Python 3.12 ``asyncio.wait_for``, ours or a library's, loses a cancellation at the end of its wait.
+    Before Python 3.12 ``asyncio.wait_for``, ours or a library's, loses a cancellation at the end of
+    its wait.
     """
     while not task.done():
         task.cancel()
@@ -69,8 +79,9 @@ if sys.platform == "linux":
     class PreciseSelector(selectors.EpollSelector):
         """As epoll, but waits by the microsecond.
 
-        The timeout of epoll is in whole milliseconds. Its own descriptor is readable when it has an event: so
-        select(2), whose timeout is finer, waits for that one descriptor, whatever the number of those behind it.
+        The timeout of epoll is in whole milliseconds. Its own descriptor is readable when it has an
+        event: so select(2), whose timeout is finer, waits for that one descriptor, whatever the
+        number of those behind it.
         """
 
         def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
@@ -82,23 +93,30 @@ if sys.platform == "linux":
 
 
 def precise_loop() -> asyncio.AbstractEventLoop:
-    """Make an event loop for :class:`asyncio.Runner`; outside of Linux (kqueue on macOS) asyncio's own is precise."""
+    """Make an event loop for :class:`asyncio.Runner`.
+
+    Outside of Linux (kqueue on macOS) asyncio's own is precise.
+    """
     return asyncio.SelectorEventLoop(PreciseSelector() if sys.platform == "linux" else None)
 
 
 def wall_ms() -> int:
-    """Return the time of day, since 1970 [ms]: two machines compare it to see whether a request has expired."""
+    """Return the time of day, since 1970 [ms]: two machines compare it to see whether a request has
+    expired.
+    """
     return time.time_ns() // 1_000_000
 
 
 NICE = 5
-"""Nice value of programs beside a flight, below it (nice(2)): a key still gets through on a busy machine."""
+"""Nice value of programs beside a flight, below it (nice(2)): a key still gets through on a busy
+machine."""
 WITHIN_S = 0.05
 """Longest wait for an idle slot while no command leaves [s]."""
 
 
 class IdleSlots:
-    """Slots for work that can wait: just after a command has left, when the next pose is farthest away.
+    """Slots for work that can wait: just after a command has left, when the next pose is farthest
+    away.
 
     For one flight, or one after the other, on one event loop.
     """
@@ -107,7 +125,9 @@ class IdleSlots:
         self._waiting: deque[asyncio.Future[None]] = deque()
 
     def begin(self) -> None:
-        """A command has just left: begin the oldest waiting slot, and no other before the next command."""
+        """A command has just left: begin the oldest waiting slot, and no other before the next
+        command.
+        """
         while self._waiting:
             moment = self._waiting.popleft()
             if not moment.done():
@@ -115,7 +135,10 @@ class IdleSlots:
                 return
 
     def moment(self) -> asyncio.Future[None]:
-        """Return the next free slot, no later than ``WITHIN_S`` from now; await it, or cancel it."""
+        """Return the next free slot, no later than ``WITHIN_S`` from now.
+
+        Await it, or cancel it.
+        """
         loop = asyncio.get_running_loop()
         moment: asyncio.Future[None] = loop.create_future()
         timer = loop.call_later(WITHIN_S, wake, moment)

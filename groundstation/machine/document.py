@@ -1,4 +1,7 @@
-"""Marked document: the text between two markers of a page is made by the code and replaced; the rest is kept."""
+"""Marked document: the text between two markers of a page is made by the code and replaced.
+
+The rest is kept.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +23,9 @@ def fill_markers(path: Path, parts: Mapping[str, str]) -> str:
     for name, part in parts.items():
         begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
         if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-            raise ConfigError("--write", config_notice("file.markers", path=path, begin=begin, end=end))
+            raise ConfigError(
+                "--write", config_notice("file.markers", path=path, begin=begin, end=end)
+            )
         text = f"{text[: text.index(begin) + len(begin)]}\n{part}\n{text[text.index(end) :]}"
     return text
 

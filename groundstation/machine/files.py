@@ -11,7 +11,9 @@ from typing import IO, TextIO
 
 @contextmanager
 def open_whole(path: Path) -> Iterator[TextIO]:
-    """Open a text file that replaces ``path`` when it is closed; after an error ``path`` is as it was.
+    """Open a text file that replaces ``path`` when it is closed.
+
+    After an error ``path`` is as it was.
 
     Line ends are not changed.
 

@@ -1,9 +1,11 @@
 """Outlets that never block: lines to a file descriptor, and a value to any number of readers.
 
-A line that is not accepted at once is lost, and counted. Quoted text can neither break the line nor control the
-terminal. A stopped terminal (Ctrl-S), a full pipe or a closed one delays nothing, least of all a command.
+A line that is not accepted at once is lost, and counted. Quoted text can neither break the line nor
+control the terminal. A stopped terminal (Ctrl-S), a full pipe or a closed one delays nothing, least
+of all a command.
 
-Of a broadcast value only the newest is kept, without a queue: a slow reader misses values and delays nobody.
+Of a broadcast value only the newest is kept, without a queue: a slow reader misses values and
+delays nobody.
 """
 
 import asyncio
@@ -40,7 +42,10 @@ class NonBlockingWriter:
 
     def write(self, text: str) -> bool:
         """Write ``text`` as one line; return whether it was accepted at once."""
-        line = printable(text.rstrip("\n")).encode(self._encoding, "replace")[: LINE_MAX_BYTES - 1] + b"\n"
+        line = (
+            printable(text.rstrip("\n")).encode(self._encoding, "replace")[: LINE_MAX_BYTES - 1]
+            + b"\n"
+        )
         try:
             if self._rest:
                 self._rest = self._rest[self._write_now(self._rest) :]
@@ -65,11 +70,15 @@ class NonBlockingWriter:
 
 
 def _own(number: int) -> int:
-    """Open a nonblocking descriptor of our own: a flag of the shared one would also affect the shell."""
+    """Open a nonblocking descriptor of our own: a flag of the shared one would also affect the
+    shell.
+    """
     try:
         if stat.S_ISREG(os.fstat(number).st_mode):
             return number  # a file accepts everything, and its offset is shared
-        return os.open(f"/proc/self/fd/{number}", os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        return os.open(
+            f"/proc/self/fd/{number}", os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+        )
     except OSError:
         return number  # a socket, or no descriptor at all: it is polled before each line
 
@@ -78,7 +87,10 @@ T = TypeVar("T")
 
 
 class Latest(Generic[T]):
-    """One value on one event loop. ``put`` never waits, and costs the same for any number of readers."""
+    """One value on one event loop.
+
+    ``put`` never waits, and costs the same for any number of readers.
+    """
 
     newest: tuple[int, T] | None = None
     """Running number (from 1) and value of the newest; None before the first."""
@@ -96,11 +108,15 @@ class Latest(Generic[T]):
         while self.newest is None or self.newest[0] <= number:
             if self._waiting is None:
                 self._waiting = asyncio.get_running_loop().create_future()
-            await asyncio.shield(self._waiting)  # all readers share it: one that is cancelled must not cancel it
+            await asyncio.shield(
+                self._waiting
+            )  # all readers share it: one that is cancelled must not cancel it
         return self.newest
 
     async def values(self, period_s: float = 0.0) -> AsyncIterator[T]:
-        """Yield the newest value at once, then each newer one, never two within ``period_s`` [s]."""
+        """Yield the newest value at once, then each newer one, never two within ``period_s``
+        [s].
+        """
         number = 0
         while True:
             number, value = await self.newer(number)

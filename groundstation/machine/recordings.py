@@ -31,7 +31,8 @@ class RecordingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         msgspec.Meta(description="The oldest recordings go once all take more than this [GB]."),
     ] = 20.0
     keep_days: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0)] | None, msgspec.Meta(description="Recordings older than this go [days].")
+        Annotated[float, msgspec.Meta(gt=0.0)] | None,
+        msgspec.Meta(description="Recordings older than this go [days]."),
     ] = None
 
 
@@ -45,7 +46,10 @@ def folder_of(config: RecordingConfig) -> Path:
 
 
 def list_flights(folder: Path) -> list[Path]:
-    """Return every recording in ``folder``, by name; each simulated flight has a folder of its own in it."""
+    """Return every recording in ``folder``, by name.
+
+    Each simulated flight has a folder of its own in it.
+    """
     found = sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))
     return [path for path in found if not path.is_dir()]
 
@@ -62,7 +66,9 @@ def make_folder(config: RecordingConfig) -> Path:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except FileExistsError:
-        raise NotADirectoryError(errno.ENOTDIR, str(config_notice("file.is_file")), str(folder)) from None
+        raise NotADirectoryError(
+            errno.ENOTDIR, str(config_notice("file.is_file")), str(folder)
+        ) from None
     if not config.folder:
         folder.chmod(0o700)
     return folder
@@ -101,10 +107,16 @@ def tidy(config: RecordingConfig, now_s: float) -> list[Path]:
     Return the removed ones. Never removed: a recording that is being written, and the newest one.
     """
     files = {path: (path, path.with_suffix(".tlog")) for path in list_recordings(folder_of(config))}
-    sizes = {path: sum(file.stat().st_size for file in both if file.exists()) for path, both in files.items()}
+    sizes = {
+        path: sum(file.stat().st_size for file in both if file.exists())
+        for path, both in files.items()
+    }
     total, removed = sum(sizes.values()), list[Path]()
     for path in list(files)[:-1]:
-        old = config.keep_days is not None and now_s - path.stat().st_mtime > config.keep_days * 86400.0
+        old = (
+            config.keep_days is not None
+            and now_s - path.stat().st_mtime > config.keep_days * 86400.0
+        )
         much = config.keep_gb is not None and total > config.keep_gb * 1e9
         if (old or much) and not is_being_written(path):
             for file in files[path]:

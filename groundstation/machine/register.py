@@ -1,7 +1,9 @@
-"""Register of running programs: sockets, the lock of each vehicle, and one file a process, locked while it lives.
+"""Register of running programs: sockets, the lock of each vehicle, and one file a process, locked
+while it lives.
 
-The files also name the programs whose status socket is elsewhere, is not served, or does not answer. The files in a
-folder must be this user's alone: others could replace a file or a socket by their own.
+The files also name the programs whose status socket is elsewhere, is not served, or does not
+answer. The files in a folder must be this user's alone: others could replace a file or a socket by
+their own.
 """
 
 import asyncio
@@ -23,12 +25,15 @@ FOLDER, FILE = stat.S_ISDIR, stat.S_ISREG
 
 
 def is_ours(found: os.stat_result, kind: Callable[[int], bool]) -> bool:
-    """Whether ``found`` (of lstat(2)) is of ``kind``, belongs to this user, and is not writable for others."""
+    """Whether ``found`` (of lstat(2)) is of ``kind``, belongs to this user, and is not writable for
+    others.
+    """
     return kind(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
 
 
 SERVICES = Path("/run/groundstation")
-"""Folder with one folder for each service of the machine, as ``groundstation daemon unit`` configures it."""
+"""Folder with one folder for each service of the machine, as ``groundstation daemon unit``
+configures it."""
 
 
 class StatusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -46,8 +51,8 @@ class StatusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         msgspec.Meta(
             ge=1.0,
             le=50.0,
-            description="Most snapshots a second to each client [1/s]; screens call it silence when "
-            "none comes for 1.5 s.",
+            description="Most snapshots a second to each client [1/s]; screens call it silence "
+            "when none comes for 1.5 s.",
         ),
     ] = 5.0
 
@@ -56,13 +61,23 @@ class ApiError(Exception):
     """The socket can't be opened or read; the text has reason and remedy."""
 
 
+def shared_folder() -> Path:
+    """Return this user's folder in /tmp, which must be checked before use, see own_directory."""
+    return Path(f"/tmp/groundstation-{os.getuid()}")  # noqa: S108
+
+
 def socket_folder() -> Path:
-    """Return the folder of this user's sockets; a service has the one that its manager made for it."""
+    """Return the folder of this user's sockets.
+
+    A service has the one that its manager made for it.
+    """
     service = os.environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]
     if service.startswith("/"):
         return Path(service)
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
-    return Path(runtime) / "groundstation" if runtime.startswith("/") else Path(f"/tmp/groundstation-{os.getuid()}")  # noqa: S108  # checked before use, see own_directory
+    if runtime.startswith("/"):
+        return Path(runtime) / "groundstation"
+    return shared_folder()
 
 
 def socket_path(config: StatusConfig, vehicle: str) -> Path:
@@ -71,7 +86,9 @@ def socket_path(config: StatusConfig, vehicle: str) -> Path:
 
 
 async def find_socket(vehicle: str | None, services: Path = SERVICES) -> Path:
-    """Find the served socket of ``vehicle``: this user's, or else a service's; without a name, the only one.
+    """Find the served socket of ``vehicle``: this user's, or else a service's.
+
+    Without a name, the only one.
 
     Raises:
         ApiError: nobody serves it, or more than one could be meant.
@@ -79,7 +96,9 @@ async def find_socket(vehicle: str | None, services: Path = SERVICES) -> Path:
     served = await served_sockets(vehicle, services)
     if not served:
         whom = "a vehicle" if vehicle is None else repr(vehicle)
-        raise ApiError(config_notice("station.nobody", whom=whom, folder=socket_folder(), services=services))
+        raise ApiError(
+            config_notice("station.nobody", whom=whom, folder=socket_folder(), services=services)
+        )
     if len(served) > 1:
         several = ", ".join(str(path) for path in served)
         raise ApiError(config_notice("station.several", sockets=several))
@@ -95,7 +114,10 @@ async def served_sockets(vehicle: str | None, services: Path = SERVICES) -> list
 
 
 def _sockets(name: str, services: Path) -> list[Path]:
-    found = (*sorted(socket_folder().glob(f"{name}.sock")), *sorted(services.glob(f"*/{name}.sock")))
+    found = (
+        *sorted(socket_folder().glob(f"{name}.sock")),
+        *sorted(services.glob(f"*/{name}.sock")),
+    )
     return [path for path in found if path.is_socket()]
 
 
@@ -133,7 +155,9 @@ def own_directory(folder: Path) -> None:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         info = folder.lstat()
     except OSError as error:
-        raise ApiError(config_notice("socket.no_folder", folder=folder, why=error.strerror)) from error
+        raise ApiError(
+            config_notice("socket.no_folder", folder=folder, why=error.strerror)
+        ) from error
     if not is_ours(info, FOLDER):
         raise ApiError(config_notice("socket.open_folder", folder=folder))
 
@@ -166,7 +190,9 @@ class Taken(Exception):
 
 @contextmanager
 def hold_lock(socket: Path, vehicle: str) -> Iterator[None]:
-    """Hold the lock beside the status ``socket`` of ``vehicle``; the end of the process releases it.
+    """Hold the lock beside the status ``socket`` of ``vehicle``.
+
+    The end of the process releases it.
 
     The file is kept: without it a third process could lock a new file of the same name.
 
@@ -182,7 +208,9 @@ def hold_lock(socket: Path, vehicle: str) -> Iterator[None]:
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             pid = os.read(number, 20).decode(errors="replace").strip()
-            raise Taken(config_notice("station.taken", vehicle=vehicle, pid=pid, path=path)) from None
+            raise Taken(
+                config_notice("station.taken", vehicle=vehicle, pid=pid, path=path)
+            ) from None
         os.ftruncate(number, 0)
         os.pwrite(number, f"{os.getpid()}\n".encode(), 0)
         yield
@@ -215,7 +243,9 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
 
 @contextmanager
 def registration(one: Running) -> Iterator[None]:
-    """Keep ``one`` in the register for as long as this lasts; it goes with the process, however that ends.
+    """Keep ``one`` in the register for as long as this lasts.
+
+    It goes with the process, however that ends.
 
     Raises:
         ApiError: the folder is not ours alone.
@@ -243,8 +273,14 @@ def running_processes(services: Path = SERVICES) -> list[Running]:
     for folder in sorted({*_folders(), *_services(services)}):
         with suppress(OSError):
             if is_ours(folder.lstat(), FOLDER):
-                found += [one for path in sorted(folder.glob(f"*{SUFFIX}")) if (one := _read_entry(path)) is not None]
-    return sorted((one for one in found if one.pid != os.getpid()), key=lambda one: (one.vehicle, one.pid))
+                found += [
+                    one
+                    for path in sorted(folder.glob(f"*{SUFFIX}"))
+                    if (one := _read_entry(path)) is not None
+                ]
+    return sorted(
+        (one for one in found if one.pid != os.getpid()), key=lambda one: (one.vehicle, one.pid)
+    )
 
 
 def foreign_services(services: Path = SERVICES) -> list[Path]:
@@ -253,11 +289,13 @@ def foreign_services(services: Path = SERVICES) -> list[Path]:
 
 
 def _folders() -> set[Path]:
-    """Return where processes of this user may have registered: not every shell of theirs has a runtime folder."""
+    """Return where processes of this user may have registered: not every shell of theirs has a
+    runtime folder.
+    """
     usual = f"/run/user/{os.getuid()}"
     if os.environ.get("XDG_RUNTIME_DIR", "") not in ("", usual):
         return {socket_folder()}
-    return {socket_folder(), Path(usual) / "groundstation", Path(f"/tmp/groundstation-{os.getuid()}")}  # noqa: S108  # each is checked
+    return {socket_folder(), Path(usual) / "groundstation", shared_folder()}
 
 
 def _services(services: Path) -> list[Path]:
@@ -288,7 +326,8 @@ def _open_file(path: str, flags: int) -> int:
 def send_signal(one: Running, number: signal.Signals) -> bool:
     """Send a signal to the process of ``one``; False where it has ended.
 
-    Its number can't have become another's: the process is pinned first, and then the register must still have it.
+    Its number can't have become another's: the process is pinned first, and then the register must
+    still have it.
     """
     try:
         held = os.pidfd_open(one.pid)
@@ -310,10 +349,15 @@ PR_SET_PDEATHSIG = 1
 
 
 def follow_parent(parent: int, number: signal.Signals) -> bool:
-    """Have the system send ``number`` to this process when its parent dies; False where ``parent`` is dead by now."""
+    """Have the system send ``number`` to this process when its parent dies.
+
+    False where ``parent`` is dead by now.
+    """
     import ctypes  # only children need it
 
-    prctl = getattr(ctypes.CDLL(None), "prctl", None)  # Linux has it; elsewhere a child outlives its parent
+    prctl = getattr(
+        ctypes.CDLL(None), "prctl", None
+    )  # Linux has it; elsewhere a child outlives its parent
     if prctl is not None:
         prctl(PR_SET_PDEATHSIG, int(number))
     return os.getppid() == parent

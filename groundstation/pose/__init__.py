@@ -8,9 +8,5 @@ from groundstation.pose.recorded_codec import (
     describe_senders,
     find_autopilots,
 )
-from groundstation.pose.registry import (
-    PoseConfig,
-    make_source,
-    pose_decoder,
-)
+from groundstation.pose.registry import PoseConfig, make_source, pose_decoder
 from groundstation.pose.stamps import check_stamp_rate

@@ -1,7 +1,8 @@
 """Forwarding of accepted poses to the autopilot's own estimator, which flies when we hand back.
 
-Nothing is repeated: when poses stop, so does this, and the autopilot's estimator handles it. Heights are above the
-floor, where the autopilot's barometer has its zero: ArduPilot's estimator switches to it when poses stop.
+Nothing is repeated: when poses stop, so does this, and the autopilot's estimator handles it.
+Heights are above the floor, where the autopilot's barometer has its zero: ArduPilot's estimator
+switches to it when poses stop.
 """
 
 import asyncio
@@ -22,14 +23,17 @@ EARLY = 0.1
 """Share of the period by which a pose may be early [-]: jitter must not halve the rate."""
 
 ORIGIN_S = 1.0
-"""Period at which a disarmed ArduPilot gets its origin [s]: its filter accepts none before it has started."""
+"""Period at which a disarmed ArduPilot gets its origin [s]: its filter accepts none before it has
+started."""
 
 
 class Forward:
     """Choice and encoding of the forwarded poses. Sans-IO."""
 
     def __init__(self, config: ForwardConfig, floor_z_m: float) -> None:
-        """``floor_z_m`` is the down coordinate of the floor [m]: the zero of the forwarded heights."""
+        """``floor_z_m`` is the down coordinate of the floor [m]: the zero of the forwarded
+        heights.
+        """
         self._config, self._floor_z_m = config, floor_z_m
         self._period_s = 1.0 / config.rate_hz
         self._due_s = -math.inf
@@ -47,7 +51,10 @@ class Forward:
         recent.append(pose)
         while len(recent) > 2 and recent[1].time_s <= pose.time_s - BASE_S:
             recent.popleft()
-        if now_s - pose.time_s > config.oldest_s or pose.time_s < self._due_s - EARLY * self._period_s:
+        if (
+            now_s - pose.time_s > config.oldest_s
+            or pose.time_s < self._due_s - EARLY * self._period_s
+        ):
             return None
         measured = pose.velocity_ned
         velocity, base_s = (measured, BASE_S) if measured is not None else self._difference()
@@ -78,7 +85,9 @@ class Forward:
 
 
 class ForwardingSource:
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`: a source whose poses the autopilot gets too."""
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`: a source whose poses the
+    autopilot gets too.
+    """
 
     def __init__(
         self,
@@ -91,8 +100,8 @@ class ForwardingSource:
     ) -> None:
         """``source`` is behind the gate; the frames leave on the connection of ``link``.
 
-        ``floor_z_m`` is the down coordinate of the floor [m]. ``believes`` returns whether the flight uses the pose
-        delivered last.
+        ``floor_z_m`` is the down coordinate of the floor [m]. ``believes`` returns whether the
+        flight uses the pose delivered last.
         """
         self._source, self._believes = source, believes
         self._connection = link.connection
@@ -106,7 +115,10 @@ class ForwardingSource:
         return self._source.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Start the source; the autopilot gets each pose after ``deliver``, and after the resulting command."""
+        """Start the source.
+
+        The autopilot gets each pose after ``deliver``, and after the resulting command.
+        """
         loop = asyncio.get_running_loop()
 
         def both(pose: Pose) -> None:
@@ -130,8 +142,16 @@ class ForwardingSource:
         connection = self._connection
         now_s = asyncio.get_running_loop().time()
         message = self._forward.take(pose, now_s)
-        if message is not None and connection.kind is not None and connection.state in ("connected", "armed"):
-            if connection.kind == ARDUPILOT and connection.state == "connected" and now_s >= self._origin_due_s:
+        if (
+            message is not None
+            and connection.kind is not None
+            and connection.state in ("connected", "armed")
+        ):
+            if (
+                connection.kind == ARDUPILOT
+                and connection.state == "connected"
+                and now_s >= self._origin_due_s
+            ):
                 self._origin_due_s = now_s + ORIGIN_S
                 connection.leave(origin(connection.codec))
             connection.leave(odometry(connection.codec, connection.kind, message))

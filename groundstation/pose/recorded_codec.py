@@ -23,7 +23,8 @@ _STAMP_BYTES = 8
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1, of common.xml."""
 RECORDS_SHARE = 0.9
-"""Least share of records in a .tlog [-]: of a MAVLink stream without time stamps half looks like records."""
+"""Least share of records in a .tlog [-]: of a MAVLink stream without time stamps half looks like
+records."""
 
 
 class Sender(NamedTuple):
@@ -71,7 +72,9 @@ class TlogReader:
         size = len(self._data)
         if self._used >= RECORDS_SHARE * size:
             return ""
-        return notice("tlog.garbage", garbage=size - self._used, size=size, limit=1.0 - RECORDS_SHARE).text
+        return notice(
+            "tlog.garbage", garbage=size - self._used, size=size, limit=1.0 - RECORDS_SHARE
+        ).text
 
     @property
     def dropped(self) -> Counter[str]:
@@ -83,7 +86,9 @@ class TlogReader:
         codec.dropped.clear()
         self._used = 0
         start, size = 0, len(data)
-        lost = False  # behind damage, until the next valid checksum: bytes of stamps look like frames
+        lost = (
+            False  # behind damage, until the next valid checksum: bytes of stamps look like frames
+        )
         while start < size:
             begin = start + _STAMP_BYTES
             end = frame_end(data, begin) if begin < size else size + 1
@@ -110,8 +115,14 @@ def find_autopilots(records: Iterable[TlogRecord]) -> list[Sender]:
 
     In a recording without such heartbeats they are the senders with an autopilot's component id.
     """
-    heartbeats = {one.sender for one in records if one.message.get_type() == "HEARTBEAT" and is_autopilot(one.message)}
-    return sorted(heartbeats or {one.sender for one in records if one.sender.component == AUTOPILOT_COMPONENT})
+    heartbeats = {
+        one.sender
+        for one in records
+        if one.message.get_type() == "HEARTBEAT" and is_autopilot(one.message)
+    }
+    return sorted(
+        heartbeats or {one.sender for one in records if one.sender.component == AUTOPILOT_COMPONENT}
+    )
 
 
 def describe_senders(records: Iterable[TlogRecord]) -> str:
@@ -121,5 +132,8 @@ def describe_senders(records: Iterable[TlogRecord]) -> str:
         name = record.message.get_type()
         if name in POSE_MESSAGES:
             senders.setdefault(name, set()).add(record.sender)
-    found = (f"{name} of {' and of '.join(map(str, sorted(some)))}" for name, some in sorted(senders.items()))
+    found = (
+        f"{name} of {' and of '.join(map(str, sorted(some)))}"
+        for name, some in sorted(senders.items())
+    )
     return "; ".join(found) or "none of them"

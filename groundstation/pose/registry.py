@@ -21,7 +21,10 @@ from links.mavlink.protocol import ARDUPILOT, PX4
 
 
 def pose_decoder(records: list[TlogRecord], latency_s: float) -> PoseDecoder | None:
-    """Return the decoder for ``records`` of one vehicle, of ODOMETRY if they have it; None without pose messages."""
+    """Return the decoder for ``records`` of one vehicle, of ODOMETRY if they have it.
+
+    None without pose messages.
+    """
     names = {record.message.get_type() for record in records}
     for autopilot in (PX4, ARDUPILOT):
         decoder = decoder_for(autopilot, latency_s, recorded=True)
@@ -31,13 +34,21 @@ def pose_decoder(records: list[TlogRecord], latency_s: float) -> PoseDecoder | N
 
 
 PoseConfig = (
-    ViconConfig | NatNetConfig | QualisysConfig | LibmotioncaptureConfig | MavlinkPoseConfig | VisionConfig | JsonConfig
+    ViconConfig
+    | NatNetConfig
+    | QualisysConfig
+    | LibmotioncaptureConfig
+    | MavlinkPoseConfig
+    | VisionConfig
+    | JsonConfig
 )
 """Configuration of one source; a new source adds its own here."""
 
 
 def make_source(config: PoseConfig, link: CommandLink, others: Others | None = None) -> PoseSource:
-    """Make the source that ``config`` describes; the autopilot's own estimate shares the connection of ``link``.
+    """Make the source that ``config`` describes.
+
+    The autopilot's own estimate shares the connection of ``link``.
 
     ``others`` are further bodies to look for, if the source shows them.
 

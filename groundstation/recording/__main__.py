@@ -1,7 +1,9 @@
-"""Recorder process: records from standard input to the file, words for the operator to standard output.
+"""Recorder process: records from standard input to the file, words for the operator to standard
+output.
 
-It is deaf to signals that a terminal sends, and ends when its input ends: told to, or because the flight died. It
-shares the processor with the flight that has started it: it gets its share, and never first.
+It is deaf to signals that a terminal sends, and ends when its input ends: told to, or because the
+flight died. It shares the processor with the flight that has started it: it gets its share, and
+never first.
 """
 
 import contextlib
@@ -26,7 +28,9 @@ from groundstation.recording.writer import FLUSH_S, FlightLog
 def stand_back() -> None:
     """Let the flight go first, as far as the system has means for it."""
     os.nice(NICE)
-    with contextlib.suppress(OSError):  # woken up by the flight's writing, it must not take the processor from it
+    with contextlib.suppress(
+        OSError
+    ):  # woken up by the flight's writing, it must not take the processor from it
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
@@ -57,7 +61,9 @@ def main() -> None:
             else:
                 log.write(decoder.decode(message))
             if log is not None and syncing.done() and time.monotonic() - synced_s > SYNC_S:
-                syncing = beside.submit(log.sync)  # a busy disk takes seconds: what comes meanwhile is written on
+                syncing = beside.submit(
+                    log.sync
+                )  # a busy disk takes seconds: what comes meanwhile is written on
                 synced_s = time.monotonic()
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "
@@ -83,7 +89,10 @@ def _forget(path: Path) -> None:
 
 
 def _tell_figures(path: Path, headline: FlightHeadline) -> None:
-    """Tell the figures of a flight that is over, and where its recording is; what is missing there has been told."""
+    """Tell the figures of a flight that is over, and where its recording is.
+
+    What is missing there has been told.
+    """
     if headline.rms_m is None or headline.max_m is None:
         told = notice("recording.short", flown_s=headline.flown_s, from_s=STEADY_S, path=path)
     else:
@@ -127,7 +136,9 @@ def _open_log(setup: RecorderSetup) -> FlightLog:
         _tell(notice("recording.tidied", name=path.name))
     local = time.localtime(now)
     path = free_name(folder, time.strftime("%Y%m%d-%H%M%S", local), setup.about.vehicle)
-    about = msgspec.structs.replace(setup.about, started=time.strftime("%Y-%m-%dT%H:%M:%S%z", local))
+    about = msgspec.structs.replace(
+        setup.about, started=time.strftime("%Y-%m-%dT%H:%M:%S%z", local)
+    )
     # The event loop's clock is CLOCK_MONOTONIC, the same in every process of this machine.
     log = FlightLog(path, about, epoch_ns=time.time_ns() - time.monotonic_ns(), tell=_tell)
     _tell(notice("recording.begins", path=path))

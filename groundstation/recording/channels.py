@@ -1,10 +1,12 @@
-"""Channels of a recording: topic → type of its messages, in JSON, each with its JSON schema as Foxglove reads it.
+"""Channels of a recording: topic → type of its messages, in JSON, each with its JSON schema as
+Foxglove reads it.
 
 ``/pose``, ``/tf`` and ``/log`` are Foxglove's own, which its panels know how to draw (foxglove-sdk,
-schemas/jsonschema); the others are typed here. Names end in units; world NED, body FRD; ``time_s`` is the event loop's
-clock [s], the log time its wall time.
+schemas/jsonschema); the others are typed here. Names end in units; world NED, body FRD; ``time_s``
+is the event loop's clock [s], the log time its wall time.
 
-:class:`MessageMaker` makes these messages of a flight's records; ``read_…`` makes of them what was recorded. Sans-IO.
+:class:`MessageMaker` makes these messages of a flight's records; ``read_…`` makes of them what was
+recorded. Sans-IO.
 """
 
 import json
@@ -113,7 +115,9 @@ class FrameTransform(msgspec.Struct, frozen=True, gc=False):
 
 def turn_world_over(stamp: Time) -> FrameTransform:
     """The world, whose z is down, in a world with z up: as screens show it from ``stamp`` on."""
-    return FrameTransform(stamp, DISPLAY, WORLD, Vector3(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
+    return FrameTransform(
+        stamp, DISPLAY, WORLD, Vector3(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0)
+    )
 
 
 class LogMessage(msgspec.Struct, frozen=True, gc=False):
@@ -209,7 +213,9 @@ class ErrorsMessage(msgspec.Struct, frozen=True, gc=False):
 
 
 class AdaptationMessage(msgspec.Struct, frozen=True, gc=False):
-    """b̂ and its rate, the observer's d̂, the thrust's effectiveness λ̂, and the standard deviation of that."""
+    """b̂ and its rate, the observer's d̂, the thrust's effectiveness λ̂, and the standard deviation
+    of that.
+    """
 
     time_s: float
     b_hat_m_s2: Vector3
@@ -220,7 +226,9 @@ class AdaptationMessage(msgspec.Struct, frozen=True, gc=False):
 
 
 class LyapunovMessage(msgspec.Struct, frozen=True, gc=False):
-    """V without its b̃ term, W, the terms of both, and V against its bound in flight (control/certificate.py)."""
+    """V without its b̃ term, W, the terms of both, and V against its bound in flight
+    (control/certificate.py).
+    """
 
     time_s: float
     v_known: float
@@ -371,7 +379,9 @@ ChannelForm = tuple[str, str, bytes, str, str]
 
 
 def channel_form(topic: str, name: str, message: type[msgspec.Struct]) -> ChannelForm:
-    """The form of a channel whose messages are ``message`` in JSON, with a schema called ``name``."""
+    """The form of a channel whose messages are ``message`` in JSON, with a schema called
+    ``name``.
+    """
     return topic, name, schema(name, message), "jsonschema", "json"
 
 
@@ -381,7 +391,8 @@ def describe_channels(topics: Iterable[str]) -> Iterator[ChannelForm]:
 
 
 def schema(name: str, message: type[msgspec.Struct]) -> bytes:
-    """The JSON schema of ``message``, titled ``name``, without references and unions: Foxglove follows none.
+    """The JSON schema of ``message``, titled ``name``, without references and unions: Foxglove
+    follows none.
 
     What may be null is not required, and has the type that it has otherwise.
     """
@@ -399,11 +410,17 @@ def _inline_refs(part: Any, parts: dict[str, Any]) -> Any:
         return _inline_refs(parts[part["$ref"]], parts)
     if "anyOf" in part:
         return _inline_refs(next(kind for kind in part["anyOf"] if kind != {"type": "null"}), parts)
-    whole = {key: _inline_refs(value, parts) for key, value in part.items() if key not in ("title", "default")}
+    whole = {
+        key: _inline_refs(value, parts)
+        for key, value in part.items()
+        if key not in ("title", "default")
+    }
     if "properties" in part:
         always = [key for key in part.get("required", ()) if "anyOf" not in part["properties"][key]]
         whole["required"] = always
-    return {"title": "time", **whole} if part.get("title") == "Time" else whole  # by this Foxglove knows a time
+    return (
+        {"title": "time", **whole} if part.get("title") == "Time" else whole
+    )  # by this Foxglove knows a time
 
 
 Message = tuple[str, float, msgspec.Struct]
@@ -454,7 +471,11 @@ class MessageMaker:
             case WireRecord(time_s, wire, kind, local, remote):
                 if wire == 0:
                     yield "/tf", time_s, turn_world_over(self._time(time_s))
-                yield "/raw/opened", time_s, WireOpened(time_s, wire, kind, address(local), address(remote))
+                yield (
+                    "/raw/opened",
+                    time_s,
+                    WireOpened(time_s, wire, kind, address(local), address(remote)),
+                )
             case TrajectoryRecord(time_s):
                 yield "/follow", time_s, FollowMessage(time_s)
             case SwitchRecord(time_s, what, values):
@@ -469,7 +490,9 @@ class MessageMaker:
             case LossRecord(time_s, count):
                 yield "/lost", time_s, LostMessage(time_s, count)
                 yield self._log(
-                    time_s, LogLevel.WARNING, f"{count} records are missing here: the recorder could not keep up"
+                    time_s,
+                    LogLevel.WARNING,
+                    f"{count} records are missing here: the recorder could not keep up",
                 )
 
     def _log(self, time_s: float, level: int, text: str) -> Message:
@@ -479,17 +502,26 @@ class MessageMaker:
         p = record.pose
         position, attitude = Vector3(*p.position_ned), quaternion(p.attitude)
         velocity = msgspec.UNSET if p.velocity_ned is None else Vector3(*p.velocity_ned)
-        measured = MeasuredMessage(p.time_s, p.arrival_s, p.id, position, attitude, p.reset_count, velocity)
+        measured = MeasuredMessage(
+            p.time_s, p.arrival_s, p.id, position, attitude, p.reset_count, velocity
+        )
         shown = PoseInFrame(self._time(p.time_s), WORLD, FoxglovePose(position, attitude))
         return ("/measured", p.arrival_s, measured), ("/pose", p.arrival_s, shown)
 
     def _tick(self, record: TickRecord) -> Iterable[Message]:
         tick = record.tick
-        t, estimate, reference, d = tick.time_s, tick.estimate, tick.reference, tick.decision.diagnostics
+        t, estimate, reference, d = (
+            tick.time_s,
+            tick.estimate,
+            tick.reference,
+            tick.decision.diagnostics,
+        )
         motion = estimate.motion
         thrust, rates, pose_id, pose_time, deadline, parts = _command(tick.command)
         saturated = bool(tick.decision.saturated)
-        commanded = CommandMessage(t, tick.flight_time_s, thrust, rates, saturated, pose_id, pose_time, deadline, parts)
+        commanded = CommandMessage(
+            t, tick.flight_time_s, thrust, rates, saturated, pose_id, pose_time, deadline, parts
+        )
         refer = ReferenceMessage(
             t,
             Vector3(*reference.position_ned),
@@ -501,7 +533,13 @@ class MessageMaker:
         )
         position, attitude = Vector3(*motion.position), quaternion(motion.attitude)
         estimated = EstimateMessage(
-            t, estimate.time_s, position, Vector3(*motion.velocity), attitude, motion.thrust, Vector3(*motion.rates)
+            t,
+            estimate.time_s,
+            position,
+            Vector3(*motion.velocity),
+            attitude,
+            motion.thrust,
+            Vector3(*motion.rates),
         )
         error = math.dist(motion.position, reference.position_ned)
         adaptation = AdaptationMessage(
@@ -512,31 +550,53 @@ class MessageMaker:
             estimate.effectiveness,
             estimate.effectiveness_deviation,
         )
-        lyapunov = LyapunovMessage(t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.certificate[:2])
+        lyapunov = LyapunovMessage(
+            t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.certificate[:2]
+        )
         return (
             ("/command", t, commanded),
             ("/reference", t, refer),
             ("/estimate", t, estimated),
-            ("/errors", t, ErrorsMessage(t, error, Vector3(*d.z1), Vector3(*d.z2), Vector3(*d.z3), Vector3(*d.u_star))),
+            (
+                "/errors",
+                t,
+                ErrorsMessage(
+                    t, error, Vector3(*d.z1), Vector3(*d.z2), Vector3(*d.z3), Vector3(*d.u_star)
+                ),
+            ),
             ("/adaptation", t, adaptation),
             ("/lyapunov", t, lyapunov),
             ("/timing", t, self._timing(tick, record.late_s)),
-            ("/tf", t, FrameTransform(self._time(estimate.time_s), WORLD, VEHICLE, position, attitude)),
+            (
+                "/tf",
+                t,
+                FrameTransform(self._time(estimate.time_s), WORLD, VEHICLE, position, attitude),
+            ),
         )
 
     def _timing(self, tick: Tick, late_s: float | None) -> TimingMessage:
         now, last = tick.time_s, self._last
         self._last = now
         interval = 0.0 if last is None else now - last
-        return TimingMessage(now, now - tick.pose.time_s, interval, msgspec.UNSET if late_s is None else late_s)
+        return TimingMessage(
+            now, now - tick.pose.time_s, interval, msgspec.UNSET if late_s is None else late_s
+        )
 
     def _time(self, time_s: float) -> Time:
         return Time.of(self.stamp(time_s))
 
 
 def _make_truth(r: TruthRecord) -> Message:
-    at, velocity, attitude = Vector3(*r.position_ned), Vector3(*r.velocity_ned), quaternion(r.attitude)
-    return "/truth", r.time_s, TruthMessage(r.time_s, at, velocity, attitude, Vector3(*r.wind_m_s2), r.error_m)
+    at, velocity, attitude = (
+        Vector3(*r.position_ned),
+        Vector3(*r.velocity_ned),
+        quaternion(r.attitude),
+    )
+    return (
+        "/truth",
+        r.time_s,
+        TruthMessage(r.time_s, at, velocity, attitude, Vector3(*r.wind_m_s2), r.error_m),
+    )
 
 
 def _command(c: Command) -> tuple[float, Vector3, int, float, float, tuple[Part, ...]]:
@@ -556,7 +616,9 @@ def read_pose(seen: MeasuredMessage) -> Pose:
     """The pose as the pilot got it."""
     velocity = None if seen.velocity_ned is msgspec.UNSET else _components(seen.velocity_ned)
     at, q = _components(seen.position_ned), seen.attitude
-    return Pose(seen.id, seen.time_s, seen.arrival_s, at, (q.w, q.x, q.y, q.z), velocity, seen.reset_count)
+    return Pose(
+        seen.id, seen.time_s, seen.arrival_s, at, (q.w, q.x, q.y, q.z), velocity, seen.reset_count
+    )
 
 
 def read_reference(r: ReferenceMessage) -> Reference:
@@ -573,8 +635,13 @@ def read_reference(r: ReferenceMessage) -> Reference:
 
 def read_command(c: CommandMessage | IdleMessage) -> Command:
     """The command as it was handed to the link."""
-    parts = tuple(Segment(part.duration_s, part.thrust_n, _components(part.rates_rad_s)) for part in c.bring_down)
-    return Command(c.thrust_n, _components(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts)
+    parts = tuple(
+        Segment(part.duration_s, part.thrust_n, _components(part.rates_rad_s))
+        for part in c.bring_down
+    )
+    return Command(
+        c.thrust_n, _components(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts
+    )
 
 
 def _components(v: Vector3) -> Vec3:

@@ -23,7 +23,8 @@ class FlightHeadline(msgspec.Struct, frozen=True, kw_only=True):
     commands: int
     poses: int
     rms_m: float | None
-    """Root mean square distance of the estimate from the reference over the steady part [m], if there was one."""
+    """Root mean square distance of the estimate from the reference over the steady part [m], if
+    there was one."""
     max_m: float | None
     """Largest such distance [m]."""
     true_rms_m: float | None = None
@@ -64,7 +65,9 @@ class HeadlineCounter:
             case MeasuredMessage():
                 self._poses += 1
             case MissionMessage():
-                if message.state != self._state:  # the first line of a state says why it was entered
+                if (
+                    message.state != self._state
+                ):  # the first line of a state says why it was entered
                     self.end_flight(message.state, message.text)
             case LostMessage():
                 self._lost += message.count

@@ -1,4 +1,6 @@
-"""The recorder in a process of its own, as the flight sees it: records go into a pipe, and nothing ever waits."""
+"""The recorder in a process of its own, as the flight sees it: records go into a pipe, and nothing
+ever waits.
+"""
 
 import asyncio
 import fcntl
@@ -18,8 +20,8 @@ PIPE_BYTES = 1 << 20
 BACKLOG_BYTES = 8 << 20
 """At most this much waits beyond the pipe; what comes then is left out, and counted."""
 GATHER_S = 0.03
-"""Records wait for one another for so long [s], so that the recorder wakes up less often than the flight does; then
-for a quiet moment, which comes with the next command."""
+"""Records wait for one another for so long [s], so that the recorder wakes up less often than the
+flight does; then for a quiet moment, which comes with the next command."""
 FORGET = b"forget"
 """A message: the recording is not worth keeping."""
 ERROR_NOTICES = ("recording.figures", "recording.short")
@@ -39,13 +41,12 @@ class RecorderProcess:
     """Begins to record as it is made; belongs to one event loop."""
 
     def __init__(
-        self,
-        config: RecordingConfig,
-        about: About,
-        say: Say,
-        quiet: IdleSlots | None = None,
+        self, config: RecordingConfig, about: About, say: Say, quiet: IdleSlots | None = None
     ) -> None:
-        """Start the process; ``say`` takes what it tells the operator. Records are handed over when it is ``quiet``."""
+        """Start the process; ``say`` takes what it tells the operator.
+
+        Records are handed over when it is ``quiet``.
+        """
         self._say = say
         self._quiet = quiet or IdleSlots()
         self._loop = asyncio.get_running_loop()
@@ -57,11 +58,16 @@ class RecorderProcess:
         self._moment: asyncio.Future[None] | None = None
         self._told = False
         self.has_told_error = False
-        """Whether the recorder has told the operator the flight's error, or that it was too short for one."""
+        """Whether the recorder has told the operator the flight's error, or that it was too short
+        for one."""
         self._gone = self._loop.create_future()
         self._words = b""
-        self._process = start_child("groundstation.recording", stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self._process.stdin is not None and self._process.stdout is not None, "both are pipes"
+        self._process = start_child(
+            "groundstation.recording", stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        assert self._process.stdin is not None and self._process.stdout is not None, (
+            "both are pipes"
+        )
         self._in, self._out = self._process.stdin.fileno(), self._process.stdout.fileno()
         os.set_blocking(self._in, False)
         os.set_blocking(self._out, False)
@@ -128,7 +134,10 @@ class RecorderProcess:
             self._lost = 0
 
     async def close(self, *, keep: bool = True) -> None:
-        """Hand over what is left and wait until all is written, but not for ever; or have it all removed."""
+        """Hand over what is left and wait until all is written, but not for ever.
+
+        Or have it all removed.
+        """
         with suppress(TimeoutError):
             async with asyncio.timeout(END_S):
                 self._hand_over()

@@ -82,11 +82,13 @@ class Recording:
         self.about: dict[str, str] = {}
         """The first record (records.About), and versions; every value as text."""
         self.result: dict[str, str] = {}
-        """The headline (headline.Headline) as text; empty before the end was read, and where it is missing."""
+        """The headline (headline.Headline) as text; empty before the end was read, and where it is
+        missing."""
         self.whole = False
         """True once the end was read and nothing was damaged."""
         self.damaged_at: int | None = None
-        """Where the damage begins that ended the reading [byte]; None where the recording is whole or was cut off."""
+        """Where the damage begins that ended the reading [byte]; None where the recording is whole
+        or was cut off."""
         next(self._records(()), None)
         if not self.about and self.damaged_at is not None:
             raise NoRecording(notice("recording.damaged", path=path, at=self.damaged_at))
@@ -94,11 +96,15 @@ class Recording:
             raise NoRecording(notice("recording.no_flight", path=path))
 
     def entries(self, topics: Collection[str] = ()) -> Iterator[Entry]:
-        """The messages on ``topics`` (none: all) in the order in which things happened, up to the end or the damage."""
+        """The messages on ``topics`` (none: all) in the order in which things happened, up to the
+        end or the damage.
+        """
         yield from (entry for entry in self._records(topics) if entry is not None)
 
     def follow(self) -> Iterator[Entry | None]:
-        """All messages, also of a flight that is still being recorded: None wherever there is no more yet."""
+        """All messages, also of a flight that is still being recorded: None wherever there is no
+        more yet.
+        """
         yield from self._records((), growing=True)
 
     @property
@@ -118,11 +124,20 @@ class Recording:
         headline = from_texts(self.result) if self.result else count.headline()
         if not self.trouble:
             return headline
-        return msgspec.structs.replace(headline, reason=f"{headline.reason} (the recording {self.trouble})")
+        return msgspec.structs.replace(
+            headline, reason=f"{headline.reason} (the recording {self.trouble})"
+        )
 
     def _records(self, topics: Collection[str], *, growing: bool = False) -> Iterator[Entry | None]:
-        """The messages on ``topics``; where it is ``growing``, None instead of an end that is none."""
-        from mcap.records import Chunk, DataEnd, Metadata  # only now: a flight that reads none needs no mcap
+        """The messages on ``topics``.
+
+        Where it is ``growing``, None instead of an end that is none.
+        """
+        from mcap.records import (
+            Chunk,
+            DataEnd,
+            Metadata,
+        )  # only now: a flight that reads none needs no mcap
 
         from groundstation.recording.strict_reader import DAMAGE, StrictReader, read_messages
 
@@ -184,7 +199,9 @@ def quick_headline(path: Path) -> tuple[dict[str, str], FlightHeadline, bool]:
 
     found: dict[str, dict[str, str]] = {}
     with suppress(*DAMAGE, OSError), path.open("rb") as file:  # the last of a file of a few bytes
-        found = {metadata.name: dict(metadata.metadata) for metadata in make_reader(file).iter_metadata()}
+        found = {
+            metadata.name: dict(metadata.metadata) for metadata in make_reader(file).iter_metadata()
+        }
     if "about" in found and "result" in found:
         return found["about"], from_texts(found["result"]), True
     recording = Recording(path)
@@ -195,14 +212,19 @@ def quick_headline(path: Path) -> tuple[dict[str, str], FlightHeadline, bool]:
 def from_texts(result: dict[str, str]) -> FlightHeadline:
     """The headline as the recording has it."""
     return msgspec.convert(
-        {key: None if value == "" and key.endswith("_m") else value for key, value in result.items()},
+        {
+            key: None if value == "" and key.endswith("_m") else value
+            for key, value in result.items()
+        },
         FlightHeadline,
         strict=False,
     )
 
 
 def flatten(value: Any, name: str = "") -> dict[str, Any]:
-    """Return the leaves of nested objects and arrays by their dotted names, such as ``rates_rad_s.x``."""
+    """Return the leaves of nested objects and arrays by their dotted names, such as
+    ``rates_rad_s.x``.
+    """
     if isinstance(value, dict):
         parts = value.items()
     elif isinstance(value, list):
@@ -219,15 +241,21 @@ def flatten(value: Any, name: str = "") -> dict[str, Any]:
     return leaves
 
 
-def tabulate(entries: Iterable[Entry], topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
-    """Return those of ``entries`` on each of ``topics`` as columns of equal length, named as ``rates_rad_s.x``.
+def tabulate(
+    entries: Iterable[Entry], topics: Collection[str]
+) -> "dict[str, dict[str, NDArray[Any]]]":
+    """Return those of ``entries`` on each of ``topics`` as columns of equal length, named as
+    ``rates_rad_s.x``.
 
-    Numbers are floats, what is left out NaN; columns of texts are of objects. A column that comes later has its place.
+    Numbers are floats, what is left out NaN; columns of texts are of objects. A column that comes
+    later has its place.
     """
     import numpy as np  # the recorder needs none
 
     def column(values: list[Any]) -> "NDArray[Any]":
-        return np.array(values, dtype=object if str in set(map(type, values)) else float)  # None is NaN as a float
+        return np.array(
+            values, dtype=object if str in set(map(type, values)) else float
+        )  # None is NaN as a float
 
     rows: dict[str, list[dict[str, Any]]] = {topic: [] for topic in topics}
     names: dict[str, dict[str, None]] = {topic: {} for topic in topics}
@@ -236,4 +264,7 @@ def tabulate(entries: Iterable[Entry], topics: Collection[str]) -> "dict[str, di
             row = flatten(entry.value())
             names[entry.topic].update(dict.fromkeys(row))
             rows[entry.topic].append(row)
-    return {topic: {name: column([row.get(name) for row in rows[topic]]) for name in names[topic]} for topic in topics}
+    return {
+        topic: {name: column([row.get(name) for row in rows[topic]]) for name in names[topic]}
+        for topic in topics
+    }

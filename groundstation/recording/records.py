@@ -1,4 +1,6 @@
-"""Records that a flight hands to its recorder, in the order of the events: all that a replay needs."""
+"""Records that a flight hands to its recorder, in the order of the events: all that a replay
+needs.
+"""
 
 import msgspec
 
@@ -33,8 +35,8 @@ class About(msgspec.Struct, frozen=True, kw_only=True):
     controller: str
     trajectory: str
     period_s: float
-    """Time between two commands [s]; 0 where they follow the poses, or where the link tells only once connected: then
-    each :class:`StatusRecord` has it."""
+    """Time between two commands [s]; 0 where they follow the poses, or where the link tells only
+    once connected: then each :class:`StatusRecord` has it."""
     mavlink: str = ""
     """Address of the wire that carries MAVLink; empty where none does."""
     clock: str = "real"

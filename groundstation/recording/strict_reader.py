@@ -1,4 +1,7 @@
-"""MCAP files read strictly: what is out of place is damage. Loaded only where a recording is read: so is mcap."""
+"""MCAP files read strictly: what is out of place is damage.
+
+Loaded only where a recording is read: so is mcap.
+"""
 
 import struct
 from collections.abc import Collection, Iterator
@@ -14,7 +17,14 @@ _RECORD_BYTES = 1 << 28
 """No record of ours is longer: a length beyond it is damage."""
 _DATA = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)
 """Records before the index. mcap passes over other records; here they are damaged chunks."""
-DAMAGE: tuple[type[Exception], ...] = (McapError, struct.error, ValueError, EOFError, MemoryError, ZstdError)
+DAMAGE: tuple[type[Exception], ...] = (
+    McapError,
+    struct.error,
+    ValueError,
+    EOFError,
+    MemoryError,
+    ZstdError,
+)
 """Exceptions that mcap raises where a file is damaged."""
 
 
@@ -25,7 +35,9 @@ class StrictReader(StreamReader):
 
     def __init__(self, file: BinaryIO) -> None:
         """Read ``file`` from its beginning, and give its chunks whole."""
-        super().__init__(file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_BYTES)
+        super().__init__(
+            file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_BYTES
+        )
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
         if not self._in_index and opcode not in _DATA:
@@ -34,7 +46,9 @@ class StrictReader(StreamReader):
         return super()._read_record(opcode, length)
 
 
-def read_messages(chunk: Chunk, topics: Collection[str], names: dict[int, str]) -> Iterator[tuple[str, Message]]:
+def read_messages(
+    chunk: Chunk, topics: Collection[str], names: dict[int, str]
+) -> Iterator[tuple[str, Message]]:
     """The messages of a chunk on ``topics``, with their topic; ``names`` keeps the channels.
 
     A damaged chunk gives none.

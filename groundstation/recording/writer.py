@@ -17,7 +17,13 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from groundstation.core.messages import EndRecord, Say, notice
-from groundstation.recording.channels import CHANNELS, ChannelForm, MessageMaker, address, describe_channels
+from groundstation.recording.channels import (
+    CHANNELS,
+    ChannelForm,
+    MessageMaker,
+    address,
+    describe_channels,
+)
 from groundstation.recording.headline import FlightHeadline, HeadlineCounter
 from groundstation.recording.records import (
     About,
@@ -47,11 +53,16 @@ def begin_mcap(output: Any, library: str, about: dict[str, str]) -> "Writer":
 def add_channel(writer: "Writer", form: ChannelForm) -> int:
     """Add a channel with its schema to the file; return its number."""
     topic, schema_name, schema, schema_encoding, encoding = form
-    return writer.register_channel(topic, encoding, writer.register_schema(schema_name, schema_encoding, schema))
+    return writer.register_channel(
+        topic, encoding, writer.register_schema(schema_name, schema_encoding, schema)
+    )
 
 
 class LastingFile:
-    """Binary, written from its beginning to its end. Never raises once it is open: the first error ends it."""
+    """Binary, written from its beginning to its end.
+
+    Never raises once it is open: the first error ends it.
+    """
 
     def __init__(self, path: Path, tell: Say) -> None:
         """Make the file, which must not exist; ``tell`` takes warnings for the operator.
@@ -89,8 +100,9 @@ class LastingFile:
     def sync(self) -> None:
         """Have all that was written reach the disk itself.
 
-        What writing takes, the operating system only keeps for the disk: that it has no room after all (a thin volume,
-        a network's), or is broken, it finds out some ten seconds later, and tells whoever asks.
+        What writing takes, the operating system only keeps for the disk: that it has no room after
+        all (a thin volume, a network's), or is broken, it finds out some ten seconds later, and
+        tells whoever asks.
         """
         if self._alive:
             try:
@@ -158,7 +170,9 @@ class FlightLog:
     """Writes NAME.mcap and, once MAVLink passes, NAME.tlog. Never raises once it is open."""
 
     def __init__(self, path: Path, about: About, *, epoch_ns: int, tell: Say) -> None:
-        """Make the file at ``path`` (NAME.mcap); ``epoch_ns`` is the wall time of the event loop's zero [ns].
+        """Make the file at ``path`` (NAME.mcap).
+
+        ``epoch_ns`` is the wall time of the event loop's zero [ns].
 
         ``tell`` takes warnings for the operator.
 
@@ -176,18 +190,22 @@ class FlightLog:
         self._encoder = msgspec.json.Encoder()
         self._flushed_s = 0.0
         self._writer = begin_mcap(self._file, f"groundstation {__version__}", about_texts(about))
-        self._channels = {form[0]: add_channel(self._writer, form) for form in describe_channels(CHANNELS)}
+        self._channels = {
+            form[0]: add_channel(self._writer, form) for form in describe_channels(CHANNELS)
+        }
         self.flush()
 
     def write(self, record: Record) -> None:
         """Take one record; it reaches the disk within ``FLUSH_S`` of flight, or with :meth:`flush`.
 
         Raises:
-            Exception: the record can't be encoded (a controller of the user's own may put anything into a tick);
-                it is left out.
+            Exception: the record can't be encoded (a controller of the user's own may put anything
+                into a tick); it is left out.
         """
         time_s = self._flushed_s
-        messages = [(*message, self._encoder.encode(message[2])) for message in self._messages.of(record)]
+        messages = [
+            (*message, self._encoder.encode(message[2])) for message in self._messages.of(record)
+        ]
         for topic, time_s, message, data in messages:
             stamp_ns = self._messages.stamp(time_s)
             self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
@@ -215,16 +233,23 @@ class FlightLog:
             self._tlog.sync()
 
     def close(self, true_rms_m: float | None = None, true_max_m: float | None = None) -> None:
-        """Write the result and the index, and close; whoever knows the truth tells the error by it [m]."""
+        """Write the result and the index, and close.
+
+        Whoever knows the truth tells the error by it [m].
+        """
         with suppress(ValueError):
-            headline = msgspec.structs.replace(self._count.headline(), true_rms_m=true_rms_m, true_max_m=true_max_m)
+            headline = msgspec.structs.replace(
+                self._count.headline(), true_rms_m=true_rms_m, true_max_m=true_max_m
+            )
             self._writer.add_metadata("result", _texts(msgspec.to_builtins(headline)))
             self._writer.finish()
             self._file.flush()
         self.leave()
 
     def leave(self) -> None:
-        """Close it as it stands, without an end: what was written is there, and whoever reads it sees it cut off."""
+        """Close it as it stands, without an end: what was written is there, and whoever reads it
+        sees it cut off.
+        """
         self._file.close()
         if self._tlog is not None:
             self._tlog.close()
@@ -278,15 +303,32 @@ def _name_version(package: str) -> str:
 
 
 def git_commit() -> str:
-    """The commit of the program's own folder, ``-dirty`` where it was changed since; empty outside a clone."""
+    """The commit of the program's own folder, ``-dirty`` where it was changed since.
+
+    Empty outside a clone.
+    """
     folder = Path(__file__).parents[2]
     if not (folder / ".git").exists():
         return ""
-    # Not `git describe --dirty`, which takes three times as long: it looks through all commits for a name.
-    command = ["git", "-C", str(folder), "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
+    # Not `git describe --dirty`, which takes three times as long: it looks through all commits for
+    # a name.
+    command = [
+        "git",
+        "-C",
+        str(folder),
+        "status",
+        "--porcelain=v2",
+        "--branch",
+        "--untracked-files=no",
+    ]
     try:
         done = subprocess.run(  # noqa: S603  # our own words, no shell
-            command, capture_output=True, check=False, encoding="utf-8", errors="replace", timeout=5.0
+            command,
+            capture_output=True,
+            check=False,
+            encoding="utf-8",
+            errors="replace",
+            timeout=5.0,
         )
     except (OSError, subprocess.TimeoutExpired):
         return ""

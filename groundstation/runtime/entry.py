@@ -31,7 +31,8 @@ class Exit(IntEnum):
     DONE = 0
     """Landed, or the request was carried out."""
     FAILED = 1
-    """Ended otherwise than requested: aborted, killed, refused, landed because of a fault, or a finding."""
+    """Ended otherwise than requested: aborted, killed, refused, landed because of a fault, or a
+    finding."""
     USAGE = 2
     """A bad configuration or command line; nothing was opened."""
     NOBODY = 2  # of commands that only ask: nothing was begun either
@@ -50,12 +51,15 @@ def run(
     moved: Mapping[str, str] = MappingProxyType({}),
     gone: Mapping[str, str] = MappingProxyType({}),
 ) -> int:
-    """Run the command of the command line, by the function of that name in the module ``commands``; the exit code.
+    """Run the command of the command line, by the function of that name in the module ``commands``.
 
-    ``moved``: old spelling of a command → its name today; the old one works, with advice by ``advise_name`` there.
-    ``gone``: words that a command line no longer has, such as ``export --format rrd`` → what to do instead; the advice
-    follows the error about them.
-    If the reader of the output has gone (``| head``), or the disk is full, it ends without a traceback.
+    The exit code.
+
+    ``moved``: old spelling of a command → its name today; the old one works, with advice by
+        ``advise_name`` there.
+    ``gone``: words that a command line no longer has, such as ``export --format rrd`` → what to do
+    instead; the advice follows the error about them. If the reader of the output has gone
+    (``| head``), or the disk is full, it ends without a traceback.
     """
     _open_missing_streams()
     with _guard_output():
@@ -74,14 +78,18 @@ def run(
         except OSError as error:
             if not isinstance(error, BrokenPipeError) and error.errno != errno.ENOSPC:
                 raise
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # else Python complains of the rest of the output as it ends
+            os.dup2(
+                os.open(os.devnull, os.O_WRONLY), 1
+            )  # else Python complains of the rest of the output as it ends
             if error.errno == errno.ENOSPC:
                 print(f"the output cannot be written: {error.strerror}", file=sys.stderr)
             return Exit.FAILED
 
 
 def _advise_gone(gone: Mapping[str, str], moved: Mapping[str, str]) -> None:
-    """Tell the operator what to do instead of the words of the command line that are among ``gone``."""
+    """Tell the operator what to do instead of the words of the command line that are among
+    ``gone``.
+    """
     command, *rest = sys.argv[1:] or [""]
     line = " ".join([moved.get(command, command), *rest])
     words = set(line.replace("=", " ").replace(",", " ").split())
@@ -95,7 +103,8 @@ def _advise_gone(gone: Mapping[str, str], moved: Mapping[str, str]) -> None:
 def _open_missing_streams() -> None:
     """Open the standard streams that the parent has closed, to and from /dev/null.
 
-    Else the next file or port that is opened gets the number of one of them, and the output goes there.
+    Else the next file or port that is opened gets the number of one of them, and the output goes
+    there.
     """
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(fd, True)
@@ -106,7 +115,9 @@ def _open_missing_streams() -> None:
 
 
 class _GuardedStream:
-    """A stream on which quoted text can't control the terminal: of control characters only line ends and tabs pass."""
+    """A stream on which quoted text can't control the terminal: of control characters only line
+    ends and tabs pass.
+    """
 
     def __init__(self, stream: "TextIO") -> None:
         self.bare = stream
@@ -117,7 +128,9 @@ class _GuardedStream:
     def write(self, text: str) -> int:
         shown = text
         if not text.replace("\n", "").replace("\t", "").isprintable():
-            from links.text import printable  # only now: it brings msgspec, for a third of the time that --help takes
+            from links.text import (
+                printable,
+            )  # only now: it brings msgspec, for a third of the time that --help takes
 
             shown = printable(text, keep="\n\t")
         self.bare.write(shown)
@@ -142,12 +155,17 @@ def _is_file(stream: "TextIO") -> bool:
 
 @contextlib.contextmanager
 def _guard_output() -> Iterator[None]:
-    """Guard standard output and standard error: printed text may come from a vehicle, a broker, or a recording."""
+    """Guard standard output and standard error: printed text may come from a vehicle, a broker, or
+    a recording.
+    """
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(errors="replace")  # an invalid byte must not end the program
     before = sys.stdout, sys.stderr
     for stream in before:
-        if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in ("utf-8", "utf8"):
+        if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in (
+            "utf-8",
+            "utf8",
+        ):
             if _is_file(stream):
                 stream.reconfigure(encoding="utf-8")  # `config show > lab.toml` is read again
             else:
@@ -177,7 +195,9 @@ def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str,
 
     show = warnings.showwarning
 
-    def show_advice(message: "Warning | str", category: type[Warning], *where: "Any", **more: "Any") -> None:
+    def show_advice(
+        message: "Warning | str", category: type[Warning], *where: "Any", **more: "Any"
+    ) -> None:
         if issubclass(category, RetiredKeyWarning):
             print(f"{parser.prog}: {message}", file=sys.stderr)
         else:
@@ -185,7 +205,9 @@ def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str,
 
     warnings.showwarning = show_advice
     try:
-        does = getattr(importlib.import_module(commands), args.command.replace("-", "_").replace(" ", "_"))
+        does = getattr(
+            importlib.import_module(commands), args.command.replace("-", "_").replace(" ", "_")
+        )
         gc.freeze()
         gc.enable()
         return int(does(args))
@@ -210,13 +232,15 @@ CODES: dict[str, dict[int, str]] = {
         3: "another ground station flies this vehicle already",
     },
     "daemon": {
-        0: "SIGTERM or SIGINT ended it, with the vehicle landed or never armed; with `--once`: landed",
+        0: "SIGTERM or SIGINT ended it, with the vehicle landed or never armed; with `--once`: "
+        "landed",
         1: "the last flight was aborted, killed or handed over, or something failed at the start",
         3: "another ground station flies this vehicle already, or its socket can't be served",
     },
     "fleet": {
         0: "every vehicle landed, or was never armed",
-        1: "one of them was aborted, killed or handed over, landed because of a fault, or its core has died",
+        1: "one of them was aborted, killed or handed over, landed because of a fault, or its "
+        "core has died",
     },
     "daemon unit": {0: "the unit file is printed"},
     "request": {
@@ -228,7 +252,11 @@ CODES: dict[str, dict[int, str]] = {
         0: "every flight has answered, or none is there",
         1: "one did not answer, and got a signal; or `--kill` was not confirmed",
     },
-    "daemon health": {0: "alive and well", 1: "it hangs, or its link is lost in flight", 2: "nobody flies"},
+    "daemon health": {
+        0: "alive and well",
+        1: "it hangs, or its link is lost in flight",
+        2: "nobody flies",
+    },
     "check": {
         0: "ready to fly",
         1: "a check fails, or (`--watch`) no poses",
@@ -239,7 +267,11 @@ CODES: dict[str, dict[int, str]] = {
         1: "a move contradicts, or was not made",
         3: "no poses, or no autopilot",
     },
-    "doctor": {0: "nothing to change", 1: "something to change, or not confirmed", 3: "no answer, or a refusal"},
+    "doctor": {
+        0: "nothing to change",
+        1: "something to change, or not confirmed",
+        3: "no answer, or a refusal",
+    },
     "props-off": {
         0: "passed, and kept on file",
         1: "not proven, interrupted, or it could not go on: the motors were ordered off",
@@ -260,27 +292,34 @@ def require_package(package: str, key: str, extra: str, id: str = "package.neede
     """Require an optional package, before any work is done that needs it in the end.
 
     Raises:
-        ConfigError: it is not installed; by ``key``; the sentence ``id`` tells the command that installs the ``extra``.
+        ConfigError: it is not installed; by ``key``; the sentence ``id`` tells the command that
+            installs the ``extra``.
     """
     from groundstation.config import ConfigError, config_notice
 
     try:
         importlib.import_module(package)
     except ImportError:
-        raise ConfigError(key, config_notice(id, package=package, command=describe_install(extra))) from None
+        raise ConfigError(
+            key, config_notice(id, package=package, command=describe_install(extra))
+        ) from None
 
 
 Arguments = Mapping[str, Mapping[str, object]]
-"""Name of each argument of a command → its options for :meth:`argparse.ArgumentParser.add_argument`."""
+"""Name of each argument of a command → its options for
+:meth:`argparse.ArgumentParser.add_argument`."""
 AddArguments = Callable[[argparse.ArgumentParser], None]
 Commands = Mapping[str, tuple[str, Arguments | AddArguments | None]]
-"""Name → its purpose in a line, and its arguments, or a function that adds them; None: it only groups other commands.
+"""Name → its purpose in a line, and its arguments, or a function that adds them; None: it only
+groups other commands.
 
 A name of two words (``fleet relay``) is a command below the first word.
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser, arguments: "Mapping[str, Mapping[str, Any]]") -> None:
+def add_arguments(
+    parser: argparse.ArgumentParser, arguments: "Mapping[str, Mapping[str, Any]]"
+) -> None:
     """Add ``arguments`` to ``parser``."""
     for name, options in arguments.items():
         parser.add_argument(name, **options)
@@ -291,19 +330,32 @@ Groups = Mapping[str, Commands]
 
 
 class Program(argparse.ArgumentParser):
-    """The parser of a program or of one of its commands; lists the commands below it by group in its help.
+    """The parser of a program or of one of its commands.
 
-    A command with arguments of its own (``fleet``) may have others below it (``fleet relay``): the first word decides.
+    Lists the commands below it by group in its help.
+
+    A command with arguments of its own (``fleet``) may have others below it (``fleet relay``): the
+    first word decides.
     """
 
     def __init__(
-        self, prog: str = "", command: str = "", commands: Commands = MappingProxyType({}), **words: "Any"
+        self,
+        prog: str = "",
+        command: str = "",
+        commands: Commands = MappingProxyType({}),
+        **words: "Any",
     ) -> None:
         """``command`` is its full name, and ``commands`` are all that there are."""
         super().__init__(prog, **words)
         prefix = f"{command} "
-        below = {name.removeprefix(prefix): entry for name, entry in commands.items() if name.startswith(prefix)}
-        self.below = {name: Program(f"{self.prog} {name}", prefix + name, commands) for name in below}
+        below = {
+            name.removeprefix(prefix): entry
+            for name, entry in commands.items()
+            if name.startswith(prefix)
+        }
+        self.below = {
+            name: Program(f"{self.prog} {name}", prefix + name, commands) for name in below
+        }
         self.groups: Groups = {"commands": below} if below else {}
         self.offers = False
         """Whether the commands below it are subcommands for argparse."""
@@ -318,8 +370,12 @@ class Program(argparse.ArgumentParser):
                 arguments(self)
 
     def offer_below(self) -> None:
-        """Add the commands below this one as subcommands, which the completion of command lines reads."""
-        parsers = self.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=Program)
+        """Add the commands below this one as subcommands, which the completion of command lines
+        reads.
+        """
+        parsers = self.add_subparsers(
+            dest="command", required=True, metavar="COMMAND", parser_class=Program
+        )
         for commands in self.groups.values():
             for name, (does, _) in commands.items():
                 if " " not in name:
@@ -349,10 +405,16 @@ class Program(argparse.ArgumentParser):
         for title, commands in self.groups.items():
             formatter.start_section(title)
             formatter.add_arguments(
-                [argparse.Action([], name, help=does) for name, (does, _) in commands.items() if " " not in name]
+                [
+                    argparse.Action([], name, help=does)
+                    for name, (does, _) in commands.items()
+                    if " " not in name
+                ]
             )
             formatter.end_section()
-        own = [action for action in self._actions if not isinstance(action, argparse._SubParsersAction)]
+        own = [
+            action for action in self._actions if not isinstance(action, argparse._SubParsersAction)
+        ]
         formatter.start_section("options")
         formatter.add_arguments(own)
         formatter.end_section()
@@ -364,9 +426,13 @@ def build_parser(prog: str, description: str, groups: Groups) -> Program:
     program = Program(prog, description=description)
     program.groups = groups
     program.set_defaults(program=program)
-    program.add_argument("--version", action="version", version=f"%(prog)s {__version__}", help="print the version")
+    program.add_argument(
+        "--version", action="version", version=f"%(prog)s {__version__}", help="print the version"
+    )
     commands = {name: entry for group in groups.values() for name, entry in group.items()}
-    program.below = {name: Program(f"{prog} {name}", name, commands) for name in commands if " " not in name}
+    program.below = {
+        name: Program(f"{prog} {name}", name, commands) for name in commands if " " not in name
+    }
     program.offer_below()
     return program
 
@@ -395,5 +461,7 @@ def seconds(text: str) -> float:
     if not 0.0 < value <= DAY_S:
         from groundstation.config import config_notice
 
-        raise argparse.ArgumentTypeError(str(config_notice("value.seconds", above=0, most=DAY_S, found=text)))
+        raise argparse.ArgumentTypeError(
+            str(config_notice("value.seconds", above=0, most=DAY_S, found=text))
+        )
     return value

@@ -1,8 +1,9 @@
 """Launcher: starts this installation's programs, whatever else is called ``sim`` or ``links``.
 
-A file or a folder of the operator's may have the same name, and PYTHONPATH may put it first. After the import of this
-module those packages are found beside it, so only programs import it, and the processes that they start:
-``python -P -m groundstation.runtime.launch MODULE …`` (links/io/child.py).
+A file or a folder of the operator's may have the same name, and PYTHONPATH may put it first. After
+the import of this module those packages are found beside it, so only programs import it, and the
+processes that they start: ``python -P -m groundstation.runtime.launch MODULE …``
+(links/io/child.py).
 """
 
 import runpy
@@ -16,7 +17,10 @@ ROOT_FOLDER = dirname(dirname(dirname(__file__)))  # noqa: PTH120  # as above
 
 
 class OwnPackages:
-    """Finds our packages beside this one, before any path is searched; others are found as usual."""
+    """Finds our packages beside this one, before any path is searched.
+
+    Others are found as usual.
+    """
 
     @staticmethod
     def find_spec(name: str, path: object = None, target: object = None) -> object:
@@ -24,7 +28,8 @@ class OwnPackages:
         return PathFinder.find_spec(name, [ROOT_FOLDER]) if name in PACKAGES else None
 
 
-# At import: a process that multiprocessing spawns imports the modules of its parent's script, and no more.
+# At import: a process that multiprocessing spawns imports the modules of its parent's script, and
+# no more.
 sys.meta_path.insert(0, OwnPackages)  # type: ignore[arg-type]  # a class that finds is a finder
 
 

@@ -5,7 +5,9 @@ DISTRIBUTION = "quadrotor-groundstation"
 
 
 def describe_install(extra: str) -> str:
-    """Return the command that installs ``extra`` from where this program came: a clone, a file or an index."""
+    """Return the command that installs ``extra`` from where this program came: a clone, a file or
+    an index.
+    """
     # Rarely needed, and slow to load: every program would wait for these.
     import json
     import shlex

@@ -17,8 +17,11 @@ class FlownConfig(NamedTuple):
     """Settings that this version does not know, or not with such values; they are left out."""
 
 
-def read_flown_config(about: Mapping[str, str], path: Path, overrides: Sequence[str] = ()) -> FlownConfig:
-    """Read the configuration in ``about`` of the recording at ``path``, and apply ``overrides`` to it.
+def read_flown_config(
+    about: Mapping[str, str], path: Path, overrides: Sequence[str] = ()
+) -> FlownConfig:
+    """Read the configuration in ``about`` of the recording at ``path``, and apply ``overrides`` to
+    it.
 
     Raises:
         ConfigError: it is no TOML, a value in a list is refused, or an override is bad.

@@ -1,8 +1,11 @@
-"""Settings: the whole configuration of a ground station, one TOML file. Most sections are defined in their rooms.
+"""Settings: the whole configuration of a ground station, one TOML file.
 
-In a rehearsal every address is turned to one host of this machine's loopback network, the file's own, where
-`groundstation-sim serve --config` plays tracker and autopilot of that file. ``ADDRESSES`` lists the keys that may hold
-an address, with their replacement, ``TEXTS`` every other text; a test compares both with the schema.
+Most sections are defined in their rooms.
+
+In a rehearsal every address is turned to one host of this machine's loopback network, the file's
+own, where `groundstation-sim serve --config` plays tracker and autopilot of that file.
+``ADDRESSES`` lists the keys that may hold an address, with their replacement, ``TEXTS`` every other
+text; a test compares both with the schema.
 """
 
 import asyncio
@@ -15,11 +18,25 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 
-from groundstation.config import CLIENT_LETTERS, NAME, VEHICLE_LETTERS, ConfigError, describe_name, is_name, texts_of
+from groundstation.config import (
+    CLIENT_LETTERS,
+    NAME,
+    VEHICLE_LETTERS,
+    ConfigError,
+    describe_name,
+    is_name,
+    texts_of,
+)
 from groundstation.core.control import ControllerConfig, Gains, Law
 from groundstation.core.geometry import Coordinate
 from groundstation.core.messages import RemoteAsk, notice
-from groundstation.core.safety import FenceConfig, GuardsConfig, LandingConfig, SeparationConfig, TakeoffConfig
+from groundstation.core.safety import (
+    FenceConfig,
+    GuardsConfig,
+    LandingConfig,
+    SeparationConfig,
+    TakeoffConfig,
+)
 from groundstation.core.trajectory import LemniscateConfig, TrajectoryConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
 from groundstation.machine import RecordingConfig, StatusConfig, folder_of, socket_folder
@@ -32,7 +49,8 @@ from links.mavlink.protocol import ForwardConfig, MavlinkLinkConfig
 from links.rf import RfConfig
 
 REHEARSAL = "rehearsal"
-"""Name of a rehearsed vehicle, which no other may have: arming by name then confirms that nothing real moves."""
+"""Name of a rehearsed vehicle, which no other may have: arming by name then confirms that nothing
+real moves."""
 FIRST_PORT = 25000
 """Start of the range that every port is moved into: no tracker, autopilot or broker uses it by
 default."""
@@ -52,14 +70,17 @@ class RehearsalConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
             description="Host on the loopback network that every address is turned to.",
         ),
     ]
-    ports: Annotated[str, msgspec.Meta(description="Folder of the pseudo-terminals that replace serial ports.")]
+    ports: Annotated[
+        str, msgspec.Meta(description="Folder of the pseudo-terminals that replace serial ports.")
+    ]
     vehicle: Annotated[str, msgspec.Meta(description="The name of the vehicle that is rehearsed.")]
     name: Annotated[
         str,
         msgspec.Meta(
             pattern=rf"\A{REHEARSAL}(-[A-Za-z0-9_.-]+)?\Z",
             max_length=VEHICLE_LETTERS,
-            description="What the vehicle is called meanwhile: `rehearsal`; in a fleet `rehearsal-` and its own name.",
+            description="What the vehicle is called meanwhile: `rehearsal`; in a fleet "
+            "`rehearsal-` and its own name.",
         ),
     ] = REHEARSAL
 
@@ -70,7 +91,9 @@ class RehearsalConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
 
 def is_rehearsal(vehicle: str) -> bool:
-    """Whether a vehicle of this name flies in a rehearsal: no configuration gives the name to another."""
+    """Whether a vehicle of this name flies in a rehearsal: no configuration gives the name to
+    another.
+    """
     return vehicle == REHEARSAL or vehicle.startswith(f"{REHEARSAL}-")
 
 
@@ -104,7 +127,8 @@ def _apart(value: Any, _room: RehearsalConfig) -> Any:
 
 
 Turn = Callable[[Any, RehearsalConfig], Any]
-"""Takes a key's value and the place of the rehearsal; returns the new value. Applying it twice changes nothing more."""
+"""Takes a key's value and the place of the rehearsal; returns the new value. Applying it twice
+changes nothing more."""
 
 ADDRESSES: Mapping[str, Turn] = {
     "link.listen": _address,
@@ -119,7 +143,9 @@ ADDRESSES: Mapping[str, Turn] = {
     "pose.interface": _host,
     "pose.hostname": _host,
     "pose.options": _be({}),
-    "pose.multicast": _be(False),  # a group is received from every network on which any program has joined it
+    "pose.multicast": _be(
+        False
+    ),  # a group is received from every network on which any program has joined it
     "mqtt.host": _host,
     "mqtt.port": _port,
     "mqtt.insecure": _be(False),
@@ -132,14 +158,18 @@ ADDRESSES: Mapping[str, Turn] = {
 """Keys that may hold an address, and those that depend on them."""
 
 TEXTS = frozenset({
-    "controller.factory", "controller.options", "link.key_file", "link.map.fixed", "link.signing_key_file",
-    "mqtt.prefix", "mqtt.requests.clients", "mqtt.tls.ca_file", "mqtt.tls.cert_file", "mqtt.tls.key_file",
-    "operator.device", "operator.hold", "pose.group", "pose.name", "pose.object", "separation.others",
-    "rehearsal.host", "rehearsal.name", "rehearsal.ports", "rehearsal.vehicle", "trajectory.factory", "trajectory.file",
+    "controller.factory", "controller.options", "link.key_file", "link.map.fixed",
+    "link.signing_key_file",
+    "mqtt.prefix", "mqtt.requests.clients", "mqtt.tls.ca_file", "mqtt.tls.cert_file",
+    "mqtt.tls.key_file",
+    "operator.device", "operator.hold", "pose.group", "pose.name", "pose.object",
+    "separation.others",
+    "rehearsal.host", "rehearsal.name", "rehearsal.ports", "rehearsal.vehicle",
+    "trajectory.factory", "trajectory.file",
     "trajectory.options", "vehicle.file", "vehicle.preset",
 })  # fmt: skip
-"""Keys of free text that hold no address: names, files of this machine, the operator's own control; the
-group of a multicast that is off."""
+"""Keys of free text that hold no address: names, files of this machine, the operator's own control;
+the group of a multicast that is off."""
 
 
 def _as_datagrams(pose: LibmotioncaptureConfig) -> JsonConfig:
@@ -149,7 +179,9 @@ def _as_datagrams(pose: LibmotioncaptureConfig) -> JsonConfig:
 
 
 def turn_sections(config: "Config", room: RehearsalConfig) -> dict[str, msgspec.Struct]:
-    """Return the sections of ``config`` that may hold addresses, with all of these turned to ``room``."""
+    """Return the sections of ``config`` that may hold addresses, with all of these turned to
+    ``room``.
+    """
     turned = dict[str, tuple[Any, dict[str, Any]]]()
     for section in dict.fromkeys(key.partition(".")[0] for key in ADDRESSES):
         old: Any = getattr(config, section)
@@ -163,18 +195,26 @@ def turn_sections(config: "Config", room: RehearsalConfig) -> dict[str, msgspec.
         }
         turned[section] = old, changes
     link, changes = turned["link"]
-    if "serial" in changes and not any(changes[way] for way in ("listen", "remote", "tcp", "serial")):
+    if "serial" in changes and not any(
+        changes[way] for way in ("listen", "remote", "tcp", "serial")
+    ):
         changes["listen"] = _address(link.endpoint, room)
     mqtt, changes = turned["mqtt"]
     changes |= {"tls": type(mqtt.tls)(), "port": _port(mqtt.tcp_port, room)}
-    return {section: msgspec.structs.replace(old, **changes) for section, (old, changes) in turned.items()}
+    return {
+        section: msgspec.structs.replace(old, **changes)
+        for section, (old, changes) in turned.items()
+    }
 
 
 def find_way_out(config: "Config") -> str:
     """Describe what leaves the rehearsal or brings another flight into it; empty: nothing."""
     room = config.rehearsal
     if room is None:
-        says = f"vehicle.name: {config.vehicle.name!r} is kept for rehearsals (--rehearse): call it otherwise"
+        says = (
+            f"vehicle.name: {config.vehicle.name!r} is kept for rehearsals (--rehearse): call it "
+            "otherwise"
+        )
         return says if is_rehearsal(config.vehicle.name) else ""
     for section, turned in turn_sections(config, room).items():
         old = getattr(config, section)
@@ -182,7 +222,8 @@ def find_way_out(config: "Config") -> str:
             value, wanted = getattr(old, name, None), getattr(turned, name)
             if value != wanted:
                 return (
-                    f"{section}.{name}: leads out of the rehearsal at {room.host}: expected {wanted!r}, got {value!r}"
+                    f"{section}.{name}: leads out of the rehearsal at {room.host}: expected "
+                    f"{wanted!r}, got {value!r}"
                 )
     return ""
 
@@ -218,16 +259,23 @@ def rehearse(config: "Config", file: Path, *, fleet: bool = False) -> "Config":
 
 def describe_rehearsal(room: RehearsalConfig) -> str:
     """Describe the rehearsal in one line for the operator."""
-    return f"REHEARSAL of {room.vehicle}: nothing real is reached or moves; every address is turned to {room.host}"
+    return (
+        f"REHEARSAL of {room.vehicle}: nothing real is reached or moves; every address is turned "
+        f"to {room.host}"
+    )
 
 
 def beacon(room: RehearsalConfig) -> str:
-    """Return the abstract socket name that the simulated side of ``room`` holds; it ends with its process (unix(7))."""
+    """Return the abstract socket name that the simulated side of ``room`` holds.
+
+    It ends with its process (unix(7)).
+    """
     return f"\0groundstation rehearsal at {room.host}"
 
 
 def ensure_served(room: RehearsalConfig, file: Path) -> None:
-    """Require the simulated side before anything is opened: the first message must not go to an unknown program.
+    """Require the simulated side before anything is opened: the first message must not go to an
+    unknown program.
 
     Raises:
         ConfigError: it does not run, or a pseudo-terminal of it is something else.
@@ -266,9 +314,15 @@ class TlsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = ""
     cert_file: Annotated[
-        str, msgspec.Meta(description="PEM file of our own certificate, where the broker asks for one; empty for none.")
+        str,
+        msgspec.Meta(
+            description="PEM file of our own certificate, where the broker asks for one; empty for "
+            "none."
+        ),
     ] = ""
-    key_file: Annotated[str, msgspec.Meta(description="PEM file of its private key, mode 0600.")] = ""
+    key_file: Annotated[
+        str, msgspec.Meta(description="PEM file of its private key, mode 0600.")
+    ] = ""
     verify: Annotated[
         bool,
         msgspec.Meta(
@@ -294,7 +348,9 @@ class ClientConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             "make-key FILE` makes one."
         ),
     ]
-    may: Annotated[tuple[RemoteAsk, ...], msgspec.Meta(min_length=1, description="What it may ask.")]
+    may: Annotated[
+        tuple[RemoteAsk, ...], msgspec.Meta(min_length=1, description="What it may ask.")
+    ]
 
 
 class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -304,10 +360,13 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     authority: Annotated[
         Literal["ask", "move"],
         msgspec.Meta(
-            description="`move`: a client may ask to go to points of its own choice, if its `may` lists `goto`."
+            description="`move`: a client may ask to go to points of its own choice, if its `may` "
+            "lists `goto`."
         ),
     ] = "ask"
-    clients: Annotated[dict[str, ClientConfig], msgspec.Meta(description="Who may ask, by name.")] = {}
+    clients: Annotated[
+        dict[str, ClientConfig], msgspec.Meta(description="Who may ask, by name.")
+    ] = {}
 
     def __post_init__(self) -> None:
         if self.enabled and not self.clients:
@@ -316,7 +375,9 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             if "goto" in client.may and self.authority != "move":
                 raise ValueError(notice("keys.authority", client=name, found=self.authority))
             if not is_name(name, CLIENT_LETTERS):
-                raise ValueError(notice("keys.client", form=describe_name(CLIENT_LETTERS), found=name))
+                raise ValueError(
+                    notice("keys.client", form=describe_name(CLIENT_LETTERS), found=name)
+                )
 
 
 class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -324,7 +385,10 @@ class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     enabled: Annotated[bool, msgspec.Meta(description="Publish at all.")] = False
     host: Annotated[
-        str, msgspec.Meta(min_length=1, description="Name or address of the broker, as in its certificate.")
+        str,
+        msgspec.Meta(
+            min_length=1, description="Name or address of the broker, as in its certificate."
+        ),
     ] = "127.0.0.1"
     port: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=65535)] | None,
@@ -340,19 +404,37 @@ class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = False
     username: Annotated[str, msgspec.Meta(description="Name to log in with; empty for none.")] = ""
     password_file: Annotated[
-        str, msgspec.Meta(description="File whose first line is the password, mode 0600; empty for none.")
+        str,
+        msgspec.Meta(
+            description="File whose first line is the password, mode 0600; empty for none."
+        ),
     ] = ""
     prefix: Annotated[
-        str, msgspec.Meta(pattern=rf"\A{NAME}(/{NAME})*\Z", max_length=64, description="First part of every topic.")
+        str,
+        msgspec.Meta(
+            pattern=rf"\A{NAME}(/{NAME})*\Z",
+            max_length=64,
+            description="First part of every topic.",
+        ),
     ] = "groundstation"
-    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=50.0, description="Most snapshots a second [1/s].")] = 5.0
+    rate_hz: Annotated[
+        float, msgspec.Meta(gt=0.0, le=50.0, description="Most snapshots a second [1/s].")
+    ] = 5.0
     health_period_s: Annotated[
-        float, msgspec.Meta(ge=0.1, le=3600.0, description="Time between two words about the connection itself [s].")
+        float,
+        msgspec.Meta(
+            ge=0.1, le=3600.0, description="Time between two words about the connection itself [s]."
+        ),
     ] = 5.0
     requests: RequestsConfig = RequestsConfig()
 
     def __post_init__(self) -> None:
-        if self.enabled and not self.tls.enabled and not self.insecure and not is_loopback(self.host):
+        if (
+            self.enabled
+            and not self.tls.enabled
+            and not self.insecure
+            and not is_loopback(self.host)
+        ):
             raise ValueError(notice("keys.unencrypted", host=self.host))
         if self.password_file and not self.username:
             raise ValueError(notice("keys.username"))
@@ -368,7 +450,9 @@ _CHANNEL = re.compile(r"rc:([1-9]|1[0-8])")
 
 
 class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The operator's dead-man control: if it is released or lost, the vehicle lands. Config section ``[operator]``."""
+    """The operator's dead-man control: if it is released or lost, the vehicle lands. Config section
+    ``[operator]``.
+    """
 
     hold: Annotated[
         str,
@@ -391,9 +475,9 @@ class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         msgspec.Meta(
             ge=0.2,
             le=0.95,
-            description="An axis or a channel is held from this share of its travel on [-], and let "
-            "go 0.1 below it; a centred stick is at 0.5, and a channel "
-            "goes from 1000 to 2000 µs.",
+            description="An axis or a channel is held from this share of its travel on [-], and "
+            "let go 0.1 below it; a centred stick is at 0.5, and a channel goes from 1000 to 2000 "
+            "µs.",
         ),
     ] = 0.75
     grab: Annotated[
@@ -430,8 +514,8 @@ LARGEST_LIFT = 30.0
 in grams or millinewtons, gives more than 100."""
 
 LEAST_LIFT = 0.03
-"""Least plausible full thrust [weights]: mass in grams gives 0.002. The trajectory's check finds a thrust that is too
-weak for it."""
+"""Least plausible full thrust [weights]: mass in grams gives 0.002. The trajectory's check finds a
+thrust that is too weak for it."""
 
 LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig | BridgeLinkConfig
 """The configuration of one link, picked by its ``kind``; see ``links.make.LINKS``."""
@@ -451,7 +535,8 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     duration_s: Annotated[
         Annotated[float, msgspec.Meta(gt=0.0, le=86400.0)] | None,
         msgspec.Meta(
-            description="Fly back and land after this time on the trajectory [s]; without it, only on request."
+            description="Fly back and land after this time on the trajectory [s]; without it, only "
+            "on request."
         ),
     ] = None
     coast_s: Annotated[
@@ -465,22 +550,25 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         ),
     ] = 0.25
     pose_wait_s: Annotated[
-        float, msgspec.Meta(ge=0.1, le=600.0, description="How long to wait for the first pose [s].")
+        float,
+        msgspec.Meta(ge=0.1, le=600.0, description="How long to wait for the first pose [s]."),
     ] = 5.0
     idle_thrust: Annotated[
         float,
         msgspec.Meta(
-            ge=0.0, le=0.9, description="Thrust streamed until the vehicle is armed, as a share of its weight [-]."
+            ge=0.0,
+            le=0.9,
+            description="Thrust streamed until the vehicle is armed, as a share of its weight [-].",
         ),
     ] = 0.0
-    descent_m_s: Annotated[float, msgspec.Meta(ge=0.05, le=1.0, description="Fastest speed of the landing [m/s].")] = (
-        0.4
-    )
+    descent_m_s: Annotated[
+        float, msgspec.Meta(ge=0.05, le=1.0, description="Fastest speed of the landing [m/s].")
+    ] = 0.4
     floor_z_m: Annotated[
         Coordinate,
         msgspec.Meta(
             description="Down coordinate of the vehicle's pose on the floor [m, NED: down is "
-            "positive]; landing aims at it.",
+            "positive]; landing aims at it."
         ),
     ] = 0.0
 
@@ -501,7 +589,9 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     guards: GuardsConfig = GuardsConfig()
     fence: Annotated[
         FenceConfig | None,
-        msgspec.Meta(description="The room to stay in; a real flight needs one, and `limits.max_speed_m_s`."),
+        msgspec.Meta(
+            description="The room to stay in; a real flight needs one, and `limits.max_speed_m_s`."
+        ),
     ] = None
     separation: SeparationConfig = SeparationConfig()
     operator: OperatorConfig = OperatorConfig()
@@ -545,13 +635,16 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ValueError(notice("keys.hold_channel"))
         full, most = self.full_thrust_n, self.vehicle.thrust_max_n
         if full < (1.0 - HOVER_TOLERANCE) * most:
-            raise ValueError(notice("vehicle.full_thrust", most_n=most, full_n=full, curve=self.thrust_curve))
+            raise ValueError(
+                notice("vehicle.full_thrust", most_n=most, full_n=full, curve=self.thrust_curve)
+            )
         self._ensure_thrusts_fit()
         if way_out := find_way_out(self):
             raise ValueError(way_out)
 
     def _ensure_thrusts_fit(self) -> None:
-        """Check the vehicle's thrusts and weight against each other: each may be within its range in a wrong unit.
+        """Check the vehicle's thrusts and weight against each other: each may be within its range
+        in a wrong unit.
 
         Raises:
             ValueError: one of them can't be in the unit that its name says.
@@ -575,14 +668,24 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         if vehicle.thrust_min_n >= weight_n:
             found_n = vehicle.thrust_min_n
             raise ValueError(
-                notice("vehicle.least_thrust", weight_n=weight_n, mass_kg=vehicle.mass_kg, found_n=found_n)
+                notice(
+                    "vehicle.least_thrust",
+                    weight_n=weight_n,
+                    mass_kg=vehicle.mass_kg,
+                    found_n=found_n,
+                )
             )
         least, most = vehicle.hover_range
         if not least < 1.0 < most:
             raise ValueError(notice("vehicle.hover_range", found=[least, most]))
-        if vehicle.hover_n is not None and not least * weight_n <= vehicle.hover_n <= most * weight_n:
+        if (
+            vehicle.hover_n is not None
+            and not least * weight_n <= vehicle.hover_n <= most * weight_n
+        ):
             least_n, most_n = least * weight_n, most * weight_n
-            raise ValueError(notice("vehicle.hover", least_n=least_n, most_n=most_n, found_n=vehicle.hover_n))
+            raise ValueError(
+                notice("vehicle.hover", least_n=least_n, most_n=most_n, found_n=vehicle.hover_n)
+            )
 
     @property
     def body(self) -> str:
@@ -592,7 +695,9 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     @property
     def thrust_curve(self) -> float:
         """The thrust curve in force (links/core/deadman.py): the link's, or else the vehicle's."""
-        return self.vehicle.thrust_curve if self.link.thrust_curve is None else self.link.thrust_curve
+        return (
+            self.vehicle.thrust_curve if self.link.thrust_curve is None else self.link.thrust_curve
+        )
 
     @property
     def forwards(self) -> ForwardConfig | None:
@@ -607,7 +712,9 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         vehicle = self.vehicle
         if vehicle.hover_thrust is None:
             return vehicle.thrust_max_n
-        return full_thrust_n(vehicle.mass_kg * self.controller.gravity, vehicle.hover_thrust, self.thrust_curve)
+        return full_thrust_n(
+            vehicle.mass_kg * self.controller.gravity, vehicle.hover_thrust, self.thrust_curve
+        )
 
     @property
     def weight_n(self) -> float:

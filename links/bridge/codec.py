@@ -1,4 +1,5 @@
-"""Bridge codec: what a station and an RF bridge say to each other in datagrams, and the seal on them. Sans-IO.
+"""Bridge codec: what a station and an RF bridge say to each other in datagrams, and the seal on
+them. Sans-IO.
 
     byte 0..3     "RFB1"
     byte 4        kind: 1 hello, 2 welcome, 3 up (station to bridge), 4 down (bridge to station)
@@ -7,11 +8,13 @@
     byte 21..     payload, MessagePack
     last 16       HMAC-SHA256 over all of that, cut
 
-Hello and welcome are sealed with the shared key and carry a fresh random nonce each; everything after with a key made
-of the shared key and both nonces, so that nothing from another session counts. Within one the counter must rise: what
-comes twice, or late, is dropped. Nothing is secret but the key.
+Hello and welcome are sealed with the shared key and carry a fresh random nonce each; everything
+after with a key made of the shared key and both nonces, so that nothing from another session
+counts. Within one the counter must rise: what comes twice, or late, is dropped. Nothing is secret
+but the key.
 
-An ``Up`` holds all that the station wants, not changes of it: whichever gets lost, the next one makes up for it.
+An ``Up`` holds all that the station wants, not changes of it: whichever gets lost, the next one
+makes up for it.
 
 Behind the messages come the clocks' bounds and a session as either end keeps it.
 """
@@ -70,7 +73,10 @@ class Welcome(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Up(msgspec.Struct, frozen=True, array_like=True):
-    """All that the station wants now. Times are on its clock [s]; thrusts are shares of the full signal."""
+    """All that the station wants now.
+
+    Times are on its clock [s]; thrusts are shares of the full signal.
+    """
 
     sent_s: float
     heard_s: float
@@ -118,8 +124,12 @@ class Seal:
         data = _HEAD.pack(_MAGIC, self._kind, self.name, self.counter) + _ENCODER.encode(message)
         return data + self._tag(data)
 
-    def open(self, data: bytes, decoder: "msgspec.msgpack.Decoder[T]", dropped: "Counter[str]") -> T | None:
-        """Open a datagram; None where it is not for us, not sealed, not new or malformed, counted by reason."""
+    def open(
+        self, data: bytes, decoder: "msgspec.msgpack.Decoder[T]", dropped: "Counter[str]"
+    ) -> T | None:
+        """Open a datagram; None where it is not for us, not sealed, not new or malformed, counted
+        by reason.
+        """
         body, tag = data[:-TAG_BYTES], data[-TAG_BYTES:]
         if kind_of(data) != self._kind or name_of(data) != self.name:
             dropped["other_session"] += 1
@@ -133,7 +143,11 @@ class Seal:
             return None
         try:
             message = decoder.decode(body[_HEAD.size :])
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):  # the second for text that is no UTF-8
+        except (
+            msgspec.MsgspecError,
+            UnicodeDecodeError,
+            RecursionError,
+        ):  # the second for text that is no UTF-8
             dropped["malformed"] += 1
             return None
         self.counter = counter
@@ -170,10 +184,14 @@ def session_seals(key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> tupl
         return hmac.digest(key, what + station_nonce + bridge_nonce, "sha256")
 
     name = derive(b"name")[:8]
-    return Seal(derive(b"up"), DatagramKind.UP, name), Seal(derive(b"down"), DatagramKind.DOWN, name)
+    return Seal(derive(b"up"), DatagramKind.UP, name), Seal(
+        derive(b"down"), DatagramKind.DOWN, name
+    )
 
 
-_ENCODER = msgspec.msgpack.Encoder(order="deterministic")  # a set has another order in every process
+_ENCODER = msgspec.msgpack.Encoder(
+    order="deterministic"
+)  # a set has another order in every process
 HELLOS = msgspec.msgpack.Decoder(BridgeHello)
 WELCOMES = msgspec.msgpack.Decoder(Welcome)
 UPS = msgspec.msgpack.Decoder(Up)
@@ -191,8 +209,9 @@ ROUNDING_S = 1e-6
 class ClockBounds:
     """Bounds on what must be added to the other's clock to get ours [s].
 
-    A message that left there at their t and came here at our T says: at most T - t. One that left here at our T and had
-    come there by their t says: at least T - t. The tightest of each kind is kept, and loosened by the drift as it ages.
+    A message that left there at their t and came here at our T says: at most T - t. One that left
+    here at our T and had come there by their t says: at least T - t. The tightest of each kind is
+    kept, and loosened by the drift as it ages.
     """
 
     def __init__(self) -> None:
@@ -200,7 +219,10 @@ class ClockBounds:
         self._at_s = 0.0
 
     def narrow(self, least_s: float, most_s: float, now_s: float) -> bool:
-        """Take two new bounds; False where they contradict the old ones: a clock has jumped. Then only they count."""
+        """Take two new bounds; False where they contradict the old ones: a clock has jumped.
+
+        Then only they count.
+        """
         if not math.isfinite(least_s + most_s):
             return False
         # Each is true of an instant up to a round trip ago.
@@ -268,20 +290,28 @@ class StationEnd:
 
     @property
     def round_trip_s(self) -> float:
-        """Round trip of the fastest answer [s]; infinite before the first, when the bridge's times mean nothing yet."""
+        """Round trip of the fastest answer [s].
+
+        Infinite before the first, when the bridge's times mean nothing yet.
+        """
         return self._clock.width_s
 
     def close(self, wants: Up, command: Command | None, now_s: float) -> bytes:
         """The next datagram, with all that the station wants, that leaves at ``now_s``."""
         data = self._up.close(
-            msgspec.structs.replace(wants, sent_s=now_s, heard_s=self.heard_s, bridge_s=self._bridge_s, command=command)
+            msgspec.structs.replace(
+                wants, sent_s=now_s, heard_s=self.heard_s, bridge_s=self._bridge_s, command=command
+            )
         )
         self._sent_s[self._up.counter] = now_s
         self._sent_s.pop(self._up.counter - REMEMBERED, None)
         return data
 
     def open(self, data: bytes, dropped: "Counter[str]", now_s: float) -> Down | None:
-        """Open a datagram of the bridge; None where it is not of this session or not sound (counted)."""
+        """Open a datagram of the bridge.
+
+        None where it is not of this session or not sound (counted).
+        """
         down = self._down.open(data, DOWNS, dropped)
         if down is None:
             return None

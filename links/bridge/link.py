@@ -1,8 +1,9 @@
 """Link to an RF bridge: the pacer and the module are on another computer, as in the paper's set-up.
 
-To the link it is a pacer like any other (links/rf/link.py). What the link wants goes out as a whole in every
-datagram: the newest command as soon as it comes, and the rest again and again until the bridge has heard it. The bridge
-has the dead man's switch; nothing here can make an old command count.
+To the link it is a pacer like any other (links/rf/link.py). What the link wants goes out as a whole
+in every datagram: the newest command as soon as it comes, and the rest again and again until the
+bridge has heard it. The bridge has the dead man's switch; nothing here can make an old command
+count.
 """
 
 import asyncio
@@ -29,7 +30,19 @@ from links.bridge.codec import (
 )
 from links.core import Command, LinkKind, LinkLost, LinkRejected, signal
 from links.io import NETWORK, Datagrams, beyond, parse_address, read_key
-from links.rf import Arm, DsmLinkConfig, End, Give, Hear, Order, PacedLink, PacerReport, Serve, Service, Stop
+from links.rf import (
+    Arm,
+    DsmLinkConfig,
+    End,
+    Give,
+    Hear,
+    Order,
+    PacedLink,
+    PacerReport,
+    Serve,
+    Service,
+    Stop,
+)
 from links.text import link_notice
 
 BEAT_S = 0.1
@@ -37,14 +50,18 @@ BEAT_S = 0.1
 AGAIN_S = 0.02
 """Interval between repetitions of an unacknowledged order [s]."""
 MUTE_S = 0.8
-"""A bridge that says nothing for so long is asked for a new session: it may have been started anew [s]."""
+"""A bridge that says nothing for so long is asked for a new session: it may have been started anew
+[s]."""
 
 UNTIL_TOLD = msgspec.structs.replace(DsmLinkConfig().manner, services=frozenset[Service]())
-"""Assumed pacing until the bridge reports its own: a module's as it comes, which does nothing beside."""
+"""Assumed pacing until the bridge reports its own: a module's as it comes, which does nothing
+beside."""
 
 
 class SessionRequest:
-    """One request for a session with the bridge: a nonce, and the seals of the hello and of its answer."""
+    """One request for a session with the bridge: a nonce, and the seals of the hello and of its
+    answer.
+    """
 
     def __init__(self, key: bytes, nonce: bytes) -> None:
         self.nonce = nonce
@@ -66,8 +83,8 @@ class RemotePacer(asyncio.DatagramProtocol):
     ) -> None:
         """Nothing is opened yet; ``remote`` is the bridge's address, and ``key`` is shared with it.
 
-        ``thrust_max_n`` is the thrust at full throttle [N], ``thrust_curve`` the vehicle's; ``nonce`` stands for
-        chance, and ``hear`` takes the reports.
+        ``thrust_max_n`` is the thrust at full throttle [N], ``thrust_curve`` the vehicle's;
+        ``nonce`` stands for chance, and ``hear`` takes the reports.
         """
         self.manner = UNTIL_TOLD
         self.dropped: Counter[str] = Counter()
@@ -161,7 +178,10 @@ class RemotePacer(asyncio.DatagramProtocol):
 
     def _shares(self, command: Command) -> Command:
         replace, most, curve = msgspec.structs.replace, self._thrust_max, self._curve
-        down = tuple(replace(part, thrust_n=signal(part.thrust_n / most, curve)) for part in command.bring_down)
+        down = tuple(
+            replace(part, thrust_n=signal(part.thrust_n / most, curve))
+            for part in command.bring_down
+        )
         return replace(command, thrust_n=signal(command.thrust_n / most, curve), bring_down=down)
 
     async def wait_for_end(self) -> None:
@@ -213,7 +233,11 @@ class RemotePacer(asyncio.DatagramProtocol):
         now = self._loop.time()
         if kind_of(data) == DatagramKind.WELCOME:
             welcome = self._request.welcome.open(data, WELCOMES, self.dropped)
-            if welcome is not None and welcome.station_nonce == self._request.nonce and self._is_mute():
+            if (
+                welcome is not None
+                and welcome.station_nonce == self._request.nonce
+                and self._is_mute()
+            ):
                 self._begin(welcome, now)
         elif self._session is None:
             self.dropped["other_session"] += 1
@@ -262,7 +286,9 @@ def _there(says: str) -> str:
 
 
 class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
-    """`groundstation radio bridge` on another computer: that one has the module, and knows port, codec and channels."""
+    """`groundstation radio bridge` on another computer: that one has the module, and knows port,
+    codec and channels.
+    """
 
     remote: Annotated[str, msgspec.Meta(description="Its address.")] = "127.0.0.1:14600"
     key_file: Annotated[
@@ -291,7 +317,9 @@ class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
 
     @property
     def real(self) -> str | None:
-        """The key that may lead to a real vehicle, and its value; None where all stays on this machine.
+        """The key that may lead to a real vehicle, and its value.
+
+        None where all stays on this machine.
 
         A bridge with a real module takes no station of its own machine (links/bridge/server.py).
         """
@@ -317,8 +345,9 @@ class BridgeLink(PacedLink):
     ) -> None:
         """Nothing is opened yet; ``thrust_max_n`` is the thrust at full throttle [N].
 
-        ``thrust_curve`` is the vehicle's (links/core/deadman.py); the bridge's own is applied on top. ``key``
-        stands for the key file, and ``nonce`` for chance, where a simulation has its own.
+        ``thrust_curve`` is the vehicle's (links/core/deadman.py); the bridge's own is applied on
+        top. ``key`` stands for the key file, and ``nonce`` for chance, where a simulation has its
+        own.
         """
 
         async def open_pacer(hear: Hear) -> RemotePacer:

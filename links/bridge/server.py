@@ -1,9 +1,12 @@
-"""RF bridge: paces the commands of a station on another computer, as the paper did. `groundstation radio bridge`.
+"""RF bridge: paces the commands of a station on another computer, as the paper did.
 
-Every station that has the key may command, one at a time. The bridge converts the station's times to its own clock by
-the earliest instant that the messages so far allow (links/bridge/codec.py, ``ClockBounds``), so that no deadline comes
-out later than the station meant. The bridge uses the same pacer, with the same dead man's switch, as a link on this
-machine (links/rf/pacer.py), and starts it again whenever it ends. Disarm frames leave without a station, too.
+`groundstation radio bridge`.
+
+Every station that has the key may command, one at a time. The bridge converts the station's times
+to its own clock by the earliest instant that the messages so far allow (links/bridge/codec.py,
+``ClockBounds``), so that no deadline comes out later than the station meant. The bridge uses the
+same pacer, with the same dead man's switch, as a link on this machine (links/rf/pacer.py), and
+starts it again whenever it ends. Disarm frames leave without a station, too.
 """
 
 import asyncio
@@ -48,9 +51,11 @@ from links.rf import (
 from links.text import link_notice
 
 AGAIN_S = 1.0
-"""Wait before the next start of a pacer that ended within this time or could not be started [s]. Chosen."""
+"""Wait before the next start of a pacer that ended within this time or could not be started [s].
+Chosen."""
 FULL_THRUST = 1.0
-"""Full thrust for the pacer [-]: stations send thrusts as shares of the full signal (links/bridge/codec.py, ``Up``)."""
+"""Full thrust for the pacer [-]: stations send thrusts as shares of the full signal
+(links/bridge/codec.py, ``Up``)."""
 
 
 class KeptPacer:
@@ -72,7 +77,8 @@ class KeptPacer:
             on_report: called with False after each report, and with True when the pacer has ended.
         """
         self.report: PacerReport | None = None
-        """Newest report; after the pacer's end the same with the reason in ``port``; None before the first."""
+        """Newest report; after the pacer's end the same with the reason in ``port``; None before
+        the first."""
         self._config = config
         self._open_pacer = open_pacer
         self._say, self._on_report = say, on_report
@@ -104,7 +110,9 @@ class KeptPacer:
         """Start a pacer and wait for its end."""
         self._quiet, self._relieved = None, False
         try:
-            pacer = self._pacer = await self._open_pacer(self._config, FULL_THRUST, self._take_report)
+            pacer = self._pacer = await self._open_pacer(
+                self._config, FULL_THRUST, self._take_report
+            )
         except LinkError as error:
             self._say(str(error))
             return
@@ -127,12 +135,15 @@ class KeptPacer:
             return
         if report is not None:
             self._tell(report, before)
-            # The stand-by paces alone, or the pacer has lost its stand-by and no vehicle flies: make place for a pair.
+            # The stand-by paces alone, or the pacer has lost its stand-by and no vehicle flies:
+            # make place for a pair.
             is_lone = report.heir or (report.alone and report.over)
             if is_lone and self._pacer is not None and not self._relieved:
                 self._relieved = True
                 self._pacer.give(End(self._config.disarm_s))
-        elif before is not None:  # a vehicle may still fly, and gets no frames until the next pacer: keep ``over``
+        elif (
+            before is not None
+        ):  # a vehicle may still fly, and gets no frames until the next pacer: keep ``over``
             report = msgspec.structs.replace(before, port=link_notice("bridge.pacer_ended").text)
         self.report = report
         self._on_report(ended)
@@ -156,16 +167,20 @@ class KeptPacer:
         elif self._quiet is None:
             self._quiet = report
         elif not self._disarmed:
-            disarm_frames = report.frames - self._quiet.frames + 1  # one had left before the first such report
+            disarm_frames = (
+                report.frames - self._quiet.frames + 1
+            )  # one had left before the first such report
             if disarm_frames * self._config.period_s >= self._config.disarm_s:
                 self._say(link_notice("bridge.disarmed").text)
                 self._disarmed = True
 
 
 SILENT_S = 1.0
-"""Silence after which a station counts as gone [s]: another may command once the vehicle is down. Chosen."""
+"""Silence after which a station counts as gone [s]: another may command once the vehicle is down.
+Chosen."""
 SESSIONS = 8
-"""Limit of the remembered sessions [-]: a further one replaces the oldest that does not command. Chosen."""
+"""Limit of the remembered sessions [-]: a further one replaces the oldest that does not command.
+Chosen."""
 
 
 class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -178,9 +193,9 @@ class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             "hears on every network."
         ),
     ]
-    key_file: Annotated[str, msgspec.Meta(description="File with the key that both computers share, mode 0600.")] = (
-        "bridge.key"
-    )
+    key_file: Annotated[
+        str, msgspec.Meta(description="File with the key that both computers share, mode 0600.")
+    ] = "bridge.key"
     link: RfConfig = DsmLinkConfig()
 
     def __post_init__(self) -> None:
@@ -188,7 +203,10 @@ class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class Bridge(asyncio.DatagramProtocol):
-    """The bridge: a pacer, and the stations that may command it. Times are on the event loop's clock [s]."""
+    """The bridge: a pacer, and the stations that may command it.
+
+    Times are on the event loop's clock [s].
+    """
 
     def __init__(
         self,
@@ -202,8 +220,8 @@ class Bridge(asyncio.DatagramProtocol):
     ) -> None:
         """``say`` takes lines for the operator; ``open_pacer`` and ``nonce`` are for simulations.
 
-        With ``remote_only`` stations on this machine are ignored: over loopback a station takes its vehicle for a
-        simulated one.
+        With ``remote_only`` stations on this machine are ignored: over loopback a station takes its
+        vehicle for a simulated one.
         """
         self.dropped: Counter[str] = Counter()
         """Datagrams dropped, by reason."""
@@ -230,10 +248,14 @@ class Bridge(asyncio.DatagramProtocol):
         """
         loop = asyncio.get_running_loop()
         try:
-            await loop.create_datagram_endpoint(lambda: self, local_addr=parse_address(self._config.listen))
+            await loop.create_datagram_endpoint(
+                lambda: self, local_addr=parse_address(self._config.listen)
+            )
         except OSError as error:
             raise LinkError(
-                link_notice("bridge.listen", address=self._config.listen, why=error.strerror or error)
+                link_notice(
+                    "bridge.listen", address=self._config.listen, why=error.strerror or error
+                )
             ) from None
         try:
             await self._pacer.run()
@@ -242,7 +264,9 @@ class Bridge(asyncio.DatagramProtocol):
                 self._wire.abort()
 
     def kill(self) -> None:
-        """Stop the motors, by the operator of this machine: only disarm frames leave until a new arming."""
+        """Stop the motors, by the operator of this machine: only disarm frames leave until a new
+        arming.
+        """
         self._pacer.give(Stop())
         if self._live is not None:
             self._live.arming = None
@@ -275,7 +299,11 @@ class Bridge(asyncio.DatagramProtocol):
 
     def _refuse_local(self, addr: Any) -> None:
         if not self.dropped["from_this_machine"]:
-            self._say(link_notice("bridge.local_station", address=addr[0], kind=self._config.link.kind).text)
+            self._say(
+                link_notice(
+                    "bridge.local_station", address=addr[0], kind=self._config.link.kind
+                ).text
+            )
         self.dropped["from_this_machine"] += 1
 
     def _hello(self, data: bytes, addr: Any, now_s: float) -> None:
@@ -289,9 +317,15 @@ class Bridge(asyncio.DatagramProtocol):
         session = self._sessions.get(hello.nonce)
         if session is None:
             if len(self._sessions) >= SESSIONS:
-                del self._sessions[next(nonce for nonce, each in self._sessions.items() if each is not self._live)]
-            session = self._sessions[hello.nonce] = BridgeEnd(self._key, hello.nonce, self._random(NONCE_BYTES))
-        welcome = Welcome(hello.nonce, session.bridge_nonce, now_s, self._config.link.manner, self._pacer.report)
+                del self._sessions[
+                    next(nonce for nonce, each in self._sessions.items() if each is not self._live)
+                ]
+            session = self._sessions[hello.nonce] = BridgeEnd(
+                self._key, hello.nonce, self._random(NONCE_BYTES)
+            )
+        welcome = Welcome(
+            hello.nonce, session.bridge_nonce, now_s, self._config.link.manner, self._pacer.report
+        )
         if self._wire is not None:
             self._wire.send(session.welcome.close(welcome), addr)
 
@@ -315,7 +349,10 @@ class Bridge(asyncio.DatagramProtocol):
             self._answer(session)
 
     def _take_over(self, session: BridgeEnd, now_s: float) -> bool:
-        """Let this station command, if no vehicle flies and no other station commands; return whether it does."""
+        """Let this station command, if no vehicle flies and no other station commands.
+
+        Return whether it does.
+        """
         live = self._live
         if session.ended or self._pacer.report is None or not self._pacer.report.over:
             return False
@@ -326,11 +363,15 @@ class Bridge(asyncio.DatagramProtocol):
         return True
 
     def _obey(self, session: BridgeEnd, up: Up) -> bool:
-        """Pass the station's new requests to the pacer; return whether there was more than a command."""
+        """Pass the station's new requests to the pacer.
+
+        Return whether there was more than a command.
+        """
         before, session.wants = session.wants, msgspec.structs.replace(up, command=None)
         to_ours = session.clock.least_s
         has_news = False
-        # The first ``Up`` of a session may repeat an old arming or service: only a later change counts.
+        # The first ``Up`` of a session may repeat an old arming or service: only a later change
+        # counts.
         if before is not None and up.arming != before.arming and not up.stopped:
             has_news = True
             self._arming += 1
@@ -358,17 +399,23 @@ class Bridge(asyncio.DatagramProtocol):
             return
         now = asyncio.get_running_loop().time()
         refused = "" if session is self._live else link_notice("bridge.busy").text
-        # The station's number of the arming that the report is about; 0 while the pacer does not know it yet. A station
-        # that is not armed gets its own number, too: its newest arming is over, as the report says.
+        # The station's number of the arming that the report is about; 0 while the pacer does not
+        # know it yet. A station that is not armed gets its own number, too: its newest arming is
+        # over, as the report says.
         arming = 0
         if session.wants is not None and session.arming in (None, report.arming):
             arming = session.wants.arming
-        down = Down(now, session.up.counter, refused, msgspec.structs.replace(report, arming=arming))
+        down = Down(
+            now, session.up.counter, refused, msgspec.structs.replace(report, arming=arming)
+        )
         why = self._wire.send(session.down.close(down), session.peer)
         if why:
             self.dropped[why] += 1
 
 
 def _shift_deadline(command: Command, by_s: float) -> Command:
-    """Convert the deadline of ``command`` to this clock. Its pose's time stays the station's: only its order counts."""
+    """Convert the deadline of ``command`` to this clock.
+
+    Its pose's time stays the station's: only its order counts.
+    """
     return msgspec.structs.replace(command, deadline_s=command.deadline_s + by_s)

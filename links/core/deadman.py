@@ -1,19 +1,21 @@
-"""Port of every command link, and its dead man's switch: a fresh command, or the bring-down, or nothing. Sans-IO.
+"""Port of every command link, and its dead man's switch: a fresh command, or the bring-down, or
+nothing. Sans-IO.
 
-A command may be repeated until its deadline. After it the bring-down that the newest command carries is played once,
-and then nothing leaves that lifts. Nothing but :meth:`Deadman.arm` ends that: a command that comes late, or from a
-controller that has woken up again, is refused.
+A command may be repeated until its deadline. After it the bring-down that the newest command
+carries is played once, and then nothing leaves that lifts. Nothing but :meth:`Deadman.arm` ends
+that: a command that comes late, or from a controller that has woken up again, is refused.
 
-The port says what a command is, and how a link tells that it failed. A link turns a :class:`Command` into bytes on a
-wire. It knows no control, no mission and no screen.
+The port says what a command is, and how a link tells that it failed. A link turns a
+:class:`Command` into bytes on a wire. It knows no control, no mission and no screen.
 
 Thrust to motor signal: thrust = f u² + (1 - f) u, both 0..1.
 
 This is how PX4 (THR_MDL_FAC) and ArduPilot (MOT_THST_EXPO) define it.
 An autopilot that has its own curve set takes thrust and inverts the curve itself: then f is 0 here.
 
-How many newtons the full signal gives is known best from hovering: the signal that carries the vehicle stands in
-the autopilot's log (PX4: MPC_THR_HOVER; ArduPilot: MOT_THST_HOVER), while data sheets tell of motors on a bench.
+How many newtons the full signal gives is known best from hovering: the signal that carries the
+vehicle stands in the autopilot's log (PX4: MPC_THR_HOVER; ArduPilot: MOT_THST_HOVER), while data
+sheets tell of motors on a bench.
 """
 
 import math
@@ -27,7 +29,9 @@ from links.text import Sentence
 
 
 class Segment(msgspec.Struct, frozen=True, gc=False):
-    """One part of a bring-down: thrust and body rates held for a while, whatever the vehicle does."""
+    """One part of a bring-down: thrust and body rates held for a while, whatever the vehicle
+    does.
+    """
 
     duration_s: float
     """[s]"""
@@ -51,7 +55,8 @@ class Command(msgspec.Struct, frozen=True, gc=False):
     deadline_s: float
     """After this instant, on the event loop's clock [s], the command must not leave any more."""
     bring_down: tuple[Segment, ...] = ()
-    """Segments that leave after the deadline without a newer command: at most 2 s in all, then nothing that lifts."""
+    """Segments that leave after the deadline without a newer command: at most 2 s in all, then
+    nothing that lifts."""
 
 
 class Attitude(msgspec.Struct, frozen=True, gc=False):
@@ -62,7 +67,8 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
     attitude: tuple[float, float, float, float]
     """Unit quaternion w, x, y, z, body FRD to NED; its north is the vehicle's own."""
     rates_rad_s: tuple[float, float, float] | None
-    """Body rates [rad/s], FRD; None where it tells none, as through a radio, which does not tell either when it was."""
+    """Body rates [rad/s], FRD; None where it tells none, as through a radio, which does not tell
+    either when it was."""
 
     @property
     def angles_rad(self) -> tuple[float, float, float]:
@@ -76,8 +82,15 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
 
 
 def from_euler_zyx(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Convert angles [rad], turned about z, then y, then x, to the body-to-world quaternion w, x, y, z."""
-    cr, sr, cp, sp = math.cos(0.5 * roll), math.sin(0.5 * roll), math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    """Convert angles [rad], turned about z, then y, then x, to the body-to-world quaternion w, x,
+    y, z.
+    """
+    cr, sr, cp, sp = (
+        math.cos(0.5 * roll),
+        math.sin(0.5 * roll),
+        math.cos(0.5 * pitch),
+        math.sin(0.5 * pitch),
+    )
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     return (
         cr * cp * cy + sr * sp * sy,
@@ -111,7 +124,10 @@ class LinkMisuse(LinkError):
 class LinkStatus(msgspec.Struct, frozen=True):
     """Status of a link, for screens and telemetry."""
 
-    state: Annotated[str, msgspec.Meta(description="One of `closed`, `connecting`, `connected`, `armed`, `lost`.")]
+    state: Annotated[
+        str,
+        msgspec.Meta(description="One of `closed`, `connecting`, `connected`, `armed`, `lost`."),
+    ]
     sent: Annotated[int, msgspec.Meta(description="Commands that left.")]
     expired: Annotated[
         int,
@@ -122,23 +138,36 @@ class LinkStatus(msgspec.Struct, frozen=True):
     ]
     received: Annotated[int, msgspec.Meta(description="Messages received and understood.")]
     dropped: Annotated[
-        dict[str, int], msgspec.Meta(description="Bytes or messages received and dropped, counted by reason.")
+        dict[str, int],
+        msgspec.Meta(description="Bytes or messages received and dropped, counted by reason."),
     ]
     text: Annotated[
-        str, msgspec.Meta(description="The newest words of the other end (MAVLink STATUSTEXT), or an empty string.")
+        str,
+        msgspec.Meta(
+            description="The newest words of the other end (MAVLink STATUSTEXT), or an empty "
+            "string."
+        ),
     ]
     phase: Annotated[
-        str, msgspec.Meta(description="What may leave (see deadman.py): `waiting`, `fresh`, `bring_down` or `over`.")
+        str,
+        msgspec.Meta(
+            description="What may leave (see deadman.py): `waiting`, `fresh`, `bring_down` or "
+            "`over`."
+        ),
     ] = "over"
     rtt_s: Annotated[
         float | None,
         msgspec.Meta(
-            description="Shortest of the newest round trips to the other end and back [s]; None where it is not known."
+            description="Shortest of the newest round trips to the other end and back [s]; None "
+            "where it is not known."
         ),
     ] = None
     offset_s: Annotated[
         float | None,
-        msgspec.Meta(description="The other end's clock less the event loop's [s]; None where it is not known."),
+        msgspec.Meta(
+            description="The other end's clock less the event loop's [s]; None where it is not "
+            "known."
+        ),
     ] = None
     taken: Annotated[
         str,
@@ -148,20 +177,26 @@ class LinkStatus(msgspec.Struct, frozen=True):
         ),
     ] = ""
     battery_v: Annotated[
-        float | None, msgspec.Meta(description="Voltage of the vehicle's battery [V]; None where it does not tell.")
+        float | None,
+        msgspec.Meta(
+            description="Voltage of the vehicle's battery [V]; None where it does not tell."
+        ),
     ] = None
-    battery_share: Annotated[float | None, msgspec.Meta(description="Its charge [-]; None where it does not tell.")] = (
-        None
-    )
+    battery_share: Annotated[
+        float | None, msgspec.Meta(description="Its charge [-]; None where it does not tell.")
+    ] = None
     ready: Annotated[
         bool | None,
-        msgspec.Meta(description="Whether the vehicle's own pre-arm checks pass; None where it does not tell."),
+        msgspec.Meta(
+            description="Whether the vehicle's own pre-arm checks pass; None where it does not "
+            "tell."
+        ),
     ] = None
     mode: Annotated[
         str,
         msgspec.Meta(
-            description="The mode that the vehicle's autopilot was in when it was heard last; empty "
-            "where it does not tell."
+            description="The mode that the vehicle's autopilot was in when it was heard last; "
+            "empty where it does not tell."
         ),
     ] = ""
     unfit: Annotated[
@@ -174,7 +209,8 @@ class LinkStatus(msgspec.Struct, frozen=True):
     firmware: Annotated[
         str,
         msgspec.Meta(
-            description="What the vehicle's autopilot runs, as it tells itself; empty where it does not tell."
+            description="What the vehicle's autopilot runs, as it tells itself; empty where it "
+            "does not tell."
         ),
     ] = ""
     slept_s: Annotated[
@@ -216,14 +252,15 @@ class LinkStatus(msgspec.Struct, frozen=True):
     conflict: Annotated[
         str,
         msgspec.Meta(
-            description="Who else answers as the vehicle or steers it, so that it must not be armed; "
-            "empty where nobody does."
+            description="Who else answers as the vehicle or steers it, so that it must not be "
+            "armed; empty where nobody does."
         ),
     ] = ""
     other_addresses: Annotated[
         tuple[str, ...],
         msgspec.Meta(
-            description="From where else something came to our port, a few of them; see `other_address` in `dropped`."
+            description="From where else something came to our port, a few of them; see "
+            "`other_address` in `dropped`."
         ),
     ] = ()
     angles_rad: Annotated[
@@ -235,10 +272,17 @@ class LinkStatus(msgspec.Struct, frozen=True):
     ] = ()
     uplink_share: Annotated[
         float | None,
-        msgspec.Meta(description="Share of our frames that its receiver gets [-]; None where it does not tell."),
+        msgspec.Meta(
+            description="Share of our frames that its receiver gets [-]; None where it does not "
+            "tell."
+        ),
     ] = None
-    uplink_dbm: Annotated[int | None, msgspec.Meta(description="Power that it gets of them [dBm].")] = None
-    uplink_snr_db: Annotated[int | None, msgspec.Meta(description="The same over the noise [dB].")] = None
+    uplink_dbm: Annotated[
+        int | None, msgspec.Meta(description="Power that it gets of them [dBm].")
+    ] = None
+    uplink_snr_db: Annotated[
+        int | None, msgspec.Meta(description="The same over the noise [dB].")
+    ] = None
     unmet: Annotated[
         str,
         msgspec.Meta(
@@ -253,36 +297,49 @@ class Arrival(NamedTuple):
     """Evidence that commands reach the autopilot."""
 
     overdue_s: float = 0.0
-    """For how long answers have been due that did not come, though it is heard [s]; 0 where nobody can tell."""
+    """For how long answers have been due that did not come, though it is heard [s]; 0 where nobody
+    can tell."""
     late_s: float = 0.0
-    """Delay of commands at the autopilot, by answers that stay late [s]; 0 where they are in time."""
+    """Delay of commands at the autopilot, by answers that stay late [s]; 0 where they are in
+    time."""
 
 
 class AutopilotLink(Protocol):
-    """A link to an autopilot that answers: in which mode it is, as somebody else may take it over, and what arrived."""
+    """A link to an autopilot that answers: in which mode it is, as somebody else may take it over,
+    and what arrived.
+    """
 
     shares_poses: bool
-    """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere too."""
+    """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere
+    too."""
 
     @property
     def lands_by_itself(self) -> bool:
         """Whether it has been asked to land by itself since the newest arming, and does."""
 
     def could_land_by_itself(self, now_s: float) -> bool:
-        """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our poses."""
+        """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our
+        poses.
+        """
 
     def ask_mode(self) -> None:
         """Have it tell its mode now: what it does not do may be somebody else's doing."""
 
     def land(self) -> None:
-        """Ask it to land by itself now, where it can: no newer command comes, and the newest need not run out first."""
+        """Ask it to land by itself now, where it can: no newer command comes, and the newest need
+        not run out first.
+        """
 
     def arrival(self, now_s: float) -> Arrival:
         """Whether commands reach it, and in time."""
 
 
-class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
-    """Beside the configuration of a link: what is asked of it, with the answer of a kind that has none."""
+class LinkKind(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"
+):
+    """Beside the configuration of a link: what is asked of it, with the answer of a kind that has
+    none.
+    """
 
     has_autopilot: ClassVar[bool] = False
     """At the other end is an autopilot that tells of itself, not a receiver that is told alone."""
@@ -299,7 +356,10 @@ class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def endpoint(self) -> str:
-        """Where the other end is: what ``way`` says, or stands for it by default; host:port, or a serial port."""
+        """Where the other end is: what ``way`` says, or stands for it by default.
+
+        Host:port, or a serial port.
+        """
         return str(getattr(self, self.way))
 
     @property
@@ -309,7 +369,10 @@ class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def real(self) -> str | None:
-        """The key that may lead to a real vehicle, and its value; None where all stays on this machine."""
+        """The key that may lead to a real vehicle, and its value.
+
+        None where all stays on this machine.
+        """
         return f"kind = {self.kind}"
 
     @property
@@ -329,7 +392,9 @@ class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def own_position(self) -> bool:
-        """The autopilot knows its position by something else than our tracker, as the operator says."""
+        """The autopilot knows its position by something else than our tracker, as the operator
+        says.
+        """
         return False
 
     @property
@@ -341,9 +406,9 @@ class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 class CommandLink(Protocol):
     """Port by which commands leave. Every method runs on the event loop; none blocks it.
 
-    Behind every link is a dead man's switch (deadman.py). From an arming on, whatever becomes of the caller, the link
-    repeats the newest command until its deadline, plays the bring-down that it carries, and then lets nothing leave
-    that lifts until somebody calls :meth:`arm` again.
+    Behind every link is a dead man's switch (deadman.py). From an arming on, whatever becomes of
+    the caller, the link repeats the newest command until its deadline, plays the bring-down that it
+    carries, and then lets nothing leave that lifts until somebody calls :meth:`arm` again.
     """
 
     @property
@@ -352,7 +417,10 @@ class CommandLink(Protocol):
 
     @property
     def follows_poses(self) -> bool:
-        """True where a command may leave as soon as a pose has come; False where every ``period_s`` is its time."""
+        """True where a command may leave as soon as a pose has come.
+
+        False where every ``period_s`` is its time.
+        """
 
     @property
     def status(self) -> LinkStatus:
@@ -363,7 +431,9 @@ class CommandLink(Protocol):
         """Requests to an autopilot at the other end; None where there is only a receiver."""
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
-        """Call ``watch`` with every attitude that the vehicle tells; to be asked for before :meth:`connect`.
+        """Call ``watch`` with every attitude that the vehicle tells.
+
+        To be asked for before :meth:`connect`.
 
         Never called where the vehicle tells none.
         """
@@ -386,9 +456,11 @@ class CommandLink(Protocol):
         """
 
     async def arm(self, idle: Callable[[], Command]) -> None:
-        """Stream what ``idle()`` returns, asked anew for each frame, until the vehicle is armed and obeys.
+        """Stream what ``idle()`` returns, asked anew for each frame, until the vehicle is armed and
+        obeys.
 
-        Only for an operator's own arming: it is the one thing that lets commands leave again after a bring-down.
+        Only for an operator's own arming: it is the one thing that lets commands leave again after
+        a bring-down.
 
         Raises:
             LinkRejected: the autopilot refused, in its own words.
@@ -398,12 +470,12 @@ class CommandLink(Protocol):
     def send(self, command: Command) -> bool:
         """Send one command now, and repeat it until its deadline if no other comes.
 
-        Returns False, and changes nothing, where its deadline has passed, where a bring-down has begun, or where
-        nobody has armed.
+        Returns False, and changes nothing, where its deadline has passed, where a bring-down has
+        begun, or where nobody has armed.
 
         Raises:
-            LinkMisuse: a number in the command is not finite, its deadline or its bring-down is too long, or the
-                link is not connected.
+            LinkMisuse: a number in the command is not finite, its deadline or its bring-down is too
+                long, or the link is not connected.
         """
 
     async def silent(self) -> None:
@@ -418,7 +490,9 @@ class CommandLink(Protocol):
         """
 
     async def kill(self) -> None:
-        """Stop the motors at once, also in the air: nothing else leaves from the call on. Works in every state.
+        """Stop the motors at once, also in the air: nothing else leaves from the call on.
+
+        Works in every state.
 
         Raises:
             LinkLost: the vehicle did not acknowledge.
@@ -428,13 +502,15 @@ class CommandLink(Protocol):
     async def close(self) -> None:
         """Release the wire. Nothing leaves afterwards.
 
-        A link that has something to repeat or to bring down does that to its end first (at most the coast limit and
-        2 s); only :meth:`kill` cuts it short.
+        A link that has something to repeat or to bring down does that to its end first (at most the
+        coast limit and 2 s); only :meth:`kill` cuts it short.
         """
 
 
 def signal(thrust: float, factor: float) -> float:
-    """The signal u in 0..1 that gives ``thrust`` (clamped to 0..1) on the curve with f = ``factor`` (0..1)."""
+    """The signal u in 0..1 that gives ``thrust`` (clamped to 0..1) on the curve with f = ``factor``
+    (0..1).
+    """
     if thrust <= 0.0:
         return 0.0
     if thrust >= 1.0:
@@ -450,15 +526,17 @@ def thrust(signal_: float, factor: float) -> float:
 
 
 def full_thrust_n(weight_n: float, hover: float, factor: float) -> float:
-    """Thrust of the full signal [N], where the signal ``hover`` (0..1, not 0) carries ``weight_n`` [N]."""
+    """Thrust of the full signal [N], where the signal ``hover`` (0..1, not 0) carries ``weight_n``
+    [N].
+    """
     return weight_n / thrust(hover, factor)
 
 
 BRING_DOWN_LIMIT_S = 2.0
 """Longest bring-down [s]: without a pose nobody knows any more where the vehicle is."""
 DEADLINE_LIMIT_S = 1.1
-"""Furthest deadline [s from now]: no pose vouches for more than 1 s, nor one whose stamp lies in the future (but for
-the jitter of clocks)."""
+"""Furthest deadline [s from now]: no pose vouches for more than 1 s, nor one whose stamp lies in
+the future (but for the jitter of clocks)."""
 NUMBER_LIMIT = 1e30
 """Largest number in a command: a 32-bit float on the wire holds it."""
 
@@ -508,11 +586,13 @@ class Deadman:
     def take(self, command: Command, now_s: float, seen_s: float | None = None) -> bool:
         """Take the newest command; False where it does not count, and then it changes nothing.
 
-        Whoever looks for commands only once a frame says for which instant it made the last one, ``seen_s``: the switch
-        has opened if it had by then. One that opened since has moved nothing yet, and the command may come in time.
+        Whoever looks for commands only once a frame says for which instant it made the last one,
+        ``seen_s``: the switch has opened if it had by then. One that opened since has moved nothing
+        yet, and the command may come in time.
 
         Raises:
-            LinkMisuse: a number in it is not finite, its deadline is too far away, or its bring-down lasts too long.
+            LinkMisuse: a number in it is not finite, its deadline is too far away, or its
+                bring-down lasts too long.
         """
         _check(command, now_s)
         newest, opens = self.command, self.phase(now_s if seen_s is None else seen_s)
@@ -539,7 +619,10 @@ class Deadman:
         return Phase.OVER
 
     def changes_s(self, now_s: float) -> float:
-        """The next instant after ``now_s`` after which something else leaves, if no command comes; inf for never."""
+        """The next instant after ``now_s`` after which something else leaves, if no command comes.
+
+        Inf for never.
+        """
         if self.phase(now_s) not in (Phase.FRESH, Phase.BRING_DOWN):
             return math.inf
         command = self.command
@@ -552,7 +635,10 @@ class Deadman:
         return end
 
     def at(self, now_s: float) -> Command | Segment | None:
-        """Return the command or segment that leaves at ``now_s``; None where nothing that lifts may."""
+        """Return the command or segment that leaves at ``now_s``.
+
+        None where nothing that lifts may.
+        """
         match self.phase(now_s):
             case Phase.FRESH:
                 return self.command
@@ -573,7 +659,10 @@ class Deadman:
 
 
 def _check(command: Command, now_s: float) -> None:
-    numbers, lasts = [command.thrust_n, *command.rates_rad_s, command.pose_time_s, command.deadline_s], 0.0
+    numbers, lasts = (
+        [command.thrust_n, *command.rates_rad_s, command.pose_time_s, command.deadline_s],
+        0.0,
+    )
     for part in command.bring_down:
         numbers += (part.thrust_n, *part.rates_rad_s, part.duration_s)
         lasts += part.duration_s
@@ -583,6 +672,11 @@ def _check(command: Command, now_s: float) -> None:
     if not (max(map(abs, numbers)) <= NUMBER_LIMIT and math.isfinite(sum(numbers))):
         raise LinkMisuse(f"not finite: {command}")
     if lasts > BRING_DOWN_LIMIT_S + 1e-9:
-        raise LinkMisuse(f"a bring-down lasts at most {BRING_DOWN_LIMIT_S:g} s, this one {lasts:g} s")
+        raise LinkMisuse(
+            f"a bring-down lasts at most {BRING_DOWN_LIMIT_S:g} s, this one {lasts:g} s"
+        )
     if command.deadline_s - now_s > DEADLINE_LIMIT_S:
-        raise LinkMisuse(f"a deadline is at most {DEADLINE_LIMIT_S:g} s away, not {command.deadline_s - now_s:g} s")
+        raise LinkMisuse(
+            f"a deadline is at most {DEADLINE_LIMIT_S:g} s away, not "
+            f"{command.deadline_s - now_s:g} s"
+        )

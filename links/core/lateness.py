@@ -31,9 +31,14 @@ class Lateness:
         self._top = max(self._top, at)
 
     def percentiles_us(self) -> tuple[int, int, int]:
-        """The lateness that 50 %, 99 % and 99.9 % of the frames did not exceed [µs]; zeros where there are none."""
+        """The lateness that 50 %, 99 % and 99.9 % of the frames did not exceed [µs].
+
+        Zeros where there are none.
+        """
         sums = list(accumulate(self._bins[: self._top + 1]))
-        p50, p99, p999 = (_end_us(bisect_left(sums, share * self.count)) for share in (0.5, 0.99, 0.999))
+        p50, p99, p999 = (
+            _end_us(bisect_left(sums, share * self.count)) for share in (0.5, 0.99, 0.999)
+        )
         return (p50, p99, p999) if self.count else (0, 0, 0)
 
 

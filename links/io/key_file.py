@@ -16,7 +16,8 @@ def read_key(path: Path) -> bytes:
     """The 32 bytes of the key in ``path``: raw, or as text in hex or base64.
 
     Raises:
-        ValueError: it can't be read, others may read it, or it is no key; the message says what to do.
+        ValueError: it can't be read, others may read it, or it is no key; the message says what to
+            do.
     """
     try:
         with path.open("rb") as file:

@@ -1,4 +1,7 @@
-"""Network addresses as the operator writes them: ``host:port``, with IPv6 hosts in brackets. Sans-IO."""
+"""Network addresses as the operator writes them: ``host:port``, with IPv6 hosts in brackets.
+
+Sans-IO.
+"""
 
 import ipaddress
 import re
@@ -15,11 +18,15 @@ def parse_address(text: str, key: str = "") -> tuple[str, int]:
     The host is not looked up. IPv6 hosts come back without their brackets.
 
     Raises:
-        ValueError: the text is no such address; the message says how to write one, after the ``key`` of a
-            configuration that it is of.
+        ValueError: the text is no such address; the message says how to write one, after the
+            ``key`` of a configuration that it is of.
     """
     found = _ADDRESS.fullmatch(text)
-    if found is None or not 1 <= int(found["port"]) <= 65535 or not (found["host"] or _is_ipv6(found["ipv6"])):
+    if (
+        found is None
+        or not 1 <= int(found["port"]) <= 65535
+        or not (found["host"] or _is_ipv6(found["ipv6"]))
+    ):
         says = link_notice("address.none", found=text)
         raise ValueError(f"{key}: {says}" if key else says)
     return found["host"] or found["ipv6"], int(found["port"])

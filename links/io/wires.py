@@ -1,12 +1,15 @@
-"""Wires: datagrams that leave now or never, a serial port, and whether this computer has slept meanwhile.
+"""Wires: datagrams that leave now or never, a serial port, and whether this computer has slept
+meanwhile.
 
-The serial port is opened raw and without waiting, for this program alone, at any speed; 8N1, no flow control.
+The serial port is opened raw and without waiting, for this program alone, at any speed; 8N1, no
+flow control.
 
-Linux' own, in plain termios2 rather than pyserial: 125000 and 400000 baud have no name that ``termios`` knows, bytes
-come by the event loop's own reader, and there is no thread. No modem line is touched: pseudo-terminals have none, and
-some modules reset on them. Every failure is an OSError whose ``strerror`` fits a person.
-While a computer sleeps, CLOCK_MONOTONIC, which every deadline is on, stands still: what was fresh when a laptop's lid
-was closed would pass for fresh when it is opened.
+Linux' own, in plain termios2 rather than pyserial: 125000 and 400000 baud have no name that
+``termios`` knows, bytes come by the event loop's own reader, and there is no thread. No modem line
+is touched: pseudo-terminals have none, and some modules reset on them. Every failure is an OSError
+whose ``strerror`` fits a person. While a computer sleeps, CLOCK_MONOTONIC, which every deadline is
+on, stands still: what was fresh when a laptop's lid was closed would pass for fresh when it is
+opened.
 
 Source: ioctl_tty(2), asm-generic/termbits.h; the numbers hold on x86, ARM and RISC-V.
 """
@@ -55,7 +58,8 @@ def open_port(path: str, baud: int) -> int:
     No other program that asks for it alone, as this one does, gets it meanwhile.
 
     Raises:
-        OSError: it is not there, not ours, in use, no serial port, or can't go that fast; its text says which.
+        OSError: it is not there, not ours, in use, no serial port, or can't go that fast; its text
+            says which.
     """
     fd = -1
     try:
@@ -103,12 +107,16 @@ def discard(fd: int, which: int = termios.TCOFLUSH) -> None:
 
 
 def is_pseudo_terminal(path: str) -> bool:
-    """True where a program of this machine is at the other end of ``path``; what is behind that one, nobody knows."""
+    """True where a program of this machine is at the other end of ``path``.
+
+    What is behind that one, nobody knows.
+    """
     return str(Path(path).resolve()).startswith("/dev/pts/")
 
 
 def waiting(fd: int) -> int:
-    """Bytes that were written and have not left yet, of a TCP socket: that the other end has not acknowledged yet.
+    """Bytes that were written and have not left yet, of a TCP socket: that the other end has not
+    acknowledged yet.
 
     0 where the driver can't tell.
 
@@ -189,19 +197,27 @@ class PortTransport:
 
 
 class Network:
-    """Opens wires for asyncio's protocols: the running event loop's own, whether its time is real or virtual.
+    """Opens wires for asyncio's protocols: the running event loop's own, whether its time is real
+    or virtual.
 
     Each method returns transport and protocol, and raises OSError where the wire can't be opened.
     """
 
     async def open_datagram(
-        self, factory: Callable[[], P], local: Any = None, remote: Any = None, *, reuse_port: bool | None = None
+        self,
+        factory: Callable[[], P],
+        local: Any = None,
+        remote: Any = None,
+        *,
+        reuse_port: bool | None = None,
     ) -> tuple[Any, P]:
         """A datagram endpoint at the address ``local``, or to ``remote``."""
         import asyncio
 
         loop: Any = asyncio.get_running_loop()
-        opened: tuple[Any, P] = await loop.create_datagram_endpoint(factory, local, remote, reuse_port=reuse_port)
+        opened: tuple[Any, P] = await loop.create_datagram_endpoint(
+            factory, local, remote, reuse_port=reuse_port
+        )
         return opened
 
     async def open_stream(self, factory: Callable[[], P], host: str, port: int) -> tuple[Any, P]:
@@ -238,8 +254,9 @@ def advise_on_address(error: OSError) -> Sentence:
 class Datagrams:
     """The sending side of a datagram endpoint.
 
-    asyncio keeps a datagram that the kernel has no room for (EAGAIN) and sends it later, when it may have passed its
-    deadline. So what is sent here goes through a second handle on the same socket, and is dropped instead.
+    asyncio keeps a datagram that the kernel has no room for (EAGAIN) and sends it later, when it
+    may have passed its deadline. So what is sent here goes through a second handle on the same
+    socket, and is dropped instead.
     """
 
     def __init__(self, transport: "asyncio.DatagramTransport") -> None:
@@ -250,7 +267,10 @@ class Datagrams:
         self._connected = transport.get_extra_info("peername") is not None
 
     def send(self, data: bytes, peer: Any) -> str:
-        """Send ``data`` to ``peer`` (None on a connected endpoint); returns why it did not leave, or nothing."""
+        """Send ``data`` to ``peer`` (None on a connected endpoint).
+
+        Returns why it did not leave, or nothing.
+        """
         if peer is None and not self._connected:
             return "no_peer"
         if self._socket is None:
@@ -284,7 +304,10 @@ _AWAKE_OR_NOT = getattr(time, "CLOCK_BOOTTIME", None)
 
 
 def _ahead_s() -> float:
-    """Measure the lead of the clock that counts sleep [s]; a pause between the readings only makes it smaller."""
+    """Measure the lead of the clock that counts sleep [s].
+
+    A pause between the readings only makes it smaller.
+    """
     if _AWAKE_OR_NOT is None:
         return 0.0
     return time.clock_gettime(_AWAKE_OR_NOT) - time.monotonic()
@@ -294,13 +317,19 @@ class Sleep:
     """Watches from its making on."""
 
     def __init__(self, now_s: Callable[[], float]) -> None:
-        """``now_s`` is the owner's clock; one that is not this machine's, as a simulation's, never sleeps."""
+        """``now_s`` is the owner's clock.
+
+        One that is not this machine's, as a simulation's, never sleeps.
+        """
         self._counts = time.monotonic() - OURS_S < now_s() < time.monotonic() + OURS_S
         self._before_s = max(_ahead_s() for _ in range(3))
 
     @property
     def slept_s(self) -> float:
-        """Return how long the computer has slept since then [s]; 0.0 where it has not, or cannot tell."""
+        """Return how long the computer has slept since then [s].
+
+        0.0 where it has not, or cannot tell.
+        """
         if not self._counts:
             return 0.0
         slept = _ahead_s() - self._before_s

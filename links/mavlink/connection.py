@@ -1,15 +1,18 @@
-"""Connection: one wire to one autopilot, opened again when it is lost, heartbeats both ways, messages and hand-shakes.
+"""Connection: one wire to one autopilot, opened again when it is lost, heartbeats both ways,
+messages and hand-shakes.
 
-When the autopilot is heard again after a silence, or after its wire was lost, it may have restarted: it is asked for
-its messages again, and set-points do not leave until the vehicle is armed anew.
+When the autopilot is heard again after a silence, or after its wire was lost, it may have
+restarted: it is asked for its messages again, and set-points do not leave until the vehicle is
+armed anew.
 
-A time stamp that signs a frame must never be used twice, also not after a restart with a clock that was set back: so
-the newest one is kept on disk beside the key, and the next run begins behind it.
+A time stamp that signs a frame must never be used twice, also not after a restart with a clock that
+was set back: so the newest one is kept on disk beside the key, and the next run begins behind it.
 
-Transports: UDP, TCP or a serial port. A frame leaves at once or never. TCP repeats what got lost, so a command may
-arrive late. Against that a frame is dropped where older ones have waited for their acknowledgement for longer than
-``TCP_QUEUE_S``, and after ``STALL_S`` of that the connection is reset (SO_LINGER 0). What the other end has
-acknowledged and not read yet is out of our hands: prefer UDP where there is a choice.
+Transports: UDP, TCP or a serial port. A frame leaves at once or never. TCP repeats what got lost,
+so a command may arrive late. Against that a frame is dropped where older ones have waited for their
+acknowledgement for longer than ``TCP_QUEUE_S``, and after ``STALL_S`` of that the connection is
+reset (SO_LINGER 0). What the other end has acknowledged and not read yet is out of our hands:
+prefer UDP where there is a choice.
 """
 
 import asyncio
@@ -58,7 +61,9 @@ from links.text import Sentence, link_notice
 def _describe(error: OSError) -> str:
     """Why, in the system's words: asyncio has its own for a connection that is refused."""
     return (
-        os.strerror(error.errno) if isinstance(error, ConnectionError) and error.errno else error.strerror or str(error)
+        os.strerror(error.errno)
+        if isinstance(error, ConnectionError) and error.errno
+        else error.strerror or str(error)
     )
 
 
@@ -99,7 +104,8 @@ class UdpTransport(asyncio.DatagramProtocol):
 TCP_QUEUE_S = 0.1
 """Frames may wait for the other end this long [s]; a delayed acknowledgement takes 0.04."""
 STALL_S = 0.25
-"""A wire that takes nothing for this long is closed [s]: blocked flow control must not keep a stale command."""
+"""A wire that takes nothing for this long is closed [s]: blocked flow control must not keep a stale
+command."""
 
 
 class StreamTransport(asyncio.Protocol):
@@ -148,7 +154,11 @@ class TcpTransport(StreamTransport):
     def leave(self, frame: bytes, to: Any) -> str:
         """Send one frame."""
         transport = self._transport
-        if transport.is_closing() or transport.get_write_buffer_size() or self._waited_s() > TCP_QUEUE_S:
+        if (
+            transport.is_closing()
+            or transport.get_write_buffer_size()
+            or self._waited_s() > TCP_QUEUE_S
+        ):
             return "full"
         transport.write(frame)
         self._sent += len(frame)
@@ -191,7 +201,11 @@ class TcpTransport(StreamTransport):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Pass it on (called by the event loop)."""
-        says = link_notice("mavlink.tcp_closed") if exc is None else link_notice("mavlink.tcp_broken", why=exc)
+        says = (
+            link_notice("mavlink.tcp_closed")
+            if exc is None
+            else link_notice("mavlink.tcp_broken", why=exc)
+        )
         self._end(says.text)
 
 
@@ -234,19 +248,24 @@ class SerialTransport(StreamTransport):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Pass it on (called by the port)."""
-        self._end(link_notice("mavlink.port_gone", why=getattr(exc, "strerror", None) or "unplugged").text)
+        self._end(
+            link_notice("mavlink.port_gone", why=getattr(exc, "strerror", None) or "unplugged").text
+        )
 
 
 MavlinkTransport = UdpTransport | TcpTransport | SerialTransport
-"""``datagrams``: what is heard at once holds whole frames; ``speaks_first``: whom to send to is known from the start.
-``leave(frame, to)`` says why the frame was dropped instead, or nothing; ``cut()`` ends all at once."""
+"""``datagrams``: what is heard at once holds whole frames; ``speaks_first``: whom to send to is
+known from the start. ``leave(frame, to)`` says why the frame was dropped instead, or nothing;
+``cut()`` ends all at once."""
 
 
 async def open_wire(config: MavlinkLinkConfig, ear: "ReconnectingTransport") -> MavlinkTransport:
     """Open the medium of ``config``; raises OSError."""
     network = NETWORK.get()
     if config.serial is not None:
-        _, port = await network.open_serial(lambda: SerialTransport(config.baud, ear), config.serial, config.baud)
+        _, port = await network.open_serial(
+            lambda: SerialTransport(config.baud, ear), config.serial, config.baud
+        )
         return port
     address = parse_address(config.endpoint)
     if config.tcp is not None:
@@ -254,11 +273,15 @@ async def open_wire(config: MavlinkLinkConfig, ear: "ReconnectingTransport") -> 
             async with asyncio.timeout(config.connect_timeout_s):
                 _, stream = await network.open_stream(lambda: TcpTransport(ear), *address)
         except TimeoutError:
-            raise OSError(link_notice("mavlink.tcp_nobody", limit_s=config.connect_timeout_s).text) from None
+            raise OSError(
+                link_notice("mavlink.tcp_nobody", limit_s=config.connect_timeout_s).text
+            ) from None
         return stream
     first = config.remote is not None
     local, remote = (config.local_address, address) if first else (address, None)
-    _, datagrams = await network.open_datagram(lambda: UdpTransport(ear, speaks_first=first), local, remote)
+    _, datagrams = await network.open_datagram(
+        lambda: UdpTransport(ear, speaks_first=first), local, remote
+    )
     return datagrams
 
 
@@ -266,7 +289,9 @@ def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> Sentence:
     """Why the wire can't be opened, and what to do."""
     endpoint, why = config.endpoint, _describe(error)
     if config.way == "remote" and error.errno == EADDRINUSE:
-        return link_notice("mavlink.local_port_taken", endpoint=endpoint, why=why, port=config.local_address[1])
+        return link_notice(
+            "mavlink.local_port_taken", endpoint=endpoint, why=why, port=config.local_address[1]
+        )
     advice = link_notice("address.refused") if config.way == "serial" else advise_on_address(error)
     return link_notice("mavlink.open", endpoint=endpoint, why=why, advice=advice)
 
@@ -276,7 +301,10 @@ REOPEN_S = 1.0
 
 
 class ReconnectingTransport:
-    """One wire after the other: hears its data, returned datagrams and loss. Opened and cut by whoever owns it."""
+    """One wire after the other: hears its data, returned datagrams and loss.
+
+    Opened and cut by whoever owns it.
+    """
 
     def __init__(
         self,
@@ -287,10 +315,12 @@ class ReconnectingTransport:
         lose: Callable[[str], None],
         tell: Callable[[str], None],
     ) -> None:
-        """Nothing is opened yet. Frames of ours that do not leave or come back are counted in ``dropped``.
+        """Nothing is opened yet.
 
-        ``hear(data, source)`` takes what arrives; ``lose(says)`` is called when the wire has ended by itself, and
-        ``tell(says)`` when more is known: both with a sentence for the operator.
+        Frames of ours that do not leave or come back are counted in ``dropped``.
+
+        ``hear(data, source)`` takes what arrives; ``lose(says)`` is called when the wire has ended
+        by itself, and ``tell(says)`` when more is known: both with a sentence for the operator.
         """
         self._config = config
         self._dropped = dropped
@@ -328,7 +358,10 @@ class ReconnectingTransport:
             wire.cut()
 
     def leave(self, frame: bytes, to: Any) -> bool:
-        """Send ``frame`` to the address ``to``, and tell whether it left; nothing leaves on a lost wire."""
+        """Send ``frame`` to the address ``to``, and tell whether it left.
+
+        Nothing leaves on a lost wire.
+        """
         if self.wire is None:
             return False
         why = self.wire.leave(frame, to)
@@ -362,7 +395,9 @@ class ReconnectingTransport:
             try:
                 self.wire = await open_wire(self._config, self)
             except OSError as error:
-                self._tell(_describe_loss(f"cannot open {self._config.endpoint} ({_describe(error)})"))
+                self._tell(
+                    _describe_loss(f"cannot open {self._config.endpoint} ({_describe(error)})")
+                )
         self._tell(link_notice("mavlink.wire_back").text)
 
 
@@ -372,11 +407,16 @@ def _describe_loss(why: str) -> str:
 
 
 VISION = (
-    "VISION_POSITION_ESTIMATE", "GLOBAL_VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE", "ATT_POS_MOCAP",
+    "VISION_POSITION_ESTIMATE", "GLOBAL_VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE",
+    "ATT_POS_MOCAP",
     "ODOMETRY", "GPS_INPUT",
 )  # fmt: skip
 """Messages by which somebody tells an autopilot where it is."""
-SET_POINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT")
+SET_POINTS = (
+    "SET_ATTITUDE_TARGET",
+    "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_POSITION_TARGET_GLOBAL_INT",
+)
 """Messages by which somebody steers an autopilot."""
 NAMED_ADDRESSES = 4
 """At most this many other addresses are named to the operator."""
@@ -414,7 +454,9 @@ Subscriber = Callable[[Message, float], None]
 
 
 class Uplink:
-    """Whether what we send arrives, and in time: TIMESYNC questions that leave beside set-points, and their answers."""
+    """Whether what we send arrives, and in time: TIMESYNC questions that leave beside set-points,
+    and their answers.
+    """
 
     def __init__(self, period_s: float) -> None:
         self._period = period_s
@@ -430,7 +472,10 @@ class Uplink:
         self._answers = False
 
     def ask(self, now_s: float) -> int | None:
-        """The time to send in a question (TIMESYNC.ts1) as a set-point leaves at ``now_s`` [ns]; None where not yet."""
+        """The time to send in a question (TIMESYNC.ts1) as a set-point leaves at ``now_s`` [ns].
+
+        None where not yet.
+        """
         if now_s < self._next_s:
             return None
         self._next_s = now_s + self._period
@@ -452,10 +497,15 @@ class Uplink:
         asked_s = message.ts1 * 1e-9
         self._since_s, self._answers = max(self._since_s, asked_s), True
         self._late_s = now_s - asked_s - usual_s
-        self._late_since_s = min(self._late_since_s, now_s) if self._late_s > TOO_LATE_S else math.inf
+        self._late_since_s = (
+            min(self._late_since_s, now_s) if self._late_s > TOO_LATE_S else math.inf
+        )
 
     def arrival(self, now_s: float, usual_s: float) -> Arrival:
-        """Whether commands arrive, as far as answers tell; a round trip usually takes ``usual_s`` [s]."""
+        """Whether commands arrive, as far as answers tell.
+
+        A round trip usually takes ``usual_s`` [s].
+        """
         if not self._answers or now_s - self._heard_s > HOLE_S:
             return Arrival()  # nobody can tell
         late_s = self._late_s if now_s - self._late_since_s > LASTS_S else 0.0
@@ -463,18 +513,24 @@ class Uplink:
 
 
 class OtherTraffic:
-    """Messages of senders other than the vehicle: they steer it, send it positions, or use its address."""
+    """Messages of senders other than the vehicle: they steer it, send it positions, or use its
+    address.
+    """
 
     def __init__(self, config: MavlinkLinkConfig) -> None:
         self._config = config
         self.tells_position = False
         """Whether somebody else was heard who tells an autopilot its position."""
         self.systems: dict[str, None] = {}
-        """Other systems that were heard, by number and address: one may be the vehicle with another number."""
+        """Other systems that were heard, by number and address: one may be the vehicle with another
+        number."""
         self._rival, self._rival_s = "", -math.inf
 
     def hear(self, message: Message, address: str, now_s: float, *, ours: bool) -> None:
-        """Take a message of another system at ``address``; ``ours``: what has our own numbers may be an echo."""
+        """Take a message of another system at ``address``.
+
+        ``ours``: what has our own numbers may be an echo.
+        """
         config, kind = self._config, message.get_type()
         system, component = message.get_srcSystem(), message.get_srcComponent()
         self.tells_position = self.tells_position or kind in VISION
@@ -483,7 +539,9 @@ class OtherTraffic:
         if kind not in SET_POINTS or message.target_system not in (0, config.target_system):
             return
         if not ours or (system, component) != (config.system_id, config.component_id):
-            says = link_notice("mavlink.rival_sends", system=system, component=component, message=kind)
+            says = link_notice(
+                "mavlink.rival_sends", system=system, component=component, message=kind
+            )
             self._rival, self._rival_s = says.text, now_s
 
     def rival(self, now_s: float) -> str:
@@ -496,9 +554,14 @@ POLL_S = 0.05
 
 
 class HandshakeRunner:
-    """Goes through hand-shakes; whoever owns it passes on every message and calls ``wake`` when the wire changes."""
+    """Goes through hand-shakes.
 
-    def __init__(self, leave: Callable[[bytes], object], obstacle: Callable[[], LinkError | None]) -> None:
+    Whoever owns it passes on every message and calls ``wake`` when the wire changes.
+    """
+
+    def __init__(
+        self, leave: Callable[[bytes], object], obstacle: Callable[[], LinkError | None]
+    ) -> None:
         """``leave`` sends a frame; ``obstacle()`` is why nothing can be asked now."""
         self._leave = leave
         self._obstacle = obstacle
@@ -517,7 +580,10 @@ class HandshakeRunner:
             self._news.set()
 
     async def see_through(
-        self, handshake: Handshake, meanwhile: Callable[[float], None] | None = None, period_s: float = POLL_S
+        self,
+        handshake: Handshake,
+        meanwhile: Callable[[float], None] | None = None,
+        period_s: float = POLL_S,
     ) -> None:
         """Go through ``handshake``, calling ``meanwhile(now_s)`` every ``period_s`` [s].
 
@@ -564,7 +630,8 @@ Streams = Callable[[int], Mapping[str, float]]
 
 
 class MavlinkConnection:
-    """Heartbeats both ways, each other's time, and messages to whoever reads them, over one wire at a time.
+    """Heartbeats both ways, each other's time, and messages to whoever reads them, over one wire at
+    a time.
 
     Opened and closed by the link that owns it; may be opened again.
     """
@@ -580,19 +647,25 @@ class MavlinkConnection:
         self.read = 0
         """Number of reads from the wire."""
         self._dropped: Counter[str] = Counter()
-        self._line = ReconnectingTransport(config, self._dropped, hear=self._hear, lose=self._lose, tell=self._tell)
+        self._line = ReconnectingTransport(
+            config, self._dropped, hear=self._hear, lose=self._lose, tell=self._tell
+        )
         self._streams: list[Streams] = []
         self._wishes: dict[tuple[str, ...], float] = {}
         self._requests = HandshakeRunner(self.leave, self._obstacle)
         self._subscribers: list[Subscriber] = [self._requests.hear]
-        self._stamps = StampFile(Path(config.signing_key_file)) if config.signing_key_file is not None else None
+        self._stamps = (
+            StampFile(Path(config.signing_key_file))
+            if config.signing_key_file is not None
+            else None
+        )
         self.when_lost: Callable[[], None] = lambda: None
         """Called when the wire is lost."""
         self.when_back: Callable[[], None] = lambda: None
         """Called when an autopilot is heard again that was silent, or whose wire was lost."""
         self.owes: Callable[[], bool] = lambda: False
-        """Whether a command or its bring-down may still leave: it belongs to the autopilot that was armed, and to no
-        other that speaks in its place from another address."""
+        """Whether a command or its bring-down may still leave: it belongs to the autopilot that was
+        armed, and to no other that speaks in its place from another address."""
         self._reset()
 
     def _reset(self) -> None:
@@ -640,7 +713,10 @@ class MavlinkConnection:
 
     @property
     def newest_trip(self) -> Trip | None:
-        """The newest exchange of clocks with the autopilot, however long its way was; None until it has answered."""
+        """The newest exchange of clocks with the autopilot, however long its way was.
+
+        None until it has answered.
+        """
         return self._timesync.newest
 
     @property
@@ -658,14 +734,18 @@ class MavlinkConnection:
     @property
     def second_path(self) -> str:
         """That the autopilot is heard by a second way; empty where it is not."""
-        return "" if self._loop is None else self._senders.second_path(self._heard.address, self._loop.time())
+        return (
+            ""
+            if self._loop is None
+            else self._senders.second_path(self._heard.address, self._loop.time())
+        )
 
     @property
     def dropped(self) -> dict[str, int]:
         """Counts of unused received data and of our undelivered frames, by reason.
 
-        Our frames are ``congested`` (the network had no room), ``full`` (they would have had to wait),
-        ``undeliverable`` (given back), or had ``no_peer`` yet.
+        Our frames are ``congested`` (the network had no room), ``full`` (they would have had to
+        wait), ``undeliverable`` (given back), or had ``no_peer`` yet.
         """
         return dict(self.codec.dropped + self._dropped)
 
@@ -677,7 +757,9 @@ class MavlinkConnection:
         """
         if self._loop is None or self._heard.kind is None:
             raise LinkMisuse("the link is not connected")
-        return AutopilotAddress(self.codec, self.words, *self._target, self._heard.kind, self._heard.vehicle)
+        return AutopilotAddress(
+            self.codec, self.words, *self._target, self._heard.kind, self._heard.vehicle
+        )
 
     def believe_armed(self, armed: bool) -> None:
         """Believe that the motors are on, or off, until a heartbeat tells."""
@@ -694,7 +776,9 @@ class MavlinkConnection:
     # ---- for whoever shares it
 
     def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
-        """Call ``subscriber(message, arrival_s)`` for every message of the autopilot; returns what ends that.
+        """Call ``subscriber(message, arrival_s)`` for every message of the autopilot.
+
+        Returns what ends that.
 
         ``arrival_s`` is on the event loop's clock [s].
         """
@@ -702,7 +786,8 @@ class MavlinkConnection:
         return lambda: self._subscribers.remove(subscriber)
 
     def request(self, streams: Streams) -> None:
-        """Have ``open`` ask for the messages that ``streams(HEARTBEAT.autopilot)`` names: name → rate [Hz].
+        """Have ``open`` ask for the messages that ``streams(HEARTBEAT.autopilot)`` names: name →
+        rate [Hz].
 
         Raises:
             LinkMisuse: the connection is open already.
@@ -712,7 +797,8 @@ class MavlinkConnection:
         self._streams.append(streams)
 
     def wish(self, names: tuple[str, ...], rate_hz: float) -> None:
-        """Have ``open`` ask for the first message of ``names`` that the autopilot is willing to send, if any.
+        """Have ``open`` ask for the first message of ``names`` that the autopilot is willing to
+        send, if any.
 
         Raises:
             LinkMisuse: the connection is open already.
@@ -724,7 +810,8 @@ class MavlinkConnection:
     # ---- opening and closing
 
     async def open(self) -> None:
-        """Open the wire, wait for the autopilot's HEARTBEAT, and ask for the messages that are wanted.
+        """Open the wire, wait for the autopilot's HEARTBEAT, and ask for the messages that are
+        wanted.
 
         Raises:
             LinkLost: the wire can't be opened, or nobody answered within the configured time.
@@ -754,7 +841,9 @@ class MavlinkConnection:
     def _silence(self) -> Sentence:
         config = self._config
         dropped = [f"{count} {DROPS.get(reason, reason)}" for reason, count in self.dropped.items()]
-        instead = [f"heard instead: {', '.join(self.others.systems)}"] if self.others.systems else []
+        instead = (
+            [f"heard instead: {', '.join(self.others.systems)}"] if self.others.systems else []
+        )
         silent = link_notice(
             "mavlink.silent",
             system=config.target_system,
@@ -799,7 +888,9 @@ class MavlinkConnection:
     async def _choose_streams(self) -> None:
         kind = self.autopilot().kind
         wanted = {name: rate for ask in self._streams for name, rate in ask(kind).items()}
-        await choose_streams(self.autopilot(), wanted, self._wishes, self.see_through, quiet=self._config.quiet)
+        await choose_streams(
+            self.autopilot(), wanted, self._wishes, self.see_through, quiet=self._config.quiet
+        )
 
     def _tell(self, trouble: str) -> None:
         """Show it instead of the autopilot's words."""
@@ -832,13 +923,20 @@ class MavlinkConnection:
     # ---- what leaves
 
     def leave(self, frame: bytes) -> bool:
-        """Send one frame, and tell whether it left; nothing leaves on a closed or lost connection."""
+        """Send one frame, and tell whether it left.
+
+        Nothing leaves on a closed or lost connection.
+        """
         return self._line.leave(frame, self._heard.address)
 
     async def see_through(
-        self, handshake: Handshake, meanwhile: Callable[[float], None] | None = None, period_s: float = POLL_S
+        self,
+        handshake: Handshake,
+        meanwhile: Callable[[float], None] | None = None,
+        period_s: float = POLL_S,
     ) -> None:
-        """Go through ``handshake``, one at a time, calling ``meanwhile(now_s)`` every ``period_s`` [s].
+        """Go through ``handshake``, one at a time, calling ``meanwhile(now_s)`` every ``period_s``
+        [s].
 
         Raises:
             LinkRejected: the autopilot refused.
@@ -872,7 +970,9 @@ class MavlinkConnection:
         """Ask the autopilot at ``address`` for its hardware id, unless it has told."""
         if not self._senders.is_known(address):
             number = float(self.codec.message_number("AUTOPILOT_VERSION"))
-            self._line.leave(self.codec.command(*self._target, MavCommand.REQUEST_MESSAGE, number), address)
+            self._line.leave(
+                self.codec.command(*self._target, MavCommand.REQUEST_MESSAGE, number), address
+            )
 
     # ---- what arrives
 
@@ -883,7 +983,11 @@ class MavlinkConnection:
             return
         self.read += 1
         now = self._loop.time()
-        if known is not None and source != known and (self.owes() or not self._heard.is_silent(now)):
+        if (
+            known is not None
+            and source != known
+            and (self.owes() or not self._heard.is_silent(now))
+        ):
             self._dropped["other_address"] += 1
             self._overhear(data, source, now)
             return
@@ -949,7 +1053,9 @@ class MavlinkConnection:
                 self.leave(self.codec.heartbeat())
             self._ask_the_time(now_s)
             self._first_beat.set()
-            if not is_first and self._line.wire is not None:  # a port may end in the moment of an answer
+            if (
+                not is_first and self._line.wire is not None
+            ):  # a port may end in the moment of an answer
                 self._resume()
                 self._heard.believe_armed(None)
                 self._timesync = Timesync()
@@ -969,7 +1075,8 @@ class StampFile:
         self._path = key_file.with_name(key_file.name + ".stamp")
 
     def make_signer(self, time_s: Callable[[], float]) -> Signer:
-        """Return a signer whose stamps begin where the last run ended, and follow the clock ``time_s()`` [s].
+        """Return a signer whose stamps begin where the last run ended, and follow the clock
+        ``time_s()`` [s].
 
         Raises:
             ValueError: the key or its newest stamp can't be used.
@@ -991,7 +1098,9 @@ class StampFile:
         except FileNotFoundError:
             kept = 0
         except (OSError, ValueError) as error:
-            raise ValueError(link_notice("mavlink.stamp_unread", path=self._path, why=error)) from None
+            raise ValueError(
+                link_notice("mavlink.stamp_unread", path=self._path, why=error)
+            ) from None
         return max(now, kept + 1)
 
     def keep(self, stamp: int) -> None:
@@ -1005,4 +1114,6 @@ class StampFile:
             new.write_text(f"{stamp}\n", "ascii")
             new.replace(self._path)
         except OSError as error:
-            raise ValueError(link_notice("mavlink.stamp_unwritten", path=self._path, why=error.strerror)) from None
+            raise ValueError(
+                link_notice("mavlink.stamp_unwritten", path=self._path, why=error.strerror)
+            ) from None

@@ -1,9 +1,9 @@
 """MAVLink link: thrust and body rates to PX4 or ArduPilot over UDP, TCP or a serial port.
 
-What the dead man's switch lets leave is sent on timers of the event loop, not in a task: a controller that raised,
-waits for ever, was cancelled or no longer ticks does not touch it. A process that stands still is told by the clock:
-what is due then is asked anew. Two requests wait for no other: the landing of a vehicle that nobody steers, and motors
-off.
+What the dead man's switch lets leave is sent on timers of the event loop, not in a task: a
+controller that raised, waits for ever, was cancelled or no longer ticks does not touch it. A
+process that stands still is told by the clock: what is due then is asked anew. Two requests wait
+for no other: the landing of a vehicle that nobody steers, and motors off.
 """
 
 import asyncio
@@ -76,7 +76,10 @@ class Transmitter:
         leave: Callable[[Command | Segment, float], None],
         count_read: Callable[[], int] = lambda: 0,
     ) -> None:
-        """``leave(what, now_s)`` puts it on the wire; ``count_read()`` is how often the wire was read so far."""
+        """``leave(what, now_s)`` puts it on the wire.
+
+        ``count_read()`` is how often the wire was read so far.
+        """
         self._count_read = count_read
         self._read: int | None = None
         self._deadman = deadman
@@ -129,7 +132,8 @@ class Transmitter:
             self._set()
             return
         if now > self._due_s + STOOD_S and self._read != (read := self._count_read()):
-            # The program stood still: what waits to be read comes first, as it may say that the vehicle is another's.
+            # The program stood still: what waits to be read comes first, as it may say that the
+            # vehicle is another's.
             self._read, self._timer = read, self._loop.call_later(0.0, self._turn)
             return
         self._read = None
@@ -205,12 +209,18 @@ class Examination(msgspec.Struct, frozen=True):
 
 
 class MavlinkLink:
-    """Implements :class:`links.core.deadman.CommandLink` (see there); others may read along on ``connection``."""
+    """Implements :class:`links.core.deadman.CommandLink` (see there).
 
-    def __init__(self, config: MavlinkLinkConfig, *, thrust_max_n: float, thrust_curve: float = 0.0) -> None:
+    Others may read along on ``connection``.
+    """
+
+    def __init__(
+        self, config: MavlinkLinkConfig, *, thrust_max_n: float, thrust_curve: float = 0.0
+    ) -> None:
         """Nothing is opened yet; ``thrust_max_n`` is the thrust of the full signal [N].
 
-        ``thrust_curve`` is the vehicle's, see :func:`links.core.deadman.signal`; one in ``config`` takes its place.
+        ``thrust_curve`` is the vehicle's, see :func:`links.core.deadman.signal`; one in ``config``
+        takes its place.
         """
         self._config = config
         self._thrust_max = thrust_max_n
@@ -220,22 +230,27 @@ class MavlinkLink:
         """The socket, for whoever shares it."""
         self._sent = 0
         self._deadman = Deadman()
-        self._transmitter = Transmitter(self._deadman, config.period_s, self._leave, lambda: self.connection.read)
-        # On a wire that was lost the autopilot has begun its own failsafe: nothing more leaves, also when it is back.
-        # An autopilot that was silent may have heard us all the time: what lands it by commands goes on, or what it
-        # heard last runs out.
+        self._transmitter = Transmitter(
+            self._deadman, config.period_s, self._leave, lambda: self.connection.read
+        )
+        # On a wire that was lost the autopilot has begun its own failsafe: nothing more leaves,
+        # also when it is back. An autopilot that was silent may have heard us all the time: what
+        # lands it by commands goes on, or what it heard last runs out.
         self.connection.when_lost = self._transmitter.stop
         self.connection.when_back = self._come_back
         self.connection.owes = lambda: self.status.phase != Phase.OVER
         self._under_way: Handshake | None = None
         self._armed = ArmedSpan()
         self.shares_poses = False
-        """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere too."""
+        """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere
+        too."""
         self._distrusted = False
         self._vitals = Vitals()
         self.connection.subscribe(self._vitals.hear)
         self._uplink = Uplink(ASKED_SLOWLY_S if _is_slow(config) else ASKED_S)
-        self.connection.subscribe(lambda message, now_s: self._uplink.hear(message, now_s, self._usual_s))
+        self.connection.subscribe(
+            lambda message, now_s: self._uplink.hear(message, now_s, self._usual_s)
+        )
         self._examined = Examination()
         self._angles: tuple[float, ...] = ()
         self._landing: asyncio.Task[None] | None = None
@@ -295,7 +310,10 @@ class MavlinkLink:
         )
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
-        """Ask the autopilot for its attitude, and call ``watch`` with each that comes; not on a connected link."""
+        """Ask the autopilot for its attitude, and call ``watch`` with each that comes.
+
+        Not on a connected link.
+        """
         self.connection.wish(ATTITUDES, SLOW_HZ if _is_slow(self._config) else ATTITUDE_HZ)
 
         def hear(message: Message, arrival_s: float) -> None:
@@ -307,7 +325,9 @@ class MavlinkLink:
         self.connection.subscribe(hear)
 
     async def connect(self) -> None:
-        """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the messages that are wanted."""
+        """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the messages that are
+        wanted.
+        """
         self._loop = asyncio.get_running_loop()
         self._distrusted = False
         await self.connection.open()
@@ -328,8 +348,9 @@ class MavlinkLink:
     async def arm(self, idle: Callable[[], Command]) -> None:
         """Stream until the vehicle is in OFFBOARD (GUIDED on ArduPilot) and armed; see the port.
 
-        Whatever ends this early, an order to disarm leaves after an order to arm. A LinkError, too, where ``idle()``
-        returned a command whose deadline had passed, or the motors were killed meanwhile.
+        Whatever ends this early, an order to disarm leaves after an order to arm. A LinkError, too,
+        where ``idle()`` returned a command whose deadline had passed, or the motors were killed
+        meanwhile.
         """
 
         def stream(now_s: float) -> None:
@@ -344,7 +365,9 @@ class MavlinkLink:
 
         if self._busy or not _over(self._killing):
             raise LinkMisuse(f"arm() {self._busy or 'while the motors are being killed'}")
-        handshake = self._under_way = arming(self.connection.autopilot(), self._config.ardupilot_mode)
+        handshake = self._under_way = arming(
+            self.connection.autopilot(), self._config.ardupilot_mode
+        )
         self.connection.begin_arming()
         self._busy = "while arm() streams"
         if self._landing is not None:
@@ -363,7 +386,9 @@ class MavlinkLink:
         except BaseException:
             self._transmitter.stop()
             if handshake.at_last_step and self._killing is None:
-                self.connection.leave(self.connection.codec.command(*self._target, MavCommand.ARM_DISARM, 0.0))
+                self.connection.leave(
+                    self.connection.codec.command(*self._target, MavCommand.ARM_DISARM, 0.0)
+                )
             raise
         finally:
             self._under_way = None
@@ -371,7 +396,9 @@ class MavlinkLink:
                 self._busy = ""
 
     def send(self, command: Command) -> bool:
-        """See the port; False also where the autopilot is armed no longer, LinkMisuse while ``arm`` is streaming."""
+        """See the port; False also where the autopilot is armed no longer, LinkMisuse while ``arm``
+        is streaming.
+        """
         if self._busy or self._loop is None:
             raise LinkMisuse(f"send() {self._busy}")
         return self._send(command, self._loop.time())
@@ -385,10 +412,12 @@ class MavlinkLink:
         return True
 
     def _watch(self) -> None:
-        """An autopilot that somebody else has disarmed must not fly on when that somebody arms it again.
+        """An autopilot that somebody else has disarmed must not fly on when that somebody arms it
+        again.
 
-        One that somebody else has put in another mode is theirs: nothing leaves from then on, no bring-down either.
-        Nor does anything after this computer has slept: the autopilot has come down without us long ago.
+        One that somebody else has put in another mode is theirs: nothing leaves from then on, no
+        bring-down either. Nor does anything after this computer has slept: the autopilot has come
+        down without us long ago.
         """
         armed = self._armed
         if armed.slept_s:
@@ -409,7 +438,9 @@ class MavlinkLink:
         if self._deadman.at(now_s) is not what:
             return
         thrust = signal(what.thrust_n / self._thrust_max, self._curve)
-        frame = self.connection.codec.attitude_target(now_s, *self._target, thrust, what.rates_rad_s)
+        frame = self.connection.codec.attitude_target(
+            now_s, *self._target, thrust, what.rates_rad_s
+        )
         self._sent += self.connection.leave(frame)
         if (asked_ns := self._uplink.ask(now_s)) is not None:
             self.connection.leave(self.connection.codec.timesync_question(asked_ns))
@@ -417,7 +448,10 @@ class MavlinkLink:
             self._begin_landing(now_s)
 
     def land(self) -> None:
-        """See the port. Its landing begins from the newest command's thrust: from a bring-down's PX4 sinks too fast."""
+        """See the port.
+
+        Its landing begins from the newest command's thrust: from a bring-down's PX4 sinks too fast.
+        """
         if self._loop is not None and self._armed.obeys_s is not None:
             self._begin_landing(self._loop.time())
 
@@ -433,20 +467,26 @@ class MavlinkLink:
 
     @property
     def _knows_by_itself(self) -> bool:
-        """Whether nothing says that what the autopilot knows of its position may come from our tracker."""
+        """Whether nothing says that what the autopilot knows of its position may come from our
+        tracker.
+        """
         config = self._config
         return config.own_position or not (
             config.forward.enabled or self.connection.others.tells_position or self.shares_poses
         )
 
     def could_land_by_itself(self, now_s: float) -> bool:
-        """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our poses."""
+        """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our
+        poses.
+        """
         if self._config.bring_down != "auto":
             return self._config.bring_down == "land"
         return self._vitals.could_land(now_s) and self._knows_by_itself
 
     def distrust(self) -> None:
-        """Our poses are wrong: until it is connected anew, LAND is asked of an autopilot only that knows by itself."""
+        """Our poses are wrong: until it is connected anew, LAND is asked of an autopilot only that
+        knows by itself.
+        """
         self._distrusted = True
 
     async def _land(self) -> None:
@@ -490,7 +530,10 @@ class MavlinkLink:
         await self._transmitter.silent()
 
     async def disarm(self) -> None:
-        """Ask the vehicle, which stands on the ground, to stop its motors; then nothing leaves without a new arming."""
+        """Ask the vehicle, which stands on the ground, to stop its motors.
+
+        Then nothing leaves without a new arming.
+        """
         autopilot = self.connection.autopilot()
         try:
             await self._ask(disarming(autopilot))
@@ -509,7 +552,10 @@ class MavlinkLink:
             self._under_way = None
 
     async def kill(self) -> None:
-        """See the port. It goes on to its end where the caller is cancelled, and :meth:`close` waits for it."""
+        """See the port.
+
+        It goes on to its end where the caller is cancelled, and :meth:`close` waits for it.
+        """
         self._transmitter.stop()
         if self._under_way is not None:
             self._under_way.failure = LinkError(link_notice("arming.motors_killed"))

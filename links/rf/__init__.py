@@ -14,7 +14,13 @@ from links.rf.board import Board
 from links.rf.channel_map import Channels
 from links.rf.codec import Manner, RfFrame, RfLinkConfig, Service
 from links.rf.link import PacedLink, SerialRfLink
-from links.rf.module_codec import RF_CODECS, CrsfLinkConfig, DsmLinkConfig, RfConfig, encode_attitude
+from links.rf.module_codec import (
+    RF_CODECS,
+    CrsfLinkConfig,
+    DsmLinkConfig,
+    RfConfig,
+    encode_attitude,
+)
 from links.rf.pacer import (
     LOOK_S,
     Arm,

@@ -1,4 +1,6 @@
-"""Protocols of a Betaflight board's own port: frames of MSP, and the answers of its command line. Sans-IO.
+"""Protocols of a Betaflight board's own port: frames of MSP, and the answers of its command line.
+
+Sans-IO.
 
 MSP version 1, 115200 baud 8N1 or USB; numbers with the low byte first:
 
@@ -8,13 +10,14 @@ MSP version 1, 115200 baud 8N1 or USB; numbers with the low byte first:
     5 .. 4+n      payload
     byte 5+n      XOR of bytes 3 to 4+n
 
-Command 2: four letters, BTFL. 3: version, a byte each. 101, status: its u32 at byte 6 has bit 0 set while it is armed,
-as ARM is the first of the modes there. 160: three u32 by which each processor differs.
+Command 2: four letters, BTFL. 3: version, a byte each. 101, status: its u32 at byte 6 has bit 0 set
+while it is armed, as ARM is the first of the modes there. 160: three u32 by which each processor
+differs.
 
-A "#" between frames opens the command line, not while it is armed; from then on it can't be armed until it was
-restarted. A line is echoed and answered, and after each answer comes a new line and "# ". ``get`` answers with each
-setting whose name holds the word, ``name = value``.
-Source: Betaflight 4.6, src/main/msp/msp.c, msp_serial.c, msp_box.c, and cli/cli.c.
+A "#" between frames opens the command line, not while it is armed; from then on it can't be armed
+until it was restarted. A line is echoed and answered, and after each answer comes a new line and "#
+". ``get`` answers with each setting whose name holds the word, ``name = value``. Source: Betaflight
+4.6, src/main/msp/msp.c, msp_serial.c, msp_box.c, and cli/cli.c.
 """
 
 import math
@@ -48,7 +51,9 @@ _FRAME_BYTES = 6
 """Bytes of a frame beside its payload [B]."""
 _MODES, _ARMED = struct.Struct("<6xI"), 1
 _REFUSES = re.compile(r"###ERROR|invalid|unknown|parse error", re.IGNORECASE)
-_ROWS = re.compile(r"^(aux|rxrange|rxfail) (\d+) ([ahs\d][\d ]*?)\s*$|^(map) ([A-Z0-9]{8})\s*$", re.MULTILINE)
+_ROWS = re.compile(
+    r"^(aux|rxrange|rxfail) (\d+) ([ahs\d][\d ]*?)\s*$|^(map) ([A-Z0-9]{8})\s*$", re.MULTILINE
+)
 
 
 class MspAnswer(NamedTuple):
@@ -101,14 +106,19 @@ def is_armed(status: bytes) -> bool:
 
 
 def find_refusal(answer: str) -> str | None:
-    """The line in an answer of the command line that says that it refuses; None where it does not."""
+    """The line in an answer of the command line that says that it refuses.
+
+    None where it does not.
+    """
     return next((line.strip() for line in answer.splitlines()[1:] if _REFUSES.match(line)), None)
 
 
 def find_settings(answer: str) -> dict[str, float | str]:
-    """Every setting in an answer of the command line: ``name = value``, ``aux``, ``rxrange``, ``rxfail``, ``map``.
+    """Every setting in an answer of the command line: ``name = value``, ``aux``, ``rxrange``,
+    ``rxfail``, ``map``.
 
-    Rows of a table go by their numbers: ``aux 0`` is ``0 0 1700 2100 0 0``, ``rxfail 4`` is ``s 1000``.
+    Rows of a table go by their numbers: ``aux 0`` is ``0 0 1700 2100 0 0``, ``rxfail 4`` is
+    ``s 1000``.
     """
     found: dict[str, float | str] = {}
     for line in answer.splitlines():
@@ -136,13 +146,19 @@ def describe_change(name: str, value: float | str) -> str:
 
 
 def describe_pulses(config: RfLinkConfig) -> tuple[float, str]:
-    """Half of the range between the positions -1 and 1 [µs], and the board's ``map``: what its first channels are.
+    """Half of the range between the positions -1 and 1 [µs], and the board's ``map``: what its
+    first channels are.
 
     Raises:
         ValueError: thrust or a rate is on a channel beyond the eighth.
     """
     named = config.map
-    letters = {named.roll.channel: "A", named.pitch.channel: "E", named.thrust.channel: "T", named.yaw.channel: "R"}
+    letters = {
+        named.roll.channel: "A",
+        named.pitch.channel: "E",
+        named.thrust.channel: "T",
+        named.yaw.channel: "R",
+    }
     if max(letters) > 8:
         raise ValueError(link_notice("rf.betaflight_channels"))
     others = iter("1234")

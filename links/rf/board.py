@@ -1,7 +1,8 @@
-"""A Betaflight board by its own port: asked by MSP whether it is armed, and read and changed by its command line.
+"""A Betaflight board by its own port: asked by MSP whether it is armed, and read and changed by its
+command line.
 
-While the command line is open the board can't be armed. To leave it restarts the board, which ends a USB port: it is
-opened again when it is back.
+While the command line is open the board can't be armed. To leave it restarts the board, which ends
+a USB port: it is opened again when it is back.
 """
 
 import asyncio
@@ -42,10 +43,15 @@ AGAIN_S = 0.25
 
 
 class Board:
-    """One board. ``open`` it, ``enter`` its command line, ``tell`` it lines; ``leave`` restarts it."""
+    """One board.
+
+    ``open`` it, ``enter`` its command line, ``tell`` it lines; ``leave`` restarts it.
+    """
 
     def __init__(self, port: str) -> None:
-        """Nothing is opened yet; ``port`` is a path, or host:port of a bridge to it, as the simulated firmware has.
+        """Nothing is opened yet.
+
+        ``port`` is a path, or host:port of a bridge to it, as the simulated firmware has.
 
         Raises:
             ValueError: it is neither.
@@ -83,12 +89,16 @@ class Board:
                 if loop.time() > until:
                     why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
                     raise LinkLost(
-                        link_notice("board.port", port=self.port, why=why.removeprefix(f"{self.port}: "))
+                        link_notice(
+                            "board.port", port=self.port, why=why.removeprefix(f"{self.port}: ")
+                        )
                     ) from None
                 await asyncio.sleep(AGAIN_S)
         if (variant := (await self.ask(MspCommand.FC_VARIANT)).payload) != VARIANT:
             raise LinkRejected(
-                link_notice("board.other_firmware", port=self.port, found=variant.decode("ascii", "replace"))
+                link_notice(
+                    "board.other_firmware", port=self.port, found=variant.decode("ascii", "replace")
+                )
             )
         version = (await self.ask(MspCommand.FC_VERSION)).payload
         uid = (await self.ask(MspCommand.UID)).payload.hex()
@@ -103,7 +113,9 @@ class Board:
             self._transport, _ = await NETWORK.get().open_serial(lambda: protocol, self.port, BAUD)
         else:
             async with asyncio.timeout(OPEN_S):
-                self._transport, _ = await NETWORK.get().open_stream(lambda: protocol, *self._address)
+                self._transport, _ = await NETWORK.get().open_stream(
+                    lambda: protocol, *self._address
+                )
         await self.ask(MspCommand.FC_VARIANT)
 
     async def ask(self, command: int) -> MspAnswer:
@@ -119,7 +131,9 @@ class Board:
             while data := await self._read(until_s):
                 for answer in reader.feed(data):
                     if answer.command == command and not answer.known:
-                        raise LinkRejected(link_notice("board.unknown_command", port=self.port, command=command))
+                        raise LinkRejected(
+                            link_notice("board.unknown_command", port=self.port, command=command)
+                        )
                     if answer.command == command:
                         return answer
         raise LinkLost(link_notice("board.silent"))
@@ -152,7 +166,9 @@ class Board:
             self.in_command_line = True
             await self._prompt_after("#", b"#")
         status = await self.tell("status")
-        flags = next((line for line in status.splitlines() if line.startswith("Arming disable flags:")), "")
+        flags = next(
+            (line for line in status.splitlines() if line.startswith("Arming disable flags:")), ""
+        )
         if "CLI" not in flags.split():
             raise LinkRejected(link_notice("board.may_arm"))
 
@@ -174,7 +190,10 @@ class Board:
         await self.open(RESTART_S)
 
     async def close(self) -> None:
-        """Leave the command line, which restarts the board and forgets what was not saved; and close the port."""
+        """Leave the command line, which restarts the board and forgets what was not saved.
+
+        And close the port.
+        """
         if self._transport is not None and self.in_command_line and not self._has_ended:
             await self._restart("exit")
         self._cut()
@@ -202,7 +221,10 @@ class Board:
         raise LinkLost(link_notice("board.no_answer", line=line))
 
     async def _read(self, until_s: float) -> bytes:
-        """Return what comes before ``until_s``, on the event loop's clock; nothing at its end, or at the port's."""
+        """Return what comes before ``until_s``, on the event loop's clock.
+
+        Nothing at its end, or at the port's.
+        """
         try:
             async with asyncio.timeout_at(until_s):
                 return await self._reader.read(READ_BYTES)
@@ -223,7 +245,9 @@ class Board:
                 raise OSError(link_notice("board.port_ended").text)
             (self._transport.send if self._address is None else self._transport.write)(data)
         except OSError as error:
-            raise LinkLost(link_notice("board.port", port=self.port, why=error.strerror or error)) from None
+            raise LinkLost(
+                link_notice("board.port", port=self.port, why=error.strerror or error)
+            ) from None
         return now_s + patience_s
 
     def _cut(self) -> None:

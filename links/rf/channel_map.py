@@ -1,6 +1,7 @@
 """Thrust and body rates to the positions of a transmitter's channels, and back. Pure.
 
-A position is -1..1, what transmitters call -100 % to +100 %; a codec makes counts of it. Channels count from 1.
+A position is -1..1, what transmitters call -100 % to +100 %; a codec makes counts of it. Channels
+count from 1.
 """
 
 import math
@@ -22,7 +23,8 @@ class Throttle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     channel: Annotated[Channel, msgspec.Meta(description="Its number.")]
     low: Annotated[
-        Position, msgspec.Meta(description="Position for no thrust; also what leaves while disarmed.")
+        Position,
+        msgspec.Meta(description="Position for no thrust; also what leaves while disarmed."),
     ] = -1.0
     high: Annotated[
         Position,
@@ -54,19 +56,23 @@ class Stick(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         msgspec.Meta(
             ge=15.0,
             le=20000.0,
-            description="Body rate at full stick, as it is set on board [deg/s]; no faster one can be sent.",
+            description="Body rate at full stick, as it is set on board [deg/s]; no faster one can "
+            "be sent.",
         ),
     ] = 200.0
     reverse: Annotated[
         bool,
         msgspec.Meta(
-            description="Whether a positive rate (right roll, nose up, clockwise from above) takes a lower position."
+            description="Whether a positive rate (right roll, nose up, clockwise from above) takes "
+            "a lower position."
         ),
     ] = False
-    trim: Annotated[Position, msgspec.Meta(description="Position at which the vehicle does not turn.")] = 0.0
-    failsafe: Annotated[Position | None, msgspec.Meta(description="Position while disarmed; without it: `trim`.")] = (
-        None
-    )
+    trim: Annotated[
+        Position, msgspec.Meta(description="Position at which the vehicle does not turn.")
+    ] = 0.0
+    failsafe: Annotated[
+        Position | None, msgspec.Meta(description="Position while disarmed; without it: `trim`.")
+    ] = None
 
 
 class ArmSwitch(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -97,7 +103,9 @@ class Copy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which channel says what. The default is Spektrum's order: throttle, aileron, elevator, rudder."""
+    """Which channel says what. The default is Spektrum's order: throttle, aileron, elevator,
+    rudder.
+    """
 
     thrust: Throttle = Throttle(channel=1)
     roll: Stick = Stick(channel=2)
@@ -105,12 +113,19 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     yaw: Stick = Stick(channel=4, full_rate_deg_s=300.0)
     arm: Annotated[
         ArmSwitch | None,
-        msgspec.Meta(description="The channel that arms; without it, whatever the vehicle itself does."),
+        msgspec.Meta(
+            description="The channel that arms; without it, whatever the vehicle itself does."
+        ),
     ] = None
-    throttle_copy: Annotated[Copy | None, msgspec.Meta(description="A channel that follows the throttle.")] = None
+    throttle_copy: Annotated[
+        Copy | None, msgspec.Meta(description="A channel that follows the throttle.")
+    ] = None
     fixed: Annotated[
         tuple[Fixed, ...],
-        msgspec.Meta(description="Channels that stay where they are; every channel that nobody names stays at 0."),
+        msgspec.Meta(
+            description="Channels that stay where they are; every channel that nobody names stays "
+            "at 0."
+        ),
     ] = ()
 
     def __post_init__(self) -> None:
@@ -122,7 +137,15 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     @property
     def channels(self) -> list[int]:
         """Every channel that is named."""
-        named = (self.thrust, self.roll, self.pitch, self.yaw, self.arm, self.throttle_copy, *self.fixed)
+        named = (
+            self.thrust,
+            self.roll,
+            self.pitch,
+            self.yaw,
+            self.arm,
+            self.throttle_copy,
+            *self.fixed,
+        )
         return [part.channel for part in named if part is not None]
 
 
@@ -149,12 +172,17 @@ class Channels:
             rest[part.channel - 1] = part.position
         self._sticks = (channel_map.roll, channel_map.pitch, channel_map.yaw)
         # Position = trim + gain * rate.
-        self._gains = [(-1.0 if s.reverse else 1.0) / math.radians(s.full_rate_deg_s) for s in self._sticks]
+        self._gains = [
+            (-1.0 if s.reverse else 1.0) / math.radians(s.full_rate_deg_s) for s in self._sticks
+        ]
         self._rest = rest
         self._idle = {armed: self._make_idle(armed) for armed in (False, True)}
 
     def flying(self, thrust_n: float, rates_rad_s: Rates) -> list[float]:
-        """Positions for a thrust [N] and body rates [rad/s, FRD], armed; clamped to what the channels can say."""
+        """Positions for a thrust [N] and body rates [rad/s, FRD], armed.
+
+        Clamped to what the channels can say.
+        """
         m, out = self._map, self._rest.copy()
         throttle = m.thrust
         share = signal(thrust_n / self._thrust_max, throttle.curve or 0.0)
@@ -166,7 +194,9 @@ class Channels:
         return out
 
     def idle(self, *, armed: bool) -> list[float]:
-        """Positions without thrust: the failsafe values, or with ``armed`` the arm channel up and no rates."""
+        """Positions without thrust: the failsafe values, or with ``armed`` the arm channel up and
+        no rates.
+        """
         return self._idle[armed]
 
     def read(self, positions: Sequence[float]) -> Sticks:
@@ -189,7 +219,9 @@ class Channels:
         m, out = self._map, self._rest.copy()
         self._set_throttle(out, m.thrust.low)
         for stick in self._sticks:
-            out[stick.channel - 1] = stick.trim if armed or stick.failsafe is None else stick.failsafe
+            out[stick.channel - 1] = (
+                stick.trim if armed or stick.failsafe is None else stick.failsafe
+            )
         if m.arm is not None:
             out[m.arm.channel - 1] = m.arm.armed if armed else m.arm.disarmed
         return out
@@ -198,4 +230,6 @@ class Channels:
         m = self._map
         out[m.thrust.channel - 1] = position
         if m.throttle_copy is not None:
-            out[m.throttle_copy.channel - 1] = min(max(position, m.throttle_copy.low), m.throttle_copy.high)
+            out[m.throttle_copy.channel - 1] = min(
+                max(position, m.throttle_copy.low), m.throttle_copy.high
+            )

@@ -1,7 +1,7 @@
 """Common parts of the codecs and configurations of serial RF modules. Sans-IO.
 
-A codec is a configuration that is a :class:`RfLinkConfig`, and a class that is a :class:`RfCodec`. Both
-stand in links/rf/module_codec.py, with one line in ``RF_CODECS``.
+A codec is a configuration that is a :class:`RfLinkConfig`, and a class that is a :class:`RfCodec`.
+Both stand in links/rf/module_codec.py, with one line in ``RF_CODECS``.
 """
 
 from abc import ABC, abstractmethod
@@ -34,7 +34,8 @@ class RfTelemetry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     mode: str | None = None
     """The flight controller's mode, in its own words."""
     attitude: tuple[float, float, float, float] | None = None
-    """Unit quaternion w, x, y, z as the flight controller believes, body FRD to NED; its north is its own."""
+    """Unit quaternion w, x, y, z as the flight controller believes, body FRD to NED; its north is
+    its own."""
     attitude_s: float | None = None
     """About when that was so, on the commands' clock [s]: no frame tells."""
     uplink_share: float | None = None
@@ -51,7 +52,8 @@ class RfFrame(NamedTuple):
     """One frame as a module understands it."""
 
     positions: tuple[float, ...] | None
-    """Position of every channel, -1..1 (a little beyond where the wire allows it); None in a frame without channels."""
+    """Position of every channel, -1..1 (a little beyond where the wire allows it); None in a frame
+    without channels."""
     service: Service | None = None
     """Requested service, or None."""
     model_id: int | None = None
@@ -73,7 +75,10 @@ class FrameReader(ABC, Generic[F]):
 
     @abstractmethod
     def _find_end(self, data: bytes, at: int) -> int | str:
-        """Return the end of the frame at ``at``, beyond ``data`` if it is not whole; or why there is none."""
+        """Return the end of the frame at ``at``, beyond ``data`` if it is not whole.
+
+        Or why there is none.
+        """
 
     @abstractmethod
     def _decode_frame(self, frame: bytes) -> F:
@@ -119,8 +124,13 @@ class RfCodec(Protocol):
     def greeting(self) -> bytes:
         """First frame to a module, once, in place of channels; may be empty."""
 
-    def encode(self, positions: Sequence[float], service: Service | None = None, nth: int = 0) -> bytes:
-        """The frame for ``positions`` (-1..1); with ``service``, the ``nth`` frame since it was asked for."""
+    def encode(
+        self, positions: Sequence[float], service: Service | None = None, nth: int = 0
+    ) -> bytes:
+        """The frame for ``positions`` (-1..1).
+
+        With ``service``, the ``nth`` frame since it was asked for.
+        """
 
     def decoder(self) -> RfDecoder:
         """A new decoder of the same frames."""
@@ -140,7 +150,9 @@ class Manner(msgspec.Struct, frozen=True, kw_only=True):
 class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
     """Configuration common to all serial RF links."""
 
-    port: Annotated[str, msgspec.Meta(description="The serial port of the module.")] = "/dev/ttyUSB0"
+    port: Annotated[str, msgspec.Meta(description="The serial port of the module.")] = (
+        "/dev/ttyUSB0"
+    )
     simulated: Annotated[
         bool,
         msgspec.Meta(
@@ -150,8 +162,12 @@ class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
             "can tell."
         ),
     ] = False
-    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000, description="Its speed [bit/s].")] = 115200
-    period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1, description="Time between two frames [s].")] = 0.0225
+    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000, description="Its speed [bit/s].")] = (
+        115200
+    )
+    period_s: Annotated[
+        float, msgspec.Meta(ge=0.001, le=0.1, description="Time between two frames [s].")
+    ] = 0.0225
     map: ChannelMap = ChannelMap()
     arm_low_s: Annotated[
         float,
@@ -167,8 +183,8 @@ class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
         msgspec.Meta(
             ge=0.0,
             le=10.0,
-            description="How long it then holds the arm channel up with the throttle down before it "
-            "counts as armed [s].",
+            description="How long it then holds the arm channel up with the throttle down before "
+            "it counts as armed [s].",
         ),
     ] = 1.0
     disarm_s: Annotated[
@@ -228,12 +244,18 @@ class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
 
     @property
     def real(self) -> str:
-        """The key that may lead to a real vehicle, and its value; flight/preflight knows the one exception."""
+        """The key that may lead to a real vehicle, and its value.
+
+        Flight/preflight knows the one exception.
+        """
         return f"port = {self.port}"
 
     @property
     def thrust_curve(self) -> float | None:
-        """The throttle's curve (see :class:`links.rf.channel_map.Throttle`); None for the vehicle's."""
+        """The throttle's curve (see :class:`links.rf.channel_map.Throttle`).
+
+        None for the vehicle's.
+        """
         return self.map.thrust.curve
 
     def with_thrust_curve(self, curve: float) -> Self:

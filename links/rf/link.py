@@ -1,9 +1,10 @@
-"""RF link: thrust and body rates as a transmitter's channels, in frames that a pacer lets go: another process.
+"""RF link: thrust and body rates as a transmitter's channels, in frames that a pacer lets go:
+another process.
 
-Frames leave all the time, whatever this process does: disarm frames until the operator arms, then the newest command.
-Nothing comes back from the vehicle. So "armed" means that the arm channel was held up for a stated time with the
-throttle down, and "disarmed" that disarm frames left for one. Of the pacer itself the link hears reports; that none
-comes means something, too.
+Frames leave all the time, whatever this process does: disarm frames until the operator arms, then
+the newest command. Nothing comes back from the vehicle. So "armed" means that the arm channel was
+held up for a stated time with the throttle down, and "disarmed" that disarm frames left for one. Of
+the pacer itself the link hears reports; that none comes means something, too.
 """
 
 import asyncio
@@ -11,7 +12,17 @@ import math
 from collections.abc import Awaitable, Callable
 from functools import partial
 
-from links.core import Attitude, Command, Deadman, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Phase
+from links.core import (
+    Attitude,
+    Command,
+    Deadman,
+    LinkError,
+    LinkLost,
+    LinkMisuse,
+    LinkRejected,
+    LinkStatus,
+    Phase,
+)
 from links.rf.codec import Manner, RfLinkConfig, RfTelemetry, Service
 from links.rf.pacer import Arm, End, Give, Hear, OpenPacer, Order, Pacer, PacerReport, Serve, Stop
 from links.text import link_notice
@@ -35,9 +46,12 @@ class HeardPacer:
         news: Hear,
         missed: Callable[[], None],
     ) -> None:
-        """Nothing is opened yet; ``open_pacer`` gets at the pacer, whose ``manner`` counts from then on.
+        """Nothing is opened yet.
 
-        ``news`` takes each report, and None at the pacer's end; ``missed`` is called where a report is missing.
+        ``open_pacer`` gets at the pacer, whose ``manner`` counts from then on.
+
+        ``news`` takes each report, and None at the pacer's end; ``missed`` is called where a report
+        is missing.
         """
         self.manner = manner
         self.pacer: Pacer | None = None
@@ -82,7 +96,10 @@ class HeardPacer:
         return self.report
 
     def why_lost(self) -> str:
-        """Why nothing leaves but a bring-down and disarm frames, or nothing at all; empty where commands may."""
+        """Why nothing leaves but a bring-down and disarm frames, or nothing at all.
+
+        Empty where commands may.
+        """
         return self.why_silent() or (self.report.heir if self.report is not None else "")
 
     def why_helpless(self) -> str:
@@ -124,10 +141,15 @@ class HeardPacer:
         self._news(report)
 
     def _listen_until(self, when_s: float | None) -> None:
-        """Expect a report before ``when_s``. What came while this process stood still is read before it is missed."""
+        """Expect a report before ``when_s``.
+
+        What came while this process stood still is read before it is missed.
+        """
         if self._watch is not None:
             self._watch.cancel()
-        self._watch = asyncio.get_running_loop().call_at(when_s, self._miss) if when_s is not None else None
+        self._watch = (
+            asyncio.get_running_loop().call_at(when_s, self._miss) if when_s is not None else None
+        )
 
     def _miss(self) -> None:
         self._mute = True
@@ -135,7 +157,10 @@ class HeardPacer:
 
 
 async def end(pacer: Pacer, linger_s: float) -> None:
-    """Have ``pacer`` end once the vehicle is down and disarm frames have left for ``linger_s`` [s]; then let go."""
+    """Have ``pacer`` end once the vehicle is down and disarm frames have left for ``linger_s`` [s].
+
+    Then let go.
+    """
     try:
         if pacer.give(End(linger_s)):
             async with asyncio.timeout(END_LIMIT_S + linger_s):
@@ -151,14 +176,21 @@ OBEY_LIMIT_S = 1.0
 
 _UNTIMELY = link_notice("module.untimely").text
 
-_CLOSED, _CLOSING, _ARMING = "on a link that is not connected", "on a link that is being closed", "while arm() streams"
+_CLOSED, _CLOSING, _ARMING = (
+    "on a link that is not connected",
+    "on a link that is being closed",
+    "while arm() streams",
+)
 
 
 class PacedLink:
     """Implements :class:`links.core.deadman.CommandLink` (see there)."""
 
     def __init__(self, manner: Manner, open_pacer: Callable[[Hear], Awaitable[Pacer]]) -> None:
-        """Nothing is opened yet; ``open_pacer`` gets at the pacer, whose ``manner`` counts from then on."""
+        """Nothing is opened yet.
+
+        ``open_pacer`` gets at the pacer, whose ``manner`` counts from then on.
+        """
         self._heard = HeardPacer(manner, open_pacer, news=self._hear, missed=self._miss)
         self._deadman = Deadman()
         """A likeness of the pacer's own, so that send() knows at once what will not leave."""
@@ -200,7 +232,9 @@ class PacedLink:
             battery_v=told.battery_v,
             battery_share=told.battery_share,
             mode=told.mode or "",
-            angles_rad=() if told.attitude is None else Attitude(0.0, told.attitude, None).angles_rad,
+            angles_rad=()
+            if told.attitude is None
+            else Attitude(0.0, told.attitude, None).angles_rad,
             uplink_share=told.uplink_share,
             uplink_dbm=told.uplink_dbm,
             uplink_snr_db=told.uplink_snr_db,
@@ -209,7 +243,9 @@ class PacedLink:
             expired=self._expired,
             received=report.received if report is not None else 0,
             dropped=dict(report.dropped) if report is not None else {},
-            text="" if self._state() == "closed" else self._heard.why_lost() or self._why_over or self._heard.words(),
+            text=""
+            if self._state() == "closed"
+            else self._heard.why_lost() or self._why_over or self._heard.words(),
             phase="over" if self._heard.pacer is None else self._deadman.phase(_now()),
             slept_s=report.slept_s if report is not None else 0.0,
             late_octaves=report.late_octaves if report is not None else (),
@@ -234,7 +270,10 @@ class PacedLink:
         self._watch = watch
 
     async def connect(self) -> None:
-        """Start the pacer and open the port, or find both: disarm frames leave. LinkRejected where it obeys another."""
+        """Start the pacer and open the port, or find both: disarm frames leave.
+
+        LinkRejected where it obeys another.
+        """
         if self._busy != _CLOSED:
             raise LinkMisuse("the link is connected already, or being closed; close it first")
         self._busy = "while it connects"
@@ -254,10 +293,12 @@ class PacedLink:
         self._free_for("examine")
 
     async def arm(self, idle: Callable[[], Command]) -> None:
-        """Show a disarmed transmitter, then an armed one, both with the throttle down, while ``idle()`` is streamed.
+        """Show a disarmed transmitter, then an armed one, both with the throttle down, while
+        ``idle()`` is streamed.
 
-        Only a fresh ``idle()`` keeps this alive, else a LinkError tells; its thrust leaves once the vehicle counts as
-        armed. Returns so that a caller who sends at once, and then every period, stays just ahead of the frames.
+        Only a fresh ``idle()`` keeps this alive, else a LinkError tells; its thrust leaves once the
+        vehicle counts as armed. Returns so that a caller who sends at once, and then every period,
+        stays just ahead of the frames.
         """
         self._free_for("arm")
         if self._state() == "armed":
@@ -312,7 +353,10 @@ class PacedLink:
             await asyncio.sleep(self._heard.manner.period_s)
 
     async def kill(self) -> None:
-        """Disarm with the next frame; returns when disarm frames have left for ``disarm_s``. See the port."""
+        """Disarm with the next frame; returns when disarm frames have left for ``disarm_s``.
+
+        See the port.
+        """
         heard, pacer = self._heard, self._heard.pacer
         self._stop()
         await asyncio.sleep(self._heard.manner.disarm_s)
@@ -321,7 +365,10 @@ class PacedLink:
             raise LinkLost(link_notice("module.unsent", why=why))
 
     async def disarm(self) -> None:
-        """Send disarm frames; the vehicle counts as disarmed once they have left for ``disarm_s``."""
+        """Send disarm frames.
+
+        The vehicle counts as disarmed once they have left for ``disarm_s``.
+        """
         self._free_for("disarm")
         self._stop()
         await asyncio.sleep(self._heard.manner.disarm_s)
@@ -385,19 +432,31 @@ class PacedLink:
             raise LinkLost(self._heard.why_lost())
 
     def _miss(self) -> None:
-        """Nobody tells what leaves: where frames do, the newest command runs out and its bring-down follows."""
+        """Nobody tells what leaves: where frames do, the newest command runs out and its bring-down
+        follows.
+        """
         self._note_unmet()
         self._deadman.hold()
 
     def _note_unmet(self) -> None:
-        """Note a command or bring-down that cannot leave; that the port comes back, or a pacer, changes nothing."""
-        owed = self._busy != _ARMING and self._deadman.phase(_now()) in (Phase.FRESH, Phase.BRING_DOWN)
+        """Note a command or bring-down that cannot leave.
+
+        That the port comes back, or a pacer, changes nothing.
+        """
+        owed = self._busy != _ARMING and self._deadman.phase(_now()) in (
+            Phase.FRESH,
+            Phase.BRING_DOWN,
+        )
         if owed and not self._unmet:
             self._unmet = self._heard.why_helpless()
 
     def _feel(self, told: RfTelemetry) -> None:
         """The vehicle may have told how it lies."""
-        if told.attitude is not None and told.attitude_s is not None and told.attitude_s > self._felt_s + ANEW_S:
+        if (
+            told.attitude is not None
+            and told.attitude_s is not None
+            and told.attitude_s > self._felt_s + ANEW_S
+        ):
             self._felt_s = told.attitude_s
             self._watch(Attitude(told.attitude_s, told.attitude, None))
 
@@ -439,11 +498,13 @@ class SerialRfLink(PacedLink):
     ) -> None:
         """Nothing is opened yet; ``thrust_max_n`` is the thrust at full throttle [N].
 
-        ``thrust_curve`` is the curve in force (links/core/deadman.py); ``open_pacer`` starts the pacer: in another
-        process where there is None, or wherever a simulation has it.
+        ``thrust_curve`` is the curve in force (links/core/deadman.py); ``open_pacer`` starts the
+        pacer: in another process where there is None, or wherever a simulation has it.
         """
         if open_pacer is None:
-            from links.rf.pacer_process import open_process  # shared memory and ports: not for a bridge's link
+            from links.rf.pacer_process import (
+                open_process,
+            )  # shared memory and ports: not for a bridge's link
 
             open_pacer = open_process
         config = config.with_thrust_curve(thrust_curve)

@@ -1,4 +1,6 @@
-"""Codecs of RF transmitter modules, by the names that a configuration gives them: CRSF and DSM. Sans-IO.
+"""Codecs of RF transmitter modules, by the names that a configuration gives them: CRSF and DSM.
+
+Sans-IO.
 
 CRSF frames (TBS Crossfire, ExpressLRS):
 
@@ -8,28 +10,31 @@ CRSF frames (TBS Crossfire, ExpressLRS):
     3 .. n        payload
     byte 1+n      CRC-8, polynomial 0xD5, over type and payload
 
-Type 0x16: 16 channels of 11 bits, the first in the lowest bits; 172, 992, 1811 are -100, 0, 100 % (988, 1500, 2012 µs).
-ExpressLRS takes channel 5 for armed. Type 0x32, a command: destination, origin, 0x10 (of this system), what, data,
-CRC-8 of polynomial 0xBA over type to data, and the CRC of every frame. 400000 baud, 8N1; the sender's period is 4 ms
-(16 ms at 115200); a module that hears nothing for 1 s stops sending.
+Type 0x16: 16 channels of 11 bits, the first in the lowest bits; 172, 992, 1811 are -100, 0, 100 %
+(988, 1500, 2012 µs). ExpressLRS takes channel 5 for armed. Type 0x32, a command: destination,
+origin, 0x10 (of this system), what, data, CRC-8 of polynomial 0xBA over type to data, and the CRC
+of every frame. 400000 baud, 8N1; the sender's period is 4 ms (16 ms at 115200); a module that hears
+nothing for 1 s stops sending.
 
-What comes back, numbers with the high byte first: type 0x08, battery: voltage in 0.1 V, current in 0.1 A, 24 bits of
-mAh, percent (the document says 10 µV; Betaflight's telemetry/crsf.c sends, and EdgeTX takes, tenths of a volt). 0x14,
-link: -dBm of both antennas, percent, dB, antenna, profile, power, and of the way down. 0x1E, attitude: pitch, roll, yaw
-in 100 µrad; in Betaflight nose down counts up (its telemetry/mavlink.c turns it round, telemetry/crsf.c does not).
-0x21, mode: text to a zero byte. 0x3A, addressed, sub-type 0x10: 32 bits of period and of how much too early our frames
-come, in 100 ns.
-Source: TBS crsf-spec 1285bbc5; EdgeTX e2bcbd6c; ExpressLRS 7702d0fe.
+What comes back, numbers with the high byte first: type 0x08, battery: voltage in 0.1 V, current in
+0.1 A, 24 bits of mAh, percent (the document says 10 µV; Betaflight's telemetry/crsf.c sends, and
+EdgeTX takes, tenths of a volt). 0x14, link: -dBm of both antennas, percent, dB, antenna, profile,
+power, and of the way down. 0x1E, attitude: pitch, roll, yaw in 100 µrad; in Betaflight nose down
+counts up (its telemetry/mavlink.c turns it round, telemetry/crsf.c does not). 0x21, mode: text to a
+zero byte. 0x3A, addressed, sub-type 0x10: 32 bits of period and of how much too early our frames
+come, in 100 ns. Source: TBS crsf-spec 1285bbc5; EdgeTX e2bcbd6c; ExpressLRS 7702d0fe.
 
 Frames to a Spektrum DSM2/DSMX module (MLP4DSM, LP4DSM, DX5e class):
 
-    byte 0            0x80 bind, 0x20 range check; 0x10 DSM2, 0x18 DSMX, neither: a ready-to-fly transmitter's module
+    byte 0            0x80 bind, 0x20 range check; 0x10 DSM2, 0x18 DSMX, neither: a ready-to-fly
+                      transmitter's module
     byte 1            model (receivers obey the model they were bound to)
     byte 2+2i, 3+2i   i = 0..5: i << 2 | count >> 8, and the count's low byte
 
-14 bytes, 125000 baud, 8N1, no checksum, every 22 ms. Counts are 10 bits; 96, 512, 928 are -100, 0, 100 % of EdgeTX.
-An MLP4DSM transmitter was seen to send 86 to 938. On the air it becomes Spektrum's 1100 to 1900 µs.
-Source: EdgeTX e2bcbd6c, radio/src/pulses/dsm2.cpp; captures on noisebridge.net, Blade_MLP4DSM_RC.
+14 bytes, 125000 baud, 8N1, no checksum, every 22 ms. Counts are 10 bits; 96, 512, 928 are -100, 0,
+100 % of EdgeTX. An MLP4DSM transmitter was seen to send 86 to 938. On the air it becomes Spektrum's
+1100 to 1900 µs. Source: EdgeTX e2bcbd6c, radio/src/pulses/dsm2.cpp; captures on noisebridge.net,
+Blade_MLP4DSM_RC.
 """
 
 import math
@@ -42,7 +47,15 @@ from fastcrc import crc8
 
 from links.core import from_euler_zyx
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
-from links.rf.codec import FrameReader, RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
+from links.rf.codec import (
+    FrameReader,
+    RfFrame,
+    RfLinkConfig,
+    RfTelemetry,
+    Service,
+    counts,
+    position,
+)
 from links.text import link_notice
 
 
@@ -63,21 +76,31 @@ _DSM_LARGEST = 1023
 Count = Annotated[int, msgspec.Meta(ge=0, le=_DSM_LARGEST)]
 
 
-class DsmLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="dsm"):
+class DsmLinkConfig(
+    RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="dsm"
+):
     """A DSM2/DSMX module on a serial port. Its polarity is set at the adapter, not here."""
 
-    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000, description="Its speed [bit/s].")] = 125000
+    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000, description="Its speed [bit/s].")] = (
+        125000
+    )
     protocol: Annotated[
         Literal["rtf", "dsm2", "dsmx"],
         msgspec.Meta(
-            description="What the module shall speak on the air; `rtf` for the module of a ready-to-fly transmitter."
+            description="What the module shall speak on the air; `rtf` for the module of a "
+            "ready-to-fly transmitter."
         ),
     ] = "dsmx"
     model_id: Annotated[
-        int, msgspec.Meta(ge=0, le=255, description="Receivers obey the model that they were bound to.")
+        int,
+        msgspec.Meta(ge=0, le=255, description="Receivers obey the model that they were bound to."),
     ] = 0
-    low: Annotated[Count, msgspec.Meta(description="Count of position -1; 86 as the MLP4DSM transmitter.")] = 96
-    high: Annotated[Count, msgspec.Meta(description="Count of position 1; 938 as the MLP4DSM transmitter.")] = 928
+    low: Annotated[
+        Count, msgspec.Meta(description="Count of position -1; 86 as the MLP4DSM transmitter.")
+    ] = 96
+    high: Annotated[
+        Count, msgspec.Meta(description="Count of position 1; 938 as the MLP4DSM transmitter.")
+    ] = 928
 
     def __post_init__(self) -> None:
         if self.low >= self.high:
@@ -104,11 +127,15 @@ class DsmCodec:
         """Nothing: every frame says all."""
         return b""
 
-    def encode(self, positions: Sequence[float], service: Service | None = None, nth: int = 0) -> bytes:
+    def encode(
+        self, positions: Sequence[float], service: Service | None = None, nth: int = 0
+    ) -> bytes:
         """The frame for six positions; a service is a flag in every frame while it lasts."""
         config = self._config
         low, high = config.low, config.high
-        flags = self._flags | (DsmFlag.BIND if service is Service.BIND else DsmFlag.RANGE_CHECK if service else 0)
+        flags = self._flags | (
+            DsmFlag.BIND if service is Service.BIND else DsmFlag.RANGE_CHECK if service else 0
+        )
         frame = bytearray((flags, config.model_id))
         for i in range(self.channels):
             count = counts(positions[i], low, high, _DSM_LARGEST)
@@ -121,7 +148,9 @@ class DsmCodec:
 
 
 class DsmDecoder(FrameReader[RfFrame]):
-    """Finds frames by their shape, as they have neither a first byte of their own nor a checksum."""
+    """Finds frames by their shape, as they have neither a first byte of their own nor a
+    checksum.
+    """
 
     def __init__(self, low: int = 96, high: int = 928) -> None:
         """``low`` and ``high`` are the counts of the positions -1 and 1."""
@@ -137,9 +166,19 @@ class DsmDecoder(FrameReader[RfFrame]):
 
     def _decode_frame(self, frame: bytes) -> RfFrame:
         flags, model_id, *channels = frame
-        found = [(high & 3) << 8 | low for high, low in zip(channels[::2], channels[1::2], strict=True)]
-        service = Service.BIND if flags & DsmFlag.BIND else Service.RANGE_CHECK if flags & DsmFlag.RANGE_CHECK else None
-        return RfFrame(tuple(position(count, self._low, self._high) for count in found), service, model_id)
+        found = [
+            (high & 3) << 8 | low for high, low in zip(channels[::2], channels[1::2], strict=True)
+        ]
+        service = (
+            Service.BIND
+            if flags & DsmFlag.BIND
+            else Service.RANGE_CHECK
+            if flags & DsmFlag.RANGE_CHECK
+            else None
+        )
+        return RfFrame(
+            tuple(position(count, self._low, self._high) for count in found), service, model_id
+        )
 
 
 class CrsfFrame(IntEnum):
@@ -155,7 +194,10 @@ class CrsfFrame(IntEnum):
 
 
 class CrsfAddress(IntEnum):
-    """Devices that a CRSF frame is for or from; the first byte of a frame, where SYNC is a flight controller's."""
+    """Devices that a CRSF frame is for or from.
+
+    The first byte of a frame, where SYNC is a flight controller's.
+    """
 
     BROADCAST = 0x00
     SYNC = 0xC8
@@ -199,13 +241,27 @@ ORDER = ChannelMap(
 """Aileron, elevator, throttle, rudder, and arming on channel 5."""
 
 
-class CrsfLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="crsf"):
+class CrsfLinkConfig(
+    RfLinkConfig,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="crsf",
+):
     """An ExpressLRS or TBS Crossfire transmitter module on a serial port."""
 
     baud: Annotated[
-        int, msgspec.Meta(ge=1200, le=6_000_000, description="Its speed [bit/s]; an ExpressLRS module finds it out.")
+        int,
+        msgspec.Meta(
+            ge=1200,
+            le=6_000_000,
+            description="Its speed [bit/s]; an ExpressLRS module finds it out.",
+        ),
     ] = 400000
-    period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1, description="Time between two frames [s].")] = 0.004
+    period_s: Annotated[
+        float, msgspec.Meta(ge=0.001, le=0.1, description="Time between two frames [s].")
+    ] = 0.004
     map: ChannelMap = ORDER
     lead_s: Annotated[
         float,
@@ -224,7 +280,8 @@ class CrsfLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fie
         ),
     ] = "nose_down"
     address: Annotated[
-        Literal["module", "sync"], msgspec.Meta(description="First byte of a frame of channels: 0xEE or 0xC8.")
+        Literal["module", "sync"],
+        msgspec.Meta(description="First byte of a frame of channels: 0xEE or 0xC8."),
     ] = "module"
     model_id: Annotated[
         Annotated[int, msgspec.Meta(ge=0, le=63)] | None,
@@ -255,14 +312,18 @@ class CrsfCodec:
         """The model that is selected, where one is configured."""
         return b"" if self._model is None else _command(CrsfCommand.MODEL, self._model)
 
-    def encode(self, positions: Sequence[float], service: Service | None = None, nth: int = 0) -> bytes:
+    def encode(
+        self, positions: Sequence[float], service: Service | None = None, nth: int = 0
+    ) -> bytes:
         """The frame for 16 positions; the order to bind takes the place of one frame."""
         if service is Service.BIND and nth == 0:
             return _command(CrsfCommand.BIND)
         packed = 0
         for i, at in enumerate(positions):
             packed |= counts(at, _LOW, _HIGH, _LARGEST) << (11 * i)
-        return _frame(self._address, CrsfFrame.RC_CHANNELS, packed.to_bytes(_CHANNEL_BYTES, "little"))
+        return _frame(
+            self._address, CrsfFrame.RC_CHANNELS, packed.to_bytes(_CHANNEL_BYTES, "little")
+        )
 
     def decoder(self) -> "CrsfDecoder":
         """A decoder."""
@@ -294,15 +355,23 @@ class CrsfDecoder(FrameReader[RfFrame]):
             packed = int.from_bytes(payload[:_CHANNEL_BYTES], "little")
             found = (packed >> (11 * i) & 0x7FF for i in range(CrsfCodec.channels))
             return RfFrame(tuple(position(count, _LOW, _HIGH) for count in found))
-        is_order = kind == CrsfFrame.COMMAND and len(payload) >= 5 and payload[2] == CrsfCommand.THIS_SYSTEM
+        is_order = (
+            kind == CrsfFrame.COMMAND
+            and len(payload) >= 5
+            and payload[2] == CrsfCommand.THIS_SYSTEM
+        )
         if is_order and _command_crc(bytes((kind, *payload[:-1]))) == payload[-1]:
             if payload[3] == CrsfCommand.BIND:
                 return RfFrame(None, Service.BIND)
             if payload[3] == CrsfCommand.MODEL and len(payload) == 6:
                 return RfFrame(None, None, payload[4])
         if kind == CrsfFrame.ATTITUDE and len(payload) >= 6:
-            pitch, roll, yaw = (1e-4 * int.from_bytes(payload[k : k + 2], "big", signed=True) for k in (0, 2, 4))
-            return RfFrame(None, tells=RfTelemetry(attitude=from_euler_zyx(roll, self._pitch * pitch, yaw)))
+            pitch, roll, yaw = (
+                1e-4 * int.from_bytes(payload[k : k + 2], "big", signed=True) for k in (0, 2, 4)
+            )
+            return RfFrame(
+                None, tells=RfTelemetry(attitude=from_euler_zyx(roll, self._pitch * pitch, yaw))
+            )
         return RfFrame(None, tells=_decode_telemetry(kind, payload))
 
 
@@ -311,12 +380,18 @@ def _decode_telemetry(kind: int, payload: bytes) -> RfTelemetry | None:
     if kind == CrsfFrame.BATTERY and size >= 8:
         volts = 0.1 * int.from_bytes(payload[:2], "big")
         # No voltage: nobody measures it, and nobody knows the charge.
-        return RfTelemetry(battery_v=volts, battery_share=min(payload[7], 100) / 100) if volts else RfTelemetry()
+        return (
+            RfTelemetry(battery_v=volts, battery_share=min(payload[7], 100) / 100)
+            if volts
+            else RfTelemetry()
+        )
     if kind == CrsfFrame.LINK and size >= 10:
         first, second, percent, noise = payload[:4]
         strongest = min((x for x in (first, second) if x), default=0)
         snr = noise - 256 if noise > 127 else noise
-        return RfTelemetry(uplink_share=min(percent, 100) / 100, uplink_dbm=-strongest, uplink_snr_db=snr)
+        return RfTelemetry(
+            uplink_share=min(percent, 100) / 100, uplink_dbm=-strongest, uplink_snr_db=snr
+        )
     if kind == CrsfFrame.MODE:
         text = payload.split(b"\0")[0].decode("ascii", "replace")
         return RfTelemetry(mode="".join(c for c in text if c.isprintable()))
@@ -329,7 +404,9 @@ def encode_attitude(pitch: float, roll: float, yaw: float) -> bytes:
     """The frame by which a module hands on an attitude [rad]."""
     angles = (round(1e4 * math.remainder(angle, math.tau)) for angle in (pitch, roll, yaw))
     return _frame(
-        CrsfAddress.RADIO, CrsfFrame.ATTITUDE, b"".join(angle.to_bytes(2, "big", signed=True) for angle in angles)
+        CrsfAddress.RADIO,
+        CrsfFrame.ATTITUDE,
+        b"".join(angle.to_bytes(2, "big", signed=True) for angle in angles),
     )
 
 

@@ -1,10 +1,12 @@
-"""Frame pacer: what leaves at each frame instant of a serial RF link, by the dead man's switch, map and codec. Sans-IO.
+"""Frame pacer: what leaves at each frame instant of a serial RF link, by the dead man's switch, map
+and codec. Sans-IO.
 
-Whoever owns the clock calls, for each instant ``due_s``: ``prepare`` a little before, ``leave`` at it, ``tidy`` after.
-The port is handed in. It may vanish and come back; what was armed then stays disarmed until a new arming.
+Whoever owns the clock calls, for each instant ``due_s``: ``prepare`` a little before, ``leave`` at
+it, ``tidy`` after. The port is handed in. It may vanish and come back; what was armed then stays
+disarmed until a new arming.
 
-First come the messages between a link and its pacer, last the watch by which a stand-by tells that its pacer stands
-still.
+First come the messages between a link and its pacer, last the watch by which a stand-by tells that
+its pacer stands still.
 """
 
 import contextlib
@@ -63,7 +65,9 @@ class Serve(msgspec.Struct, frozen=True, tag="serve"):
 
 
 class End(msgspec.Struct, frozen=True, tag="end"):
-    """End, but not before the newest command and its bring-down are over and ``linger_s`` [s] of disarm frames left."""
+    """End, but not before the newest command and its bring-down are over and ``linger_s`` [s] of
+    disarm frames left.
+    """
 
     linger_s: float
 
@@ -72,7 +76,10 @@ Order: TypeAlias = Arm | Give | Stop | Serve | End
 
 
 class Held(msgspec.Struct, frozen=True, gc=False):
-    """State of a pacer as a frame leaves, for the stand-by that takes over. Times are on the commands' clock [s]."""
+    """State of a pacer as a frame leaves, for the stand-by that takes over.
+
+    Times are on the commands' clock [s].
+    """
 
     frame_s: float
     """When that frame leaves."""
@@ -100,7 +107,8 @@ class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     frames: int
     """Frames that left."""
     lost: int
-    """Frames that did not leave at their instant, or did not leave at all, while the port was open."""
+    """Frames that did not leave at their instant, or did not leave at all, while the port was
+    open."""
     repeated: int
     """Frames that repeated a command, as no newer one had come in time."""
     refused: int
@@ -114,16 +122,18 @@ class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     late_us: tuple[int, int, int]
     """Lateness of the frames, 50, 99 and 99.9 % [µs]."""
     late_octaves: tuple[int, ...]
-    """Frames by lateness: entry k counts those late by less than 2**k µs and not by less than 2**(k-1)."""
+    """Frames by lateness: entry k counts those late by less than 2**k µs and not by less than
+    2**(k-1)."""
     slept_s: float
-    """Sleep of the pacer's computer since the newest arming [s]: nothing that lifts leaves, see links/io/wires.py."""
+    """Sleep of the pacer's computer since the newest arming [s]: nothing that lifts leaves, see
+    links/io/wires.py."""
     note: str
     """Scheduling of the pacer, in words."""
     fifo: bool
     """Whether it runs with real-time priority."""
     deaf: bool = False
-    """Whether commands of this arming have come in vain, and will: what it holds is played to its end, bring-down and
-    all."""
+    """Whether commands of this arming have come in vain, and will: what it holds is played to its
+    end, bring-down and all."""
     heir: str = ""
     """Fate of the pacer, where its stand-by sends the frames; empty where it does so itself."""
     alone: bool = False
@@ -159,7 +169,8 @@ Hear: TypeAlias = Callable[[PacerReport | None], None]
 """Takes each report, and None at the pacer's end."""
 
 OpenPacer: TypeAlias = Callable[[RfLinkConfig, float, Hear], Awaitable[Pacer]]
-"""Start a pacer for a configuration and a full thrust [N]; its reports go to the callable, and None at its end."""
+"""Start a pacer for a configuration and a full thrust [N]; its reports go to the callable, and None
+at its end."""
 
 
 AFTERLIFE_S = 3.0
@@ -169,16 +180,19 @@ REPORT_S = 0.2
 STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""
 REOPEN_S = 0.1
-"""Wait before a port that was lost, or could not be opened, is opened again [s]: no frames leave meanwhile."""
+"""Wait before a port that was lost, or could not be opened, is opened again [s]: no frames leave
+meanwhile."""
 TELEMETRY_MAX_AGE_S = 5.0
 """Age after which a module's telemetry is dropped [s]."""
 ATTITUDE_LATENCY_S = 0.05
-"""Age of an attitude when the module reports it [s]: it waits for a slot of the radio. The comparison with poses tries
-0.1 s either way (groundstation/core/safety/witness.py)."""
+"""Age of an attitude when the module reports it [s]: it waits for a slot of the radio. The
+comparison with poses tries 0.1 s either way (groundstation/core/safety/witness.py)."""
 STEER = 0.02
-"""A frame leaves earlier or later by at most this share of the period, where the module asks for it [-]."""
+"""A frame leaves earlier or later by at most this share of the period, where the module asks for it
+[-]."""
 READ_BYTES = 512
-"""Largest number of bytes that are read from the port between two frames [-]; more are discarded."""
+"""Largest number of bytes that are read from the port between two frames [-]; more are
+discarded."""
 
 
 class Port(Protocol):
@@ -287,7 +301,9 @@ class Downlink:
             self.received += 1
             if heard.tells is not None:
                 told = msgspec.structs.asdict(heard.tells)
-                self._newest |= {name: (now_s, value) for name, value in told.items() if value is not None}
+                self._newest |= {
+                    name: (now_s, value) for name, value in told.items() if value is not None
+                }
                 attitude = attitude or heard.tells.attitude is not None
                 if heard.tells.early_s is not None:
                     self._early_s = math.remainder(heard.tells.early_s, self._period_s)
@@ -302,7 +318,11 @@ class Downlink:
 
     def collect(self, now_s: float) -> RfTelemetry:
         """Recent telemetry."""
-        told = {name: value for name, (at_s, value) in self._newest.items() if now_s - at_s < TELEMETRY_MAX_AGE_S}
+        told = {
+            name: value
+            for name, (at_s, value) in self._newest.items()
+            if now_s - at_s < TELEMETRY_MAX_AGE_S
+        }
         if "attitude" in told:
             told["attitude_s"] = self._newest["attitude"][0] - ATTITUDE_LATENCY_S
         return RfTelemetry(**told)
@@ -335,7 +355,11 @@ class FramePacer:
     # ---- what it is told
 
     def order(self, order: Order, now_s: float) -> None:
-        """Obey. A late command is counted as refused, an invalid one as bad; an order out of place changes nothing."""
+        """Obey.
+
+        A late command is counted as refused, an invalid one as bad; an order out of place changes
+        nothing.
+        """
         match order:
             case Give(arming, command):
                 try:
@@ -362,22 +386,31 @@ class FramePacer:
                 self._end(linger_s, now_s)
 
     def outlive_commander(self, now_s: float) -> None:
-        """Whoever commanded has died: what it left is played to its end, then disarm frames, then nothing."""
+        """Whoever commanded has died: what it left is played to its end, then disarm frames, then
+        nothing.
+        """
         self._end(max(AFTERLIFE_S, self._linger_s or 0.0), now_s)
 
     def make_estate(self) -> Held:
         """Return the state that a stand-by needs to take over."""
         arming = self._arming
-        return Held(self._due_s, arming.number, arming.obey_s, self._deadman.command, self._linger_s)
+        return Held(
+            self._due_s, arming.number, arming.obey_s, self._deadman.command, self._linger_s
+        )
 
     def inherit(self, held: Held, why: str, now_s: float) -> None:
-        """Go on in the place of a pacer that held this: to the end of its newest command and bring-down, and no arming.
+        """Go on in the place of a pacer that held this: to the end of its newest command and
+        bring-down, and no arming.
 
         ``why`` says what became of it. The port is the one that it had, open as it was.
         """
         self._heir = link_notice("module.heir", why=why).text
         self._port.fresh = False
-        self._arming.number, self._arming.obey_s, self._linger_s = held.arming, held.obey_s, held.linger_s
+        self._arming.number, self._arming.obey_s, self._linger_s = (
+            held.arming,
+            held.obey_s,
+            held.linger_s,
+        )
         if held.command is not None and now_s >= held.obey_s:
             self._deadman.arm()
             with contextlib.suppress(LinkMisuse):  # it was taken once: here nothing may fail
@@ -428,7 +461,9 @@ class FramePacer:
             counts.errors["port_stuck"] += 1
 
     def count_frame(self, now_s: float, skipped: int) -> None:
-        """The prepared frame was gone at ``now_s``, and after it ``skipped`` instants had passed already."""
+        """The prepared frame was gone at ``now_s``, and after it ``skipped`` instants had passed
+        already.
+        """
         self._lateness.add(now_s - self._due_s)
         self._counts.lost += skipped if not self._port.why_closed else 0
 
@@ -446,7 +481,9 @@ class FramePacer:
             self._tell_s = now_s
 
     def steer(self) -> float:
-        """Return the shift of the next frame [s] towards the module's own timing; it moves the phase only.
+        """Return the shift of the next frame [s] towards the module's own timing.
+
+        It moves the phase only.
 
         No deadline moves: what a frame says is decided for the instant at which it leaves.
         """
@@ -462,16 +499,28 @@ class FramePacer:
         return now_s >= self._tell_s or self._told != self._stands(now_s)
 
     def _stands(self, now_s: float) -> tuple[int, bool, bool]:
-        """Number of the arming; whether nothing lifts any more; and whether commands of it come that count no more."""
+        """Number of the arming.
+
+        Whether nothing lifts any more; and whether commands of it come that count no more.
+        """
         over = self._deadman.phase(now_s) is Phase.OVER
         return self._arming.number, over, self._arming.deaf and not over
 
     def _obeys(self, seen_s: float) -> bool:
         """Whether a command that is fresh could still count, by what was last seen to leave."""
-        return not self._deadman.held and self._deadman.phase(seen_s) in (Phase.WAITING, Phase.FRESH)
+        return not self._deadman.held and self._deadman.phase(seen_s) in (
+            Phase.WAITING,
+            Phase.FRESH,
+        )
 
     def report(
-        self, now_s: float, *, note: str = "", fifo: bool = False, alone: bool = False, warning: str = ""
+        self,
+        now_s: float,
+        *,
+        note: str = "",
+        fifo: bool = False,
+        alone: bool = False,
+        warning: str = "",
     ) -> PacerReport:
         """The pacer as it is now."""
         self._tell_s, self._told = now_s + REPORT_S, self._stands(now_s)
@@ -554,19 +603,25 @@ OLD_S = 0.06
 
 
 class StandbyWatch:
-    """Two looks in a row, both in time and :data:`LOOK_S` apart, must find the sign of life too old."""
+    """Two looks in a row, both in time and :data:`LOOK_S` apart, must find the sign of life too
+    old.
+    """
 
     def __init__(self, period_s: float) -> None:
         """The sign comes every ``period_s`` [s]."""
         self._old_s = max(OLD_S, 1.5 * period_s)
         self.wait_s = self._old_s + 0.5 * period_s
-        """Time between a sign of life and the look for the next [s]: half a period after it would be too old."""
+        """Time between a sign of life and the look for the next [s]: half a period after it would
+        be too old."""
         self._suspects = False
         self.next_s = 0.0
         """When to look next."""
 
     def look(self, now_s: float, vouched_s: float) -> bool:
-        """Look at ``now_s`` at a sign of life that was good at ``vouched_s``; whether the pacer stands still."""
+        """Look at ``now_s`` at a sign of life that was good at ``vouched_s``.
+
+        Whether the pacer stands still.
+        """
         late = now_s > self.next_s + LATE_S
         old = vouched_s > 0.0 and now_s - vouched_s >= self._old_s
         convicted = old and not late and self._suspects

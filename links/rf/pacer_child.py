@@ -1,9 +1,11 @@
-"""The pacer's own process: absolute deadlines, real-time priority if the system allows it, no terminal signals.
+"""The pacer's own process: absolute deadlines, real-time priority if the system allows it, no
+terminal signals.
 
-Its stand-by (pacer_standby.py) starts it. The newest command arrives in a mailbox in shared memory. All other orders
-arrive, and reports leave, over a socket pair: there messages arrive whole and in order or not at all, and the other end
-closes when the commander, the process of the link, dies. Nothing here waits but the sleep until the next frame. The
-commands' clock is CLOCK_MONOTONIC, the same in every process of this machine.
+Its stand-by (pacer_standby.py) starts it. The newest command arrives in a mailbox in shared memory.
+All other orders arrive, and reports leave, over a socket pair: there messages arrive whole and in
+order or not at all, and the other end closes when the commander, the process of the link, dies.
+Nothing here waits but the sleep until the next frame. The commands' clock is CLOCK_MONOTONIC, the
+same in every process of this machine.
 """
 
 import contextlib
@@ -24,10 +26,11 @@ from links.rf.shared_memory import FIRST, Lease, LeaseWord, Mailbox, SharedPort
 from links.text import link_notice
 
 PREPARE_S = 0.0004
-"""Time before its instant at which a frame is computed [s]. Chosen: above the time that this takes."""
+"""Time before its instant at which a frame is computed [s]. Chosen: above the time that this
+takes."""
 SPIN_S = 0.00012
-"""Length of the busy wait before a frame [s]: about the time in which the kernel wakes a process up. Chosen;
-`groundstation-sim bench links` measures the lateness that comes of it."""
+"""Length of the busy wait before a frame [s]: about the time in which the kernel wakes a process
+up. Chosen; `groundstation-sim bench links` measures the lateness that comes of it."""
 
 MOST_ORDERS = 256
 """Limit of the orders that are taken before a frame [-]: a flood of them must not delay it."""
@@ -49,7 +52,12 @@ class MonotonicClock:
 
     def __init__(self) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
-        self._libc.clock_nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+        self._libc.clock_nanosleep.argtypes = (
+            ctypes.c_int,
+            ctypes.c_int,
+            ctypes.c_void_p,
+            ctypes.c_void_p,
+        )
         self._until = (ctypes.c_long * 2)()
         self.now = time.monotonic
 
@@ -65,7 +73,9 @@ class MonotonicClock:
 
 
 def main() -> None:
-    """Pace until an order to end, or until the commander is gone and the vehicle is brought down."""
+    """Pace until an order to end, or until the commander is gone and the vehicle is brought
+    down.
+    """
     ignore_signals()
     wire, mailbox, lease, held, beside = map(int, sys.argv[1:])
     by_standby = socket.socket(fileno=beside)
@@ -94,7 +104,8 @@ def ignore_signals() -> None:
 
 def disable_output_and_gc() -> None:
     """Print nothing and collect no garbage from now on: both could delay a frame."""
-    # A program that reads the station's output to its end must not wait for this process, which outlives the station.
+    # A program that reads the station's output to its end must not wait for this process, which
+    # outlives the station.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
     gc.collect()
     gc.freeze()
@@ -105,25 +116,37 @@ class Standby:
     """The stand-by as its pacer sees it: memory that both share, and whether it lives."""
 
     def __init__(self, lease: Lease, held: Mailbox) -> None:
-        """``lease`` has the signs of life of both, ``held`` the state that the stand-by takes over."""
+        """``lease`` has the signs of life of both, ``held`` the state that the stand-by takes
+        over.
+        """
         self.lease = lease
         self._held = held
         self._parent = os.getppid()
         self._encoder = msgspec.msgpack.Encoder()
 
     def publish(self, pacer: FramePacer, now_s: float) -> None:
-        """Write the pacer's state before its frame leaves: the stand-by must be able to bring down every frame's."""
+        """Write the pacer's state before its frame leaves: the stand-by must be able to bring down
+        every frame's.
+        """
         self._held.put(self._encoder.encode(pacer.make_estate()))
         self.lease.vouch(LeaseWord.PACER, now_s)
 
     @property
     def is_gone(self) -> bool:
-        """Whether the stand-by has ended: this process, which it started, then has another parent."""
+        """Whether the stand-by has ended: this process, which it started, then has another
+        parent.
+        """
         return os.getppid() != self._parent
 
     def warning(self, now_s: float) -> str:
         """Describe the stand-by's fault; empty without one."""
-        wrong = "is gone" if self.is_gone else "" if now_s < self.lease.vouched_s(LeaseWord.STANDBY) else "stands still"
+        wrong = (
+            "is gone"
+            if self.is_gone
+            else ""
+            if now_s < self.lease.vouched_s(LeaseWord.STANDBY)
+            else "stands still"
+        )
         return link_notice("module.alone", wrong=wrong).text if wrong else ""
 
 
@@ -131,9 +154,17 @@ class Commander:
     """The process of the link, at the other ends of the socket pair and of the mailbox."""
 
     def __init__(
-        self, wire: socket.socket, mailbox: Mailbox, note: str, fifo: bool, standby: Standby | None = None
+        self,
+        wire: socket.socket,
+        mailbox: Mailbox,
+        note: str,
+        fifo: bool,
+        standby: Standby | None = None,
     ) -> None:
-        """``note`` and ``fifo`` go into every report; ``standby`` is None in the stand-by itself."""
+        """``note`` and ``fifo`` go into every report.
+
+        ``standby`` is None in the stand-by itself.
+        """
         self._wire = wire
         self._mailbox = mailbox
         self._note, self._fifo = note, fifo
@@ -148,7 +179,8 @@ class Commander:
         """Take the newest command and the orders since the last call."""
         if not self._alive:
             return
-        # Read before the orders and given after them: the order to arm that the command follows is then among them.
+        # Read before the orders and given after them: the order to arm that the command follows is
+        # then among them.
         newest = self._mailbox.get()
         self._obey(pacer, now_s)
         if newest is not None:
@@ -184,10 +216,16 @@ class Commander:
         if self._alive:
             standby = self._standby
             missing = standby.warning(now_s) if standby is not None else ""
-            warning = missing or ("" if self._fifo else link_notice("module.frames_late", note=self._note).text)
+            warning = missing or (
+                "" if self._fifo else link_notice("module.frames_late", note=self._note).text
+            )
             alone = standby is not None and standby.is_gone
-            report: PacerReport = pacer.report(now_s, note=self._note, fifo=self._fifo, alone=alone, warning=warning)
-            with contextlib.suppress(OSError):  # the commander does not read, or is gone: the next _obey finds out
+            report: PacerReport = pacer.report(
+                now_s, note=self._note, fifo=self._fifo, alone=alone, warning=warning
+            )
+            with contextlib.suppress(
+                OSError
+            ):  # the commander does not read, or is gone: the next _obey finds out
                 self._wire.send(self._encoder.encode(report))
 
 
@@ -201,9 +239,9 @@ def pace(
 ) -> None:
     """Send frames until the pacer is done, the first at ``first_s`` [s]; without it, in a period.
 
-    Each frame is prepared before the sleep ends (``PREPARE_S``), and leaves at the end of a busy wait (``SPIN_S``). An
-    instant that has passed already is skipped: frames stay whole periods apart, but for the pacer's small shifts
-    towards the module's timing.
+    Each frame is prepared before the sleep ends (``PREPARE_S``), and leaves at the end of a busy
+    wait (``SPIN_S``). An instant that has passed already is skipped: frames stay whole periods
+    apart, but for the pacer's small shifts towards the module's timing.
     """
     now = clock.now
     due = now() + period_s if first_s is None else first_s
@@ -234,7 +272,10 @@ def pace(
 
 
 def prioritise(priority: int, clock: MonotonicClock) -> tuple[bool, str]:
-    """Ask for real-time priority and locked memory; return whether the first was allowed, and a sentence on both."""
+    """Ask for real-time priority and locked memory.
+
+    Return whether the first was allowed, and a sentence on both.
+    """
     if priority == 0:
         return False, link_notice("module.priority_ordinary").text
     try:

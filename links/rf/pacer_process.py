@@ -20,7 +20,8 @@ from links.text import link_notice
 START_LIMIT_S = 30.0
 """Longest wait for the first report [s]."""
 GIVE_BYTES = CAPACITY_BYTES - 256
-"""Longest command in its message: the stand-by's mailbox must hold it with all else that the pacer holds."""
+"""Longest command in its message: the stand-by's mailbox must hold it with all else that the pacer
+holds."""
 CLOCK_TOLERANCE_S = 0.05
 """The child's clock must show an instant between our two looks, or this close to them [s]."""
 
@@ -44,7 +45,8 @@ class PacerProcess:
         self._encoder = msgspec.msgpack.Encoder()
         self._decoder = msgspec.msgpack.Decoder(PacerReport)
         self._lasting: dict[type, Stop | End] = {}
-        """Orders that hold whoever lets the frames go: a pacer that died may have read one, and not done it."""
+        """Orders that hold whoever lets the frames go: a pacer that died may have read one, and not
+        done it."""
         self._taken_over = False
         self._loop = asyncio.get_running_loop()
         self._end = self._loop.create_future()
@@ -72,8 +74,12 @@ class PacerProcess:
 
     @property
     def why_mute(self) -> str:
-        """Meaning of missing reports: a stand-by that runs would have taken the place of a dead pacer."""
-        return link_notice("module.stands" if self._process.poll() is None else "module.stands_dead").text
+        """Meaning of missing reports: a stand-by that runs would have taken the place of a dead
+        pacer.
+        """
+        return link_notice(
+            "module.stands" if self._process.poll() is None else "module.stands_dead"
+        ).text
 
     async def wait_for_end(self) -> None:
         """Wait until it has ended."""
@@ -134,7 +140,9 @@ async def open_process(
         shared = (theirs.fileno(), mailbox.fd)
         started = loop.time()
         words = map(str, shared)
-        process = start_child("links.rf.pacer_standby", *words, stdout=subprocess.DEVNULL, pass_fds=shared)
+        process = start_child(
+            "links.rf.pacer_standby", *words, stdout=subprocess.DEVNULL, pass_fds=shared
+        )
     ours.setblocking(False)
     pacer = PacerProcess(config.manner, process, ours, mailbox, report)
     pacer.give(PacerSetup(config, thrust_max_n))  # type: ignore[arg-type]  # the one message that is no order

@@ -1,9 +1,11 @@
-"""The pacer's stand-by: it starts the pacer, sleeps, and lets the frames go should that die or stand still.
+"""The pacer's stand-by: it starts the pacer, sleeps, and lets the frames go should that die or
+stand still.
 
-It holds all that the pacer holds: the port, the socket that orders come in by, and what lay behind the pacer's newest
-frame. It is the pacer's parent, so it hears at once of its end, and it ends one whose sign of life stays out; either
-way it has reaped it before a byte of its own leaves. What leaves then is the newest command up to its deadline, its
-bring-down, and disarm frames: nothing that lifts ever again. It is started by links/rf/pacer_process.py.
+It holds all that the pacer holds: the port, the socket that orders come in by, and what lay behind
+the pacer's newest frame. It is the pacer's parent, so it hears at once of its end, and it ends one
+whose sign of life stays out; either way it has reaped it before a byte of its own leaves. What
+leaves then is the newest command up to its deadline, its bring-down, and disarm frames: nothing
+that lifts ever again. It is started by links/rf/pacer_process.py.
 """
 
 import gc
@@ -60,7 +62,11 @@ def main() -> None:
 
 
 def _stand_by(
-    pacer: "subprocess.Popen[bytes]", port: HeldPort, lease: Lease, watch: StandbyWatch, clock: MonotonicClock
+    pacer: "subprocess.Popen[bytes]",
+    port: HeldPort,
+    lease: Lease,
+    watch: StandbyWatch,
+    clock: MonotonicClock,
 ) -> str:
     """Sleep until the pacer has ended; what became of it, or an empty string where it was done."""
     ended, heard = os.pidfd_open(pacer.pid), port.beside.fileno()
@@ -89,9 +95,17 @@ def _stand_by(
 
 
 def _take_over(
-    setup: PacerSetup, port: HeldPort, lease: Lease, held: Held, why: str, clock: MonotonicClock, commander: Commander
+    setup: PacerSetup,
+    port: HeldPort,
+    lease: Lease,
+    held: Held,
+    why: str,
+    clock: MonotonicClock,
+    commander: Commander,
 ) -> None:
-    """Let frames go at the pacer's instants, by what it held, until told to end or until nobody commands any more."""
+    """Let frames go at the pacer's instants, by what it held, until told to end or until nobody
+    commands any more.
+    """
     config, now = setup.config, clock.now()
     shared = SharedPort(config.port, config.baud, lease, lease.generation, None, port.fd)
     pacer = FramePacer(config, setup.thrust_max_n, shared, now)

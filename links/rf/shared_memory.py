@@ -1,14 +1,18 @@
-"""Shared memory of a link, its pacer and the stand-by: a mailbox, the lease of a port, and the port itself.
+"""Shared memory of a link, its pacer and the stand-by: a mailbox, the lease of a port, and the port
+itself.
 
-Mailbox: the newest of many values, from one process to another. Neither side ever waits for the other.
+Mailbox: the newest of many values, from one process to another. Neither side ever waits for the
+    other.
 
     byte 0        number of the newest record, 0 before the first; written last
-    byte 64       slot 0, then slot 1: number, size, CRC-32 of number and value (8 bytes each), and the value
+    byte 64       slot 0, then slot 1: number, size, CRC-32 of number and value (8 bytes each), and
+                  the value
 
-Record n goes to slot n mod 2, so what is written never touches the newest whole record. A reader that takes so long
-that its slot is written anew meanwhile sees it by the number, which it looks at before and after, and comes again
-later; the checksum holds where a processor reorders what it writes. Half a record is thus never read, and a writer that
-dies in the midst of one leaves the one before.
+Record n goes to slot n mod 2, so what is written never touches the newest whole record. A reader
+that takes so long that its slot is written anew meanwhile sees it by the number, which it looks at
+before and after, and comes again later; the checksum holds where a processor reorders what it
+writes. Half a record is thus never read, and a writer that dies in the midst of one leaves the one
+before.
 
 Lease: whose turn it is to write to the port, and signs of life of a pacer and its stand-by.
 
@@ -16,13 +20,14 @@ Lease: whose turn it is to write to the port, and signs of life of a pacer and i
     byte 8        instant up to which the pacer vouches that it lives [ns]; 0 before its first frame
     byte 16       the same of its stand-by
 
-Each word is written by one process at a time and by one store. A generation only rises; whoever writes to the port
-looks at it immediately before, and one that is not its own ends it.
+Each word is written by one process at a time and by one store. A generation only rises; whoever
+writes to the port looks at it immediately before, and one that is not its own ends it.
 
-Shared port: the serial port of a pacer and its stand-by. One opens it, both hold it, and one writes.
+Shared port: the serial port of a pacer and its stand-by. One opens it, both hold it, and one
+writes.
 
-The stand-by gets each descriptor as soon as the port is open, over a socket pair. It never opens the port to take
-over: opening one again would touch its modem lines, and take time.
+The stand-by gets each descriptor as soon as the port is open, over a socket pair. It never opens
+the port to take over: opening one again would touch its modem lines, and take time.
 
 Nothing here waits.
 """
@@ -93,14 +98,19 @@ class Mailbox:
         self._words[0] = self.newest = number
 
     def get(self) -> bytes | None:
-        """The newest value; None where it was got before, or is being written over at this very moment."""
+        """The newest value.
+
+        None where it was got before, or is being written over at this very moment.
+        """
         number = self._words[0]
         at = 64 + number % 2 * _SLOT
         size = self._words[at // _WORD + 1]
         if number == self.newest or size > CAPACITY_BYTES:
             return None
         value = bytes(self._bytes[at + _HEAD : at + _HEAD + size])
-        if self._words[at // _WORD] != number or self._words[at // _WORD + 2] != _checksum(number, value):
+        if self._words[at // _WORD] != number or self._words[at // _WORD + 2] != _checksum(
+            number, value
+        ):
             return None
         self.newest = number
         return value
@@ -135,7 +145,10 @@ class Superseded(Exception):
 
 
 class Lease:
-    """One end; whoever makes it hands ``fd`` to the other process. Times are on one clock, the commands' [s]."""
+    """One end; whoever makes it hands ``fd`` to the other process.
+
+    Times are on one clock, the commands' [s].
+    """
 
     def __init__(self, fd: int | None = None) -> None:
         """Map the memory behind ``fd``, or make it.
@@ -166,7 +179,8 @@ class Lease:
 
 
 OPEN_S = 2.0
-"""Opening a port, or closing one whose device is gone, may take so long; nothing is armed meanwhile [s]."""
+"""Opening a port, or closing one whose device is gone, may take so long; nothing is armed meanwhile
+[s]."""
 _OPENED, _CLOSED = b"opened", b"closed"
 
 
@@ -174,9 +188,18 @@ class SharedPort:
     """Implements :class:`links.rf.pacer.Port` for one generation of ``lease``."""
 
     def __init__(
-        self, path: str, baud: int, lease: Lease, generation: int, beside: socket.socket | None, fd: int | None = None
+        self,
+        path: str,
+        baud: int,
+        lease: Lease,
+        generation: int,
+        beside: socket.socket | None,
+        fd: int | None = None,
     ) -> None:
-        """``beside`` leads to the stand-by, where there is one; ``fd`` is the port where it is open already."""
+        """``beside`` leads to the stand-by, where there is one.
+
+        ``fd`` is the port where it is open already.
+        """
         self._path, self._baud = path, baud
         self._lease, self._generation = lease, generation
         self._beside = beside
@@ -194,11 +217,14 @@ class SharedPort:
         try:
             self._fd = open_port(self._path, self._baud)
         except OSError as error:
-            raise OSError(error.errno, link_notice("module.port", path=self._path, why=error.strerror).text) from None
+            raise OSError(
+                error.errno, link_notice("module.port", path=self._path, why=error.strerror).text
+            ) from None
         self._tell(_OPENED, self._fd)
 
     def write(self, frame: bytes) -> bool:
-        """Send one frame; False, with nothing sent, where earlier bytes still wait: those are thrown away, too old.
+        """Send one frame; False, with nothing sent, where earlier bytes still wait: those are
+        thrown away, too old.
 
         Raises:
             Superseded: it is the turn of another generation.
@@ -236,7 +262,9 @@ class SharedPort:
         self._lease.vouch(LeaseWord.PACER, time.monotonic() + OPEN_S)
         fd, self._fd = self._fd, None
         with contextlib.suppress(OSError):  # its device is gone already
-            fcntl.flock(fd, fcntl.LOCK_UN)  # the lock is on what is open, which the stand-by may hold longer
+            fcntl.flock(
+                fd, fcntl.LOCK_UN
+            )  # the lock is on what is open, which the stand-by may hold longer
         self._tell(_CLOSED)
         with contextlib.suppress(OSError):
             os.close(fd)
@@ -248,7 +276,9 @@ class SharedPort:
 
     def _tell(self, what: bytes, *fds: int) -> None:
         if self._beside is not None:
-            with contextlib.suppress(OSError):  # it is dead, or has stood still for long: it is no stand-by any more
+            with contextlib.suppress(
+                OSError
+            ):  # it is dead, or has stood still for long: it is no stand-by any more
                 socket.send_fds(self._beside, [what], list(fds))
 
 

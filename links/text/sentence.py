@@ -1,6 +1,7 @@
 """Sentence for the operator: a row of a table of notices, filled with numbers. Sans-IO.
 
-Code names the row by its id and gives the numbers; whoever shows, sends or records a sentence has all three.
+Code names the row by its id and gives the numbers; whoever shows, sends or records a sentence has
+all three.
 """
 
 import math
@@ -36,7 +37,9 @@ class Sentence(msgspec.Struct, frozen=True):
 
     def as_warning(self) -> "Sentence":
         """Return the same as a warning, which its text begins with."""
-        return msgspec.structs.replace(self, text=f"warning: {self.text}", severity=Severity.WARNING)
+        return msgspec.structs.replace(
+            self, text=f"warning: {self.text}", severity=Severity.WARNING
+        )
 
     def as_lasting(self) -> "Sentence":
         """Return the same, said again because it lasts on."""
@@ -72,7 +75,9 @@ class NoticeTemplate(msgspec.Struct, frozen=True):
         Raises:
             KeyError: the sentence names a value that is missing.
         """
-        return Sentence(self.id, self.sentence.format(**values), collect_numbers(values), self.severity)
+        return Sentence(
+            self.id, self.sentence.format(**values), collect_numbers(values), self.severity
+        )
 
 
 class NoticeTable:
@@ -96,11 +101,16 @@ def as_warnings(*rows: NoticeTemplate) -> tuple[NoticeTemplate, ...]:
 
 
 def collect_numbers(values: dict[str, object]) -> Numbers:
-    """Return ``values`` as they are recorded; of a sentence among them its id and its numbers are kept, too."""
+    """Return ``values`` as they are recorded.
+
+    Of a sentence among them its id and its numbers are kept, too.
+    """
     numbers = Numbers()
     for name, value in values.items():
         if isinstance(value, Sentence):
             numbers |= {**value.numbers, f"{name}_id": value.id}
-        is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        is_number = (
+            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        )
         numbers[name] = float(value) if is_number else str(value)  # type: ignore[arg-type]  # JSON knows no infinity
     return numbers

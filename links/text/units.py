@@ -1,4 +1,7 @@
-"""Units that people read: milliseconds, millimetres, centimetres and percent of SI values. Sans-IO."""
+"""Units that people read: milliseconds, millimetres, centimetres and percent of SI values.
+
+Sans-IO.
+"""
 
 
 def to_ms(time_s: float) -> float:

@@ -1,4 +1,6 @@
-"""Autopilots of the simulated vehicle: PX4 and ArduPilot as they were seen to behave, and real firmware."""
+"""Autopilots of the simulated vehicle: PX4 and ArduPilot as they were seen to behave, and real
+firmware.
+"""
 
 from sim.autopilots.ardupilot import make_ardupilot
 from sim.autopilots.autopilot import Parameters, SimulatedAutopilot

@@ -1,14 +1,16 @@
-"""ArduPilot's JSON interface: its SITL, unmodified, in lockstep with the simulation, on four rotors.
+"""ArduPilot's JSON interface: its SITL, unmodified, in lockstep with the simulation, on four
+rotors.
 
-SITL with ``--model JSON`` sends a packet of servo outputs (UDP, little-endian) and waits for the state of the vehicle:
+SITL with ``--model JSON`` sends a packet of servo outputs (UDP, little-endian) and waits for the
+state of the vehicle:
 
     0   uint16  18458: 16 outputs follow; 29569: 32
     2   uint16  frames a second that it wants
     4   uint32  number of the frame
     8   uint16  outputs [µs], 0 for none
 
-The answer is one line of JSON, between two line feeds; the time stamp in it moves its clock on. What noise its sensors
-have is its own.
+The answer is one line of JSON, between two line feeds; the time stamp in it moves its clock on.
+What noise its sensors have is its own.
 
 Source: libraries/SITL/SIM_JSON.cpp of ArduPilot master, July 2025.
 """
@@ -45,7 +47,8 @@ LOW_US = 1000.0
 HIGH_US = 2000.0
 """Output of a rotor at its fullest (MOT_PWM_MAX) [µs]."""
 HOME = "47.397742,8.545594,488,0"
-"""Home: latitude, longitude [deg], height [m], heading [deg]; the simulated compass takes its field from there."""
+"""Home: latitude, longitude [deg], height [m], heading [deg]; the simulated compass takes its field
+from there."""
 
 _HEAD = struct.Struct("<HHI")
 _COUNTS = {18458: 16, 29569: 32}
@@ -61,8 +64,12 @@ class Servos(NamedTuple):
 
     @property
     def motors(self) -> FourRotors:
-        """Front right, rear left, front left, rear right, 0..1: the order of its frame X and of plant.py."""
-        a, b, c, d = (min(max((us - LOW_US) / (HIGH_US - LOW_US), 0.0), 1.0) for us in self.pulses_us[:4])
+        """Front right, rear left, front left, rear right, 0..1: the order of its frame X and of
+        plant.py.
+        """
+        a, b, c, d = (
+            min(max((us - LOW_US) / (HIGH_US - LOW_US), 0.0), 1.0) for us in self.pulses_us[:4]
+        )
         return a, b, c, d
 
 
@@ -78,7 +85,8 @@ def read_servos(packet: bytes) -> Servos | None:
 
 
 def write_state(time_s: float, truth: TrueState, specific_force: Vec3) -> bytes:
-    """Encode one state: position and velocity [NED], attitude w, x, y, z (FRD to NED), rates and specific force [FRD].
+    """Encode one state: position and velocity [NED], attitude w, x, y, z (FRD to NED), rates and
+    specific force [FRD].
 
     With "no_time_sync" the autopilot does not wait for real time.
 
@@ -98,7 +106,8 @@ def write_state(time_s: float, truth: TrueState, specific_force: Vec3) -> bytes:
 
 
 def find_program(folder: Path) -> Path:
-    """ArduCopter's program in ``folder``, where ``./waf copter`` has built it for the board ``sitl``.
+    """ArduCopter's program in ``folder``, where ``./waf copter`` has built it for the board
+    ``sitl``.
 
     Raises:
         ConfigError: there is none.
@@ -127,10 +136,24 @@ class ArduCopter(Firmware):
         """Start it, wait for its first outputs, and let it run at rest until it has started up."""
         lines = [f"{name} {value}\n" for name, value, _ in read_parameters("ardupilot.parm")]
         (self.folder / "ours.parm").write_text("".join(lines), "utf-8")
-        words = [self._program, "--model", f"JSON:{LOOPBACK}", "--sim-port-out", self._wire.getsockname()[1]]
-        words += ["--serial0", f"udpclient:{LOOPBACK}:{self.mavlink.getsockname()[1]}", "--home", HOME]
+        words = [
+            self._program,
+            "--model",
+            f"JSON:{LOOPBACK}",
+            "--sim-port-out",
+            self._wire.getsockname()[1],
+        ]
+        words += [
+            "--serial0",
+            f"udpclient:{LOOPBACK}:{self.mavlink.getsockname()[1]}",
+            "--home",
+            HOME,
+        ]
         words += ["--defaults", "ours.parm", f"-I{self._number}"]
-        self.start([*map(str, words)], {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ})
+        self.start(
+            [*map(str, words)],
+            {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ},
+        )
         self._await_servos()
         for _ in range(round(BOOT_S / self.step_s)):
             self.step(truth, specific_force)
@@ -138,7 +161,9 @@ class ArduCopter(Firmware):
     def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
         """Send one state, and return the outputs that it answers with."""
         self._count += 1
-        self._wire.sendto(write_state(self.step_s * self._count, truth, specific_force), self._simulator)
+        self._wire.sendto(
+            write_state(self.step_s * self._count, truth, specific_force), self._simulator
+        )
         return self._await_servos().motors
 
     def _await_servos(self) -> Servos:
@@ -146,7 +171,9 @@ class ArduCopter(Firmware):
             try:
                 packet, self._simulator = self._wire.recvfrom(256)
             except TimeoutError:
-                raise EOFError(notice("firmware.silent", name="ArduCopter", log=self.folder / "firmware.log")) from None
+                raise EOFError(
+                    notice("firmware.silent", name="ArduCopter", log=self.folder / "firmware.log")
+                ) from None
             if (servos := read_servos(packet)) is not None:
                 return servos
 

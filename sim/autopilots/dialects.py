@@ -1,27 +1,37 @@
-"""Dialects of simulated autopilots: how ArduCopter 4.8-dev and PX4 1.16 were seen to treat a ground station. Sans-IO.
+"""Dialects of simulated autopilots: how ArduCopter 4.8-dev and PX4 1.16 were seen to treat a ground
+station. Sans-IO.
 
 ArduCopter:
 
-- GUIDED (4) or GUIDED_NOGPS (20) follow SET_ATTITUDE_TARGET; other modes ignore it. No stream is needed to arm.
-- GUIDED needs a position: with EK3_SRC1_POSXY 0 (none) it is refused, in the words of the firmware's sources.
-- Thrust means thrust only where GUID_OPTIONS has bit 3 set; else it is a climb rate, 0.5 being none.
+- GUIDED (4) or GUIDED_NOGPS (20) follow SET_ATTITUDE_TARGET; other modes ignore it. No stream is
+  needed to arm.
+- GUIDED needs a position: with EK3_SRC1_POSXY 0 (none) it is refused, in the words of the
+  firmware's sources.
+- Thrust means thrust only where GUID_OPTIONS has bit 3 set; else it is a climb rate, 0.5 being
+  none.
 - ATC_ANGLE_BOOST raises the thrust of a leaning vehicle by 1 / cos(lean).
-- A set-point without thrust, or with some but not all rates, is no set-point: it hovers where it is.
-- Armed, its rotors stand for 2 s and more; then the first thrust above zero spools them up for MOT_SPOOL_TIME, if it
-  stands on the ground, and thrust means thrust. Before that first thrust a set-point without any does nothing.
-- Set-points that stop: the last one is held for GUID_TIMEOUT, then it levels out and keeps its height; the mode
-  stays and HEARTBEAT tells nothing. The next set-point is followed again.
-- Once it has flown, it refuses to disarm in GUIDED also on the ground; mode LAND comes down and disarms by itself.
+- A set-point without thrust, or with some but not all rates, is no set-point: it hovers where it
+  is.
+- Armed, its rotors stand for 2 s and more; then the first thrust above zero spools them up for
+  MOT_SPOOL_TIME, if it stands on the ground, and thrust means thrust. Before that first thrust a
+  set-point without any does nothing.
+- Set-points that stop: the last one is held for GUID_TIMEOUT, then it levels out and keeps its
+  height; the mode stays and HEARTBEAT tells nothing. The next set-point is followed again.
+- Once it has flown, it refuses to disarm in GUIDED also on the ground; mode LAND comes down and
+  disarms by itself.
 - It has no ODOMETRY; nothing comes more often than 250 Hz, and it says so.
 
 PX4:
 
-- OFFBOARD is accepted while disarmed whether or not set-points come; arming is denied until they have come for 1 s.
-- Set-points that stop: the last one is held for COM_OF_LOSS_T, then it lands by itself; when they come
-  again, it follows them again.
+- OFFBOARD is accepted while disarmed whether or not set-points come; arming is denied until they
+  have come for 1 s.
+- Set-points that stop: the last one is held for COM_OF_LOSS_T, then it lands by itself; when they
+  come again, it follows them again.
 - It denies to disarm until it has stood on the ground for 1-2 s; disarming by force works always.
-- SET_ATTITUDE_TARGET: an attitude that is not masked out wins over the rates; a masked thrust is no thrust.
-- SYS_STATUS tells by its health bit alone that the pre-arm checks pass; in OFFBOARD without a stream they don't.
+- SET_ATTITUDE_TARGET: an attitude that is not masked out wins over the rates; a masked thrust is no
+  thrust.
+- SYS_STATUS tells by its health bit alone that the pre-arm checks pass; in OFFBOARD without a
+  stream they don't.
 - Telemetry as on its ONBOARD link, changed by MavCommand.SET_MESSAGE_INTERVAL.
 """
 
@@ -59,8 +69,8 @@ CLIMB_M_S = 2.5
 SHORTEST_US = 4000.0
 """Shortest interval of a message [µs]."""
 ARMING_DELAY_S = 2.4
-"""Time between arming and the first turn of the rotors [s]: 2 s (ARMING_DELAY_SEC of ArduCopter's config.h), on a
-slow clock."""
+"""Time between arming and the first turn of the rotors [s]: 2 s (ARMING_DELAY_SEC of ArduCopter's
+config.h), on a slow clock."""
 
 
 class ArduPilotAutopilot(SimulatedAutopilot):
@@ -109,7 +119,11 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         attitude = set_point.attitude
         if attitude is not None and not any(attitude):
             attitude = None
-        if set_point.thrust is None or (any(masked) and not all(masked)) or (all(masked) and attitude is None):
+        if (
+            set_point.thrust is None
+            or (any(masked) and not all(masked))
+            or (all(masked) and attitude is None)
+        ):
             self._setpoint_s = math.inf  # no set-point that could stop
             self._fly_by(Climb(self._hover, 0.0, None, now_s), now_s)
         elif int(self.parameters["GUID_OPTIONS"]) & THRUST_AS_THRUST:
@@ -126,7 +140,11 @@ class ArduPilotAutopilot(SimulatedAutopilot):
 
     def _spools_up(self, set_point: SetPoint, now_s: float) -> bool:
         """Whether its rotors follow set-points by now."""
-        if math.isinf(self._spooled_s) and set_point.thrust != 0.0 and now_s >= self._armed_s + ARMING_DELAY_S:
+        if (
+            math.isinf(self._spooled_s)
+            and set_point.thrust != 0.0
+            and now_s >= self._armed_s + ARMING_DELAY_S
+        ):
             stands = self._airframe.truth(now_s).on_ground
             self._spooled_s = now_s + (self.parameters["MOT_SPOOL_TIME"] if stands else 0.0)
         return now_s >= self._spooled_s
@@ -152,9 +170,13 @@ class ArduPilotAutopilot(SimulatedAutopilot):
 
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
         if mode[0] not in (CopterMode.STABILIZE, CopterMode.LAND, *FOLLOWING):
-            return MavResult.FAILED, self._say(MavSeverity.CRITICAL, "Mode change failed: no such mode")
+            return MavResult.FAILED, self._say(
+                MavSeverity.CRITICAL, "Mode change failed: no such mode"
+            )
         if mode[0] == CopterMode.GUIDED and not self.parameters["EK3_SRC1_POSXY"]:
-            return MavResult.FAILED, self._say(MavSeverity.WARNING, "Mode change to GUIDED failed: requires position")
+            return MavResult.FAILED, self._say(
+                MavSeverity.WARNING, "Mode change to GUIDED failed: requires position"
+            )
         self.mode = mode[0]
         self._setpoint_s = math.inf
         self._levelling = False
@@ -174,14 +196,19 @@ class ArduPilotAutopilot(SimulatedAutopilot):
     def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
         return (MavResult.FAILED if self._has_flown else MavResult.ACCEPTED), ""
 
-    def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
+    def _set_interval(
+        self, number: int, interval_us: float, now_s: float
+    ) -> tuple[int, list[bytes]]:
         said: list[bytes] = []
         if 0.0 < interval_us < SHORTEST_US:
             said = self._say(
-                MavSeverity.INFO, f"SET_MESSAGE_INTERVAL: {1e6 / interval_us:.0f} Hz is too fast, 250 Hz it is"
+                MavSeverity.INFO,
+                f"SET_MESSAGE_INTERVAL: {1e6 / interval_us:.0f} Hz is too fast, 250 Hz it is",
             )
             interval_us = SHORTEST_US
-        return MavResult.ACCEPTED if self._streams.set(number, interval_us, now_s) else MavResult.DENIED, said
+        return MavResult.ACCEPTED if self._streams.set(
+            number, interval_us, now_s
+        ) else MavResult.DENIED, said
 
 
 class Px4Mode:
@@ -271,7 +298,10 @@ class Px4Autopilot(SimulatedAutopilot):
         if self.armed and self._intended == Px4Mode.OFFBOARD:
             thrust = min(max(set_point.thrust or 0.0, 0.0), 1.0)
             attitude = set_point.attitude
-            self._fly_by(HoldAttitude(attitude, thrust) if attitude is not None and any(attitude) else None, now_s)
+            self._fly_by(
+                HoldAttitude(attitude, thrust) if attitude is not None and any(attitude) else None,
+                now_s,
+            )
             if self._pilot is None:
                 self._airframe.act(now_s, thrust, rates_or_zero(set_point))
             self._airframe.release(now_s)
@@ -302,7 +332,9 @@ class Px4Autopilot(SimulatedAutopilot):
     # ---- commands
 
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
-        if mode not in (Px4Mode.OFFBOARD, Px4Mode.LOITER, Px4Mode.LAND) or (mode == Px4Mode.LOITER and self.armed):
+        if mode not in (Px4Mode.OFFBOARD, Px4Mode.LOITER, Px4Mode.LAND) or (
+            mode == Px4Mode.LOITER and self.armed
+        ):
             return MavResult.DENIED, []
         if mode == Px4Mode.OFFBOARD and self.armed and not self._streaming(now_s):
             return MavResult.TEMPORARILY_REJECTED, []
@@ -314,11 +346,16 @@ class Px4Autopilot(SimulatedAutopilot):
 
     def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
         if self._intended != Px4Mode.OFFBOARD or not self._streaming(now_s):
-            return MavResult.TEMPORARILY_REJECTED, "Arming denied: Resolve system health failures first"
+            return (
+                MavResult.TEMPORARILY_REJECTED,
+                "Arming denied: Resolve system health failures first",
+            )
         return MavResult.ACCEPTED, ""
 
     def _passes_checks(self, now_s: float) -> bool:
-        return super()._passes_checks(now_s) and (self._intended != Px4Mode.OFFBOARD or self._streaming(now_s))
+        return super()._passes_checks(now_s) and (
+            self._intended != Px4Mode.OFFBOARD or self._streaming(now_s)
+        )
 
     def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
         return (
@@ -327,5 +364,9 @@ class Px4Autopilot(SimulatedAutopilot):
             else (MavResult.TEMPORARILY_REJECTED, "Disarming denied: not landed")
         )
 
-    def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
-        return MavResult.ACCEPTED if self._streams.set(number, interval_us, now_s) else MavResult.FAILED, []
+    def _set_interval(
+        self, number: int, interval_us: float, now_s: float
+    ) -> tuple[int, list[bytes]]:
+        return MavResult.ACCEPTED if self._streams.set(
+            number, interval_us, now_s
+        ) else MavResult.FAILED, []

@@ -1,8 +1,10 @@
-"""Real firmware on the simulated vehicle: one process in lockstep with the plant, whose rotors it drives.
+"""Real firmware on the simulated vehicle: one process in lockstep with the plant, whose rotors it
+drives.
 
-The firmware is a PX4 or an ArduPilot that the user has built; px4.py and ardupilot.py speak their simulator interfaces.
-Time is the plant's: the process waits for each state of the vehicle, and the plant waits for the motor outputs. The
-firmware's MAVLink datagrams pass between its own UDP port and the network in memory.
+The firmware is a PX4 or an ArduPilot that the user has built; px4.py and ardupilot.py speak their
+simulator interfaces. Time is the plant's: the process waits for each state of the vehicle, and the
+plant waits for the motor outputs. The firmware's MAVLink datagrams pass between its own UDP port
+and the network in memory.
 """
 
 import asyncio
@@ -84,7 +86,9 @@ MOST_AT_ONCE = 10
 
 
 def take_number(port: socket.socket, first: int) -> int:
-    """Bind ``port`` to the first free port number from ``first`` on; return the offset, this instance's number.
+    """Bind ``port`` to the first free port number from ``first`` on.
+
+    Return the offset, this instance's number.
 
     Raises:
         OSError: all are taken.
@@ -97,7 +101,9 @@ def take_number(port: socket.socket, first: int) -> int:
                 raise
         else:
             return number
-    raise OSError(errno.EADDRINUSE, str(notice("firmware.no_port", count=MOST_AT_ONCE, first=first)))
+    raise OSError(
+        errno.EADDRINUSE, str(notice("firmware.no_port", count=MOST_AT_ONCE, first=first))
+    )
 
 
 class Firmware(ABC):
@@ -118,7 +124,9 @@ class Firmware(ABC):
 
     @abstractmethod
     def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
-        """Run for :attr:`step_s` with this state of the vehicle; return the motor outputs, in the plant's order.
+        """Run for :attr:`step_s` with this state of the vehicle.
+
+        Return the motor outputs, in the plant's order.
 
         Raises:
             EOFError: the process has ended, or does not answer.
@@ -136,7 +144,12 @@ class Firmware(ABC):
         """Run the program ``command`` in its folder."""
         with (self.folder / "firmware.log").open("ab") as log:
             self._process = Popen(  # noqa: S603  # the user has built it, and named it
-                command, cwd=self.folder, env=dict(environment), stdin=DEVNULL, stdout=log, stderr=STDOUT
+                command,
+                cwd=self.folder,
+                env=dict(environment),
+                stdin=DEVNULL,
+                stdout=log,
+                stderr=STDOUT,
             )
 
     @property
@@ -174,14 +187,20 @@ class Firmware(ABC):
 
 
 Make = Callable[[Path, Normals], Firmware]
-"""Makes a firmware for a folder of its own, with rows of standard normal numbers for the noise of its sensors."""
+"""Makes a firmware for a folder of its own, with rows of standard normal numbers for the noise of
+its sensors."""
 
 
 class OnboardFirmware(asyncio.DatagramProtocol):
-    """A firmware as the autopilot of one simulated vehicle, with a MAVLink link to a ground station."""
+    """A firmware as the autopilot of one simulated vehicle, with a MAVLink link to a ground
+    station.
+    """
 
     def __init__(self, plant: Quadrotor, firmware: Firmware, station: tuple[str, int]) -> None:
-        """Boot ``firmware`` on ``plant``; the ground station listens at ``station`` on the network in memory."""
+        """Boot ``firmware`` on ``plant``.
+
+        The ground station listens at ``station`` on the network in memory.
+        """
         self.firmware = firmware
         self._plant, self._station = plant, station
         self._received = list[bytes]()
@@ -189,11 +208,13 @@ class OnboardFirmware(asyncio.DatagramProtocol):
         self.on_motors: Callable[[float, FourRotors], None] | None = None
         """Called with the time [s] and the motor outputs (0..1) of each step."""
         self.passes: Callable[[bytes], bool] = lambda datagram: True
-        """Tells whether a datagram of the ground station arrives; tests lose datagrams by it, also in flight."""
+        """Tells whether a datagram of the ground station arrives; tests lose datagrams by it, also
+        in flight."""
         self.overhear: Callable[[float, bytes], None] | None = None
         """Called with the time [s] and the bytes of every datagram of the ground station."""
         self._before, self._left_m_s = plant.truth(0.0), ZERO
-        """State one step ago, and the change of velocity [m/s, NED] that the IMU has not measured yet."""
+        """State one step ago, and the change of velocity [m/s, NED] that the IMU has not measured
+        yet."""
         at_rest = plant.specific_force
         self._gravity = math.hypot(*at_rest)
         firmware.boot(self._before, at_rest)
@@ -236,14 +257,17 @@ class OnboardFirmware(asyncio.DatagramProtocol):
     def _average_force(self, truth: TrueState) -> Vec3:
         """Compute the mean specific force since the last step [m/s², FRD], as an IMU measures it.
 
-        The plant's floor stops a vehicle within a step. Real landing legs yield: so the force is limited to
-        ``LEGS_M_S2``, and the change of velocity beyond it is left for the next steps.
+        The plant's floor stops a vehicle within a step. Real landing legs yield: so the force is
+        limited to ``LEGS_M_S2``, and the change of velocity beyond it is left for the next steps.
         """
         before, self._before = self._before, truth
         h = truth.time_s - before.time_s
         if h <= 0.0:
             return self._plant.specific_force
-        gains = [v - u + w for u, v, w in zip(before.velocity_ned, truth.velocity_ned, self._left_m_s, strict=True)]
+        gains = [
+            v - u + w
+            for u, v, w in zip(before.velocity_ned, truth.velocity_ned, self._left_m_s, strict=True)
+        ]
         north, east, down = gains[0] / h, gains[1] / h, gains[2] / h - self._gravity
         share = min(1.0, LEGS_M_S2 / max(math.hypot(north, east, down), LEGS_M_S2))
         measured = share * north, share * east, share * down
@@ -255,10 +279,16 @@ class OnboardFirmware(asyncio.DatagramProtocol):
 
 
 class Airworthy:
-    """Boots firmware, each instance in a folder of its own. A context manager: at its end the folders are removed."""
+    """Boots firmware, each instance in a folder of its own.
+
+    A context manager: at its end the folders are removed.
+    """
 
     def __init__(self, make: Make, prepared: Path | None = None) -> None:
-        """``prepared`` is a folder in which the firmware has run before, with its parameters; each gets a copy."""
+        """``prepared`` is a folder in which the firmware has run before, with its parameters.
+
+        Each gets a copy.
+        """
         self._make, self._prepared = make, prepared
         self._folder = tempfile.TemporaryDirectory(prefix="groundstation-firmware-")
         self._number = 0

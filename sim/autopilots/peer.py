@@ -1,7 +1,7 @@
 """A simulated autopilot, one by name, and its wires.
 
-On UDP it speaks first, to the ground station, as PX4 does. In a rehearsal it may have to wait at an address, to accept
-TCP connections, or to be at the end of a serial port.
+On UDP it speaks first, to the ground station, as PX4 does. In a rehearsal it may have to wait at an
+address, to accept TCP connections, or to be at the end of a serial port.
 """
 
 import asyncio
@@ -26,14 +26,17 @@ class Wire(Protocol):
 
 
 Hear = Callable[[bytes, Any], None]
-"""Takes bytes and where they came from: whole frames, or pieces of a stream, which the autopilot's codec joins."""
+"""Takes bytes and where they came from: whole frames, or pieces of a stream, which the autopilot's
+codec joins."""
 OpenWire = Callable[[Hear], Awaitable[Wire]]
 Address: TypeAlias = tuple[str, int]
 """Host and port."""
 
 
 class UdpWire(asyncio.DatagramProtocol):
-    """Implements :class:`Wire`: to one ground station, or to whoever spoke last where that has to speak first."""
+    """Implements :class:`Wire`: to one ground station, or to whoever spoke last where that has to
+    speak first.
+    """
 
     def __init__(self, hear: Hear, *, connected: bool) -> None:
         self._hear, self._connected = hear, connected
@@ -62,7 +65,9 @@ class UdpWire(asyncio.DatagramProtocol):
 
 
 class AcceptingTcp(asyncio.Protocol):
-    """Implements :class:`Wire` for one TCP connection at a time: a newer one takes the place of the older."""
+    """Implements :class:`Wire` for one TCP connection at a time: a newer one takes the place of the
+    older.
+    """
 
     def __init__(self, hear: Hear) -> None:
         self._hear = hear
@@ -93,10 +98,16 @@ class AcceptingTcp(asyncio.Protocol):
             self._transport.abort()
 
 
-async def open_udp(hear: Hear, *, local: Address | None = None, remote: Address | None = None) -> Wire:
-    """Open UDP to a ground station that listens at ``remote``, or at ``local``, where it has to speak first."""
+async def open_udp(
+    hear: Hear, *, local: Address | None = None, remote: Address | None = None
+) -> Wire:
+    """Open UDP to a ground station that listens at ``remote``, or at ``local``, where it has to
+    speak first.
+    """
     loop = asyncio.get_running_loop()
-    _, wire = await loop.create_datagram_endpoint(lambda: UdpWire(hear, connected=remote is not None), local, remote)
+    _, wire = await loop.create_datagram_endpoint(
+        lambda: UdpWire(hear, connected=remote is not None), local, remote
+    )
     return wire
 
 
@@ -134,8 +145,9 @@ class AutopilotPeer:
     ) -> None:
         """Bring ``autopilot`` to the ground station that listens at ``remote`` (host, port).
 
-        ``delay_s`` is how long what it says takes to leave, ``hearing_s`` how long what it is told takes to reach
-        it, on top of what the network takes [s]. ``open_wire`` opens another wire instead of that UDP.
+        ``delay_s`` is how long what it says takes to leave, ``hearing_s`` how long what it is told
+        takes to reach it, on top of what the network takes [s]. ``open_wire`` opens another wire
+        instead of that UDP.
         """
         self._open_wire = open_wire or partial(open_udp, remote=remote)
         self._autopilot = autopilot
@@ -167,7 +179,10 @@ class AutopilotPeer:
             self._transport.abort()
 
     def cut(self, cut: bool, *, hears: bool = False, speaks: bool = False) -> None:
-        """Let nothing pass but what it still ``hears`` or ``speaks``, or everything again; the rest is lost."""
+        """Let nothing pass but what it still ``hears`` or ``speaks``, or everything again.
+
+        The rest is lost.
+        """
         self._mute, self._deaf = cut and not speaks, cut and not hears
 
     def reboot(self, lasts_s: float) -> None:
@@ -217,7 +232,10 @@ class AutopilotPeer:
             self._schedule()
 
     def _schedule(self) -> None:
-        """Wake when the autopilot has something to do; a timer that comes too early does no harm."""
+        """Wake when the autopilot has something to do.
+
+        A timer that comes too early does no harm.
+        """
         due_s = self._autopilot.next_due_s
         if due_s < self._timer_s and self._loop is not None:
             if self._timer is not None:
@@ -241,5 +259,8 @@ class AutopilotPeer:
             self._end.set_exception(error)
 
 
-AUTOPILOTS: dict[str, type[SimulatedAutopilot]] = {"px4": Px4Autopilot, "ardupilot": ArduPilotAutopilot}
+AUTOPILOTS: dict[str, type[SimulatedAutopilot]] = {
+    "px4": Px4Autopilot,
+    "ardupilot": ArduPilotAutopilot,
+}
 """Simulated autopilots by their name for ``--autopilot``."""

@@ -43,14 +43,15 @@ SIMULATOR_PORT = 4560
 OFFBOARD_PORT = 14540
 """And sends MAVLink to this one + n (px4-rc.mavlink)."""
 BOOT_S = 8.0
-"""Its start script has ended, and its attitude is aligned, so long after the first HIL_SENSOR [s]."""
+"""Its start script has ended, and its attitude is aligned, so long after the first HIL_SENSOR
+[s]."""
 BEGINS_US = 1_000_000
 """Time of the first HIL_SENSOR [µs]; PX4 takes 0 for no time."""
 ANSWER_S = 0.002
 """Disarmed, an answer is waited for so long [s, of the wall clock]: there may be none."""
 TAKEN_S = 0.1
-"""Its MAVLink thread is waited for so long [s, of the wall clock]: in SET_MESSAGE_INTERVAL it sleeps in
-the plant's time, and does not answer."""
+"""Its MAVLink thread is waited for so long [s, of the wall clock]: in SET_MESSAGE_INTERVAL it
+sleeps in the plant's time, and does not answer."""
 BAROMETER_EVERY = 5
 """Steps between readings of the barometer [-]: 50 Hz."""
 MAGNETOMETER_EVERY = 2
@@ -107,7 +108,8 @@ class Outputs(NamedTuple):
     """Time on PX4's clock [µs]."""
     armed: bool
     motors: FourRotors
-    """Front right, rear left, front left, rear right, 0..1: the order of the airframe and of plant.py."""
+    """Front right, rear left, front left, rear right, 0..1: the order of the airframe and of
+    plant.py."""
 
 
 class SimulatorCodec:
@@ -117,13 +119,22 @@ class SimulatorCodec:
         self._codec = MavlinkCodec(_SIMULATOR_SYSTEM, _SIMULATOR_COMPONENT)
 
     def pack_sensors(
-        self, time_us: int, truth: TrueState, specific_force: Vec3, normals: tuple[float, ...], count: int
+        self,
+        time_us: int,
+        truth: TrueState,
+        specific_force: Vec3,
+        normals: tuple[float, ...],
+        count: int,
     ) -> bytes:
-        """HIL_SENSOR number ``count``, with ten standard ``normals`` for the noise of all sensors."""
+        """HIL_SENSOR number ``count``, with ten standard ``normals`` for the noise of all
+        sensors.
+        """
         noise = FLYING if truth.thrust_n > 0.0 else RESTING
         x, y, z = _add_noise(specific_force, noise.accelerometer, normals[0:3])
         p, q, r = _add_noise(truth.rates_rad_s, noise.gyro, normals[3:6])
-        north, east, down = _add_noise(so3.to_body(truth.attitude, FIELD_NED), MAGNETOMETER, normals[6:9])
+        north, east, down = _add_noise(
+            so3.to_body(truth.attitude, FIELD_NED), MAGNETOMETER, normals[6:9]
+        )
         height = -truth.position_ned[2]
         pressure = SEA_LEVEL_HPA - HPA_PER_M * height + BAROMETER_HPA * normals[9]
         fields = SensorFields.ACCELEROMETER | SensorFields.GYRO
@@ -133,7 +144,22 @@ class SimulatorCodec:
             fields |= SensorFields.BAROMETER
         return self._codec.pack(
             self._codec.dialect.MAVLink_hil_sensor_message(
-                time_us, x, y, z, p, q, r, north, east, down, pressure, 0.0, height, TEMPERATURE_DEG_C, fields, 0
+                time_us,
+                x,
+                y,
+                z,
+                p,
+                q,
+                r,
+                north,
+                east,
+                down,
+                pressure,
+                0.0,
+                height,
+                TEMPERATURE_DEG_C,
+                fields,
+                0,
             )
         )
 
@@ -146,7 +172,9 @@ class SimulatorCodec:
 
 
 def _add_noise(value: Vec3, sigma: Vec3, normals: tuple[float, ...]) -> Vec3:
-    x, y, z = (one + noise * normal for one, noise, normal in zip(value, sigma, normals, strict=True))
+    x, y, z = (
+        one + noise * normal for one, noise, normal in zip(value, sigma, normals, strict=True)
+    )
     return x, y, z
 
 
@@ -187,17 +215,34 @@ class Px4(Firmware):
         """Start it, take its connection, and let it run at rest until it has started up."""
         build = self._program.parents[1]
         told = {f"PX4_PARAM_{name}": value for name, value, _ in read_parameters("px4.params")}
-        told["PX4_PARAM_MAV_SYS_ID"] = "1"  # its start script counts it by the number of the process
-        # Of its airframes the one that wants this interface, and nothing else of it is left as it is.
+        told["PX4_PARAM_MAV_SYS_ID"] = (
+            "1"  # its start script counts it by the number of the process
+        )
+        # Of its airframes the one that wants this interface, and nothing else of it is left as it
+        # is.
         kept = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
-        words = [self._program, "-i", self._number, "-d", "-s", build / "etc" / "init.d-posix" / "rcS", "-w", "."]
+        words = [
+            self._program,
+            "-i",
+            self._number,
+            "-d",
+            "-s",
+            build / "etc" / "init.d-posix" / "rcS",
+            "-w",
+            ".",
+        ]
         with socket.create_server((LOOPBACK, SIMULATOR_PORT + self._number)) as listener:
             listener.settimeout(PATIENCE_S)
-            self.start([*map(str, words), str(build / "etc")], {**kept, **told, "PX4_SIM_MODEL": "none_iris"})
+            self.start(
+                [*map(str, words), str(build / "etc")],
+                {**kept, **told, "PX4_SIM_MODEL": "none_iris"},
+            )
             try:
                 self._wire, _ = listener.accept()
             except TimeoutError:
-                raise EOFError(notice("firmware.not_connected", name="PX4", log=self.folder / "firmware.log")) from None
+                raise EOFError(
+                    notice("firmware.not_connected", name="PX4", log=self.folder / "firmware.log")
+                ) from None
         self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for _ in range(round(BOOT_S / self.step_s)):
             began = time.monotonic()
@@ -209,7 +254,9 @@ class Px4(Firmware):
         """One HIL_SENSOR, and the outputs that come of it."""
         assert self._wire is not None, "it has booted"
         now_us = BEGINS_US + round(1e6 * self.step_s * self._count)
-        message = self._codec.pack_sensors(now_us, truth, specific_force, next(self._noise), self._count)
+        message = self._codec.pack_sensors(
+            now_us, truth, specific_force, next(self._noise), self._count
+        )
         self._count += 1
         try:
             self._wire.sendall(message)
@@ -253,14 +300,20 @@ class Px4(Firmware):
             self._take(self.mavlink.recv(4096))
 
     def hear(self) -> list[bytes]:
-        """The datagrams that it has sent since the last time, but for answers to our own questions."""
+        """The datagrams that it has sent since the last time, but for answers to our own
+        questions.
+        """
         for data in super().hear():
             self._take(data)
         heard, self._unread = self._unread, []
         return heard
 
     def _take(self, data: bytes) -> None:
-        answers = [-one.ts1 for one in self._port.feed(data) if one.get_type() == "TIMESYNC" and one.ts1 < 0]
+        answers = [
+            -one.ts1
+            for one in self._port.feed(data)
+            if one.get_type() == "TIMESYNC" and one.ts1 < 0
+        ]
         if answers:
             self._answered = max(answers)
         else:

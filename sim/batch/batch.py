@@ -1,10 +1,12 @@
-"""Batch: many flights at once, N vehicles as arrays of shape (N,), from the same law, observer, predictor and plant.
+"""Batch: many flights at once, N vehicles as arrays of shape (N,), from the same law, observer,
+predictor and plant.
 
-What :func:`sim.runs.flight.fly` does with one vehicle through wire bytes, this does with N: the same random numbers,
-cameras, frames, losses and outages, the same single-precision set-points. Only the orchestration is written again (a
-test holds both against each other): who has a pose, which command acts when, the controller's memory, and what the
-referee writes down. All are told the same and share the periods of frames and poses. Thrust and rates follow their
-commands by first-order lags alone: no rotors, and no dead times.
+What :func:`sim.runs.flight.fly` does with one vehicle through wire bytes, this does with N: the
+same random numbers, cameras, frames, losses and outages, the same single-precision set-points. Only
+the orchestration is written again (a test holds both against each other): who has a pose, which
+command acts when, the controller's memory, and what the referee writes down. All are told the same
+and share the periods of frames and poses. Thrust and rates follow their commands by first-order
+lags alone: no rotors, and no dead times.
 """
 
 import math
@@ -47,7 +49,14 @@ from groundstation.core.estimation import (
     widen_covariance,
 )
 from groundstation.core.geometry import ZERO, Ops, Real, Vec3, add_scaled, arrays, rotate, subtract
-from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, Decision, Estimate
+from groundstation.core.messages import (
+    ROUNDING_S,
+    SATURATION_FROM_S,
+    SETTLED_M,
+    STEADY_S,
+    Decision,
+    Estimate,
+)
 from groundstation.core.vehicle import (
     ActuatorCommand,
     ActuatorResponse,
@@ -87,7 +96,9 @@ OPS = arrays()
 
 
 def zeros(count: int, width: int) -> Any:
-    """``width`` arrays of ``count`` zeros, each its own: ``put`` writes into one without touching the others."""
+    """``width`` arrays of ``count`` zeros, each its own: ``put`` writes into one without touching
+    the others.
+    """
     return tuple(np.zeros(count) for _ in range(width))
 
 
@@ -102,7 +113,10 @@ def pick(values: Any, who: Any) -> Any:
 
 
 def put(values: Any, who: Any, parts: Any) -> None:
-    """Write ``parts`` into the entries ``who`` of every array of ``values``, of the same shape; None stays."""
+    """Write ``parts`` into the entries ``who`` of every array of ``values``, of the same shape.
+
+    None stays.
+    """
     if values is None:
         return
     if isinstance(values, np.ndarray):
@@ -117,7 +131,10 @@ KEPT_FRAMES = 64
 
 
 class Filtered(NamedTuple):
-    """Known at the newest pose; see :class:`groundstation.core.estimation.estimator.ModelEstimator`. Elementwise."""
+    """Known at the newest pose.
+
+    See :class:`groundstation.core.estimation.estimator.ModelEstimator`. Elementwise.
+    """
 
     stamp: Real
     motion: Motion
@@ -138,16 +155,28 @@ class Filtered(NamedTuple):
 
 
 class BatchEstimator:
-    """State at each vehicle's newest pose; commands act from frames at multiples of ``period_s`` on."""
+    """State at each vehicle's newest pose.
 
-    def __init__(self, vehicle: Vehicle, gains: Estimation, start: Any, idle_thrust_n: float, period_s: float) -> None:
-        """``start`` is the (3, N) position [m, NED] at which the vehicles are held, with ``idle_thrust_n`` [N]."""
+    Commands act from frames at multiples of ``period_s`` on.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, gains: Estimation, start: Any, idle_thrust_n: float, period_s: float
+    ) -> None:
+        """``start`` is the (3, N) position [m, NED] at which the vehicles are held, with
+        ``idle_thrust_n`` [N].
+        """
         n = start.shape[1]
         zero: Any = np.zeros(n)
         self._vehicle = vehicle
         self._gains = gains
         self._period = period_s
-        noises = (gains.pose_wander, gains.acceleration_noise, gains.wind_noise, gains.wind_rate_noise)
+        noises = (
+            gains.pose_wander,
+            gains.acceleration_noise,
+            gains.wind_noise,
+            gains.wind_rate_noise,
+        )
         self._densities = Densities(*(noise**2 for noise in noises))
         self._separates = gains.effectiveness_deviation > 0.0
         upright = (zero + 1.0, *zeros(n, 3))
@@ -180,7 +209,11 @@ class BatchEstimator:
         state = self._state
         for covariance in (state.covariance, state.track.covariance):
             put(covariance, slice(None), initial_covariance(state.noise))
-        put(state.effectiveness, slice(None), initial_effectiveness(self._gains.effectiveness_deviation))
+        put(
+            state.effectiveness,
+            slice(None),
+            initial_effectiveness(self._gains.effectiveness_deviation),
+        )
         put((state.disturbance, state.rate), slice(None), (ZERO, ZERO))
 
     def take_command(self, frame: int, drive: ActuatorCommand) -> None:
@@ -195,7 +228,12 @@ class BatchEstimator:
             new = who[first]
             self._state.stamp[new] = stamp[first]
             put(self._state.motion.attitude, new, pick(attitude, first))
-            who, stamp, position, attitude = who[~first], stamp[~first], pick(position, ~first), pick(attitude, ~first)
+            who, stamp, position, attitude = (
+                who[~first],
+                stamp[~first],
+                pick(position, ~first),
+                pick(attitude, ~first),
+            )
         if who.size:
             with np.errstate(invalid="ignore"):  # -inf - -inf before the fifth pose
                 self._drive(stamp, who)
@@ -205,8 +243,13 @@ class BatchEstimator:
                     if after is not before:
                         put(arrays_of_all, who, after)
 
-    def _correct(self, ops: Ops, old: Filtered, stamp: Any, position: Any, attitude: Any) -> Filtered:
-        """``old`` and one pose: stamp [s], position [m, NED], attitude; commands have been rolled until then."""
+    def _correct(
+        self, ops: Ops, old: Filtered, stamp: Any, position: Any, attitude: Any
+    ) -> Filtered:
+        """``old`` and one pose: stamp [s], position [m, NED], attitude.
+
+        Commands have been rolled until then.
+        """
         noise, stamp_noise, times, places = self._measure_noise(ops, old, stamp, position)
         dt = stamp - old.stamp
         model = self._at(old, dt)
@@ -221,22 +264,38 @@ class BatchEstimator:
             axis, speed2 = find_direction(ops, model.velocity)
             narrow = predict_covariance(old.track.covariance, dt, self._densities)
             both = turn_track(expected, AlongTrack(old.track.axis, narrow), axis)
-            # Where stamps are not off there is one filter, and it is what the two begin with where they are again.
+            # Where stamps are not off there is one filter, and it is what the two begin with where
+            # they are again.
             off = jitter2 > 0.0
-            apart: Any = (tuple(ops.where(off, a, b) for a, b in zip(one, expected, strict=True)) for one in both)
+            apart: Any = (
+                tuple(ops.where(off, a, b) for a, b in zip(one, expected, strict=True))
+                for one in both
+            )
             wide, narrow = apart
             most = across + jitter2 * speed2
-            wide, narrow = widen_covariance(ops, wide, most, step), widen_covariance(ops, narrow, most, step)
+            wide, narrow = (
+                widen_covariance(ops, wide, most, step),
+                widen_covariance(ops, narrow, most, step),
+            )
             across2, along2 = wide[PP] + across, narrow[PP] + most
             gain, covariance = update_covariance(wide, across)
-            along, track = weigh_along(ops, axis, gain, update_covariance(narrow, most), across2, along2)
-        chain: Chain = (model.position, model.velocity, add_scaled(old.disturbance, dt, old.rate), old.rate)
+            along, track = weigh_along(
+                ops, axis, gain, update_covariance(narrow, most), across2, along2
+            )
+        chain: Chain = (
+            model.position,
+            model.velocity,
+            add_scaled(old.disturbance, dt, old.rate),
+            old.rate,
+        )
         if along is not None:
             chain = correct_chain(chain, along.more, part_along(along.axis, step))
         chain = correct_chain(chain, gain, step)
         e = old.effectiveness
         if self._separates:
-            e = predict_effectiveness(ops, e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
+            e = predict_effectiveness(
+                ops, e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk
+            )
             e, moved = update_effectiveness(ops, e, step, gain, across2, 0, along)
             chain = apply_effectiveness(chain, moved, e)
         place, speed, now, rate = chain
@@ -252,7 +311,9 @@ class BatchEstimator:
         h = time_s - state.stamp
         disturbance = add_scaled(state.disturbance, h, state.rate)
         deviation: Any = np.sqrt(state.effectiveness.variance)
-        return Estimate(time_s, self._at(state, h), disturbance, ZERO, state.effectiveness.value, deviation)
+        return Estimate(
+            time_s, self._at(state, h), disturbance, ZERO, state.effectiveness.value, deviation
+        )
 
     def _drive(self, end: Any, who: Index) -> None:
         """Let the commands sent act on ``who`` from their newest poses to ``end`` [s]."""
@@ -276,7 +337,9 @@ class BatchEstimator:
         north, east, down = old.disturbance
         mass: Any = self._vehicle.mass_kg / old.effectiveness.value
         other = (north, east, down + self._gains.gravity)
-        return integrate_motion(old.motion, old.driven, h, mass, other, old.rate, self._vehicle.drag_per_s)
+        return integrate_motion(
+            old.motion, old.driven, h, mass, other, old.rate, self._vehicle.drag_per_s
+        )
 
     def _measure_noise(self, ops: Ops, old: Filtered, stamp: Any, position: Any) -> Any:
         """As :meth:`ModelEstimator._measure_noise`."""
@@ -291,11 +354,17 @@ class BatchEstimator:
             ops.where(counts, before + (along - before) / NOISE_MEMORY, before),
             ops.where(counts, speed2 + (way2 / (span * span) - speed2) / NOISE_MEMORY, speed2),
         )
-        return ops.where(counts, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise), seen, times, places
+        return (
+            ops.where(counts, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise),
+            seen,
+            times,
+            places,
+        )
 
 
 Seen = Callable[[Index, Index, Array], Any]
-"""``seen(step, who, taken_s)``: the Body of each vehicle of ``who`` at ``taken_s`` [s], in that step of the frame."""
+"""``seen(step, who, taken_s)``: the Body of each vehicle of ``who`` at ``taken_s`` [s], in that
+step of the frame."""
 
 
 class Cameras:
@@ -319,7 +388,9 @@ class Cameras:
         self._next_s = phase - release_s
         self._number = np.zeros(n, int)
         poses = int((duration_s + release_s) / self._period) + 4
-        self._noise = np.stack([generator(seed, "noise").standard_normal((poses, 6)) for seed in seeds], axis=2)
+        self._noise = np.stack(
+            [generator(seed, "noise").standard_normal((poses, 6)) for seed in seeds], axis=2
+        )
         luck = np.stack([generator(seed, "pose loss").random(poses) for seed in seeds], axis=1)
         self._lost = luck < np.array([w.pose_loss for w in worlds])
         self._sigma = np.array([w.pose_noise_m for w in worlds])
@@ -331,7 +402,8 @@ class Cameras:
         self._outage_period = np.array([w.outage_period_s for w in worlds])
         self._who: Index = np.empty(0, int)
         self._under_way: Array = np.empty((9, 0))
-        """Arrival, stamp, position, attitude of the poses under way, and ``_who`` they show, in order of exposure."""
+        """Arrival, stamp, position, attitude of the poses under way, and ``_who`` they show, in
+        order of exposure."""
 
     def expose(self, ends: Array, seen: Seen) -> None:
         """Take the pictures of one frame, whose steps end at ``ends`` [s after the release]."""
@@ -357,7 +429,9 @@ class Cameras:
         attitude: Any = rotate(body.attitude, angle)
         latency = self._latency[who]
         # Exact where the source is told the truth: a pose is then stamped with its exposure.
-        stamp = np.where(latency == self._told_latency, taken, taken + (latency - self._told_latency))
+        stamp = np.where(
+            latency == self._told_latency, taken, taken + (latency - self._told_latency)
+        )
         kept = ~lost
         self._who = np.concatenate([self._who, who[kept]])
         pose = np.stack([taken + latency, stamp, *position, *attitude])
@@ -390,21 +464,36 @@ def column(worlds: Sequence[World], name: str) -> Any:
 
 
 class BatchWind:
-    """Disturbances of N vehicles: mean, gust, step or push, and turbulence; see :class:`sim.world.world.Wind`."""
+    """Disturbances of N vehicles: mean, gust, step or push, and turbulence.
+
+    See :class:`sim.world.world.Wind`.
+    """
 
     def __init__(self, worlds: Sequence[World], seeds: Sequence[int]) -> None:
         """Take the first eddies."""
-        keys = ("wind_mean", "wind_gust", "wind_gust_hz", "wind_step", "wind_step_time_s", "wind_push_s")
+        keys = (
+            "wind_mean",
+            "wind_gust",
+            "wind_gust_hz",
+            "wind_step",
+            "wind_step_time_s",
+            "wind_push_s",
+        )
         self._steady = SteadyWind(*(column(worlds, key) for key in keys))
         self._turbulence = column(worlds, "wind_turbulence")
-        self._draws = [generator(seed, "turbulence") for seed in seeds] if self._turbulence.any() else []
+        self._draws = (
+            [generator(seed, "turbulence") for seed in seeds] if self._turbulence.any() else []
+        )
         self._grid = 0
         """Step of the turbulence's grid in time [-]."""
         self._block = self._draw() if self._draws else np.zeros((1, 3, len(worlds)))
         self._eddies = begin_eddies(tuple(self._block[0]))
 
     def at(self, time_s: float) -> Any:
-        """The disturbance [m/s², NED] at ``time_s`` after the release; questions go forward in time."""
+        """The disturbance [m/s², NED] at ``time_s`` after the release.
+
+        Questions go forward in time.
+        """
         while self._draws and self._grid < cell(time_s):
             self._grid += 1
             if self._grid % BLOCK == 0:
@@ -418,15 +507,23 @@ class BatchWind:
 
 
 class ReceivedCommands:
-    """Commands as N vehicles take them: frames lost, single precision, thrust by its true gain, rates within limits."""
+    """Commands as N vehicles take them: frames lost, single precision, thrust by its true gain,
+    rates within limits.
+    """
 
     def __init__(self, worlds: Sequence[World], seeds: Sequence[int], duration_s: float) -> None:
         """No thrust and no rates, before the first frame of a flight of ``duration_s`` [s]."""
         first, n = worlds[0], len(worlds)
-        self._thrust_max, self._thrust_curve = column(worlds, "thrust_max_n"), column(worlds, "thrust_curve")
+        self._thrust_max, self._thrust_curve = (
+            column(worlds, "thrust_max_n"),
+            column(worlds, "thrust_curve"),
+        )
         self._gain, self._sag = column(worlds, "thrust_gain"), column(worlds, "thrust_sag")
         self._limits = np.radians(column(worlds, "rate_limits_deg_s"))
-        losses = [generator(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
+        losses = [
+            generator(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8)
+            for seed in seeds
+        ]
         self._frame_lost = column(worlds, "frame_loss") > np.array(losses).T
         self.gains = self._gain.copy()
         """True thrust gain at the newest command that arrived [-]."""
@@ -435,12 +532,25 @@ class ReceivedCommands:
         self.rates: Any = zeros(n, 3)
         """And its body rates [rad/s]."""
 
-    def take(self, frame: int, time_s: float, drive: ActuatorCommand, told_full_n: float, told_curve: float) -> None:
-        """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it.
+    def take(
+        self,
+        frame: int,
+        time_s: float,
+        drive: ActuatorCommand,
+        told_full_n: float,
+        told_curve: float,
+    ) -> None:
+        """Frame number ``frame`` leaves at ``time_s`` after the release.
 
-        The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve`` (links/core/deadman.py).
+        Some vehicles never hear it.
+
+        The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve``
+        (links/core/deadman.py).
         """
-        told, straight = np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0), 1.0 - told_curve
+        told, straight = (
+            np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0),
+            1.0 - told_curve,
+        )
         signal = 2.0 * told / (straight + np.sqrt(straight * straight + 4.0 * told_curve * told))
         # On the wire both are single-precision numbers.
         signal = signal.astype(np.float32).astype(np.float64)
@@ -458,11 +568,14 @@ class ReceivedCommands:
 class Fleet:
     """The truth about N vehicles, one frame of commands at a time.
 
-    ``track`` has shape (steps + 1, 14, N): the vehicles at the start of each plant step of the frame, and at its end.
-    ``felt`` has shape (steps + 1, 3, N): the disturbance b [m/s², NED] at the start of the frame, and in each step.
+    ``track`` has shape (steps + 1, 14, N): the vehicles at the start of each plant step of the
+    frame, and at its end. ``felt`` has shape (steps + 1, 3, N): the disturbance b [m/s², NED] at
+    the start of the frame, and in each step.
     """
 
-    def __init__(self, worlds: Sequence[World], seeds: Sequence[int], steps: int, duration_s: float) -> None:
+    def __init__(
+        self, worlds: Sequence[World], seeds: Sequence[int], steps: int, duration_s: float
+    ) -> None:
         """Hold them; ``steps`` of the plant make a frame."""
         first, n = worlds[0], len(worlds)
         self.count = n
@@ -476,7 +589,9 @@ class Fleet:
         self.track[-1, :3] = self.start
         turn: Any = tuple(np.radians(column(worlds, "start_turn_deg")))
         self.track[-1, 6:10] = rotate((np.ones(n), *zeros(n, 3)), turn)
-        self.track[-1, 10] = column(worlds, "start_thrust") * column(worlds, "mass_kg") * first.gravity
+        self.track[-1, 10] = (
+            column(worlds, "start_thrust") * column(worlds, "mass_kg") * first.gravity
+        )
         self._start_velocity = column(worlds, "start_velocity")
         self._wind = BatchWind(worlds, seeds)
         self.felt = np.zeros((steps + 1, 3, n))
@@ -491,7 +606,10 @@ class Fleet:
         return _body(self.track[-1])
 
     def fly(self, time_s: float) -> Seen:
-        """All steps of the frame that begins at ``time_s`` after the release; returns what cameras see in it."""
+        """All steps of the frame that begins at ``time_s`` after the release.
+
+        Returns what cameras see in it.
+        """
         h, track, commands = self._step_s, self.track, self.commands
         track[0] = track[-1]
         starts: Array = time_s + np.arange(self._steps, dtype=np.float64) * h
@@ -511,7 +629,8 @@ class Fleet:
         return see
 
     def find_crashes(self, steps: int) -> Any:
-        """Find the vehicles that hit the floor or left every room within ``steps`` steps of this frame.
+        """Find the vehicles that hit the floor or left every room within ``steps`` steps of this
+        frame.
 
         They are put back to their start, out of the way.
         """
@@ -562,7 +681,10 @@ STEADY_FROM_S = STEADY_S - ROUNDING_S
 
 
 class Flights(NamedTuple):
-    """One figure a flight, arrays of shape (N,); see :class:`sim.runs.referee.FlightVerdict`. Lengths in metres."""
+    """One figure a flight, arrays of shape (N,); see :class:`sim.runs.referee.FlightVerdict`.
+
+    Lengths in metres.
+    """
 
     rms_m: Array
     max_m: Array
@@ -592,8 +714,12 @@ class Flights(NamedTuple):
 class Marks:
     """Score sheet of N flights: commands and steps are kept as they come, and judged at the end."""
 
-    def __init__(self, worlds: Sequence[World], duration_s: float, vehicle: Vehicle, law: Estimation) -> None:
-        """All still fly; ``vehicle`` and ``law`` as told, whose limits and bounds margins are counted from."""
+    def __init__(
+        self, worlds: Sequence[World], duration_s: float, vehicle: Vehicle, law: Estimation
+    ) -> None:
+        """All still fly; ``vehicle`` and ``law`` as told, whose limits and bounds margins are
+        counted from.
+        """
         count = len(worlds)
         self._duration, self._vehicle = duration_s, vehicle
         self._law = law if isinstance(law, Law) else None
@@ -606,7 +732,8 @@ class Marks:
         self._b_hat2 = np.zeros(count)
         """Largest |b̂|² so far."""
         self._commands: list[tuple[float, Any, Any, Any, Any]] = []
-        """Time [s], whether it was clamped, thrust [N], square of the effort and V, of each command."""
+        """Time [s], whether it was clamped, thrust [N], square of the effort and V, of each
+        command."""
         self._steps: list[tuple[Array, Array]] = []
         """Ends of the steps of a frame [s], and errors of shape (steps, N) [m]."""
         self._lowest = np.full(count, -np.inf)
@@ -616,7 +743,9 @@ class Marks:
         self._alive &= ~who
 
     def command(self, time_s: float, decision: Decision, estimate: Estimate, wind: Array) -> None:
-        """One command of each, what it was computed from, and the true disturbance b [m/s², NED] at that instant."""
+        """One command of each, what it was computed from, and the true disturbance b [m/s², NED] at
+        that instant.
+        """
         self._scale = estimate.effectiveness, estimate.effectiveness_deviation
         seen, drive, law = decision.diagnostics, decision.drive, self._law
         x, y, z = seen.b_hat
@@ -628,7 +757,8 @@ class Marks:
         self._commands.append((time_s, decision.saturated, drive.thrust, square, v))
 
     def steps(self, ends: Array, errors: Array, heights: Array) -> None:
-        """The errors [m] of shape (steps, N) after the plant steps that end at ``ends`` [s after the release].
+        """The errors [m] of shape (steps, N) after the plant steps that end at ``ends`` [s after
+        the release].
 
         ``heights`` are counted downwards [m, NED].
         """
@@ -656,8 +786,13 @@ class Marks:
             effort_rad_s=np.sqrt(_sum_up(squares[steady]) / max(steady.sum(), 1)) + nan,
             saturated=saturated[clampable].sum(axis=0) / max(clampable.sum(), 1),
             lyapunov_start=v[0],
-            lyapunov_floor=(np.sort(v[steady], axis=0)[steady.sum() // 2] if steady.any() else np.nan) + nan,
-            b_hat_share_max=np.sqrt(self._b_hat2) / (np.inf if law is None else law.b_bound + law.epsilon) + nan,
+            lyapunov_floor=(
+                np.sort(v[steady], axis=0)[steady.sum() // 2] if steady.any() else np.nan
+            )
+            + nan,
+            b_hat_share_max=np.sqrt(self._b_hat2)
+            / (np.inf if law is None else law.b_bound + law.epsilon)
+            + nan,
             thrust_margin_n=margins.min(axis=0, initial=np.inf) + nan,
             thrust_scale=self._scale[0] + nan,
             thrust_scale_deviation=self._scale[1] + nan,
@@ -669,12 +804,17 @@ class Marks:
 
 
 def _sum_up(values: Array) -> Any:
-    """The sum of each flight's ``values``, of shape (steps, N): to the same bit, however many fly with it."""
+    """The sum of each flight's ``values``, of shape (steps, N): to the same bit, however many fly
+    with it.
+    """
     return np.ascontiguousarray(values.T).sum(axis=1)
 
 
 def _find_last(ends: Array, marked: Any, none: Array) -> Any:
-    """The last of ``ends`` at which each flight is ``marked``, of shape (steps, N); ``none`` where it never is."""
+    """The last of ``ends`` at which each flight is ``marked``, of shape (steps, N).
+
+    ``none`` where it never is.
+    """
     return np.where(marked.any(axis=0), ends[ends.size - 1 - np.argmax(marked[::-1], axis=0)], none)
 
 
@@ -697,19 +837,22 @@ def require_batchable(world: World, config: Config) -> None:
                 raise ConfigError(f"{section}.{name}", notice("batch.delay"))
     if world.tunnel != STILL:
         raise ConfigError("sim.tunnel", notice("batch.tunnel"))
-    for name in ("occlusion_s", "swap_s", "tracker_yaw_deg", "estimate_wander_m", "estimate_yaw_step_deg"):
+    for name in (
+        "occlusion_s",
+        "swap_s",
+        "tracker_yaw_deg",
+        "estimate_wander_m",
+        "estimate_yaw_step_deg",
+    ):
         if getattr(world, name) != 0.0:
             raise ConfigError(f"sim.{name}", notice("batch.cameras"))
 
 
 def fly_batch(
-    worlds: Sequence[World],
-    config: Config,
-    seeds: Sequence[int],
-    *,
-    duration_s: float = 60.0,
+    worlds: Sequence[World], config: Config, seeds: Sequence[int], *, duration_s: float = 60.0
 ) -> Flights:
-    """Fly N vehicles in N worlds, all told the same ``config``, for ``duration_s`` [s] after the release.
+    """Fly N vehicles in N worlds, all told the same ``config``, for ``duration_s`` [s] after the
+    release.
 
     Raises:
         ValueError: the worlds differ in a period or in the reference.
@@ -731,7 +874,9 @@ def fly_batch(
 class Batch:
     """N flights under way: truth, cameras, ground stations and score, one frame at a time."""
 
-    def __init__(self, worlds: Sequence[World], config: Config, seeds: Sequence[int], duration_s: float) -> None:
+    def __init__(
+        self, worlds: Sequence[World], config: Config, seeds: Sequence[int], duration_s: float
+    ) -> None:
         """Hold the vehicles at their starts; the arguments are those of :func:`fly_batch`."""
         gains, vehicle, pose, first = config.controller, config.vehicle, config.pose, worlds[0]
         assert isinstance(pose, ViconConfig)
@@ -748,7 +893,9 @@ class Batch:
         idle_n = config.flight.idle_thrust * (vehicle.mass_kg * gains.gravity)
         self._estimator = BatchEstimator(vehicle, gains, self._fleet.start, idle_n, self.period_s)
         self._controller = (
-            Adaptive(vehicle, gains, OPS) if isinstance(gains, Gains) else OneByOne(self._fleet.count, config)
+            Adaptive(vehicle, gains, OPS)
+            if isinstance(gains, Gains)
+            else OneByOne(self._fleet.count, config)
         )
         self._trajectory = config.trajectory.build()
         self.marks = Marks(worlds, duration_s, vehicle, gains)
@@ -770,12 +917,18 @@ class Batch:
         self.marks.mark_failed(time_s > estimator.stamp_s + self._config.flight.coast_s)
         estimate, decision = self._decide(time_s, self.period_s if frame > 0 else 0.0)
         estimator.take_command(frame, decision.drive)
-        fleet.commands.take(frame, time_s, decision.drive, self._config.full_thrust_n, self._config.thrust_curve)
+        fleet.commands.take(
+            frame, time_s, decision.drive, self._config.full_thrust_n, self._config.thrust_curve
+        )
         seen, ends = fleet.fly(time_s), time_s + self._starts + self._step_s
         self._cameras.expose(ends, seen)
         self.marks.command(time_s, decision, estimate, fleet.felt[0])
-        ends = ends[ends <= self._duration_s + 1e-9]  # the last frame is held beyond the end of the flight
-        wanted = np.array([self._trajectory.position_at(end) for end in ends.tolist()]).reshape(-1, 3, 1)
+        ends = ends[
+            ends <= self._duration_s + 1e-9
+        ]  # the last frame is held beyond the end of the flight
+        wanted = np.array([self._trajectory.position_at(end) for end in ends.tolist()]).reshape(
+            -1, 3, 1
+        )
         places = fleet.track[1 : ends.size + 1, :3]
         self.marks.steps(ends, np.sqrt(((places - wanted) ** 2).sum(axis=1)), places[:, 2])
         self.marks.mark_failed(fleet.find_crashes(ends.size))

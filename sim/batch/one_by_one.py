@@ -16,7 +16,9 @@ class OneByOne:
     """N controllers of the configured kind, asked one after the other."""
 
     def __init__(self, count: int, config: Config) -> None:
-        self._controllers: list[Controller] = [make_controller(config.controller, config.vehicle) for _ in range(count)]
+        self._controllers: list[Controller] = [
+            make_controller(config.controller, config.vehicle) for _ in range(count)
+        ]
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command of each; ``estimate`` has arrays of shape (N,)."""
@@ -35,7 +37,9 @@ class OneByOne:
             controller.decide(_make_estimate(estimate.time_s, row), reference, interval_s)
             for controller, row in zip(self._controllers, rows, strict=True)
         ]
-        found: Any = np.array([(d.drive.thrust, *d.drive.rates, *d.diagnostics.b_hat) for d in decisions]).T
+        found: Any = np.array(
+            [(d.drive.thrust, *d.drive.rates, *d.diagnostics.b_hat) for d in decisions]
+        ).T
         thrust, p, q, r, *b_hat = found
         saturated: Any = np.array([d.saturated for d in decisions])
         zero: Any = np.zeros(count)

@@ -1,4 +1,7 @@
-"""Arguments of ``groundstation-sim``: what their values may be; each raises ArgumentTypeError where one is not."""
+"""Arguments of ``groundstation-sim``: what their values may be.
+
+Each raises ArgumentTypeError where one is not.
+"""
 
 import argparse
 

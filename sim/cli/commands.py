@@ -1,7 +1,9 @@
-"""Commands of ``groundstation-sim``: each calls the room that does the work, and prints the result as text or JSON.
+"""Commands of ``groundstation-sim``: each calls the room that does the work, and prints the result
+as text or JSON.
 
-``fly`` flies one flight in the air. ``mission`` flies from the floor to the trajectory and back, with one vehicle or
-several. ``serve`` runs the simulated side alone, in real time, for a ground station in another process.
+``fly`` flies one flight in the air. ``mission`` flies from the floor to the trajectory and back,
+with one vehicle or several. ``serve`` runs the simulated side alone, in real time, for a ground
+station in another process.
 """
 
 import argparse
@@ -116,13 +118,23 @@ def compare(args: argparse.Namespace) -> Exit:
             raise ConfigError("--controllers", error.problem) from None
     if args.write is not None:
         write_between_markers(args.write, found.rows, typed_command())
-    print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else text_table(found.rows))
+    print(
+        json.dumps({"rows": msgspec.to_builtins(found.rows)})
+        if args.json
+        else text_table(found.rows)
+    )
     return Exit.DONE
 
 
 def _at_equal_margins(args: argparse.Namespace) -> Exit:
     """Tune every law under the same robustness floors, and fly the best gains of each once more."""
-    from sim.studies import SEARCHED_LAWS, TRIALS, compare_at_equal_margins, describe_terms, equal_margins_table
+    from sim.studies import (
+        SEARCHED_LAWS,
+        TRIALS,
+        compare_at_equal_margins,
+        describe_terms,
+        equal_margins_table,
+    )
     from sim.studies.tune import TEXT_COLUMNS
 
     require_package("optuna", "tune", "tune")
@@ -133,13 +145,24 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
     names = {law.name.partition(",")[0] for law in SEARCHED_LAWS}
     for name in args.controllers or ():
         if name not in names:
-            raise ConfigError("--controllers", notice("value.choices", choices=sorted(names), found=name))
-    laws = [law for law in SEARCHED_LAWS if not args.controllers or law.name.partition(",")[0] in args.controllers]
+            raise ConfigError(
+                "--controllers", notice("value.choices", choices=sorted(names), found=name)
+            )
+    laws = [
+        law
+        for law in SEARCHED_LAWS
+        if not args.controllers or law.name.partition(",")[0] in args.controllers
+    ]
     steps = sum(trials + 1 if law.start else 2 for law in laws)
     workers = args.workers or os.cpu_count() or 1
     with Flyers(workers) as flyers, ProgressBar("evaluations", steps, quiet=args.json) as progress:
-        found = compare_at_equal_margins(flyers, trials=trials, seeds=args.seeds, laws=laws, on_done=progress.step)
-    shown = f"{equal_margins_table(found)}\n\n{textwrap.fill(describe_terms(trials, args.seeds), TEXT_COLUMNS)}"
+        found = compare_at_equal_margins(
+            flyers, trials=trials, seeds=args.seeds, laws=laws, on_done=progress.step
+        )
+    shown = (
+        f"{equal_margins_table(found)}\n\n"
+        f"{textwrap.fill(describe_terms(trials, args.seeds), TEXT_COLUMNS)}"
+    )
     if args.write is not None:
         replace_between_markers(args.write, shown)
     print(json.dumps({"rows": msgspec.to_builtins(found)}) if args.json else shown)
@@ -165,7 +188,9 @@ def campaign(args: argparse.Namespace) -> Exit:
     start = perf_counter()
     if args.kernel is not None:
         print(notice("campaign.kernel"), file=sys.stderr)
-    flyers: AbstractContextManager[Crew] = nullcontext(Local(here)) if args.cluster is None else Cluster(args.cluster)
+    flyers: AbstractContextManager[Crew] = (
+        nullcontext(Local(here)) if args.cluster is None else Cluster(args.cluster)
+    )
     with flyers as crew, ProgressBar("flights", args.flights, quiet=args.json) as progress:
         rows, flown = run(
             shared,
@@ -175,20 +200,26 @@ def campaign(args: argparse.Namespace) -> Exit:
             batch=args.batch,
             on_progress=progress.at,
         )
-        facts = report(shared, rows, flown=flown, wall_s=perf_counter() - start, workers=crew.workers)
+        facts = report(
+            shared, rows, flown=flown, wall_s=perf_counter() - start, workers=crew.workers
+        )
     print(json.dumps(facts) if args.json else text(facts))
     return Exit.DONE if all(row.survived for row in rows) else Exit.FAILED
 
 
 def tune(args: argparse.Namespace) -> Exit:
-    """Search for better gains, or report how wrong the configured vehicle may be with the present ones."""
+    """Search for better gains, or report how wrong the configured vehicle may be with the present
+    ones.
+    """
     from sim.cli.tune import report, search
 
     return report(args) if args.report else search(args)
 
 
 def dev_intervals(args: argparse.Namespace) -> Exit:
-    """Fly excitation flights, and count how often the truth lies within the identified intervals."""
+    """Fly excitation flights, and count how often the truth lies within the identified
+    intervals.
+    """
     from sim.studies import coverage_table, identify_flights
 
     _refuse_early(args.scenarios, args.write)
@@ -203,7 +234,10 @@ def dev_intervals(args: argparse.Namespace) -> Exit:
 
 
 def _refuse_early(scenarios: Iterable[str], page: Path | None) -> None:
-    """Refuse unknown scenarios and a page without markers before the first flight; raises ConfigError."""
+    """Refuse unknown scenarios and a page without markers before the first flight.
+
+    Raises ConfigError.
+    """
     for name in scenarios:
         scenario_of(name)
     if page is not None:
@@ -217,13 +251,17 @@ def dev_upsets(args: argparse.Namespace) -> Exit:
     scenarios = args.scenarios or VEHICLES
     _refuse_early(scenarios, args.write)
     with ProgressBar("batches", len(scenarios) * BATCHES) as counter:
-        found = compare_upsets(scenarios, seeds=args.seeds, states=args.states, on_done=counter.step)
+        found = compare_upsets(
+            scenarios, seeds=args.seeds, states=args.states, on_done=counter.step
+        )
     _show(args, upsets_table(*found))
     return Exit.DONE
 
 
 def _show(args: argparse.Namespace, table: str) -> None:
-    """Print ``table``; with ``--write``, put it into the page, too, with the command that made it."""
+    """Print ``table``; with ``--write``, put it into the page, too, with the command that made
+    it.
+    """
     print(table)
     if args.write is not None:
         replace_between_markers(args.write, f"{table}\n\nMade by `{typed_command()}`.")
@@ -312,15 +350,26 @@ def fly(args: argparse.Namespace) -> Exit:
             record=args.out is not None,
             on_progress=bar.at,
         )
-    print(json.dumps(run.facts) if args.json else summary(run.facts, args.out, paper=_is_papers(args, run)), flush=True)
+    print(
+        json.dumps(run.facts)
+        if args.json
+        else summary(run.facts, args.out, paper=_is_papers(args, run)),
+        flush=True,
+    )
     return Exit.DONE if run.completed else Exit.FAILED
 
 
 def _is_papers(args: argparse.Namespace, run: Run) -> bool:
-    """Whether this flight is the paper's (law, trajectory, wind), so that the paper's figures are shown beside it."""
+    """Whether this flight is the paper's (law, trajectory, wind), so that the paper's figures are
+    shown beside it.
+    """
     usual = (args.source, args.link or "mavlink", args.autopilot) == ("vicon", "mavlink", "px4")
     changed = args.overrides or args.config is not None
-    return usual and not changed and (run.facts["scenario"], run.facts["controller"]) == ("paper", "adaptive")
+    return (
+        usual
+        and not changed
+        and (run.facts["scenario"], run.facts["controller"]) == ("paper", "adaptive")
+    )
 
 
 def mission(args: argparse.Namespace) -> Exit:
@@ -328,7 +377,9 @@ def mission(args: argparse.Namespace) -> Exit:
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
     if args.autopilot == BETAFLIGHT and args.vehicles > 1:
         raise ConfigError("--vehicles", notice("sim.one_betaflight"))
-    world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
+    world, config = prepare(
+        scenario, args.overrides, controller=args.controller, source=args.source, link=args.link
+    )
     world, config = from_floor(world, config, args.duration or DURATION_S)
     ensure_flyable(config)
     if args.vehicles > 1:
@@ -342,8 +393,15 @@ def mission(args: argparse.Namespace) -> Exit:
         "link": args.link,
         "autopilot": args.autopilot,
     }
-    title = f"{scenario.name}, controller {config.controller.kind}, poses by {args.source}, seed {args.seed}"
-    print(json.dumps(asked | msgspec.to_builtins(flown)) if args.json else summarize_mission(title, flown))
+    title = (
+        f"{scenario.name}, controller {config.controller.kind}, poses by {args.source}, seed "
+        f"{args.seed}"
+    )
+    print(
+        json.dumps(asked | msgspec.to_builtins(flown))
+        if args.json
+        else summarize_mission(title, flown)
+    )
     return Exit.DONE if flown.landed else Exit.FAILED
 
 
@@ -353,16 +411,24 @@ def _missions(args: argparse.Namespace, name: str, world: World, config: Config)
     asked = {"scenario": name, "seed": args.seed, "source": args.source, "landed": flown.landed}
     asked["min_separation_m"] = None if flown.nearest is None else flown.nearest.distance_m
     title = f"{name}, {args.vehicles} vehicles, poses by {args.source}, seed {args.seed}"
-    print(json.dumps(asked | msgspec.to_builtins(flown)) if args.json else fleet_summary(title, flown))
+    print(
+        json.dumps(asked | msgspec.to_builtins(flown)) if args.json else fleet_summary(title, flown)
+    )
     return Exit.DONE if flown.landed else Exit.FAILED
 
 
 def summarize_mission(title: str, mission: MissionResult) -> str:
     """Describe the mission as text: its states and warnings in order, then its figures."""
-    lines = [title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}", ""]
+    lines = [
+        title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}",
+        "",
+    ]
     events = [(one.time_s, one.state, one.reason) for one in mission.states]
     events += [(one.time_s, "", one.reason) for one in mission.warnings]
-    lines += [f"{time_s:9.2f} s  {state:12} {text}" for time_s, state, text in sorted(events, key=lambda one: one[0])]
+    lines += [
+        f"{time_s:9.2f} s  {state:12} {text}"
+        for time_s, state, text in sorted(events, key=lambda one: one[0])
+    ]
     lines.append("")
     figure = f" over {mission.figure_s:.0f} s of the figure"
     if mission.rms_cm is None:
@@ -382,7 +448,11 @@ def summarize_mission(title: str, mission: MissionResult) -> str:
 
 def fleet_summary(title: str, flown: FleetMission) -> str:
     """Describe several missions as text."""
-    lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", f"{'':12}{'RMS':>9}{'touchdown':>12}"]
+    lines = [
+        title if flown.landed else f"{title}\nNOT AS PLANNED",
+        "",
+        f"{'':12}{'RMS':>9}{'touchdown':>12}",
+    ]
     for one in flown.vehicles:
         lines.append(
             f"{one.name:12}{_format(one.rms_cm, 'cm'):>9}{_format(one.touchdown_m_s, 'm/s'):>12}"
@@ -391,7 +461,10 @@ def fleet_summary(title: str, flown: FleetMission) -> str:
     lines.append("")
     if flown.nearest is not None:
         a, b = flown.nearest.between
-        lines.append(f"nearest     {flown.nearest.distance_m:.2f} m, {a} and {b}, at {flown.nearest.time_s:.1f} s")
+        lines.append(
+            f"nearest     {flown.nearest.distance_m:.2f} m, {a} and {b}, at "
+            f"{flown.nearest.time_s:.1f} s"
+        )
     lines.append(f"wall time   {flown.wall_s:.1f} s for {flown.duration_s:.0f} s")
     return "\n".join(lines)
 
@@ -412,7 +485,11 @@ def serve(args: argparse.Namespace) -> Exit:
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
             raise ConfigError(f"--{option}", notice("sim.one_betaflight"))
-    common: dict[str, Any] = {"seed": args.seed, "duration_s": args.duration, "autopilot": args.autopilot}
+    common: dict[str, Any] = {
+        "seed": args.seed,
+        "duration_s": args.duration,
+        "autopilot": args.autopilot,
+    }
     if args.carried and args.config is None:
         raise ConfigError("--carried", notice("serve.needs_config"))
     if args.fleet is not None:
@@ -446,17 +523,23 @@ def _refuse_beside(file: str, options: dict[str, Any]) -> None:
             raise ConfigError(option, notice("serve.beside", file=file))
 
 
-def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any], *, is_fleet: bool) -> Exit:
+def _serve_room(
+    args: argparse.Namespace, air: World, common: dict[str, Any], *, is_fleet: bool
+) -> Exit:
     """Run the simulated side for ``--rehearse`` of a configuration, or of a fleet file."""
     served = f"{args.config} for --rehearse"
     truth, told = by_side(args.overrides, None)
     if is_fleet:
         labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
         del common["parameters"]
-        return asyncio.run(serve_fleet(served, [world_as_told(air, lab, truth) for lab in labs], labs, **common))
+        return asyncio.run(
+            serve_fleet(served, [world_as_told(air, lab, truth) for lab in labs], labs, **common)
+        )
     config = rehearse(load(args.config, Config, told), args.config)
     more = {"standing": others_of(config), "carried": args.carried}
-    return asyncio.run(serve_stage(served, world_as_told(air, config, truth), config, **more, **common))
+    return asyncio.run(
+        serve_stage(served, world_as_told(air, config, truth), config, **more, **common)
+    )
 
 
 def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
@@ -475,7 +558,9 @@ def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
             parameters[name] = float(value)
             Parameters(made.kind, made.table, parameters)
         except KeyError:
-            raise ConfigError("--param", notice("value.choice", choices=sorted(made.table), found=name)) from None
+            raise ConfigError(
+                "--param", notice("value.choice", choices=sorted(made.table), found=name)
+            ) from None
         except ValueError as error:
             raise ConfigError("--param", notice("value.refused", value=text, why=error)) from None
     return parameters

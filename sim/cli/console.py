@@ -1,4 +1,6 @@
-"""Output of ``groundstation-sim fly`` for a person: a progress bar, and a summary beside the paper's figures."""
+"""Output of ``groundstation-sim fly`` for a person: a progress bar, and a summary beside the
+paper's figures.
+"""
 
 import shlex
 import sys
@@ -12,12 +14,17 @@ PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 
 
 def typed_command() -> str:
-    """The command that runs now, as it was typed: a document says by it how its figures are made again."""
+    """The command that runs now, as it was typed: a document says by it how its figures are made
+    again.
+    """
     return shlex.join(["groundstation-sim", *sys.argv[1:]])
 
 
 class ProgressBar:
-    """A bar on stderr while a flight is flown, or many things are done; it is shown once it is known of how many."""
+    """A bar on stderr while a flight is flown, or many things are done.
+
+    It is shown once it is known of how many.
+    """
 
     def __init__(self, label: str, total: float | None = None, *, quiet: bool = False) -> None:
         """``label`` is what ``total`` counts; ``quiet``, or with no terminal, nothing is shown."""
@@ -52,14 +59,28 @@ class ProgressBar:
 
 def _make_bar() -> Any:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
     return Progress(*columns, console=Console(file=raw_stream(sys.stderr)))
 
 
 def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
-    """The flight's figures as a few lines of text; with ``paper``, beside those of the paper, whose flight it is."""
+    """The flight's figures as a few lines of text.
+
+    With ``paper``, beside those of the paper, whose flight it is.
+    """
     from groundstation.core.messages import STEADY_S  # --help imports this module, too
 
     title = f"{facts['scenario']}, controller {facts['controller']}, seed {facts['seed']}"
@@ -86,21 +107,38 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
         lines.append(f"{'gust: under 5 cm after':24}{back:>14}")
     lines += [
         "",
-        f"{'wind, true':24}{_vector(facts['wind_true'])} m/s² (north, east, down; mean of the last second)",
-        f"{'disturbance, true':24}{_vector(facts['disturbance_true'])} m/s²: wind; drag, thrust, mass not as told",
-        f"{'disturbance, estimated':24}{_vector(facts['disturbance_found'])} m/s²: the sum of these",
+        f"{'wind, true':24}{_vector(facts['wind_true'])} m/s² (north, east, down; mean of the "
+        "last second)",
+        f"{'disturbance, true':24}{_vector(facts['disturbance_true'])} m/s²: wind; drag, thrust, "
+        "mass not as told",
+        f"{'disturbance, estimated':24}{_vector(facts['disturbance_found'])} m/s²: the sum of "
+        "these",
         f"{'of which, 95 % sure':24}{_describe_split(facts['disturbance'])}",
     ]
     if facts["thrust_min_n"] is not None:
-        lines.append(f"{'thrust commanded':24}{facts['thrust_min_n']:.3f} … {facts['thrust_max_n']:.3f} N")
-    violated, suspended = 100.0 * facts["certificate_violated"], 100.0 * facts["certificate_suspended"]
-    shown = f"{violated:.2f} % of the time, suspended {suspended:.2f} %" if facts["lyapunov_start"] is not None else "–"
+        lines.append(
+            f"{'thrust commanded':24}{facts['thrust_min_n']:.3f} … {facts['thrust_max_n']:.3f} N"
+        )
+    violated, suspended = (
+        100.0 * facts["certificate_violated"],
+        100.0 * facts["certificate_suspended"],
+    )
+    shown = (
+        f"{violated:.2f} % of the time, suspended {suspended:.2f} %"
+        if facts["lyapunov_start"] is not None
+        else "–"
+    )
     lines.append(f"{'V above its bound':24}{shown}")
-    for key, label in (("certificate_warnings", "  told, at [s]"), ("warnings", "told in flight, at [s]")):
+    for key, label in (
+        ("certificate_warnings", "  told, at [s]"),
+        ("warnings", "told in flight, at [s]"),
+    ):
         lines += [f"{'' if i else label:24}{line}" for i, line in enumerate(facts[key])]
     lines += [
-        f"{'commands at a limit':24}{100.0 * facts['saturated_fraction']:.2f} % (after the first 5 s)",
-        f"{'wall time':24}{facts['wall_s']:.2f} s for {facts['duration_s']:.0f} s, {facts['datagrams']} datagrams",
+        f"{'commands at a limit':24}{100.0 * facts['saturated_fraction']:.2f} % (after the first "
+        "5 s)",
+        f"{'wall time':24}{facts['wall_s']:.2f} s for {facts['duration_s']:.0f} s, "
+        f"{facts['datagrams']} datagrams",
     ]
     if folder is not None:
         lines.append(f"{'written to':24}{folder}")
@@ -112,7 +150,11 @@ def _describe_split(disturbance: dict[str, Any] | None) -> str:
 
     from groundstation.core.messages import DisturbanceReading
 
-    return "-" if disturbance is None else msgspec.convert(disturbance, DisturbanceReading).describe_split()
+    return (
+        "-"
+        if disturbance is None
+        else msgspec.convert(disturbance, DisturbanceReading).describe_split()
+    )
 
 
 def _vector(v: tuple[float, float, float]) -> str:

@@ -45,16 +45,28 @@ SCENARIOS = ["paper", "adverse"]
 
 
 def report(args: argparse.Namespace) -> Exit:
-    """Print the margins of a configuration; exit code 1 if its flights fail even without any model error."""
+    """Print the margins of a configuration.
+
+    Exit code 1 if its flights fail even without any model error.
+    """
     stages = _stages(args, SCENARIOS[:1])
     if args.out is not None:
         raise ConfigError("--out", notice("tune.report_out"))
     if args.write is not None:
         fill_markers(args.write, {"figures": ""})
     margins = len(stages) * len(AXES)
-    with Flyers(_workers(args)) as flyers, ProgressBar("margins", margins, quiet=args.json) as counter:
+    with (
+        Flyers(_workers(args)) as flyers,
+        ProgressBar("margins", margins, quiet=args.json) as counter,
+    ):
         reports = [
-            measured(stage, flyers, seeds=args.seeds, duration_s=args.duration, on_done=lambda _: counter.step())
+            measured(
+                stage,
+                flyers,
+                seeds=args.seeds,
+                duration_s=args.duration,
+                on_done=lambda _: counter.step(),
+            )
             for stage in stages
         ]
     made = f"{markdown_table(reports)}\n\n{textwrap.fill(criterion(reports[0]), TEXT_COLUMNS)}"
@@ -115,7 +127,8 @@ def _run_trials(args: argparse.Namespace, wanted: Search, flyers: Flyers) -> lis
             says = (
                 "nothing is kept of this search: with --out FILE.toml it would be"
                 if kept is None
-                else f"the trials are kept in {kept}: the same command goes on with them, or with --trials N ends at N"
+                else f"the trials are kept in {kept}: the same command goes on with them, or with "
+                "--trials N ends at N"
             )
             print(says, file=sys.stderr)
             raise
@@ -131,7 +144,11 @@ def _check(args: argparse.Namespace) -> None:
         raise ConfigError("--write", notice("tune.search_write"))
     if args.verify > SEARCH_SEED:
         raise ConfigError("--verify", notice("tune.seeds", most=SEARCH_SEED))
-    if args.out is not None and args.config is not None and args.out.resolve() == args.config.resolve():
+    if (
+        args.out is not None
+        and args.config is not None
+        and args.out.resolve() == args.config.resolve()
+    ):
         raise ConfigError("--out", notice("tune.out_is_start", path=args.out))
     if args.out is not None and not args.out.absolute().parent.is_dir():
         raise ConfigError("--out", notice("tune.no_out_folder", path=args.out))
@@ -159,9 +176,15 @@ def _nothing(args: argparse.Namespace, trials: list[TuningTrial]) -> Exit:
     if args.json:
         print(json.dumps(_facts(trials, None, None, None)))
     elif start.broken:
-        print(f"none of {len(trials)} sets of gains keeps the constraints; those there are: {'; '.join(start.broken)}")
+        print(
+            f"none of {len(trials)} sets of gains keeps the constraints; those there are: "
+            f"{'; '.join(start.broken)}"
+        )
     else:
-        print(f"none of {len(trials)} sets of gains is better than those there are ({start.rms_cm:.3g} cm)")
+        print(
+            f"none of {len(trials)} sets of gains is better than those there are "
+            f"({start.rms_cm:.3g} cm)"
+        )
     return Exit.FAILED
 
 
@@ -177,7 +200,13 @@ def _facts(
     }
 
 
-def _text(search: Search, trials: list[TuningTrial], best: TuningTrial, evidence: Evidence, out: Path | None) -> str:
+def _text(
+    search: Search,
+    trials: list[TuningTrial],
+    best: TuningTrial,
+    evidence: Evidence,
+    out: Path | None,
+) -> str:
     lines = [f"trial {best.number} of {len(trials)}:", "", *describe_evidence(search, evidence), ""]
     if evidence.complaints:
         lines.append(f"NOT to be used, and not written: {'; '.join(evidence.complaints)}")

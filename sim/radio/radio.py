@@ -1,12 +1,16 @@
-"""Simulated radio: a serial link's wire, pacer and bridge, and the receiver on board, at exact instants.
+"""Simulated radio: a serial link's wire, pacer and bridge, and the receiver on board, at exact
+instants.
 
 - The pacer lets the very frames go of the process that paces in real time.
-- The wire takes its time: a byte is there when its 10 bits have passed, and a frame counts when it is complete.
+- The wire takes its time: a byte is there when its 10 bits have passed, and a frame counts when it
+  is complete.
 - The last frame is held. After ``FAILSAFE_S`` without one the motors stop, until it is armed anew.
-- It arms when the arm channel goes up with the throttle down, having been seen down; it disarms when that goes down.
-  Where the map has no such channel it is armed once the throttle was seen down.
+- It arms when the arm channel goes up with the throttle down, having been seen down; it disarms
+  when that goes down. Where the map has no such channel it is armed once the throttle was seen
+  down.
 - Frames that bind move nothing.
-- Attitudes come back through a CRSF module as Betaflight tells them: in tenths of a degree, nose down counting up.
+- Attitudes come back through a CRSF module as Betaflight tells them: in tenths of a degree, nose
+  down counting up.
 """
 
 import asyncio
@@ -111,7 +115,11 @@ class InlinePacer:
     why_mute = "the simulated pacer has failed"
 
     def __init__(
-        self, config: RfLinkConfig, thrust_max_n: float, port: WirePort, on_report: Callable[[PacerReport | None], None]
+        self,
+        config: RfLinkConfig,
+        thrust_max_n: float,
+        port: WirePort,
+        on_report: Callable[[PacerReport | None], None],
     ) -> None:
         self.manner = config.manner
         self._loop = asyncio.get_running_loop()
@@ -142,9 +150,16 @@ class InlinePacer:
         return True
 
     def strike(self, *, stopped: bool = False) -> None:
-        """The pacer dies, or only stands still: its stand-by lets frames go as soon as it would know of it."""
-        knows_s = self._loop.time() + (StandbyWatch(self._period).wait_s + LOOK_S if stopped else 0.0)
-        self._struck = knows_s, "the pacer stood still and was ended" if stopped else "the pacer was killed"
+        """The pacer dies, or only stands still: its stand-by lets frames go as soon as it would
+        know of it.
+        """
+        knows_s = self._loop.time() + (
+            StandbyWatch(self._period).wait_s + LOOK_S if stopped else 0.0
+        )
+        self._struck = (
+            knows_s,
+            "the pacer stood still and was ended" if stopped else "the pacer was killed",
+        )
 
     def lose_commander(self, *, stopped: bool = False) -> None:
         """Whoever commands dies, or only stands still: nothing more is heard of it."""
@@ -172,7 +187,9 @@ class InlinePacer:
                 if due < self._struck[0]:
                     due += self._period
                     continue
-                pacer = self._pacer = FramePacer(self._config, self._thrust_max, self._port, loop.time())
+                pacer = self._pacer = FramePacer(
+                    self._config, self._thrust_max, self._port, loop.time()
+                )
                 pacer.inherit(held, self._struck[1], loop.time())
                 self._struck = None
                 for order in self._waiting:
@@ -207,13 +224,17 @@ def opened_on(port: WirePort) -> OpenPacer:
 class PtyWire:
     """The far end of a port; the near end's path is ``path``.
 
-    The path is of its own, and leads to what this process holds open. The system's name for the terminal belongs to
-    somebody else's soon after this one is closed, be it by a kill that leaves the path behind; a link that opens its
-    port again and again, as all do, would take that and write into it.
+    The path is of its own, and leads to what this process holds open. The system's name for the
+    terminal belongs to somebody else's soon after this one is closed, be it by a kill that leaves
+    the path behind; a link that opens its port again and again, as all do, would take that and
+    write into it.
     """
 
     def __init__(self, path: Path | None = None) -> None:
-        """Stand at ``path``, in the place of one that is left there; without it, in a new folder."""
+        """Stand at ``path``, in the place of one that is left there.
+
+        Without it, in a new folder.
+        """
         import tempfile
         import termios  # only where there is a terminal
         import tty
@@ -221,7 +242,9 @@ class PtyWire:
         self._far, self._near = os.openpty()
         tty.setraw(self._near, termios.TCSANOW)
         os.set_blocking(self._far, False)
-        self._folder = tempfile.TemporaryDirectory(prefix="groundstation-port-") if path is None else None
+        self._folder = (
+            tempfile.TemporaryDirectory(prefix="groundstation-port-") if path is None else None
+        )
         place = Path(self._folder.name) / "port" if self._folder is not None else path
         assert place is not None, "one of both"
         self.path = str(place)
@@ -278,14 +301,18 @@ KEY = bytes(range(32))
 def section(kind: str, world: World, told: Vehicle, *, betaflight: bool = False) -> dict[str, Any]:
     """The link's section of a configuration; full stick is the vehicle's limit.
 
-    For Betaflight a stick that is up means nose down, and its throttle begins at ``min_check``, 1010 of 1000 to 2000.
+    For Betaflight a stick that is up means nose down, and its throttle begins at ``min_check``,
+    1010 of 1000 to 2000.
     """
     if kind == "rf_bridge":
         return {"kind": kind}
     rates = dict(zip(("roll", "pitch", "yaw"), told.rate_limits_deg_s, strict=True))
     order = RF_CODECS[kind]().map
     sticks = {
-        axis: {**msgspec.to_builtins(getattr(order, axis)), "full_rate_deg_s": min(rate, FASTEST_STICK_DEG_S)}
+        axis: {
+            **msgspec.to_builtins(getattr(order, axis)),
+            "full_rate_deg_s": min(rate, FASTEST_STICK_DEG_S),
+        }
         for axis, rate in rates.items()
     }
     sticks["arm"] = {"channel": 5}
@@ -304,7 +331,9 @@ def module(config: Config, world: World, *, betaflight: bool = False) -> RfConfi
     """The module that the commands of ``config`` leave by in the end."""
     if isinstance(config.link, RfConfig):
         return config.link
-    found = from_dict({"link": section(BEHIND_BRIDGE, world, config.vehicle, betaflight=betaflight)}, Config).link
+    found = from_dict(
+        {"link": section(BEHIND_BRIDGE, world, config.vehicle, betaflight=betaflight)}, Config
+    ).link
     assert isinstance(found, RfConfig), "this section is a module's"
     return found
 
@@ -312,7 +341,8 @@ def module(config: Config, world: World, *, betaflight: bool = False) -> RfConfi
 def wires(
     config: Config, radio: RfConfig, nonce: Callable[[int], bytes], port: WirePort
 ) -> tuple[dict[str, Any], "Bridge | None"]:
-    """Return simulated hardware for the link of ``config``, and the bridge to run beside it, or None.
+    """Return simulated hardware for the link of ``config``, and the bridge to run beside it, or
+    None.
 
     ``port`` is the wire to the module.
     """
@@ -321,7 +351,9 @@ def wires(
         return {"open_pacer": open_pacer}, None
     from links.bridge import Bridge, BridgeConfig  # only where there is one
 
-    bridge = Bridge(BridgeConfig(listen=config.link.remote, link=radio), KEY, open_pacer=open_pacer, nonce=nonce)
+    bridge = Bridge(
+        BridgeConfig(listen=config.link.remote, link=radio), KEY, open_pacer=open_pacer, nonce=nonce
+    )
     return {"key": KEY, "nonce": nonce}, bridge
 
 
@@ -352,7 +384,10 @@ GAP_FRAMES = 0.6
 
 
 class Receiver:
-    """Hears a module's frames on board. Sans-IO; times are on the event loop's clock [s] and never go backwards."""
+    """Hears a module's frames on board.
+
+    Sans-IO; times are on the event loop's clock [s] and never go backwards.
+    """
 
     def __init__(self, config: RfLinkConfig, *, lose: Callable[[], bool] = lambda: False) -> None:
         """``lose`` tells of each frame whether it got lost on the air."""
@@ -382,7 +417,11 @@ class Receiver:
 
     def watch(self, now_s: float) -> None:
         """Look whether frames have stopped."""
-        if not self.failsafe and self.heard_s is not None and now_s - self.heard_s >= FAILSAFE_S - 1e-9:
+        if (
+            not self.failsafe
+            and self.heard_s is not None
+            and now_s - self.heard_s >= FAILSAFE_S - 1e-9
+        ):
             self.failsafe = True
             self._fail(now_s)
 
@@ -396,10 +435,13 @@ class Receiver:
 class RfReceiver(Receiver):
     """With a flight controller in it: flies one ``airframe``."""
 
-    def __init__(self, airframe: Airframe, config: RfLinkConfig, *, lose: Callable[[], bool] = lambda: False) -> None:
+    def __init__(
+        self, airframe: Airframe, config: RfLinkConfig, *, lose: Callable[[], bool] = lambda: False
+    ) -> None:
         super().__init__(config, lose=lose)
         self.armed = False
-        # The throttle's share of its throw is the motors' signal; what thrust that gives the airframe knows.
+        # The throttle's share of its throw is the motors' signal; what thrust that gives the
+        # airframe knows.
         count = config.codec().channels
         self._channels = Channels(config.with_thrust_curve(0.0).map, count=count, thrust_max_n=1.0)
         self._has_switch = config.map.arm is not None
@@ -431,13 +473,16 @@ class RfReceiver(Receiver):
 
 
 Failsafe: TypeAlias = Literal["hold", "cut", "invalid"]
-"""Output of a receiver once frames have stopped: its last pulses for ever, nothing, or pulses that mean nothing."""
+"""Output of a receiver once frames have stopped: its last pulses for ever, nothing, or pulses that
+mean nothing."""
 
 
 class PulseReceiver(Receiver):
-    """Gives a flight controller pulses, as receivers do: CRSF's 988 to 2012 µs, DSM's 988 and a count of 0 to 1023.
+    """Gives a flight controller pulses, as receivers do: CRSF's 988 to 2012 µs, DSM's 988 and a
+    count of 0 to 1023.
 
-    Sources: TBS crsf-spec 1285bbc5, TICKS_TO_US; Betaflight 4.6, src/main/rx/spektrum.c, for 1024 steps in 22 ms.
+    Sources: TBS crsf-spec 1285bbc5, TICKS_TO_US; Betaflight 4.6, src/main/rx/spektrum.c, for 1024
+        steps in 22 ms.
     """
 
     def __init__(
@@ -448,7 +493,9 @@ class PulseReceiver(Receiver):
         failsafe: Failsafe = "cut",
         lose: Callable[[], bool] = lambda: False,
     ) -> None:
-        """``give`` takes the pulses of all channels [µs] with each frame, and None where there are none any more."""
+        """``give`` takes the pulses of all channels [µs] with each frame, and None where there are
+        none any more.
+        """
         super().__init__(config, lose=lose)
         self._give = give
         self.failsafe_gives = failsafe
@@ -466,15 +513,23 @@ class PulseReceiver(Receiver):
 
 def attitude_frame(attitude: Quat) -> bytes:
     """The frame by which a module hands on how the vehicle lies, body FRD to NED."""
-    roll, pitch, yaw = (math.radians(round(math.degrees(angle), 1)) for angle in so3.euler_zyx(attitude))
+    roll, pitch, yaw = (
+        math.radians(round(math.degrees(angle), 1)) for angle in so3.euler_zyx(attitude)
+    )
     return encode_attitude(-pitch, roll, yaw)
 
 
 class RfPeer(asyncio.DatagramProtocol):
-    """Brings bytes to a receiver as late as wire and air do; on the real and on the virtual loop alike."""
+    """Brings bytes to a receiver as late as wire and air do.
+
+    On the real and on the virtual loop alike.
+    """
 
     def __init__(self, receiver: Receiver, config: RfLinkConfig, air_s: float = 0.0) -> None:
-        """Silent until bytes arrive; ``air_s`` is what module and radio take beside the wire [s]."""
+        """Silent until bytes arrive.
+
+        ``air_s`` is what module and radio take beside the wire [s].
+        """
         self.receiver = receiver
         self._byte_s = 10.0 / config.baud
         self._gap_s = GAP_FRAMES * config.period_s
@@ -485,7 +540,9 @@ class RfPeer(asyncio.DatagramProtocol):
         self._transport: asyncio.DatagramTransport | None = None
         self._end: asyncio.Future[None] | None = None
 
-    async def tell(self, say: Callable[[bytes], None], feel: Callable[[float], Quat], rate_hz: float) -> None:
+    async def tell(
+        self, say: Callable[[bytes], None], feel: Callable[[float], Quat], rate_hz: float
+    ) -> None:
         """``say`` how the vehicle lies, so often [Hz], until cancelled."""
         loop, due = asyncio.get_running_loop(), asyncio.get_running_loop().time()
         while True:
@@ -532,7 +589,9 @@ class RfPeer(asyncio.DatagramProtocol):
         self._tell(partial(self.receiver.receive, data))
         if self._watch is not None:
             self._watch.cancel()
-        self._watch = asyncio.get_running_loop().call_later(FAILSAFE_S, self._tell, self.receiver.watch)
+        self._watch = asyncio.get_running_loop().call_later(
+            FAILSAFE_S, self._tell, self.receiver.watch
+        )
 
     def _tell(self, take: Callable[[float], None]) -> None:
         """Have the receiver take something now."""

@@ -1,7 +1,15 @@
 """Simulated flights, one or several, and their judge."""
 
 from sim.runs.fleet import FleetMission, fly_fleet
-from sim.runs.flight import CONFIRM_S, MISSION_CONFIRM_S, MissionResult, confirm_at, fly, fly_mission, from_floor
+from sim.runs.flight import (
+    CONFIRM_S,
+    MISSION_CONFIRM_S,
+    MissionResult,
+    confirm_at,
+    fly,
+    fly_mission,
+    from_floor,
+)
 from sim.runs.referee import BACK_M, CRASH_M, Effort, FlightVerdict, sought
 from sim.runs.server import place_fleet, serve, serve_fleet
 from sim.runs.simulation import (

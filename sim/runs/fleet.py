@@ -1,4 +1,6 @@
-"""Missions of a fleet in virtual time, in one process, judged by the truth: their figures, and how near they came."""
+"""Missions of a fleet in virtual time, in one process, judged by the truth: their figures, and how
+near they came.
+"""
 
 import asyncio
 import math
@@ -67,7 +69,10 @@ class Tracks:
         return (north[-1], east[-1], down[-1]) if one.times else start
 
     def nearest(self, names: Sequence[str], starts: Sequence[Vec3]) -> Nearest | None:
-        """Find the smallest distance between two vehicles; one that was never released stays at its start."""
+        """Find the smallest distance between two vehicles.
+
+        One that was never released stays at its start.
+        """
         end = max((one.times[-1] for one in self.of if one.times), default=0.0)
         grid = np.arange(self.begun_s, end + SAMPLE_S, SAMPLE_S)
         places = []
@@ -82,7 +87,9 @@ class Tracks:
             apart = np.linalg.norm(places[a] - places[b], axis=0)
             at = int(np.argmin(apart))
             if found is None or apart[at] < found.distance_m:
-                found = Nearest(float(apart[at]), (names[a], names[b]), float(grid[at] - self.begun_s))
+                found = Nearest(
+                    float(apart[at]), (names[a], names[b]), float(grid[at] - self.begun_s)
+                )
         return found
 
 
@@ -113,9 +120,13 @@ def judge(
         name=member.name,
         landed=last.state == State.LANDED and not fault,
         why=fault or last.reason,
-        states=tuple(StateEntry(one.state, round(one.time_s - begun, 6), one.reason) for one in states),
+        states=tuple(
+            StateEntry(one.state, round(one.time_s - begun, 6), one.reason) for one in states
+        ),
         touchdown_m_s=plant.floor.hardest_m_s,
-        **tracks.of[number].judge_figure(member.core.trajectory.build(), started_s, states, world.step_s),
+        **tracks.of[number].judge_figure(
+            member.core.trajectory.build(), started_s, states, world.step_s
+        ),
         home_m=math.dist(world.start_ned[:2], tracks.last(number, world.start_ned)[:2]),
     )
 
@@ -156,10 +167,12 @@ async def fly_fleet(
     change: Change | None = None,
     on_event: Callable[[str, Notice], None] | None = None,
 ) -> FleetMission:
-    """Fly ``count`` vehicles like ``config`` in ``world``, side by side; see :func:`sim.runs.flight.from_floor`.
+    """Fly ``count`` vehicles like ``config`` in ``world``, side by side.
 
-    ``script(flights, stage)`` runs beside them; ``change`` may alter truth and plan before; ``on_event`` takes each
-    vehicle's name and notice.
+    See :func:`sim.runs.flight.from_floor`.
+
+    ``script(flights, stage)`` runs beside them; ``change`` may alter truth and plan before;
+    ``on_event`` takes each vehicle's name and notice.
 
     Raises:
         ConfigError: see :func:`sim.runs.stage.lay_out`.
@@ -171,7 +184,9 @@ async def fly_fleet(
     if change is not None:
         worlds, fleet = change(worlds, fleet)
     loop, tracks = asyncio.get_running_loop(), Tracks(len(worlds))
-    stage = FleetStage(worlds, [member.lab for member in fleet.members], seed, tracks.step, autopilot=autopilot)
+    stage = FleetStage(
+        worlds, [member.lab for member in fleet.members], seed, tracks.step, autopilot=autopilot
+    )
     states: dict[str, list[StateEntry]] = {member.name: [] for member in fleet.members}
     flights = _make_flights(fleet, states, on_event)
     limit = LIMIT_S + max(member.core.flight.duration_s or 0.0 for member in fleet.members)
@@ -195,9 +210,14 @@ async def fly_fleet(
 
 
 def _make_flights(
-    fleet: FleetPlan, states: dict[str, list[StateEntry]], on_event: Callable[[str, Notice], None] | None
+    fleet: FleetPlan,
+    states: dict[str, list[StateEntry]],
+    on_event: Callable[[str, Notice], None] | None,
 ) -> dict[str, Flight]:
-    """Return the ground station of each vehicle by its name; arming is confirmed one after the other."""
+    """Return the ground station of each vehicle by its name.
+
+    Arming is confirmed one after the other.
+    """
     return {
         member.name: make_flight(
             member.core,
@@ -220,7 +240,9 @@ async def _relaying(fleet: FleetPlan) -> AsyncIterator[None]:
     relay.close()
 
 
-def _note(states: list[StateEntry], name: str, on_event: Callable[[str, Notice], None] | None) -> Subscriber:
+def _note(
+    states: list[StateEntry], name: str, on_event: Callable[[str, Notice], None] | None
+) -> Subscriber:
     def hear(event: FlightEvent) -> None:
         if isinstance(event, Notice):
             if on_event is not None:

@@ -1,4 +1,5 @@
-"""Flight or mission in virtual time: the real application against the simulated side, through wire bytes.
+"""Flight or mission in virtual time: the real application against the simulated side, through wire
+bytes.
 
 A flight begins in the air and lasts so long; a mission goes from the floor to the figure and back.
 """
@@ -15,7 +16,16 @@ import msgspec
 
 from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, Severity, Subscriber, Tick, ignore
+from groundstation.core.messages import (
+    CommandSent,
+    FlightEvent,
+    Notice,
+    Pose,
+    Severity,
+    Subscriber,
+    Tick,
+    ignore,
+)
 from groundstation.core.mission import State
 from groundstation.core.safety import MONITORS, Monitors
 from groundstation.core.trajectory import Trajectory
@@ -30,7 +40,8 @@ from sim.time import Address, VirtualTimeLoop, in_virtual_time
 from sim.world import TrueState, World
 
 CONFIRM_S = 1.0
-"""When arming is confirmed, in virtual time [s]: so our frames do not start in step with the cameras."""
+"""When arming is confirmed, in virtual time [s]: so our frames do not start in step with the
+cameras."""
 DOWN = (State.LANDING, State.DESCENT, State.DISARMING)
 """Whoever meets the floor then has landed."""
 HANDSHAKE_LIMIT_S = 60.0
@@ -88,17 +99,22 @@ async def fly(
     give: Give | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Result:
-    """Fly ``config`` in ``world`` for ``duration_s`` [s] after the release; never raises for a bad flight.
+    """Fly ``config`` in ``world`` for ``duration_s`` [s] after the release.
 
-    ``autopilot`` is one of :data:`sim.autopilots.peer.AUTOPILOTS`; ``watch`` hears every event, ``on_pose`` every pose
-    before the gate, ``give`` takes what is to be recorded, ``on_progress`` the seconds flown.
+    Never raises for a bad flight.
+
+    ``autopilot`` is one of :data:`sim.autopilots.peer.AUTOPILOTS`; ``watch`` hears every event,
+    ``on_pose`` every pose before the gate, ``give`` takes what is to be recorded, ``on_progress``
+    the seconds flown.
     """
     flight = FlightFromAir(world, config, seed, autopilot, watch, on_pose, give)
     return await flight.run(duration_s, on_progress)
 
 
 class FlightFromAir:
-    """One flight that begins in the air: ground station and simulated side, watched by the referee."""
+    """One flight that begins in the air: ground station and simulated side, watched by the
+    referee.
+    """
 
     def __init__(
         self,
@@ -114,7 +130,9 @@ class FlightFromAir:
         self._begun_s = time.perf_counter()
         self._world, self._watch, self._give = world, watch, give
         self._referee = Referee(
-            world, config.vehicle, config.controller.kb if isinstance(config.controller, Law) else None
+            world,
+            config.vehicle,
+            config.controller.kb if isinstance(config.controller, Law) else None,
         )
         self._trajectory = config.trajectory.build()
         self._warnings: list[str] = []
@@ -140,13 +158,18 @@ class FlightFromAir:
         loop.tap = log
         stage_task = asyncio.create_task(self._stage.run())
         flight_task = asyncio.create_task(flight.run())
-        self._clock = asyncio.create_task(_end_of(flight_task, lambda: flight.started_s, duration_s, on_progress))
-        await asyncio.wait({stage_task, flight_task, self._clock}, return_when=asyncio.FIRST_COMPLETED)
+        self._clock = asyncio.create_task(
+            _end_of(flight_task, lambda: flight.started_s, duration_s, on_progress)
+        )
+        await asyncio.wait(
+            {stage_task, flight_task, self._clock}, return_when=asyncio.FIRST_COMPLETED
+        )
         started_s, now, crash = flight.started_s, loop.time(), self._referee.crash
         if started_s is not None and crash is None:
             # Nobody has asked for the last steps: the errors in them count too.
             self._stage.plant.advance(min(now, started_s + duration_s))
-        # The world ends first: what the link does to bring down a vehicle that is no more is not part of the flight.
+        # The world ends first: what the link does to bring down a vehicle that is no more is not
+        # part of the flight.
         self._world_ended = True
         for task in (self._clock, stage_task, flight_task):
             task.cancel()
@@ -186,14 +209,21 @@ class FlightFromAir:
             and notice.kind not in ("certificate", "state")
             and not self._world_ended
         ):
-            self._warnings.append(f"{notice.time_s - (self._flight.started_s or 0.0):.2f} {notice.text}")
+            self._warnings.append(
+                f"{notice.time_s - (self._flight.started_s or 0.0):.2f} {notice.text}"
+            )
 
     def _judge(self, tick: Tick) -> None:
         """Show the referee one command beside the truth; a crash ends the flight."""
-        # First the plant: the wind answers forward in time only, so asking it must not run ahead of the flight.
+        # First the plant: the wind answers forward in time only, so asking it must not run ahead of
+        # the flight.
         truth = self._stage.plant.truth(tick.time_s)
         released_s = self._stage.plant.released_s
-        wind = self._stage.wind.at(tick.time_s - released_s) if released_s is not None else self._world.wind_mean
+        wind = (
+            self._stage.wind.at(tick.time_s - released_s)
+            if released_s is not None
+            else self._world.wind_mean
+        )
         self._referee.tick(tick, wind, truth.velocity_ned)
         if self._give is not None:
             self._record(make_truth(truth, wind, self._trajectory, self._flight.started_s))
@@ -201,8 +231,13 @@ class FlightFromAir:
             self._clock.cancel()
 
 
-def make_truth(truth: TrueState, wind: Vec3, trajectory: Trajectory, started_s: float | None) -> TruthRecord:
-    """Make the recording's entry of ``truth`` in a ``wind`` [m/s², NED]; the trajectory began at ``started_s``."""
+def make_truth(
+    truth: TrueState, wind: Vec3, trajectory: Trajectory, started_s: float | None
+) -> TruthRecord:
+    """Make the recording's entry of ``truth`` in a ``wind`` [m/s², NED].
+
+    The trajectory began at ``started_s``.
+    """
     place, error = truth.position_ned, None
     if started_s is not None and started_s <= truth.time_s:
         error = math.dist(place, trajectory.position_at(truth.time_s - started_s))
@@ -266,9 +301,13 @@ class MissionResult(MissionVerdict, frozen=True, kw_only=True):
 
 
 def from_floor(world: World, config: Config, figure_s: float | None) -> tuple[World, Config]:
-    """Put the vehicle on the floor below its start in the air, with ``figure_s`` [s] of figure to fly."""
+    """Put the vehicle on the floor below its start in the air, with ``figure_s`` [s] of figure to
+    fly.
+    """
     north, east, _ = world.start_ned
-    flight = msgspec.structs.replace(config.flight, start="floor", idle_thrust=0.0, duration_s=figure_s)
+    flight = msgspec.structs.replace(
+        config.flight, start="floor", idle_thrust=0.0, duration_s=figure_s
+    )
     place = (north, east, world.floor_z_m)
     return (
         msgspec.structs.replace(world, start_ned=place, start_thrust=0.0, ground_effect=True),
@@ -289,22 +328,28 @@ async def fly_mission(
     monitors: Monitors = MONITORS,
     confirm_s: float = MISSION_CONFIRM_S,
 ) -> MissionResult:
-    """Fly ``config``, which says how long the figure is flown, in ``world``, from its floor; see :func:`from_floor`.
+    """Fly ``config``, which says how long the figure is flown, in ``world``, from its floor.
 
-    ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break something; ``watch`` hears
-    every event; ``give`` takes what is to be recorded; ``monitors`` makes what may end the flight; arming is confirmed
-    at ``confirm_s``.
+    See :func:`from_floor`.
+
+    ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break
+    something; ``watch`` hears every event; ``give`` takes what is to be recorded; ``monitors``
+    makes what may end the flight; arming is confirmed at ``confirm_s``.
     """
     begun_s, loop = time.perf_counter(), asyncio.get_running_loop()
     mission = MissionFromFloor(world, config, seed, autopilot, monitors, confirm_s, give, watch)
     stage, flight, track = mission.stage, mission.flight, mission.track
     limit_s = LIMIT_S + (config.flight.duration_s or 0.0)
-    (outcome,), ended_s = await run_missions(stage.run(), [flight], limit_s, script and script(flight, stage))
+    (outcome,), ended_s = await run_missions(
+        stage.run(), [flight], limit_s, script and script(flight, stage)
+    )
     stage.plant.advance(loop.time())
     start, end = world.start_ned, stage.plant.truth(loop.time()).position_ned
     return MissionResult(
         landed=outcome is not None and outcome.state is State.LANDED and not outcome.fault,
-        why=f"not over after {limit_s:g} s" if outcome is None else f"{outcome.state}: {outcome.reason}",
+        why=f"not over after {limit_s:g} s"
+        if outcome is None
+        else f"{outcome.state}: {outcome.reason}",
         fault="" if outcome is None else outcome.fault,
         states=tuple(mission.states),
         warnings=tuple(mission.warnings),
@@ -318,7 +363,9 @@ async def fly_mission(
 
 
 class MissionFromFloor:
-    """One mission that begins on the floor: ground station and simulated side, and what is noted of both."""
+    """One mission that begins on the floor: ground station and simulated side, and what is noted of
+    both.
+    """
 
     def __init__(
         self,
@@ -369,7 +416,8 @@ class MissionFromFloor:
         truth, released_s = self.stage.plant.truth(time_s), self.stage.plant.released_s
         wind = self._world.wind_mean
         if released_s is not None and self.track.times:
-            # The wind answers forward in time only: it is asked for no later than the plant has been.
+            # The wind answers forward in time only: it is asked for no later than the plant has
+            # been.
             wind = self.stage.wind.at(self.track.times[-1] - released_s)
         started_s = self.flight.started_s if self.flight.state is State.TRACKING else None
         return make_truth(truth, wind, self.trajectory, started_s)
@@ -381,7 +429,9 @@ async def run_missions(
     limit_s: float,
     beside: Coroutine[Any, Any, None] | None = None,
 ) -> tuple[list[FlightOutcome | None], float]:
-    """Run missions in ``world`` until all are over, or ``limit_s`` [s] have passed; ``beside`` runs with them.
+    """Run missions in ``world`` until all are over, or ``limit_s`` [s] have passed.
+
+    ``beside`` runs with them.
 
     Returns:
         How each ended, None where it did not, and when that was on the event loop's clock [s].

@@ -1,4 +1,7 @@
-"""Worker processes, ended by Ctrl-C without a word of theirs, also while they start. Loaded where there are any."""
+"""Worker processes, ended by Ctrl-C without a word of theirs, also while they start.
+
+Loaded where there are any.
+"""
 
 import concurrent.futures as cf  # noqa: TID251  # processes, no threads; no flight sees them
 import multiprocessing
@@ -22,19 +25,27 @@ class Workers(cf.ProcessPoolExecutor):
     """Pool of processes. After an exception it begins nothing more."""
 
     def __init__(self, count: int) -> None:
-        """Nothing is started before there is work. Spawned: a forked process would inherit this one's threads."""
+        """Nothing is started before there is work.
+
+        Spawned: a forked process would inherit this one's threads.
+        """
         super().__init__(count, multiprocessing.get_context("spawn"), _obey_ctrl_c)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> cf.Future[T]:
         """See :class:`concurrent.futures.Executor`; it may start a process."""
         if getattr(multiprocessing.current_process(), "_inheriting", False):
-            raise SystemExit(1)  # a worker reads the user's script, which asks for workers at once: who began says so
+            raise SystemExit(
+                1
+            )  # a worker reads the user's script, which asks for workers at once: who began says so
         resource_tracker.ensure_running()  # it would let SIGINT through, half-way
         with _ctrl_c_later():
             return super().submit(fn, *args, **kwargs)
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.shutdown(cancel_futures=True)
 
@@ -54,7 +65,9 @@ class Workers(cf.ProcessPoolExecutor):
 
 @contextmanager
 def _ctrl_c_later() -> Iterator[None]:
-    """A SIGINT waits: here until the new process has got all it reads, there, which inherits it, until it is obeyed."""
+    """A SIGINT waits: here until the new process has got all it reads, there, which inherits it,
+    until it is obeyed.
+    """
     came: list[int] = []
     before = None
     with suppress(ValueError):  # not the main thread: no Ctrl-C comes here

@@ -53,7 +53,8 @@ class MissionVerdict(msgspec.Struct, frozen=True, kw_only=True):
     touchdown_m_s: float | None
     """Fastest that it met the floor; None where it never did."""
     rms_cm: float | None
-    """RMS of the true position error on the figure [cm], from 15 s on; None for a shorter flight."""
+    """RMS of the true position error on the figure [cm], from 15 s on; None for a shorter
+    flight."""
     max_cm: float | None
     figure_s: float
     """Length of that part [s]."""
@@ -62,7 +63,10 @@ class MissionVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrueTrack:
-    """Every step of one plant after its release; times on the event loop's clock [s], places in metres, NED."""
+    """Every step of one plant after its release.
+
+    Times on the event loop's clock [s], places in metres, NED.
+    """
 
     def __init__(self) -> None:
         self.times = array("d")
@@ -80,17 +84,28 @@ class TrueTrack:
         return self._places[0::3], self._places[1::3], self._places[2::3]
 
     def errors(
-        self, trajectory: Trajectory, start_s: float, since_s: float = -math.inf, until_s: float = math.inf
+        self,
+        trajectory: Trajectory,
+        start_s: float,
+        since_s: float = -math.inf,
+        until_s: float = math.inf,
     ) -> list[float]:
-        """Distances from a trajectory begun at ``start_s`` [m], at each step from ``since_s`` until ``until_s``."""
+        """Distances from a trajectory begun at ``start_s`` [m], at each step from ``since_s`` until
+        ``until_s``.
+        """
         at = trajectory.position_at
         steps = zip(self.times, *self.axes, strict=True)
         return [math.dist(place, at(t - start_s)) for t, *place in steps if since_s <= t < until_s]
 
     def judge_figure(
-        self, trajectory: Trajectory, started_s: float | None, states: Sequence[StateEntry], step_s: float
+        self,
+        trajectory: Trajectory,
+        started_s: float | None,
+        states: Sequence[StateEntry],
+        step_s: float,
     ) -> dict[str, Any]:
-        """``rms_cm``, ``max_cm`` and ``figure_s``: from 15 s after the figure's beginning until it is left.
+        """``rms_cm``, ``max_cm`` and ``figure_s``: from 15 s after the figure's beginning until it
+        is left.
 
         Args:
             trajectory: the figure.
@@ -100,7 +115,10 @@ class TrueTrack:
         """
         steady: list[float] = []
         if started_s is not None:
-            left_s = min((b.time_s for a, b in pairwise(states) if a.state == State.TRACKING), default=math.inf)
+            left_s = min(
+                (b.time_s for a, b in pairwise(states) if a.state == State.TRACKING),
+                default=math.inf,
+            )
             steady = self.errors(trajectory, started_s, started_s + STEADY_S, left_s)
         return {**summarize_errors(steady), "figure_s": len(steady) * step_s}
 
@@ -118,7 +136,8 @@ EFFORT_S = 0.15
 
 
 class Effort:
-    """Control effort: the commanded roll and pitch rates [rad/s] less their low-pass of ``EFFORT_S``.
+    """Control effort: the commanded roll and pitch rates [rad/s] less their low-pass of
+    ``EFFORT_S``.
 
     Numbers, or arrays of shape (N,).
     """
@@ -137,7 +156,10 @@ class Effort:
 
 
 class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """The figures of one flight. Lengths of the errors are true position against reference, at plant steps."""
+    """The figures of one flight.
+
+    Lengths of the errors are true position against reference, at plant steps.
+    """
 
     rms_cm: float | None
     """Over the steady part; None where the flight ended before it."""
@@ -147,23 +169,26 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     estimate_rms_cm: float | None = None
     """RMS of the estimated position error [cm], as dashboards and reports show it."""
     wind_true: Vec3
-    """Mean true disturbance over the last second [m/s², NED], without the effect of wrong thrust or mass."""
+    """Mean true disturbance over the last second [m/s², NED], without the effect of wrong thrust or
+    mass."""
     wind_estimate: Vec3
     """Mean b̂ over the last second [m/s², NED]."""
     disturbance_true: Vec3 = (0.0, 0.0, 0.0)
-    """Mean acceleration over the last second beyond that of thrust, mass and drag as told [m/s², NED]: the wind, drag
-    that was not told, and what thrust and mass are off."""
+    """Mean acceleration over the last second beyond that of thrust, mass and drag as told
+    [m/s², NED]: the wind, drag that was not told, and what thrust and mass are off."""
     disturbance_found: Vec3 = (0.0, 0.0, 0.0)
     """Disturbance as the estimator finds it [m/s², NED]: what every screen and report shows."""
     disturbance: DisturbanceReading | None = None
-    """Disturbance and its split into wind and thrust scale, each with its interval; None without a command."""
+    """Disturbance and its split into wind and thrust scale, each with its interval; None without a
+    command."""
     thrust_effectiveness: float
     """λ̂ at the last command [-]."""
     thrust_min_n: float | None
     thrust_max_n: float | None
     """Commanded thrust over the whole flight [N]."""
     effort_rad_s: float | None
-    """RMS over the steady part of what :class:`Effort` has of each command; None where the flight ended before it."""
+    """RMS over the steady part of what :class:`Effort` has of each command; None where the flight
+    ended before it."""
     saturated_fraction: float
     """Share of the commands after 5 s in which any of the four was clamped."""
     lyapunov_increase_max: float | None
@@ -173,7 +198,8 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     lyapunov_start: float | None
     """V at the first command."""
     certificate_violated: float
-    """Share of the commands at which V's bound was violated for longer than a moment; see control/certificate.py."""
+    """Share of the commands at which V's bound was violated for longer than a moment; see
+    control/certificate.py."""
     certificate_suspended: float
     """Share of the commands at which it was suspended, as the one before was clamped."""
     certificate_warnings: tuple[str, ...]
@@ -201,7 +227,8 @@ class Referee:
         self._winds: list[Vec3] = []
         self._wanted: list[Vec3] = []
         self._moves: list[tuple[float, Vec3, Vec3]] = []
-        """Time [s], true velocity [m/s], and acceleration by thrust, mass and drag as told [m/s²]; both NED."""
+        """Time [s], true velocity [m/s], and acceleration by thrust, mass and drag as told [m/s²];
+        both NED."""
         self._disturbance = DisturbanceMeter(told.mass_kg)
         self._effort, self._squares = Effort(), array("d")
         self._states: list[str] = []
@@ -212,22 +239,38 @@ class Referee:
     def tick(self, tick: Tick, wind: Vec3, velocity: Vec3) -> None:
         """One command, and the true wind [m/s²] and velocity [m/s] at that instant, NED."""
         d, estimate = tick.decision, tick.estimate
-        self._believed.add(tick.flight_time_s, math.dist(estimate.motion.position, tick.reference.position_ned))
+        self._believed.add(
+            tick.flight_time_s, math.dist(estimate.motion.position, tick.reference.position_ned)
+        )
         self._ticks.append(
-            (tick.flight_time_s, d.drive.thrust, d.saturated, d.diagnostics.v_known, d.diagnostics.b_hat)
+            (
+                tick.flight_time_s,
+                d.drive.thrust,
+                d.saturated,
+                d.diagnostics.v_known,
+                d.diagnostics.b_hat,
+            )
         )
         self._disturbance.add(tick.time_s, estimate)
         self._squares.append(self._effort.square(tick.flight_time_s, d.drive.rates))
         self._winds.append(wind)
         self._wanted.append(sought(wind, estimate, self._told.mass_kg))
         push, drag = estimate.motion.thrust / self._told.mass_kg, self._told.drag_per_s
-        x, y, z = (-push * r - drag * v for r, v in zip(third_column(estimate.motion.attitude), velocity, strict=True))
+        x, y, z = (
+            -push * r - drag * v
+            for r, v in zip(third_column(estimate.motion.attitude), velocity, strict=True)
+        )
         self._moves.append((tick.time_s, velocity, (x, y, self._world.gravity + z)))
         self._states.append(tick.certificate.state)
-        self._warnings += [f"{tick.flight_time_s:.2f} {warning}" for warning in tick.certificate.warnings]
+        self._warnings += [
+            f"{tick.flight_time_s:.2f} {warning}" for warning in tick.certificate.warnings
+        ]
 
     def find_crash(self, position: Vec3, *, lands: bool = False) -> bool:
-        """Whether the vehicle hit the floor, unless it ``lands``, or left every room; says why in ``crash``."""
+        """Whether the vehicle hit the floor, unless it ``lands``, or left every room.
+
+        Says why in ``crash``.
+        """
         sx, sy, sz = self._world.start_ned
         if not lands and position[2] >= self._world.floor_z_m - 1e-9:
             self.crash = "hit the floor"
@@ -243,8 +286,12 @@ class Referee:
         steady = [e for t, e in zip(times, errors, strict=True) if t >= steady_s]
         late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]
         everything = self._lyapunov()
-        values = [v for v, tick in zip(everything, self._ticks, strict=False) if tick[0] >= steady_s]
-        efforts = [x for x, tick in zip(self._squares, self._ticks, strict=True) if tick[0] >= steady_s]
+        values = [
+            v for v, tick in zip(everything, self._ticks, strict=False) if tick[0] >= steady_s
+        ]
+        efforts = [
+            x for x, tick in zip(self._squares, self._ticks, strict=True) if tick[0] >= steady_s
+        ]
         end = self._ticks[-1][0] if self._ticks else 0.0
         last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
         thrusts, found = [tick[1] for tick in self._ticks], self._disturbance.reading
@@ -262,7 +309,9 @@ class Referee:
             thrust_max_n=max(thrusts, default=None),
             effort_rad_s=math.sqrt(sum(efforts) / len(efforts)) if efforts else None,
             saturated_fraction=sum(self._ticks[i][2] for i in late) / len(late) if late else 0.0,
-            lyapunov_increase_max=max((b - a for a, b in zip(values, values[1:], strict=False)), default=None),
+            lyapunov_increase_max=max(
+                (b - a for a, b in zip(values, values[1:], strict=False)), default=None
+            ),
             lyapunov_start=everything[0] if everything else None,
             certificate_violated=self._states.count(VIOLATED) / max(len(self._states), 1),
             certificate_suspended=self._states.count(SUSPENDED) / max(len(self._states), 1),
@@ -296,7 +345,8 @@ class Referee:
 
 
 def sought(wind: Any, estimate: Estimate, told_kg: float) -> Any:
-    """Compute the true value of b̂ [m/s², NED]: the wind, and the thrust that the law counts beyond the configured one.
+    """Compute the true value of b̂ [m/s², NED]: the wind, and the thrust that the law counts beyond
+    the configured one.
 
     Components are numbers or arrays of shape (N,), and so are those of ``estimate``.
     """
@@ -306,12 +356,16 @@ def sought(wind: Any, estimate: Estimate, told_kg: float) -> Any:
 
 
 def find_disturbance(moves: Sequence[tuple[float, Vec3, Vec3]]) -> Vec3:
-    """Mean acceleration beyond the one told [m/s²], of times [s], velocities [m/s] and told accelerations [m/s²]."""
+    """Mean acceleration beyond the one told [m/s²], of times [s], velocities [m/s] and told
+    accelerations [m/s²].
+    """
     if len(moves) < 2:
         return (0.0, 0.0, 0.0)
     (begin_s, begin, _), (end_s, end, _) = moves[0], moves[-1]
     told = [[(b[0] - a[0]) * part for part in a[2]] for a, b in pairwise(moves)]
-    x, y, z = ((end[i] - begin[i] - sum(part[i] for part in told)) / (end_s - begin_s) for i in range(3))
+    x, y, z = (
+        (end[i] - begin[i] - sum(part[i] for part in told)) / (end_s - begin_s) for i in range(3)
+    )
     return x, y, z
 
 

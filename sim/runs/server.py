@@ -1,4 +1,6 @@
-"""A simulated vehicle and cameras in real time: what a lab's network would send and take, on loopback."""
+"""A simulated vehicle and cameras in real time: what a lab's network would send and take, on
+loopback.
+"""
 
 import asyncio
 import contextlib
@@ -16,7 +18,13 @@ from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.machine import ApiError, own_directory
 from groundstation.pose import PoseConfig
-from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig, ViconConfig, VisionConfig
+from groundstation.pose.sources import (
+    JsonConfig,
+    NatNetConfig,
+    QualisysConfig,
+    ViconConfig,
+    VisionConfig,
+)
 from groundstation.runtime import Exit
 from groundstation.settings import Config, RehearsalConfig, beacon
 from links.bridge import BridgeLinkConfig
@@ -27,12 +35,14 @@ from sim.text import notice
 from sim.world import World
 
 _PID_BITS = 22
-"""Linux numbers processes below 2²² (PID_MAX_LIMIT): above is room for a vehicle's number in its hardware id."""
+"""Linux numbers processes below 2²² (PID_MAX_LIMIT): above is room for a vehicle's number in its
+hardware id."""
 
 
 @contextlib.asynccontextmanager
 async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None]:
-    """Keep others like us from ``ends``, by what is sent and where: a ground station would take two for one.
+    """Keep others like us from ``ends``, by what is sent and where: a ground station would take two
+    for one.
 
     In a rehearsal the ground station looks for what is held here, too, before it opens anything.
     """
@@ -40,7 +50,9 @@ async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None
     if sys.platform != "linux":
         raise ConfigError("serve", notice("serve.linux_only"))
     with contextlib.ExitStack() as held:
-        names = {f"\0groundstation-sim serve {end}": end for end in ends}  # in no folder, gone with its process
+        names = {
+            f"\0groundstation-sim serve {end}": end for end in ends
+        }  # in no folder, gone with its process
         for name, end in (names if room is None else {beacon(room): f"at {room.host}"}).items():
             try:
                 transport, _ = await loop.create_datagram_endpoint(
@@ -58,14 +70,18 @@ async def _broker(config: Config) -> AsyncIterator[str]:
     if config.rehearsal is None or not config.mqtt.enabled:
         yield ""
         return
-    program = shutil.which("mosquitto", path=f"{os.environ.get('PATH', os.defpath)}:/usr/sbin:/usr/local/sbin")
+    program = shutil.which(
+        "mosquitto", path=f"{os.environ.get('PATH', os.defpath)}:/usr/sbin:/usr/local/sbin"
+    )
     if program is None:
         yield "; no broker: install mosquitto to rehearse MQTT"
         return
     host, port = config.mqtt.host, config.mqtt.tcp_port
     with tempfile.TemporaryDirectory(prefix="groundstation-broker-") as folder:
         settings = Path(folder) / "mosquitto.conf"
-        settings.write_text(f"listener {port} {host}\nallow_anonymous true\npersistence false\n", "utf-8")
+        settings.write_text(
+            f"listener {port} {host}\nallow_anonymous true\npersistence false\n", "utf-8"
+        )
         broker = await asyncio.create_subprocess_exec(
             program, "-c", str(settings), stderr=asyncio.subprocess.DEVNULL, start_new_session=True
         )
@@ -102,7 +118,15 @@ async def serve(
         pty = None
         if not link.has_autopilot or link.way == "serial":
             pty = PtyWire(None if room is None else _ours(Path(room.serial)))
-        stage = Stage(world, config, seed, autopilot=autopilot, parameters=parameters, pty=pty, standing=standing)
+        stage = Stage(
+            world,
+            config,
+            seed,
+            autopilot=autopilot,
+            parameters=parameters,
+            pty=pty,
+            standing=standing,
+        )
         if link.has_autopilot:
             stage.autopilot.uid = os.getpid()  # two simulators are two vehicles
         end = _describe_end(config, autopilot, pty)
@@ -160,7 +184,8 @@ async def serve_fleet(
     duration_s: float | None,
     autopilot: str = "px4",
 ) -> Exit:
-    """Serve ``what`` it is called: a vehicle in each of ``worlds``, as ``labs`` tell it, before one capture system.
+    """Serve ``what`` it is called: a vehicle in each of ``worlds``, as ``labs`` tell it, before one
+    capture system.
 
     Raises:
         ConfigError: the links are not MAVLink's, or another one serves the same.
@@ -168,21 +193,27 @@ async def serve_fleet(
     for lab in labs:
         if not lab.link.has_autopilot or lab.link.way == "serial":
             raise ConfigError("link.kind", notice("serve.fleet_link"), lab.vehicle.name)
-    stage = FleetStage(worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot)
+    stage = FleetStage(
+        worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot
+    )
     for number, one in enumerate(stage.stages):
         one.autopilot.uid = os.getpid() + (number << _PID_BITS)
     ends = ", ".join(f"{lab.vehicle.name} to udp {lab.link.endpoint}" for lab in labs)
     wires = dict.fromkeys(end for lab in labs for end in _describe_wires(lab))
     async with _alone(labs[0].rehearsal, *wires), _broker(labs[0]) as broker:
         print(
-            f"serving {what}: {autopilot} autopilots (MAVLink) {ends}; {_poses(labs[0].pose)}{broker}. Ctrl-C ends.",
+            f"serving {what}: {autopilot} autopilots (MAVLink) {ends}; "
+            f"{_poses(labs[0].pose)}{broker}. Ctrl-C ends.",
             flush=True,
         )
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(_run(stage), duration_s)
     for lab, one in zip(labs, stage.stages, strict=True):
         if one.plant.floor.touchdown_m_s is not None:
-            print(f"{lab.vehicle.name} touched down at {one.plant.floor.touchdown_m_s:.2f} m/s", flush=True)
+            print(
+                f"{lab.vehicle.name} touched down at {one.plant.floor.touchdown_m_s:.2f} m/s",
+                flush=True,
+            )
     return Exit.DONE
 
 
@@ -193,7 +224,10 @@ def place_fleet(world: World, labs: Sequence[Config]) -> list[World]:
         start = lab.trajectory.build().position_at(0.0)
         one = world
         if lab.flight.start == "floor":
-            start, one = (start[0], start[1], lab.flight.floor_z_m), msgspec.structs.replace(world, start_thrust=0.0)
+            start, one = (
+                (start[0], start[1], lab.flight.floor_z_m),
+                msgspec.structs.replace(world, start_thrust=0.0),
+            )
         worlds.append(msgspec.structs.replace(one, start_ned=start, floor_z_m=lab.flight.floor_z_m))
     return worlds
 
@@ -210,7 +244,9 @@ def _poses(config: PoseConfig) -> str:
     """Where poses come from, or go to, in words."""
     match config:
         case NatNetConfig():
-            how = f"multicast to {config.group}:{config.data_port}" if config.multicast else "unicast"
+            how = (
+                f"multicast to {config.group}:{config.data_port}" if config.multicast else "unicast"
+            )
             return f"NatNet server at udp {config.server}, {how}"
         case QualisysConfig():
             return f"QTM at tcp {config.server}"

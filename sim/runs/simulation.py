@@ -19,7 +19,15 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 
 from groundstation.analysis import FlightData
-from groundstation.config import ConfigError, dump, lend, name_object, refuse_io, several, without_frames
+from groundstation.config import (
+    ConfigError,
+    dump,
+    lend,
+    name_object,
+    refuse_io,
+    several,
+    without_frames,
+)
 from groundstation.core.messages import STEADY_S, EndRecord, Sentence, TickRecord
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import about
@@ -41,7 +49,9 @@ T = TypeVar("T")
 
 
 class Run(FlightData):
-    """A simulated flight: its result (``completed``, ``why``, ``facts``), and all data of its recording."""
+    """A simulated flight: its result (``completed``, ``why``, ``facts``), and all data of its
+    recording.
+    """
 
     def __init__(self, path: Path | None, facts: dict[str, Any], result: Result) -> None:
         """``path`` is the recording; None without one."""
@@ -61,8 +71,15 @@ class Run(FlightData):
         """Scenario, controller, seed and error, for a notebook."""
         rms = self.facts["rms_cm"]
         error = f"RMS error {rms:.2f} cm" if rms is not None else "no steady part"
-        went = f"{error} in {self.facts['duration_s']:g} s" if self.completed else f"not completed: {self.why}"
-        return f"<Run of {self.facts['scenario']}, {self.facts['controller']}, seed {self.facts['seed']}: {went}>"
+        went = (
+            f"{error} in {self.facts['duration_s']:g} s"
+            if self.completed
+            else f"not completed: {self.why}"
+        )
+        return (
+            f"<Run of {self.facts['scenario']}, {self.facts['controller']}, seed "
+            f"{self.facts['seed']}: {went}>"
+        )
 
     @property
     def completed(self) -> bool:
@@ -81,7 +98,10 @@ class Run(FlightData):
 
     @property
     def rms_cm(self) -> float | None:
-        """Root mean square of the true error over the steady part [cm]; None if the flight ended before it."""
+        """Root mean square of the true error over the steady part [cm].
+
+        None if the flight ended before it.
+        """
         return self.result.verdict.rms_cm
 
     @property
@@ -107,24 +127,28 @@ def simulate(
     record: bool = True,
     on_progress: Callable[[float, float], None] | None = None,
 ) -> Run:
-    """Fly one scenario in virtual time, on the real wire bytes: what ``groundstation-sim fly`` does.
+    """Fly one scenario in virtual time, on the real wire bytes: what ``groundstation-sim fly``
+    does.
 
     Args:
         scenario: one of ``groundstation-sim scenarios``.
-        controller: the name of a built-in one (``"adaptive"``, ``"pid"``, ...), or your own, in one of these forms:
-            a class or another factory, called with as much of the vehicle and the options as it needs, whose result
-            has ``decide(estimate, reference, interval_s)``; the function ``decide`` itself; an object with
-            ``decide``, of which each flight gets a copy; ``"package.module:factory"``. Without it, the adaptive one.
-        trajectory: the name of a built-in one, or your own, in one of these forms: a class or another factory, called
-            with the options if it takes any (not with the vehicle), whose result has ``at(time_s)``, which returns a
-            Reference; the function ``at`` itself; ``"package.module:factory"``. Without it, the scenario's.
+        controller: the name of a built-in one (``"adaptive"``, ``"pid"``, ...), or your own, in one
+            of these forms: a class or another factory, called with as much of the vehicle and the
+            options as it needs, whose result has ``decide(estimate, reference, interval_s)``; the
+            function ``decide`` itself; an object with ``decide``, of which each flight gets a copy;
+            ``"package.module:factory"``. Without it, the adaptive one.
+        trajectory: the name of a built-in one, or your own, in one of these forms: a class or
+            another factory, called with the options if it takes any (not with the vehicle), whose
+            result has ``at(time_s)``, which returns a Reference; the function ``at`` itself;
+            ``"package.module:factory"``. Without it, the scenario's.
         duration: duration of the flight [s]; without it 60, or that of ``config``.
         seed: seed of every random draw.
-        overrides: ``"key=value"`` each, as ``--set``: ``sim.KEY`` changes the simulated world, any other key the
-            configuration of the ground station.
+        overrides: ``"key=value"`` each, as ``--set``: ``sim.KEY`` changes the simulated world, any
+            other key the configuration of the ground station.
         config: a configuration file, whose vehicle and trajectory are flown in the scenario's air.
         source: pose source: vicon, natnet, qualisys, odometry, vision, json.
-        link: command link: mavlink, dsm, crsf, rf_bridge; without it mavlink, and crsf to Betaflight.
+        link: command link: mavlink, dsm, crsf, rf_bridge; without it mavlink, and crsf to
+            Betaflight.
         autopilot: simulated autopilot: px4, ardupilot; or betaflight, whose own firmware flies.
         out: folder for the recording and the other files of the flight; without it a temporary one.
         record: False leaves the recording out: then only ``facts`` and ``result`` are known.
@@ -132,7 +156,8 @@ def simulate(
 
     Raises:
         ConfigError: an unknown name or key, a bad value, or a flight that the vehicle can't fly.
-        UserCodeFault: a controller or trajectory of your own failed in flight; its cause shows where.
+        UserCodeFault: a controller or trajectory of your own failed in flight; its cause shows
+            where.
     """
     if out is not None and not record:
         raise ConfigError("--out", notice("sim.not_recorded"))
@@ -145,9 +170,15 @@ def simulate(
     duration = None if duration is None else check_duration(duration)
     ends = Ends(source, autopilot, link)
     with lend(own):
-        plan = _plan(chosen, settings, kind, ends, seed, duration, None if config is None else Path(config))
+        plan = _plan(
+            chosen, settings, kind, ends, seed, duration, None if config is None else Path(config)
+        )
         path = Path(_make_temporary() if record and out is None else out or ".")
-        folder = RunFolder(path, plan.config, plan.world, scenario=plan.name, seed=seed) if record else None
+        folder = (
+            RunFolder(path, plan.config, plan.world, scenario=plan.name, seed=seed)
+            if record
+            else None
+        )
         with _keep_on_error(folder):
             result = run_beside(partial(_fly, plan, folder, on_progress))
             facts = _state_facts(plan, result)
@@ -160,7 +191,9 @@ def simulate(
 
 
 class Ends(NamedTuple):
-    """Both ends of the ground station in the simulation: pose source, autopilot and link, as in :func:`simulate`."""
+    """Both ends of the ground station in the simulation: pose source, autopilot and link, as in
+    :func:`simulate`.
+    """
 
     source: str
     autopilot: str
@@ -182,7 +215,8 @@ class Plan(NamedTuple):
 
 
 def check_duration(duration_s: object, above_s: float = 0.0) -> float:
-    """Check the option ``--duration`` [s], and make a plain number of it: JSON takes no NumPy numbers.
+    """Check the option ``--duration`` [s], and make a plain number of it: JSON takes no NumPy
+    numbers.
 
     Raises:
         ConfigError: it is no number above ``above_s``, or more than a day.
@@ -216,16 +250,22 @@ def _plan(
     """Prepare the scenario, or a vehicle of the user's own ``file`` in its air."""
     wanted_s, name = None, scenario.name
     if file is None:
-        world, config = prepare(scenario, overrides, controller=controller, source=ends.source, link=ends.link)
+        world, config = prepare(
+            scenario, overrides, controller=controller, source=ends.source, link=ends.link
+        )
     else:
         _require_own_ends(ends)
         world, config, wanted_s = prepare_own(scenario, file, overrides, controller=controller)
         name = f"{file.stem} in the air of {scenario.name}"
-    return Plan(name, world, config, ends, seed, duration or wanted_s or DURATION_S, ensure_flyable(config))
+    return Plan(
+        name, world, config, ends, seed, duration or wanted_s or DURATION_S, ensure_flyable(config)
+    )
 
 
 def _require_own_ends(ends: Ends) -> None:
-    """Refuse autopilots, sources and links with which a user's own configuration can't be simulated."""
+    """Refuse autopilots, sources and links with which a user's own configuration can't be
+    simulated.
+    """
     if ends.autopilot == BETAFLIGHT:
         raise ConfigError("--config", notice("sim.one_betaflight"))
     if ends.source != "vicon":
@@ -234,8 +274,13 @@ def _require_own_ends(ends: Ends) -> None:
         raise ConfigError("--link", notice("sim.own_link"))
 
 
-def _fly(plan: Plan, folder: "RunFolder | None", on_progress: Callable[[float, float], None] | None) -> Result:
-    """Fly ``plan`` and record it in ``folder``; ``on_progress`` gets the flown and the whole duration [s]."""
+def _fly(
+    plan: Plan, folder: "RunFolder | None", on_progress: Callable[[float, float], None] | None
+) -> Result:
+    """Fly ``plan`` and record it in ``folder``.
+
+    ``on_progress`` gets the flown and the whole duration [s].
+    """
     if on_progress is not None:
         on_progress(0.0, plan.duration_s)
     return fly(
@@ -245,7 +290,9 @@ def _fly(plan: Plan, folder: "RunFolder | None", on_progress: Callable[[float, f
         duration_s=plan.duration_s,
         autopilot=plan.ends.autopilot,
         give=folder.give if folder is not None else None,
-        on_progress=None if on_progress is None else lambda done_s: on_progress(done_s, plan.duration_s),
+        on_progress=None
+        if on_progress is None
+        else lambda done_s: on_progress(done_s, plan.duration_s),
     )
 
 
@@ -285,7 +332,10 @@ def _remove(folder: Path | str) -> None:
 
 
 def lend_name(thing: object, own: dict[str, object]) -> str | None:
-    """Return the name by which a configuration refers to ``thing``; an object is added to ``own`` under that name."""
+    """Return the name by which a configuration refers to ``thing``.
+
+    An object is added to ``own`` under that name.
+    """
     if thing is None or isinstance(thing, str):
         return thing
     name, number = name_object(thing), 1
@@ -297,7 +347,9 @@ def lend_name(thing: object, own: dict[str, object]) -> str | None:
 
 
 def run_beside(work: Callable[[], T]) -> T:
-    """Return the result of ``work``, which runs an event loop: in another thread if one runs here already."""
+    """Return the result of ``work``, which runs an event loop: in another thread if one runs here
+    already.
+    """
     if asyncio._get_running_loop() is None:  # get_running_loop() would raise
         return work()
     with cf.ThreadPoolExecutor(1) as thread:
@@ -316,12 +368,17 @@ def _keep_on_error(folder: "RunFolder | None") -> Iterator[None]:
 
 
 def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | None) -> float | None:
-    """The a-priori bound on T/m for this flight [m/s²] (docs/explanation/law.md, section 4); None without that law."""
+    """The a-priori bound on T/m for this flight [m/s²] (docs/explanation/law.md, section 4).
+
+    None without that law.
+    """
     from groundstation.core.control import Law, thrust_bound
 
     if v_start is None or not isinstance(config.controller, Law):
         return None
-    return thrust_bound(config.controller, acceleration_sup=asked.acceleration_m_s2, v_start=v_start)
+    return thrust_bound(
+        config.controller, acceleration_sup=asked.acceleration_m_s2, v_start=v_start
+    )
 
 
 RECORDING = "flight.mcap"
@@ -331,7 +388,9 @@ RECORDING = "flight.mcap"
 class RunFolder:
     """The folder of one run, and the files that are being written to it."""
 
-    def __init__(self, path: Path, config: Config, world: World, *, scenario: str, seed: int) -> None:
+    def __init__(
+        self, path: Path, config: Config, world: World, *, scenario: str, seed: int
+    ) -> None:
         """Make the folder and begin the recording; that of a former run is replaced.
 
         Raises:
@@ -344,7 +403,8 @@ class RunFolder:
             write_whole(path / "config.toml", told.config)
             for name in (RECORDING, "flight.tlog"):
                 (path / name).unlink(missing_ok=True)
-            # Times of the recording begin at 0, not at the wall clock: the same flight gives the same bytes.
+            # Times of the recording begin at 0, not at the wall clock: the same flight gives the
+            # same bytes.
             self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
         self._world = world
         self._last_s = 0.0

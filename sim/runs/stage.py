@@ -1,7 +1,9 @@
-"""Stage: the simulated side of a flight: plant, cameras, and an autopilot or a radio receiver around one seed.
+"""Stage: the simulated side of a flight: plant, cameras, and an autopilot or a radio receiver
+around one seed.
 
-A fleet has one for each vehicle, and one capture system that sees them all; its lab is the files that a user would
-write. Used in virtual time by ``groundstation-sim fly`` and in real time by ``groundstation-sim serve``.
+A fleet has one for each vehicle, and one capture system that sees them all; its lab is the files
+that a user would write. Used in virtual time by ``groundstation-sim fly`` and in real time by
+``groundstation-sim serve``.
 """
 
 import asyncio
@@ -36,11 +38,31 @@ from sim.autopilots import (
     open_tcp,
     open_udp,
 )
-from sim.radio import PtyWire, PulseReceiver, Receiver, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
+from sim.radio import (
+    PtyWire,
+    PulseReceiver,
+    Receiver,
+    RfPeer,
+    RfReceiver,
+    WirePort,
+    bridge_to,
+    module,
+    wires,
+)
 from sim.scenarios import BETAFLIGHT
 from sim.text import notice
 from sim.trackers import Mocap, SeenVehicle, make_tracker
-from sim.world import Body, Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, normals, rows
+from sim.world import (
+    Body,
+    Horizon,
+    Quadrotor,
+    SimulatedVehicle,
+    Wind,
+    World,
+    generator,
+    normals,
+    rows,
+)
 
 if TYPE_CHECKING:
     from links.bridge import Bridge
@@ -48,7 +70,10 @@ if TYPE_CHECKING:
 
 
 class Stage:
-    """Everything that is not the ground station. Every random draw comes from ``seed``, one stream a purpose."""
+    """Everything that is not the ground station.
+
+    Every random draw comes from ``seed``, one stream a purpose.
+    """
 
     def __init__(
         self,
@@ -63,12 +88,14 @@ class Stage:
         alone: bool = True,
         standing: Sequence[tuple[str, Vec3]] = (),
     ) -> None:
-        """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak.
+        """Set up a vehicle that is held in the air.
 
-        ``autopilot`` is one of ``AUTOPILOTS``, Betaflight, or real firmware behind MAVLink over UDP; ``parameters``
-        differ from its usual ones. A radio link, or a serial one of MAVLink, ends at ``pty``, or else a radio's on
-        the network in memory. Without ``alone``, cameras of its own are left out: others see it. ``standing``: see
-        :class:`sim.trackers.trackers.Mocap`.
+        ``config`` tells the addresses and formats to speak.
+
+        ``autopilot`` is one of ``AUTOPILOTS``, Betaflight, or real firmware behind MAVLink over
+        UDP; ``parameters`` differ from its usual ones. A radio link, or a serial one of MAVLink,
+        ends at ``pty``, or else a radio's on the network in memory. Without ``alone``, cameras of
+        its own are left out: others see it. ``standing``: see :class:`sim.trackers.trackers.Mocap`.
 
         Raises:
             KeyError: it has no such parameter.
@@ -115,12 +142,21 @@ class Stage:
         self.mocap: Mocap | None = None
         if tracked is not None and alone:
             name, tracker = tracked
-            self.mocap = Mocap(world, [SeenVehicle(name, self.plant, world, seed)], seed, tracker, standing)
+            self.mocap = Mocap(
+                world, [SeenVehicle(name, self.plant, world, seed)], seed, tracker, standing
+            )
 
     def _fit_autopilot(
-        self, link: MavlinkLinkConfig, name: str, parameters: Mapping[str, float] | None, pose_delay_s: float
+        self,
+        link: MavlinkLinkConfig,
+        name: str,
+        parameters: Mapping[str, float] | None,
+        pose_delay_s: float,
     ) -> None:
-        """Fit the simulated autopilot ``name`` at the end of ``link``; its poses are ``pose_delay_s`` [s] late."""
+        """Fit the simulated autopilot ``name`` at the end of ``link``.
+
+        Its poses are ``pose_delay_s`` [s] late.
+        """
         world = self.world
         autopilot = AUTOPILOTS[name](
             self.vehicle,
@@ -134,7 +170,11 @@ class Stage:
         open_wire = _wire(link, self._pty)
         address = ("", 0) if open_wire is not None else parse_address(link.endpoint)
         peer = AutopilotPeer(
-            autopilot, address, delay_s=pose_delay_s, hearing_s=world.command_delay_s, open_wire=open_wire
+            autopilot,
+            address,
+            delay_s=pose_delay_s,
+            hearing_s=world.command_delay_s,
+            open_wire=open_wire,
         )
         self._mavlink = autopilot, peer
 
@@ -150,12 +190,16 @@ class Stage:
         self.radio = RfPeer(receiver, radio, world.command_delay_s)
         self._telemetry_hz = world.telemetry_hz if isinstance(radio, CrsfLinkConfig) else 0.0
         if self._pty is None:
-            self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
+            self.wires, self._bridge = wires(
+                config, radio, generator(seed, "nonces").bytes, self.port
+            )
         elif isinstance(config.link, BridgeLinkConfig):
             self._bridge = bridge_to(config.link, radio, self._pty)
 
     def _lose_frame(self) -> bool:
-        """Whether a command frame gets lost: hand-shakes repeat theirs, losses that count begin with the flight."""
+        """Whether a command frame gets lost: hand-shakes repeat theirs, losses that count begin
+        with the flight.
+        """
         return self.plant.released_s is not None and next(self._luck)[0] < self.frame_loss
 
     @property
@@ -171,7 +215,8 @@ class Stage:
         return self._mavlink[1]
 
     def offer_hand(self, seed: int) -> None:
-        """For each line on standard input a hand takes the vehicle from where it stands, and makes all moves.
+        """For each line on standard input a hand takes the vehicle from where it stands, and makes
+        all moves.
 
         Afterwards it is held where the last one left it.
         """
@@ -212,7 +257,9 @@ class Stage:
                 group.create_task(radio.last())
             if self.radio is not None and self._telemetry_hz:
                 say = self._pty.sendto if self._pty is not None else self.radio.answer
-                group.create_task(self.radio.tell(say, lambda now: self.vehicle.feel(now)[0], self._telemetry_hz))
+                group.create_task(
+                    self.radio.tell(say, lambda now: self.vehicle.feel(now)[0], self._telemetry_hz)
+                )
             if self._bridge is not None:
                 self.bridge_task = group.create_task(self._bridge.run())
             if self.board is not None:
@@ -226,7 +273,9 @@ def _switch_on(plant: Quadrotor, world: World, radio: RfConfig, seed: int) -> "F
     from sim.autopilots import GAINS, FlightBoard, describe_settings  # only where there is one
 
     sticks = radio.map.roll, radio.map.pitch, radio.map.yaw
-    settings = describe_settings(*describe_pulses(radio), [stick.full_rate_deg_s for stick in sticks])
+    settings = describe_settings(
+        *describe_pulses(radio), [stick.full_rate_deg_s for stick in sticks]
+    )
     gyro = normals(seed, "gyro of Betaflight", 3)
     return FlightBoard(plant, [*settings, *GAINS], gyro, world.rotors.gyro_noise_rad_s)
 
@@ -257,10 +306,19 @@ OnStep = Callable[[int, float, Vec3], None]
 
 
 class FleetStage:
-    """Everything that is not a ground station. Every random draw comes from ``seed``, one stream a purpose."""
+    """Everything that is not a ground station.
+
+    Every random draw comes from ``seed``, one stream a purpose.
+    """
 
     def __init__(
-        self, worlds: Sequence[World], labs: Sequence[Config], seed: int, on_step: OnStep, *, autopilot: str = "px4"
+        self,
+        worlds: Sequence[World],
+        labs: Sequence[Config],
+        seed: int,
+        on_step: OnStep,
+        *,
+        autopilot: str = "px4",
     ) -> None:
         """A vehicle for each of ``worlds``; ``labs`` tell the addresses and formats to speak.
 
@@ -302,16 +360,19 @@ MOST = 13
 """Number of bodies that fit into one datagram of the Vicon stream [-]."""
 
 
-def lay_out(folder: Path, world: World, config: Config, count: int, ports: Sequence[int]) -> tuple[Path, list[World]]:
-    """Write ``lab.toml`` and ``fleet.toml`` into ``folder``, for ``count`` vehicles like the one told.
+def lay_out(
+    folder: Path, world: World, config: Config, count: int, ports: Sequence[int]
+) -> tuple[Path, list[World]]:
+    """Write ``lab.toml`` and ``fleet.toml`` into ``folder``, for ``count`` vehicles like the one
+    told.
 
     Args:
         folder: of the two files.
         world: the truth of the first vehicle, the others' differing by where they are.
         config: what all are told; its trajectory is moved for each.
         count: how many vehicles.
-        ports: free UDP ports: one for poses, one for the first of ``count`` copies of them, which follow one another,
-            and one for each vehicle's link.
+        ports: free UDP ports: one for poses, one for the first of ``count`` copies of them, which
+            follow one another, and one for each vehicle's link.
 
     Returns:
         The fleet file, and the truth of each vehicle.
@@ -338,7 +399,9 @@ def lay_out(folder: Path, world: World, config: Config, count: int, ports: Seque
     for number in range(count):
         x, y = APART_M * (number % across), APART_M * (number // across)
         start = world.start_ned
-        worlds.append(msgspec.structs.replace(world, start_ned=(start[0] + x, start[1] + y, start[2])))
+        worlds.append(
+            msgspec.structs.replace(world, start_ned=(start[0] + x, start[1] + y, start[2]))
+        )
         vehicles.append(
             {
                 "name": f"quad{number + 1}",
@@ -347,5 +410,7 @@ def lay_out(folder: Path, world: World, config: Config, count: int, ports: Seque
             }
         )
     file = folder / "fleet.toml"
-    write_whole(file, tomli_w.dumps({"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles}))
+    write_whole(
+        file, tomli_w.dumps({"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles})
+    )
     return file, worlds

@@ -11,7 +11,10 @@ T = TypeVar("T")
 
 
 class Flyers:
-    """Processes that fly, for as long as this is open. With one worker it is this process, and none is started."""
+    """Processes that fly, for as long as this is open.
+
+    With one worker it is this process, and none is started.
+    """
 
     def __init__(self, workers: int) -> None:
         """``workers`` >= 1."""
@@ -41,7 +44,10 @@ class Flyers:
         yield from self._pool.as_done(fn, work)
 
     def each(
-        self, fn: Callable[[A], T], work: Sequence[A], on_done: Callable[[int], None] = lambda done: None
+        self,
+        fn: Callable[[A], T],
+        work: Sequence[A],
+        on_done: Callable[[int], None] = lambda done: None,
     ) -> list[T]:
         """Results in the order of ``work``; ``on_done`` hears how many there are."""
         found: dict[int, T] = {}

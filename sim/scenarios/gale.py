@@ -1,8 +1,9 @@
 """Gale: the fan array, the 2.6 kg quadrotor and the course of O'Connell et al., Neural-Fly.
 
-Science Robotics 7 (2022), doi 10.1126/scirobotics.abm6597. Unless a constant says "chosen", its value was derived from
-the published logs of those flights. The logs, and the study that derived the values, are not part of this project;
-docs/evidence.md compares flights in this tunnel with the published ones. No value was fitted to the RMS errors.
+Science Robotics 7 (2022), doi 10.1126/scirobotics.abm6597. Unless a constant says "chosen", its
+value was derived from the published logs of those flights. The logs, and the study that derived the
+values, are not part of this project; docs/evidence.md compares flights in this tunnel with the
+published ones. No value was fitted to the RMS errors.
 
 Axes here: x into the wind, y to the left of it, z up. The vehicle leans towards +x.
 """
@@ -24,8 +25,8 @@ class GaleVehicle(NamedTuple):
     thrust_curve: float = 0.55
     """f of thrust = f u² + (1 - f) u, u the signal [-].
 
-    With it, at hover, 1 % more signal gives 1.37 % more thrust (logs: 1.33 to 1.43). The published flights assumed
-    f = 0.
+    With it, at hover, 1 % more signal gives 1.37 % more thrust (logs: 1.33 to 1.43). The published
+    flights assumed f = 0.
     """
     thrust_delay_s: float = 0.06
     """Dead time of the thrust [s]."""
@@ -34,7 +35,8 @@ class GaleVehicle(NamedTuple):
     attitude_rad_s: float = 7.0
     """Natural frequency of the attitude loop, which has damping 0.5 [rad/s].
 
-    On a vehicle that takes body rates the same loop is a rate lag of 1/7 s and an attitude gain of 7 1/s.
+    On a vehicle that takes body rates the same loop is a rate lag of 1/7 s and an attitude gain of
+    7 1/s.
     """
     pitch_per_m_s: float = 0.02
     """Pitch, nose down, per upward speed in wind [rad s/m]."""
@@ -49,7 +51,8 @@ class GaleVehicle(NamedTuple):
     lift: float = 0.035
     """Lift per squared speed of the air in the rotors' plane [N s²/m²]."""
     rest_n: Vec3 = (0.3, 0.15, 0.5)
-    """Standard deviation, per axis, of the force that differs from lap to lap [N]: an Ornstein-Uhlenbeck noise."""
+    """Standard deviation, per axis, of the force that differs from lap to lap [N]: an
+    Ornstein-Uhlenbeck noise."""
     rest_s: float = 0.6
     """Correlation time of that noise [s]."""
     bias_n: Vec3 = (1.2, -0.43, 0.0)
@@ -57,7 +60,8 @@ class GaleVehicle(NamedTuple):
     pose_latency_s: float = 0.010
     """Latency of the poses [s]. Chosen, as of a usual tracking room: the logs have none."""
     attitude_noise_rad: float = 0.001
-    """Attitude noise of the poses, 1σ [rad]. Chosen, as of a tracking room with a large body: the logs have none."""
+    """Attitude noise of the poses, 1σ [rad]. Chosen, as of a tracking room with a large body: the
+    logs have none."""
     pose_hz: float = 50.0
     """Rate of the poses in the logs [Hz]."""
     pose_noise_m: float = 2e-5
@@ -80,7 +84,8 @@ MIDDLE_Z_M = 2.15
 REACH_X_M = 1.25
 """Reach of the course from its middle along x, once per lap [m]."""
 REACH_Z_M = 0.75
-"""Reach of the course from its middle along z, twice per lap [m]: the course is an upright figure eight."""
+"""Reach of the course from its middle along z, twice per lap [m]: the course is an upright figure
+eight."""
 TRIM_ROUNDS = 100
 """Rounds of the iteration for the trim [-]: far more than it needs to converge. Chosen."""
 GUST_PHASE = 5.0
@@ -88,7 +93,9 @@ GUST_PHASE = 5.0
 
 
 class GaleWind(NamedTuple):
-    """One setting of the fans: the wind is ``speed_m_s`` + ``gust_m_s`` sin(t + ``GUST_PHASE``), t in seconds."""
+    """One setting of the fans: the wind is ``speed_m_s`` + ``gust_m_s`` sin(t + ``GUST_PHASE``), t
+    in seconds.
+    """
 
     speed_m_s: float
     """Mean speed [m/s]."""
@@ -110,7 +117,9 @@ WINDS = {
 
 
 def course(time_s: float) -> tuple[Vec3, Vec3, Vec3]:
-    """Position [m], velocity [m/s] and acceleration [m/s²] of the course, in the axes of this file."""
+    """Position [m], velocity [m/s] and acceleration [m/s²] of the course, in the axes of this
+    file.
+    """
     if time_s < RISE_S:
         phase, rate, rise = 0.5 * time_s * time_s / RISE_S, time_s / RISE_S, 1.0 / RISE_S
     else:
@@ -127,11 +136,16 @@ def course(time_s: float) -> tuple[Vec3, Vec3, Vec3]:
 
 
 def trim(speed_m_s: float) -> tuple[float, float]:
-    """Pitch towards the wind [rad] and thrust over weight [-] at which the vehicle hovers in wind of that speed."""
+    """Pitch towards the wind [rad] and thrust over weight [-] at which the vehicle hovers in wind
+    of that speed.
+    """
     v, pitch, forward, upward = VEHICLE, 0.0, 0.0, 1.0
     for _ in range(TRIM_ROUNDS):
         s, c = math.sin(pitch), math.cos(pitch)
-        inflow, sink = speed_m_s * c, speed_m_s * s  # the air's speed in the rotors' plane, and along the thrust
+        inflow, sink = (
+            speed_m_s * c,
+            speed_m_s * s,
+        )  # the air's speed in the rotors' plane, and along the thrust
         plane = -(v.drag + v.drag_inflow * inflow) * inflow
         along = -(v.sink_drag + v.sink_inflow * inflow) * sink + v.lift * inflow**2
         # The thrust must balance the air's force, the constant force and the weight, in x and in z.

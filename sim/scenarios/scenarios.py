@@ -1,10 +1,13 @@
-"""Scenarios by name, and a flight's preparation by one: what is true, and what the controller is told.
+"""Scenarios by name, and a flight's preparation by one: what is true, and what the controller is
+told.
 
-Exact definitions, so numbers compare. ``--set`` changes what the controller is told, ``sim.…`` overrides the truth.
+Exact definitions, so numbers compare. ``--set`` changes what the controller is told, ``sim.…``
+overrides the truth.
 
-A user's own configuration flies at the desk in a scenario's air and before its sensors. The simulated vehicle is then
-exactly what the controller is told, so what is seen is the trajectory, the gains and the air; ``sim.…`` overrides make
-the truth differ. Poses and commands take the simulator's own way, whatever the lab uses.
+A user's own configuration flies at the desk in a scenario's air and before its sensors. The
+simulated vehicle is then exactly what the controller is told, so what is seen is the trajectory,
+the gains and the air; ``sim.…`` overrides make the truth differ. Poses and commands take the
+simulator's own way, whatever the lab uses.
 """
 
 import math
@@ -64,7 +67,8 @@ _ADVERSE = msgspec.structs.replace(
     frame_loss=0.02,
 )
 _WEAK = ("takeoff.thrust_limit=1.7",)
-"""In this wind its battery hovers it only at 1.24 (`adverse`) to 1.34 (`storm`) of the told weight."""
+"""In this wind its battery hovers it only at 1.24 (`adverse`) to 1.34 (`storm`) of the told
+weight."""
 _QUAD1KG = msgspec.structs.replace(
     MQX,
     mass_kg=1.0,
@@ -77,8 +81,10 @@ _QUAD1KG = msgspec.structs.replace(
     pose_latency_s=0.010,
     frame_period_s=0.010,
 )
-# What these three are told is what `identify` found on one flight of `trajectory.kind=excitation` each, 42 s, seed 0,
-# in which they were told their best pure lags (thrust and rates: 43 and 42, 41 and 54, 109 and 104 ms).
+# What these three are told is what `identify` found on one flight of `trajectory.kind=excitation`
+# each, 42 s, seed 0, in which they were told their best pure lags (thrust and rates: 43 and 42, 41
+# and 54, 109 and
+# 104 ms).
 _ROTORS_QUAD1KG = msgspec.structs.replace(
     _QUAD1KG,
     plant="rotors",
@@ -117,30 +123,42 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     betaflight: bool = False
     """Whether it is flown by Betaflight, behind a radio: see :func:`by_betaflight`."""
 
-    def config(self, world: World, overrides: list[str], source: str, link: str = "mavlink") -> Config:
+    def config(
+        self, world: World, overrides: list[str], source: str, link: str = "mavlink"
+    ) -> Config:
         """The application's configuration for ``world`` (this scenario's, perhaps overridden).
 
-        The reference's speed and the period of the frames are facts of the flight and follow ``world``; all
-        else is what the scenario tells the controller. A radio ``link`` takes full stick for the vehicle's limits.
+        The reference's speed and the period of the frames are facts of the flight and follow
+        ``world``; all else is what the scenario tells the controller. A radio ``link`` takes full
+        stick for the vehicle's limits.
         """
         config = Config(
             vehicle=self.told,
             link=MavlinkLinkConfig(period_s=world.frame_period_s, pace="period"),
             trajectory=LemniscateConfig(speed_m_s=world.speed_m_s),
-            flight=FlightConfig(start="air", idle_thrust=world.start_thrust, floor_z_m=world.floor_z_m),
+            flight=FlightConfig(
+                start="air", idle_thrust=world.start_thrust, floor_z_m=world.floor_z_m
+            ),
         )
         data: dict[str, Any] = msgspec.to_builtins(config)
-        del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose
+        del data[
+            "controller"
+        ]  # all default, and the defaults depend on the kind that ``overrides`` may choose
         data["pose"] = self._told_poses(source, world)
         if self.figure is not None:
             data["trajectory"] = self.figure()
         data["gate"]["drop_frozen"] = _is_noisy(world)
         for key in ("vehicle.preset", "vehicle.file", "trajectory.kind", "pose.kind"):
             if any(override.partition("=")[0].strip() == key for override in overrides):
-                data.pop(key.partition(".")[0], None)  # another vehicle, another trajectory: nothing of this one
+                data.pop(
+                    key.partition(".")[0], None
+                )  # another vehicle, another trajectory: nothing of this one
         overrides = [*self.told_more, *overrides]
         if link != "mavlink":
-            from sim.radio import module, section  # a radio's modules are imported only where there is one
+            from sim.radio import (
+                module,
+                section,
+            )  # a radio's modules are imported only where there is one
 
             data["link"] = section(link, world, self.told, betaflight=self.betaflight)
             # Only the codec that results knows how long a frame is on its way.
@@ -153,8 +171,17 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         latency = {"latency_s": self.told_latency_s}
         rate = {"rate_hz": self.world.pose_rate_hz}
         return {
-            "vicon": {"kind": "vicon", "object": "quad", "drop_frozen": _is_noisy(world), **latency, **rate},
-            "natnet": {"kind": "natnet", "network_s": 0.0},  # all else of its latency it tells itself
+            "vicon": {
+                "kind": "vicon",
+                "object": "quad",
+                "drop_frozen": _is_noisy(world),
+                **latency,
+                **rate,
+            },
+            "natnet": {
+                "kind": "natnet",
+                "network_s": 0.0,
+            },  # all else of its latency it tells itself
             "qualisys": {"kind": "qualisys", **latency},
             "odometry": {"kind": "mavlink", **latency, **rate},
             "vision": {"kind": "vision", **latency},
@@ -213,7 +240,9 @@ def _with_push(acceleration: float) -> Scenario:
         name=f"push_{acceleration:g}",
         summary=f"paper, and at 30 s a push: half a sine of {acceleration:g} m/s² for 0.4 s",
         world=world,
-        variants=tuple((step, f"sim.wind_push_s={push_s}") for push_s in PUSH_S for step in _blow(acceleration)),
+        variants=tuple(
+            (step, f"sim.wind_push_s={push_s}") for push_s in PUSH_S for step in _blow(acceleration)
+        ),
     )
 
 
@@ -228,7 +257,8 @@ _TOLD_GALE = Vehicle(
     thrust_lag_s=gale.VEHICLE.thrust_lag_s,
     thrust_delay_s=gale.VEHICLE.thrust_delay_s,
     rate_lag_s=1.0 / gale.VEHICLE.attitude_rad_s,
-    drag_per_s=0.34,  # what `groundstation identify` finds on an excitation flight of it in still air
+    drag_per_s=0.34,
+    # what `groundstation identify` finds on an excitation flight of it in still air
     frame_period_s=1.0 / gale.VEHICLE.pose_hz,
     size_m=0.8,
     wind_share=0.553,  # 12 m/s²
@@ -238,10 +268,10 @@ _DOUBTED = (
     "controller.wind_noise=0.6",
     "controller.wind_rate_noise=1.6",
 )
-"""Its poses are so good (0.03 mm) that an observer of the default noises takes each error of the model for wind within
-two poses, and what it learns drives a thrust that acts 0.1 s later: with lags and delay told 20 ms wrong it rings at 2
-to 4 Hz. A model that is told to err by chance, too, is not believed to show wind at once. More of it costs error where
-told right, less has it ring."""
+"""Its poses are so good (0.03 mm) that an observer of the default noises takes each error of the
+model for wind within two poses, and what it learns drives a thrust that acts 0.1 s later: with lags
+and delay told 20 ms wrong it rings at 2 to 4 Hz. A model that is told to err by chance, too, is not
+believed to show wind at once. More of it costs error where told right, less has it ring."""
 
 
 def _gale(name: str, wind: gale.GaleWind) -> Scenario:
@@ -277,7 +307,9 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
             rest_m_s2=(i / kg, j / kg, k / kg),
             rest_s=gale.VEHICLE.rest_s,
             pitch_gain=wind.gain,
-            pitch_per_climb=gale.VEHICLE.attitude_rad_s * gale.VEHICLE.pitch_per_m_s if wind.speed_m_s else 0.0,
+            pitch_per_climb=gale.VEHICLE.attitude_rad_s * gale.VEHICLE.pitch_per_m_s
+            if wind.speed_m_s
+            else 0.0,
             start_pitch_deg=-math.degrees(lean),
         ),
     )
@@ -311,11 +343,19 @@ SCENARIOS: dict[str, Scenario] = {
             name="ideal",
             summary="no lag, noise, latency or rate limit, 500 Hz: checks the theory",
             world=_IDEAL,
-            told=Vehicle(thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=NO_LIMIT, frame_period_s=0.002),
+            told=Vehicle(
+                thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=NO_LIMIT, frame_period_s=0.002
+            ),
             told_latency_s=0.0,
-            told_more=("controller.effectiveness_deviation=0",),  # V's floor is of a law that knows its thrust
+            told_more=(
+                "controller.effectiveness_deviation=0",
+            ),  # V's floor is of a law that knows its thrust
         ),
-        Scenario(name="paper", summary="the paper's vehicle and figure eight in a constant wind", world=MQX),
+        Scenario(
+            name="paper",
+            summary="the paper's vehicle and figure eight in a constant wind",
+            world=MQX,
+        ),
         Scenario(
             name="fast",
             summary="paper at 1.5 m/s",
@@ -323,7 +363,8 @@ SCENARIOS: dict[str, Scenario] = {
         ),
         Scenario(
             name="adverse",
-            summary="wrong thrust and lags, wind, gusts, turbulence, drag, lost poses and frames, sagging battery",
+            summary="wrong thrust and lags, wind, gusts, turbulence, drag, lost poses and frames, "
+            "sagging battery",
             world=_ADVERSE,
             told_more=_WEAK,
         ),
@@ -331,7 +372,10 @@ SCENARIOS: dict[str, Scenario] = {
             name="storm",
             summary="adverse with wind and gusts doubled and 40 ms of latency",
             world=msgspec.structs.replace(
-                _ADVERSE, wind_mean=(2.0, -1.6, 1.0), wind_gust=(1.0, 1.0, 0.4), pose_latency_s=0.040
+                _ADVERSE,
+                wind_mean=(2.0, -1.6, 1.0),
+                wind_gust=(1.0, 1.0, 0.4),
+                pose_latency_s=0.040,
             ),
             told_latency_s=0.040,
             told_more=_WEAK,
@@ -352,10 +396,15 @@ SCENARIOS: dict[str, Scenario] = {
         ),
         Scenario(
             name="rotors_quad1kg",
-            summary="quad1kg that turns by four rotors of 40 ms and a 1 kHz rate loop with gyro noise",
+            summary="quad1kg that turns by four rotors of 40 ms and a 1 kHz rate loop with gyro "
+            "noise",
             world=_ROTORS_QUAD1KG,
             told=msgspec.structs.replace(
-                _TOLD_QUAD1KG, thrust_lag_s=0.0397, thrust_delay_s=0.0002, rate_lag_s=0.0160, rate_delay_s=0.0301
+                _TOLD_QUAD1KG,
+                thrust_lag_s=0.0397,
+                thrust_delay_s=0.0002,
+                rate_lag_s=0.0160,
+                rate_delay_s=0.0301,
             ),
             told_latency_s=0.010,
         ),
@@ -363,16 +412,22 @@ SCENARIOS: dict[str, Scenario] = {
             name="rotors_mqx",
             summary="paper on four rotors of 40 ms and a 1 kHz rate loop with gyro noise",
             world=_ROTORS_MQX,
-            told=Vehicle(thrust_lag_s=0.0398, thrust_delay_s=0.0, rate_lag_s=0.0284, rate_delay_s=0.0350),
+            told=Vehicle(
+                thrust_lag_s=0.0398, thrust_delay_s=0.0, rate_lag_s=0.0284, rate_delay_s=0.0350
+            ),
         ),
         Scenario(
             name="rotors_mqx_radio",
             summary="rotors_mqx behind a radio's filters of 56 ms on rates and 66 ms on thrust",
             world=msgspec.structs.replace(
                 _ROTORS_MQX,
-                rotors=msgspec.structs.replace(_ROTORS_MQX.rotors, rate_filter_s=0.056, thrust_filter_s=0.066),
+                rotors=msgspec.structs.replace(
+                    _ROTORS_MQX.rotors, rate_filter_s=0.056, thrust_filter_s=0.066
+                ),
             ),
-            told=Vehicle(thrust_lag_s=0.0808, thrust_delay_s=0.0276, rate_lag_s=0.0537, rate_delay_s=0.0599),
+            told=Vehicle(
+                thrust_lag_s=0.0808, thrust_delay_s=0.0276, rate_lag_s=0.0537, rate_delay_s=0.0599
+            ),
         ),
         *(_gale(name, wind) for name, wind in gale.WINDS.items()),
     )
@@ -410,7 +465,12 @@ def by_betaflight(scenario: Scenario) -> Scenario:
         scenario,
         world=msgspec.structs.replace(world, plant="rotors", rotors=rotors, step_s=0.001),
         told=msgspec.structs.replace(
-            told, thrust_curve=0.893, thrust_lag_s=0.035, rate_lag_s=0.0236, rate_delay_s=0.0105, thrust_delay_s=0.003
+            told,
+            thrust_curve=0.893,
+            thrust_lag_s=0.035,
+            rate_lag_s=0.0236,
+            rate_delay_s=0.0105,
+            thrust_delay_s=0.003,
         ),
         betaflight=True,
     )
@@ -424,16 +484,22 @@ ENDS = {
 """Simulated parts by option: sources of poses, links, and autopilots."""
 
 
-def choose(name: str, autopilot: str, link: str | None, source: str = "vicon") -> tuple[Scenario, str]:
-    """The scenario called ``name`` as ``autopilot`` flies it, and the link: ``link``, or the usual one.
+def choose(
+    name: str, autopilot: str, link: str | None, source: str = "vicon"
+) -> tuple[Scenario, str]:
+    """The scenario called ``name`` as ``autopilot`` flies it, and the link: ``link``, or the usual
+    one.
 
     Raises:
-        ConfigError: there is no such scenario, source, link or autopilot, or Betaflight does not hear that link.
+        ConfigError: there is no such scenario, source, link or autopilot, or Betaflight does not
+            hear that link.
     """
     scenario = scenario_of(name)
     for end, told in (("source", source), ("link", link or "mavlink"), ("autopilot", autopilot)):
         if told not in ENDS[end]:
-            raise ConfigError(f"--{end}", notice("value.choice", choices=list(ENDS[end]), found=told))
+            raise ConfigError(
+                f"--{end}", notice("value.choice", choices=list(ENDS[end]), found=told)
+            )
     if autopilot != BETAFLIGHT:
         return scenario, link or "mavlink"
     if link == "mavlink":
@@ -449,7 +515,8 @@ def prepare(
     source: str = "vicon",
     link: str = "mavlink",
 ) -> tuple[World, Config]:
-    """The truth and the configuration of ``scenario`` after ``--set``: ``sim.…`` is truth, all else is told.
+    """The truth and the configuration of ``scenario`` after ``--set``: ``sim.…`` is truth, all else
+    is told.
 
     Raises:
         ConfigError: an unknown key or a bad value, by its dotted key.
@@ -463,11 +530,12 @@ def prepare(
 def prepare_own(
     scenario: Scenario, path: Path | None, overrides: list[str], *, controller: str | None = None
 ) -> tuple[World, Config, float | None]:
-    """The truth and the configuration for the file at ``path``, in the air of ``scenario``, from its first point on.
+    """The truth and the configuration for the file at ``path``, in the air of ``scenario``, from
+    its first point on.
 
-    Without a file it is the default configuration, for which ``overrides`` may tell another vehicle. The third value is
-    how long the configuration wants to fly [s], if it says: the landing is left out, as what is judged is how well the
-    trajectory is followed.
+    Without a file it is the default configuration, for which ``overrides`` may tell another
+    vehicle. The third value is how long the configuration wants to fly [s], if it says: the landing
+    is left out, as what is judged is how well the trajectory is followed.
 
     Raises:
         ConfigError: as :func:`prepare`.
@@ -475,7 +543,9 @@ def prepare_own(
     truth, overrides_told = by_side(overrides, controller)
     with _option(controller):
         told = load(path, Config, overrides_told)
-        return *at_desk(scenario.world, told, lambda world: overridden(world, truth)), told.flight.duration_s
+        return *at_desk(
+            scenario.world, told, lambda world: overridden(world, truth)
+        ), told.flight.duration_s
 
 
 def by_side(overrides: list[str], controller: str | None) -> tuple[list[str], list[str]]:
@@ -527,7 +597,10 @@ LEAST_HEIGHT_M = 0.5
 
 
 def timing(pose: PoseConfig, rate_hz: float, latency_s: float) -> tuple[float, float]:
-    """Rate [1/s] and latency [s] that ``pose`` tells; the others where its protocol tells them itself."""
+    """Rate [1/s] and latency [s] that ``pose`` tells.
+
+    The others where its protocol tells them itself.
+    """
     return pose.rate_hz or rate_hz, latency_s if pose.latency_s is None else pose.latency_s
 
 
@@ -551,7 +624,8 @@ def world_of(air: World, told: Config) -> World:
 
 
 def world_as_told(air: World, told: Config, truth: list[str]) -> World:
-    """The truth for a rehearsal of ``told``: ``air`` around a vehicle, floor, rates and latency exactly as told.
+    """The truth for a rehearsal of ``told``: ``air`` around a vehicle, floor, rates and latency
+    exactly as told.
 
     ``truth`` are overrides (``sim.…``).
 
@@ -576,15 +650,22 @@ def world_as_told(air: World, told: Config, truth: list[str]) -> World:
 
 
 def others_of(told: Config) -> list[tuple[str, Vec3]]:
-    """The other vehicles that ``told`` keeps away from, standing beside the trajectory: names and places [m, NED]."""
+    """The other vehicles that ``told`` keeps away from, standing beside the trajectory: names and
+    places [m, NED].
+    """
     report = examine_trajectory(told)
     east = report.highest_ned[1] + told.separation.distance_m + 1.0
     floor = told.flight.floor_z_m
-    return [(name, (report.lowest_ned[0] + number, east, floor)) for number, name in enumerate(told.separation.others)]
+    return [
+        (name, (report.lowest_ned[0] + number, east, floor))
+        for number, name in enumerate(told.separation.others)
+    ]
 
 
 def at_desk(air: World, told: Config, overridden: Callable[[World], World]) -> tuple[World, Config]:
-    """The vehicle of ``told`` in ``air`` from its trajectory's first point on, on the simulator's wires."""
+    """The vehicle of ``told`` in ``air`` from its trajectory's first point on, on the simulator's
+    wires.
+    """
     rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)
     floor = told.flight.floor_z_m
     north, east, down = told.trajectory.build().position_at(0.0)
@@ -601,7 +682,9 @@ def at_desk(air: World, told: Config, overridden: Callable[[World], World]) -> t
         told,
         pose=ViconConfig(object="quad", latency_s=latency_s, rate_hz=rate_hz, drop_frozen=False),
         gate=GateConfig(drop_frozen=False),
-        link=MavlinkLinkConfig(period_s=told.vehicle.frame_period_s, thrust_curve=told.link.thrust_curve),
+        link=MavlinkLinkConfig(
+            period_s=told.vehicle.frame_period_s, thrust_curve=told.link.thrust_curve
+        ),
         flight=msgspec.structs.replace(
             told.flight, start="air", idle_thrust=min(world.start_thrust, 0.9), duration_s=None
         ),

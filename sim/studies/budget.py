@@ -1,7 +1,9 @@
-"""Error budget: a recorded flight flown again by the model, with one source of its error switched off at a time.
+"""Error budget: a recorded flight flown again by the model, with one source of its error switched
+off at a time.
 
-Of a simulated flight the world is known, and the same random numbers are drawn again. Of a real one nobody knows the
-world: its budget is that of a vehicle as told, in air as the observer saw it, before cameras as the simulator has them.
+Of a simulated flight the world is known, and the same random numbers are drawn again. Of a real one
+nobody knows the world: its budget is that of a vehicle as told, in air as the observer saw it,
+before cameras as the simulator has them.
 """
 
 from collections.abc import Callable
@@ -23,7 +25,8 @@ from sim.scenarios import at_desk, world_from
 from sim.world import STILL, World
 
 LIFTED = 10.0
-"""Limits that are switched off are so many times as high; far more would be refused as another unit."""
+"""Limits that are switched off are so many times as high; far more would be refused as another
+unit."""
 Flown: TypeAlias = tuple[World, Config]
 
 
@@ -63,7 +66,9 @@ class ErrorBudget(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _noise(world: World, config: Config) -> Flown:
-    world = msgspec.structs.replace(world, pose_noise_m=0.0, attitude_noise_rad=0.0, pose_jitter_s=0.0)
+    world = msgspec.structs.replace(
+        world, pose_noise_m=0.0, attitude_noise_rad=0.0, pose_jitter_s=0.0
+    )
     if world.plant == "rotors":
         rotors = msgspec.structs.replace(world.rotors, gyro_noise_rad_s=0.0)
         world = msgspec.structs.replace(world, rotors=rotors)
@@ -73,7 +78,9 @@ def _noise(world: World, config: Config) -> Flown:
 def _gusts(world: World, config: Config) -> Flown:
     still = msgspec.structs.replace(world.tunnel, gust_m_s=0.0, rest_m_s2=STILL.rest_m_s2)
     none = (0.0, 0.0, 0.0)
-    return msgspec.structs.replace(world, wind_gust=none, wind_turbulence=0.0, wind_step=none, tunnel=still), config
+    return msgspec.structs.replace(
+        world, wind_gust=none, wind_turbulence=0.0, wind_step=none, tunnel=still
+    ), config
 
 
 def _lags(world: World, config: Config) -> Flown:
@@ -100,14 +107,20 @@ def _limits(world: World, config: Config) -> Flown:
         hover_thrust=None,
         rate_limits_deg_s=tuple(LIFTED * limit for limit in config.vehicle.rate_limits_deg_s),
     )
-    world = msgspec.structs.replace(world, thrust_max_n=LIFTED * world.thrust_max_n, rate_limits_deg_s=rates)
+    world = msgspec.structs.replace(
+        world, thrust_max_n=LIFTED * world.thrust_max_n, rate_limits_deg_s=rates
+    )
     return world, msgspec.structs.replace(config, vehicle=vehicle)
 
 
 def _drag(world: World, config: Config) -> Flown:
     none = (0.0, 0.0, 0.0)
     world = msgspec.structs.replace(
-        world, drag_per_s=0.0, drag_body_per_s=none, inflow_drag_per_m=(0.0, 0.0), inflow_lift_per_m=0.0
+        world,
+        drag_per_s=0.0,
+        drag_body_per_s=none,
+        inflow_drag_per_m=(0.0, 0.0),
+        inflow_lift_per_m=0.0,
     )
     vehicle = msgspec.structs.replace(config.vehicle, drag_per_s=0.0)
     return world, msgspec.structs.replace(config, vehicle=vehicle)
@@ -136,13 +149,16 @@ SOURCES = (
     ErrorSource("latency", "of poses and commands: none, and none told", _latency),
     ErrorSource("saturation", "no upper limit on thrust or rates", _limits),
     ErrorSource("drag", "the air takes no speed away, and none is told", _drag),
-    ErrorSource("wrong thrust", "mass and thrust as told, no sagging battery, no leaking rates", _thrust),
+    ErrorSource(
+        "wrong thrust", "mass and thrust as told, no sagging battery, no leaking rates", _thrust
+    ),
     ErrorSource("losses", "every pose and every frame arrives", _losses),
 )
 
 
 def error_budget(flight: FlightData | FlightColumns | Path | str) -> ErrorBudget:
-    """The budget of a recorded flight, from the configuration in its recording, and from its world if it has one.
+    """The budget of a recorded flight, from the configuration in its recording, and from its world
+    if it has one.
 
     Raises:
         ConfigError: it is no recording of a flight, can't be read, or nothing was commanded in it.
@@ -157,20 +173,32 @@ def error_budget(flight: FlightData | FlightColumns | Path | str) -> ErrorBudget
     if not about.get("config"):
         return ErrorBudget(of="No error budget: the recording holds no configuration.")
     if duration_s < LEAST_JUDGED_S:
-        return ErrorBudget(of=f"No error budget: it flew less than {LEAST_JUDGED_S:g} s on the trajectory.")
+        return ErrorBudget(
+            of=f"No error budget: it flew less than {LEAST_JUDGED_S:g} s on the trajectory."
+        )
     try:
         config = read_flown_config(flown.recording.about, flown.recording.path).config
-        if isinstance(config.controller, Custom) or isinstance(config.trajectory, OwnTrajectoryConfig):
-            return ErrorBudget(of="No error budget: no code that a recording names is run, and its own is needed.")
+        if isinstance(config.controller, Custom) or isinstance(
+            config.trajectory, OwnTrajectoryConfig
+        ):
+            return ErrorBudget(
+                of="No error budget: no code that a recording names is run, and its own is needed."
+            )
         world, config = _stage(about, config, flown)
     except (ConfigError, ValueError) as error:
-        return ErrorBudget(of=f"No error budget: what is told in the recording can't be flown here: {error}")
+        return ErrorBudget(
+            of=f"No error budget: what is told in the recording can't be flown here: {error}"
+        )
     seed = int(about.get("seed") or 0)
-    return compute_budget(world, config, seed=seed, duration_s=duration_s, simulated=bool(about.get("sim")))
+    return compute_budget(
+        world, config, seed=seed, duration_s=duration_s, simulated=bool(about.get("sim"))
+    )
 
 
 def _stage(about: Any, config: Config, flown: FlightColumns) -> Flown:
-    """The world of a flight, from the first point of its trajectory on where it began on a floor."""
+    """The world of a flight, from the first point of its trajectory on where it began on a
+    floor.
+    """
     if about.get("sim") and config.flight.start == "air":
         return world_from(about["sim"]), config
     steady = flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S)
@@ -194,7 +222,9 @@ def _stage(about: Any, config: Config, flown: FlightColumns) -> Flown:
 def compute_budget(
     world: World, config: Config, *, seed: int, duration_s: float, simulated: bool = True
 ) -> ErrorBudget:
-    """Fly ``config`` in ``world`` for ``duration_s`` [s] as it is, and without each of :data:`SOURCES` that it has."""
+    """Fly ``config`` in ``world`` for ``duration_s`` [s] as it is, and without each of
+    :data:`SOURCES` that it has.
+    """
     config = _accept_still_poses(config)
     without = [(source, source.off(world, config)) for source in SOURCES]
     without = [(source, changed) for source, changed in without if changed != (world, config)]
@@ -213,12 +243,14 @@ def compute_budget(
     of = (
         "This flight, flown again by the model with the same random numbers."
         if simulated
-        else "The model's budget, as nobody knows the truth of a real flight: a vehicle as told, in air that moves as "
-        "the observer saw it, before the simulator's cameras."
+        else "The model's budget, as nobody knows the truth of a real flight: a vehicle as "
+        "told, in air that moves as the observer saw it, before the simulator's cameras."
     )
     if rms_cm is None:
         of += " The model does not fly it to its end."
-    return ErrorBudget(of=of, duration_s=duration_s, rms_cm=rms_cm, contributions=tuple(contributions))
+    return ErrorBudget(
+        of=of, duration_s=duration_s, rms_cm=rms_cm, contributions=tuple(contributions)
+    )
 
 
 def _accept_still_poses(config: Config) -> Config:
@@ -226,4 +258,6 @@ def _accept_still_poses(config: Config) -> Config:
     pose: Any = config.pose
     if hasattr(pose, "drop_frozen"):
         pose = msgspec.structs.replace(pose, drop_frozen=False)
-    return msgspec.structs.replace(config, pose=pose, gate=msgspec.structs.replace(config.gate, drop_frozen=False))
+    return msgspec.structs.replace(
+        config, pose=pose, gate=msgspec.structs.replace(config.gate, drop_frozen=False)
+    )

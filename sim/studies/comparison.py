@@ -1,9 +1,11 @@
-"""Comparison: controllers side by side in the same scenarios, with the same seeds, estimator and wire bytes.
+"""Comparison: controllers side by side in the same scenarios, with the same seeds, estimator and
+wire bytes.
 
-At equal margins the gains of each law are searched (:mod:`sim.studies.tune.tune`) with the same number of evaluations,
-for the geometric mean of its RMS errors in two scenarios, and its best reflown on other seeds. None may win that does
-not fly them with what :data:`FLOORS` have wrong, that takes more effort than :data:`EFFORT_RAD_S`, or that fails on
-rotors. All get our estimate and our inversion of the lags, and start from round gains.
+At equal margins the gains of each law are searched (:mod:`sim.studies.tune.tune`) with the same
+number of evaluations, for the geometric mean of its RMS errors in two scenarios, and its best
+reflown on other seeds. None may win that does not fly them with what :data:`FLOORS` have wrong,
+that takes more effort than :data:`EFFORT_RAD_S`, or that fails on rotors. All get our estimate and
+our inversion of the lags, and start from round gains.
 """
 
 import math
@@ -71,7 +73,9 @@ GUST = "gust_front"
 
 
 class ControllerComparison:
-    """Controllers side by side: ``rows`` for each in each scenario, and the ``flights`` that they sum up."""
+    """Controllers side by side: ``rows`` for each in each scenario, and the ``flights`` that they
+    sum up.
+    """
 
     def __init__(self, flights: "Sequence[ComparedFlight]") -> None:
         self.flights = tuple(flights)
@@ -118,17 +122,20 @@ def compare(
     workers: int = 1,
     on_done: Callable[[int, int], None] | None = None,
 ) -> ControllerComparison:
-    """Fly controllers through the same scenarios with the same seeds: what ``groundstation-sim compare`` does.
+    """Fly controllers through the same scenarios with the same seeds: what
+    ``groundstation-sim compare`` does.
 
     Args:
-        controllers: one or several: names, or your own, as :func:`sim.runs.simulation.simulate` takes one.
-        scenarios: their names; without them, all that are flown once a seed. Those with large pushes
-            (``step_5``, ``push_10``, …) are flown from each direction, and the worst counts.
+        controllers: one or several: names, or your own, as :func:`sim.runs.simulation.simulate`
+            takes one.
+        scenarios: their names; without them, all that are flown once a seed. Those with large
+            pushes (``step_5``, ``push_10``, …) are flown from each direction, and the worst counts.
         seeds: each flies with seeds 0 to ``seeds`` - 1.
         duration: of each flight [s], longer than 16.
         overrides: ``"key=value"`` each, for all, as ``--set``.
-        workers: how many processes fly. More than one wants ``if __name__ == "__main__":`` around a script; a
-            controller that they could not import, as one written in a notebook, has all fly in this one.
+        workers: how many processes fly. More than one wants ``if __name__ == "__main__":`` around a
+            script; a controller that they could not import, as one written in a notebook, has all
+            fly in this one.
         on_done: hears how many of how many flights are flown.
 
     Raises:
@@ -146,7 +153,10 @@ def compare(
     own: dict[str, object] = {}
     given = several(controllers)
     if not given or any(one is None for one in given):
-        raise ConfigError("--controllers", notice("compare.controllers", choices=list(CONTROLLERS), found=controllers))
+        raise ConfigError(
+            "--controllers",
+            notice("compare.controllers", choices=list(CONTROLLERS), found=controllers),
+        )
     names = [str(lend_name(controller, own)) for controller in given]
     work = cases(places, names, [str(one) for one in several(overrides)])
     with lend(own):
@@ -156,7 +166,9 @@ def compare(
         count, done = len(work) * seeds, on_done or (lambda flown, of: None)
         done(0, count)
         with Flyers(workers if all(_can_be_imported(*one) for one in own.items()) else 1) as flyers:
-            return ControllerComparison(fly_all(work, seeds, duration, flyers, lambda flown: done(flown, count)))
+            return ControllerComparison(
+                fly_all(work, seeds, duration, flyers, lambda flown: done(flown, count))
+            )
 
 
 class Case(msgspec.Struct, frozen=True):
@@ -191,7 +203,8 @@ class ComparisonRow(msgspec.Struct, frozen=True):
     crashed: int
     """Number of flights that crashed."""
     rms_cm: float | None
-    """RMS of the true error over the steady part (from 15 s); None where a flight crashed, as for all below."""
+    """RMS of the true error over the steady part (from 15 s); None where a flight crashed, as for
+    all below."""
     rms_cm_min: float | None
     rms_cm_max: float | None
     max_cm: float | None
@@ -202,11 +215,17 @@ class ComparisonRow(msgspec.Struct, frozen=True):
     peak_cm: float | None = None
     """Largest error after the wind's step or push: the worst of the scenario's variants."""
     back_s: float | None = None
-    """Longest time after the gust until the error stays below 5 cm [s]; None where it never does."""
+    """Longest time after the gust until the error stays below 5 cm [s]; None where it never
+    does."""
 
 
-def cases(scenarios: Iterable[str], controllers: Sequence[str], overrides: Sequence[str] = ()) -> list[Case]:
-    """Every controller in every scenario, and ours without adaptation in the gust front; ``overrides`` hold for all."""
+def cases(
+    scenarios: Iterable[str], controllers: Sequence[str], overrides: Sequence[str] = ()
+) -> list[Case]:
+    """Every controller in every scenario, and ours without adaptation in the gust front.
+
+    ``overrides`` hold for all.
+    """
     found: list[Case] = []
     for scenario in scenarios:
         for name in controllers:
@@ -239,7 +258,10 @@ def fly_all(
     flyers: Flyers,
     on_done: Callable[[int], None] = lambda done: None,
 ) -> list[ComparedFlight]:
-    """Every case with seeds 0 … ``seeds`` - 1, in the order of ``work``; ``on_done`` hears how many are flown."""
+    """Every case with seeds 0 … ``seeds`` - 1, in the order of ``work``.
+
+    ``on_done`` hears how many are flown.
+    """
     flights = [partial(fly_case, case, seed, duration_s) for case in work for seed in range(seeds)]
     return flyers.each(run_beside, flights, on_done)
 
@@ -275,7 +297,10 @@ def _row(case: Case, flights: list[ComparedFlight]) -> ComparisonRow:
     # A flight that never settles counts as later than any.
     settled = median([math.inf if one.settle_s is None else one.settle_s for one in verdicts])
     nothing: tuple[float | None, float | None] = (None, None)
-    pushed = [(one.verdict.gust_peak_cm, one.verdict.gust_back_s) if one.survived else nothing for one in flights]
+    pushed = [
+        (one.verdict.gust_peak_cm, one.verdict.gust_back_s) if one.survived else nothing
+        for one in flights
+    ]
     variants = [one.case.variant for one in flights]
     return ComparisonRow(
         case.scenario,
@@ -289,8 +314,12 @@ def _row(case: Case, flights: list[ComparedFlight]) -> ComparisonRow:
         max_cm=_middle([one.max_cm for one in verdicts], crashed),
         settle_s=settled if not crashed and math.isfinite(settled) else None,
         effort_rad_s=_middle([one.effort_rad_s for one in verdicts], crashed),
-        peak_cm=worst_of_variants([(variant, peak) for variant, (peak, _) in zip(variants, pushed, strict=True)]),
-        back_s=worst_of_variants([(variant, back) for variant, (_, back) in zip(variants, pushed, strict=True)]),
+        peak_cm=worst_of_variants(
+            [(variant, peak) for variant, (peak, _) in zip(variants, pushed, strict=True)]
+        ),
+        back_s=worst_of_variants(
+            [(variant, back) for variant, (_, back) in zip(variants, pushed, strict=True)]
+        ),
     )
 
 
@@ -300,11 +329,12 @@ def _middle(values: list[float | None], crashed: int) -> float | None:
 
 
 NOTE = (
-    "The error is the true one, from 15 s on. The baselines fly on our estimate and send commands as published, "
-    "without inverting\nthe actuators' lags."
+    "The error is the true one, from 15 s on. The baselines fly on our estimate and send commands "
+    "as published, without inverting\nthe actuators' lags."
 )
 HEAD = (
-    "scenario", "controller", "RMS cm", "spread", "max cm", "settled s", "effort", "peak cm", "back s", "survived",
+    "scenario", "controller", "RMS cm", "spread", "max cm", "settled s", "effort", "peak cm",
+    "back s", "survived",
 )  # fmt: skip
 
 
@@ -319,18 +349,26 @@ def text_table(rows: Sequence[ComparisonRow]) -> str:
             shown.append("")
             last = line[0]
         cells = [
-            cell.ljust(w) if i < 2 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))
+            cell.ljust(w) if i < 2 else cell.rjust(w)
+            for i, (cell, w) in enumerate(zip(line, widths, strict=True))
         ]
         shown.append("  ".join(cells).rstrip())
-    note = "medians over the seeds; errors are true ones, from 15 s on; settled: the error stays below 10 cm"
-    pushed = "peak, back: after the wind's step or push, until the error stays below 5 cm; the worst direction"
+    note = (
+        "medians over the seeds; errors are true ones, from 15 s on; settled: the error stays "
+        "below 10 cm"
+    )
+    pushed = (
+        "peak, back: after the wind's step or push, until the error stays below 5 cm; the worst "
+        "direction"
+    )
     return "\n".join(
         [
             *shown,
             "",
             note,
             pushed,
-            "effort: RMS of the commanded roll and pitch rates less their low-pass of 0.15 s [rad/s]",
+            "effort: RMS of the commanded roll and pitch rates less their low-pass of 0.15 s "
+            "[rad/s]",
         ]
     )
 
@@ -349,7 +387,8 @@ def markdown_table(rows: Sequence[ComparisonRow]) -> str:
 
 
 def write_between_markers(path: Path, rows: Sequence[ComparisonRow], command: str) -> None:
-    """Replace what stands between the markers of ``path`` by the table and by the ``command`` that made it.
+    """Replace what stands between the markers of ``path`` by the table and by the ``command`` that
+    made it.
 
     Raises:
         ConfigError: the file can't be read or written, or has not just one pair of markers.
@@ -408,28 +447,60 @@ SEARCHED_LAWS = (
     SearchedLaw(
         "adaptive",
         "adaptive",
-        {"k2": 2.0, "k3": 4.0, "k3_down": 8.0, "kb": 0.5, "kappa": 15.0, "sigma_slope": 4.0, "rho_slope": 2.0},
+        {
+            "k2": 2.0,
+            "k3": 4.0,
+            "k3_down": 8.0,
+            "kb": 0.5,
+            "kappa": 15.0,
+            "sigma_slope": 4.0,
+            "rho_slope": 2.0,
+        },
     ),
     SearchedLaw("adaptive, as shipped", "adaptive", {}),
     SearchedLaw(
         "geometric",
         "geometric",
-        {"k_position": 9.0, "k_velocity": 5.0, "k_integral": 5.0, "coupling": 1.5, "k_attitude": 8.0},
+        {
+            "k_position": 9.0,
+            "k_velocity": 5.0,
+            "k_integral": 5.0,
+            "coupling": 1.5,
+            "k_attitude": 8.0,
+        },
     ),
     SearchedLaw(
         "l1",
         "l1",
-        {"k_position": 9.0, "k_velocity": 5.0, "predictor_pole": 0.5, "bandwidth_rad_s": 5.0, "k_attitude": 6.0},
+        {
+            "k_position": 9.0,
+            "k_velocity": 5.0,
+            "predictor_pole": 0.5,
+            "bandwidth_rad_s": 5.0,
+            "k_attitude": 6.0,
+        },
     ),
     SearchedLaw(
         "pid",
         "pid",
-        {"p_position": 2.0, "p_velocity": 5.0, "i_velocity": 4.0, "d_velocity": 0.02, "p_attitude": 8.0},
+        {
+            "p_position": 2.0,
+            "p_velocity": 5.0,
+            "i_velocity": 4.0,
+            "d_velocity": 0.02,
+            "p_attitude": 8.0,
+        },
     ),
     SearchedLaw(
         "indi",
         "indi",
-        {"k_position": 9.0, "k_velocity": 5.0, "k_acceleration": 0.1, "filter_s": 0.01, "k_attitude": 8.0},
+        {
+            "k_position": 9.0,
+            "k_velocity": 5.0,
+            "k_acceleration": 0.1,
+            "filter_s": 0.01,
+            "k_attitude": 8.0,
+        },
     ),
 )
 SPREAD = 3.0
@@ -443,7 +514,8 @@ PUSHED = ("step_3", "step_5", "step_8", "push_6", "push_10")
 """Flown by the best of each law, with one seed a direction, and told; not searched."""
 REFLOWN = ("paper", "fast", "adverse", "storm", "quad1kg", "rotors_mqx_radio")
 EFFORT_RAD_S = {"paper": 0.57, "adverse": 0.79}
-"""Most that may be commanded, as ``effort_rad_s`` of ``fly --json`` has it: the median over the seeds."""
+"""Most that may be commanded, as ``effort_rad_s`` of ``fly --json`` has it: the median over the
+seeds."""
 ROTORS_CM = 1.0
 """Largest additional error on rotors [cm]."""
 ROTORS_SATURATED = 0.01
@@ -451,8 +523,8 @@ ROTORS_SATURATED = 0.01
 TRIALS = 24
 """Number of evaluations of one search [-]."""
 SEARCHED_S = 20.0
-"""Duration of each flight of a search [s]. Errors count from 15 s on: 20 s hold half of the figure of eight, which
-tells better gains from worse, but laws err in different parts of it."""
+"""Duration of each flight of a search [s]. Errors count from 15 s on: 20 s hold half of the figure
+of eight, which tells better gains from worse, but laws err in different parts of it."""
 
 
 class ModelError(NamedTuple):
@@ -462,7 +534,8 @@ class ModelError(NamedTuple):
     field: str
     """Field of the world."""
     value: float
-    """Value that is added (delay [s]), a share of what is configured (lag), or set (thrust, noise)."""
+    """Value that is added (delay [s]), a share of what is configured (lag), or set (thrust,
+    noise)."""
     only: str = ""
     """Scenario that is flown alone; empty for all."""
 
@@ -486,24 +559,33 @@ FLOORS = (
 def make_wrong(stage: Staged, floor: ModelError) -> Staged:
     """``stage`` in a world that is wrong by ``floor``."""
     value = floor.find_value(stage.world, stage.config.vehicle)
-    return msgspec.structs.replace(stage, world=msgspec.structs.replace(stage.world, **{floor.field: value}))
+    return msgspec.structs.replace(
+        stage, world=msgspec.structs.replace(stage.world, **{floor.field: value})
+    )
 
 
 class EqualTerms:
-    """Judges gains for a search; what does not beat the best so far is not put to the floors, as it can't win."""
+    """Judges gains for a search.
+
+    What does not beat the best so far is not put to the floors, as it can't win.
+    """
 
     def __init__(self, best_cm: float = math.inf) -> None:
         """``best_cm``: the cost to beat."""
         self._best = best_cm
 
-    def __call__(self, search: Search, gains: dict[str, float], flyers: Flyers, number: int) -> TuningTrial:
+    def __call__(
+        self, search: Search, gains: dict[str, float], flyers: Flyers, number: int
+    ) -> TuningTrial:
         """Fly one set of gains."""
         stages = {stage.scenario: stage.with_gains(gains) for stage in search.stages}
         if loses_proof(stages[FLOORED[0]].config.controller):
             return _broken(number, gains, math.inf, "the proof does not hold for these gains", 10.0)
 
         def fly(chosen: Iterable[Staged]) -> list[SortieOutcome]:
-            work = [s for one in chosen for s in sorties(one, search.flight_seeds, search.duration_s)]
+            work = [
+                s for one in chosen for s in sorties(one, search.flight_seeds, search.duration_s)
+            ]
             return flyers.each(fly_sortie, work)
 
         plain = dict(zip(FLOORED, fly(stages[name] for name in FLOORED), strict=True))
@@ -513,25 +595,45 @@ class EqualTerms:
                 return _broken(number, gains, rms_cm, f"{name}: {outcome.why}", 10.0)
             over = outcome.effort_rad_s / (IN_HAND * EFFORT_RAD_S[name])
             if over > 1.0:
-                return _broken(number, gains, rms_cm, f"{name}: effort {outcome.effort_rad_s:.2f} rad/s", over)
+                return _broken(
+                    number, gains, rms_cm, f"{name}: effort {outcome.effort_rad_s:.2f} rad/s", over
+                )
         if rms_cm >= self._best:
             return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=[], cost=rms_cm)
         for name, outcome in zip(ON_ROTORS, fly(stages[name] for name in ON_ROTORS), strict=True):
-            if outcome.rms_cm is None or outcome.rms_cm > ROTORS_CM or outcome.saturated > ROTORS_SATURATED:
-                return _broken(number, gains, rms_cm, f"{name}: {outcome.describe()}", outcome.cost_cm)
+            if (
+                outcome.rms_cm is None
+                or outcome.rms_cm > ROTORS_CM
+                or outcome.saturated > ROTORS_SATURATED
+            ):
+                return _broken(
+                    number, gains, rms_cm, f"{name}: {outcome.describe()}", outcome.cost_cm
+                )
         for floor in FLOORS:
             held = [name for name in FLOORED if floor.only in ("", name)]
-            for name, outcome in zip(held, fly(make_wrong(stages[name], floor) for name in held), strict=True):
+            for name, outcome in zip(
+                held, fly(make_wrong(stages[name], floor) for name in held), strict=True
+            ):
                 limit = limit_cm([plain[name]])
                 assert limit is not None
                 if (why := failure([outcome], limit)) is not None:
-                    return _broken(number, gains, rms_cm, f"{name}, {floor.name}: {why}", outcome.cost_cm / limit)
+                    return _broken(
+                        number,
+                        gains,
+                        rms_cm,
+                        f"{name}, {floor.name}: {why}",
+                        outcome.cost_cm / limit,
+                    )
         self._best = rms_cm
         return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=[], cost=rms_cm)
 
 
-def _broken(number: int, gains: dict[str, float], rms_cm: float, why: str, excess: float) -> TuningTrial:
-    return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=[why], cost=broken_cost(excess))
+def _broken(
+    number: int, gains: dict[str, float], rms_cm: float, why: str, excess: float
+) -> TuningTrial:
+    return TuningTrial(
+        number=number, gains=gains, rms_cm=rms_cm, broken=[why], cost=broken_cost(excess)
+    )
 
 
 class EqualMarginsRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -550,7 +652,8 @@ class EqualMarginsRow(msgspec.Struct, frozen=True, kw_only=True):
     delay_s: dict[str, float]
     """In these, the extra command delay at which it fails [s]; 0 where it fails without."""
     peak_cm: dict[str, float | None] = {}
-    """Large push to the peak in its worst direction [cm]; None where a flight did not get to its end."""
+    """Large push to the peak in its worst direction [cm]; None where a flight did not get to its
+    end."""
 
 
 def compare_at_equal_margins(
@@ -561,7 +664,8 @@ def compare_at_equal_margins(
     laws: Sequence[SearchedLaw] = SEARCHED_LAWS,
     on_done: Callable[[], None] = lambda: None,
 ) -> list[EqualMarginsRow]:
-    """Search the gains of each of ``laws`` with ``trials`` evaluations, and refly the best with ``seeds`` others.
+    """Search the gains of each of ``laws`` with ``trials`` evaluations, and refly the best with
+    ``seeds`` others.
 
     ``on_done`` is called after each evaluation; the flights at the end count as one each law.
     """
@@ -588,17 +692,23 @@ def _stages(law: SearchedLaw, scenarios: Sequence[str]) -> list[Staged]:
 def _search(law: SearchedLaw) -> Search:
     return Search(
         stages=_stages(law, [*FLOORED, *ON_ROTORS]),
-        keys=[Key(name, value / SPREAD, value * SPREAD, value) for name, value in law.start.items()],
+        keys=[
+            Key(name, value / SPREAD, value * SPREAD, value) for name, value in law.start.items()
+        ],
         seeds=1,
         duration_s=SEARCHED_S,
         floors=Floors(delay_s=0.0, gain=0.0),
     )
 
 
-def _refly(law: SearchedLaw, best: TuningTrial, count: int, flyers: Flyers, seeds: int) -> EqualMarginsRow:
+def _refly(
+    law: SearchedLaw, best: TuningTrial, count: int, flyers: Flyers, seeds: int
+) -> EqualMarginsRow:
     stages = [stage.with_gains(best.gains) for stage in _stages(law, REFLOWN)]
     long_s = dict.fromkeys(JUDGED, DURATION_S)
-    work = [sorties(stage, range(seeds), long_s.get(stage.scenario, SEARCHED_S)) for stage in stages]
+    work = [
+        sorties(stage, range(seeds), long_s.get(stage.scenario, SEARCHED_S)) for stage in stages
+    ]
     outcomes = iter(flyers.each(fly_sortie, list(chain(*work))))
     flown = {stage.scenario: [next(outcomes) for _ in range(seeds)] for stage in stages}
     delay_s: dict[str, float] = {}
@@ -611,7 +721,8 @@ def _refly(law: SearchedLaw, best: TuningTrial, count: int, flyers: Flyers, seed
         law=law.name,
         gains=best.gains,
         evaluations=count if law.start else 0,
-        keeps=not best.broken and all(effort_rad_s[name] <= most for name, most in EFFORT_RAD_S.items()),
+        keeps=not best.broken
+        and all(effort_rad_s[name] <= most for name, most in EFFORT_RAD_S.items()),
         rms_cm={name: _median([one.rms_cm for one in some]) for name, some in flown.items()},
         effort_rad_s=effort_rad_s,
         delay_s=delay_s,
@@ -625,7 +736,9 @@ def _find_peak(law: SearchedLaw, best: TuningTrial, name: str, flyers: Flyers) -
     stage = stage.with_gains(best.gains)
     worlds = [overridden(stage.world, list(variant)) for variant in SCENARIOS[name].variants]
     stages = [msgspec.structs.replace(stage, world=world) for world in worlds]
-    outcomes = flyers.each(fly_sortie, [one for each in stages for one in sorties(each, [0], SEARCHED_S)])
+    outcomes = flyers.each(
+        fly_sortie, [one for each in stages for one in sorties(each, [0], SEARCHED_S)]
+    )
     peaks = [outcome.peak_cm if outcome.rms_cm is not None else None for outcome in outcomes]
     return worst_of_variants(list(enumerate(peaks)))
 
@@ -637,32 +750,50 @@ def _median(values: Sequence[float | None]) -> float | None:
 
 def equal_margins_table(rows: Sequence[EqualMarginsRow]) -> str:
     """One row a law: RMS errors, effort, delay margin; then its gains."""
-    head = ["RMS error, cm", *(f"`{name}`" for name in REFLOWN), "effort, rad/s", "fails at +ms of delay", "keeps"]
+    head = [
+        "RMS error, cm",
+        *(f"`{name}`" for name in REFLOWN),
+        "effort, rad/s",
+        "fails at +ms of delay",
+        "keeps",
+    ]
     lines = [f"| {' | '.join(head)} |", f"|---|{'---:|' * (len(head) - 1)}"]
     for row in rows:
-        cells = [row.law, *("crash" if (e := row.rms_cm[n]) is None else f"{e:.3g}" for n in REFLOWN)]
+        cells = [
+            row.law,
+            *("crash" if (e := row.rms_cm[n]) is None else f"{e:.3g}" for n in REFLOWN),
+        ]
         cells.append(" / ".join(f"{row.effort_rad_s[name]:.2f}" for name in FLOORED))
         cells.append(" / ".join(f"{1e3 * row.delay_s[name]:.0f}" for name in FLOORED))
         cells.append("all" if row.keeps else "not all")
         lines.append(f"| {' | '.join(cells)} |")
-    lines += ["", f"| peak, cm | {' | '.join(f'`{name}`' for name in PUSHED)} |", f"|---|{'---:|' * len(PUSHED)}"]
+    lines += [
+        "",
+        f"| peak, cm | {' | '.join(f'`{name}`' for name in PUSHED)} |",
+        f"|---|{'---:|' * len(PUSHED)}",
+    ]
     for row in rows:
         peaks = [row.peak_cm.get(name) for name in PUSHED]
-        lines.append(f"| {row.law} | {' | '.join('lost' if p is None else f'{p:.3g}' for p in peaks)} |")
+        lines.append(
+            f"| {row.law} | {' | '.join('lost' if p is None else f'{p:.3g}' for p in peaks)} |"
+        )
     lines += ["", "| law | evaluations | gains |", "|---|---:|---|"]
     for row in rows:
-        gains = ", ".join(f"{name} {value:.3g}" for name, value in row.gains.items()) or "as they come"
+        gains = (
+            ", ".join(f"{name} {value:.3g}" for name, value in row.gains.items()) or "as they come"
+        )
         lines.append(f"| {row.law} | {row.evaluations} | {gains} |")
     return "\n".join([*lines, "", "Effort and delay: `paper` / `adverse`."])
 
 
 def describe_terms(trials: int, seeds: int) -> str:
     """Describe the search's terms, as a paragraph."""
+    floors = ", ".join(f"{each.name} ({each.only})" if each.only else each.name for each in FLOORS)
+    efforts = " / ".join(f"{value:g}" for value in EFFORT_RAD_S.values())
     return (
-        f"Each law: {trials} evaluations with seed {SEARCH_SEED}, flights of {SEARCHED_S:g} s, gains within {SPREAD:g} "
-        f"times their start either way; then medians of seeds 0 to {seeds - 1}, in `paper`, `adverse` and "
-        f"`rotors_mqx_radio` flights of {DURATION_S:g} s. Floors in the first two: "
-        f"{', '.join(floor.name + (f' ({floor.only})' if floor.only else '') for floor in FLOORS)}; effort at most "
-        f"{' / '.join(f'{value:g}' for value in EFFORT_RAD_S.values())} rad/s; on rotors at most {ROTORS_CM:g} cm and "
-        f"{100.0 * ROTORS_SATURATED:g} % of commands at a limit."
+        f"Each law: {trials} evaluations with seed {SEARCH_SEED}, flights of {SEARCHED_S:g} s, "
+        f"gains within {SPREAD:g} times their start either way; then medians of seeds 0 to "
+        f"{seeds - 1}, in `paper`, `adverse` and `rotors_mqx_radio` flights of {DURATION_S:g} s. "
+        f"Floors in the first two: {floors}; effort at most {efforts} rad/s; on rotors at "
+        f"most {ROTORS_CM:g} cm and {100.0 * ROTORS_SATURATED:g} % of commands at a limit."
     )

@@ -46,11 +46,20 @@ class ToldInterval(NamedTuple):
 
 
 def identify_flights(scenario: str, flights: int) -> Iterator[list[ToldInterval]]:
-    """Identify ``flights`` excitation flights, seeds 0 and up; yield the identifiable parameters of each."""
+    """Identify ``flights`` excitation flights, seeds 0 and up.
+
+    Yield the identifiable parameters of each.
+    """
     for seed in range(flights):
         with tempfile.TemporaryDirectory(prefix="groundstation-intervals-") as folder:
             overrides = [*ASKED, *UNTOLD.get(scenario, ())]
-            simulate(scenario, seed=seed, duration=SECONDS, overrides=overrides, out=Path(folder) / "flight")
+            simulate(
+                scenario,
+                seed=seed,
+                duration=SECONDS,
+                overrides=overrides,
+                out=Path(folder) / "flight",
+            )
             found = identify(read_stretch(Path(folder) / "flight" / RECORDING)).parameters
         told = [one for one in found.values() if one.name in SHOWN]
         yield [
@@ -79,7 +88,9 @@ def truths(scenario: str) -> dict[str, float]:
         "thrust_delay": delay + world.thrust_delay_s,
         **dict.fromkeys(("rate_lag", "yaw_rate_lag"), world.rate_lag_s),
         **dict.fromkeys(("rate_delay", "yaw_rate_delay"), delay + world.rate_delay_s),
-        **dict.fromkeys(("rate_response", "yaw_rate_response"), world.rate_lag_s + delay + world.rate_delay_s),
+        **dict.fromkeys(
+            ("rate_response", "yaw_rate_response"), world.rate_lag_s + delay + world.rate_delay_s
+        ),
     }
 
 
@@ -90,7 +101,9 @@ def _scale(world: World, told: Vehicle) -> float:
 
 
 def coverage_table(found: Sequence[ToldInterval], flights: int) -> str:
-    """A row a parameter: in how many of the flights that told it the truth lies within, and half of the interval."""
+    """A row a parameter: in how many of the flights that told it the truth lies within, and half of
+    the interval.
+    """
     scenarios = list(dict.fromkeys(one.scenario for one in found))
     heads = " | ".join(f"`{name}`" for name in scenarios)
     lines = [f"| of {flights} flights | {heads} |", "|---|" + "---:|" * len(scenarios)]

@@ -1,7 +1,9 @@
-"""Upsets: large steps and pushes of the wind, and starts far from the reference, flown by every law.
+"""Upsets: large steps and pushes of the wind, and starts far from the reference, flown by every
+law.
 
-All laws fly on the same estimate, and none inverts the actuators' lags but ours: :mod:`sim.studies.comparison`. The
-printed law of 2013 is left out, as it does not hold these vehicles still. Hold is flown with our gains of a hold.
+All laws fly on the same estimate, and none inverts the actuators' lags but ours:
+:mod:`sim.studies.comparison`. The printed law of 2013 is left out, as it does not hold these
+vehicles still. Hold is flown with our gains of a hold.
 """
 
 import math
@@ -29,7 +31,8 @@ PHASES: dict[str, tuple[str, ...]] = {"figure": (), "hold": HOLD}
 BATCHES = len(LAWS) * (len(PHASES) + 1)
 """Batches that one vehicle is flown in [-]."""
 UPSET_AT_S = 30.0
-"""The wind steps so long after the release [s], as in the scenarios with steps: laws and estimates have settled."""
+"""The wind steps so long after the release [s], as in the scenarios with steps: laws and estimates
+have settled."""
 PUSHED_S = UPSET_AT_S + 5.0
 """Length of these flights [s]."""
 STATES_S = 6.0
@@ -77,36 +80,55 @@ class StatesRow(NamedTuple):
 
 
 def list_upsets() -> dict[str, list[tuple[str, ...]]]:
-    """Upset to its directions, as overrides of the truth: the variants of the scenarios with pushes."""
+    """Upset to its directions, as overrides of the truth: the variants of the scenarios with
+    pushes.
+    """
     found: dict[str, list[tuple[str, ...]]] = {}
     for name in PUSHED:
         scenario = SCENARIOS[name]
         for variant in scenario.variants:
             world = overridden(scenario.world, list(variant))
-            size, push_s, vertical = math.hypot(*world.wind_step), world.wind_push_s, world.wind_step[2] != 0.0
-            what = f"push {size:.0f}, {push_s:g} s" if push_s else f"step {'±' * vertical}{size:.0f}"
+            size, push_s, vertical = (
+                math.hypot(*world.wind_step),
+                world.wind_push_s,
+                world.wind_step[2] != 0.0,
+            )
+            what = (
+                f"push {size:.0f}, {push_s:g} s" if push_s else f"step {'±' * vertical}{size:.0f}"
+            )
             found.setdefault(f"{what}{' vertical' * vertical}", []).append(variant)
     return found
 
 
 def fly_upsets(
-    scenario: str, phase: str, *, seeds: int, laws: Sequence[str] = LAWS, on_done: Callable[[], None] = lambda: None
+    scenario: str,
+    phase: str,
+    *,
+    seeds: int,
+    laws: Sequence[str] = LAWS,
+    on_done: Callable[[], None] = lambda: None,
 ) -> list[UpsetRow]:
     """Fly every law through every upset from each direction with seeds 0 to ``seeds`` - 1."""
     upsets = list_upsets()
-    directions = [(upset, number, one) for upset, some in upsets.items() for number, one in enumerate(some)]
+    directions = [
+        (upset, number, one) for upset, some in upsets.items() for number, one in enumerate(some)
+    ]
     flown: dict[str, Flights] = {}
     for law in laws:
         world, config = _prepare(scenario, law, PHASES[phase])
         world = msgspec.structs.replace(world, wind_step_time_s=UPSET_AT_S)
         worlds = [overridden(world, list(one)) for _, _, one in directions for _ in range(seeds)]
-        flown[law] = fly_batch(worlds, config, list(range(seeds)) * len(directions), duration_s=PUSHED_S)
+        flown[law] = fly_batch(
+            worlds, config, list(range(seeds)) * len(directions), duration_s=PUSHED_S
+        )
         on_done()
     places = [(upset, number) for upset, number, _ in directions for _ in range(seeds)]
 
     def find_worst(upset: str, values: Any, factor: float = 1.0) -> float | None:
         known = [None if math.isnan(value) else factor * value for value in values.tolist()]
-        return worst_of_variants([(k, value) for (one, k), value in zip(places, known, strict=True) if one == upset])
+        return worst_of_variants(
+            [(k, value) for (one, k), value in zip(places, known, strict=True) if one == upset]
+        )
 
     return [
         UpsetRow(
@@ -121,7 +143,10 @@ def fly_upsets(
 
 
 def _prepare(scenario: str, law: str, told: Iterable[str]) -> tuple[World, Config]:
-    """The truth, and what ``law`` is told; in a hold it flies with its gains of a hold, if it has any."""
+    """The truth, and what ``law`` is told.
+
+    In a hold it flies with its gains of a hold, if it has any.
+    """
     world, config = prepare(SCENARIOS[scenario], [*told, f"controller.kind={law}"])
     if told and isinstance(config.controller, Gains):
         config = msgspec.structs.replace(config, controller=hold_gains(config.controller))
@@ -129,7 +154,9 @@ def _prepare(scenario: str, law: str, told: Iterable[str]) -> tuple[World, Confi
 
 
 def draw_start(world: World, reference: Vec3, seed: int) -> World:
-    """``world`` with a start that is drawn by ``seed``: where, how fast, how tilted, each uniform in its size."""
+    """``world`` with a start that is drawn by ``seed``: where, how fast, how tilted, each uniform
+    in its size.
+    """
     draw = generator(seed, "upset")
 
     def draw_vector(most: float, axes: int) -> list[float]:
@@ -151,7 +178,11 @@ def draw_start(world: World, reference: Vec3, seed: int) -> World:
 
 
 def fly_states(
-    scenario: str, *, states: int, laws: Sequence[str] = LAWS, on_done: Callable[[], None] = lambda: None
+    scenario: str,
+    *,
+    states: int,
+    laws: Sequence[str] = LAWS,
+    on_done: Callable[[], None] = lambda: None,
 ) -> list[StatesRow]:
     """Fly every law to the figure from ``states`` drawn starts, the same for all."""
     found = []
@@ -162,7 +193,10 @@ def fly_states(
         flights = fly_batch(worlds, config, list(range(states)), duration_s=STATES_S)
         lowest_starts = np.array([max(one.start_ned[2], reference[2]) for one in worlds])
         good = np.isfinite(flights.settle_s)
-        settled, sunk = flights.settle_s[good].tolist(), (flights.lowest_m - lowest_starts)[good].tolist()
+        settled, sunk = (
+            flights.settle_s[good].tolist(),
+            (flights.lowest_m - lowest_starts)[good].tolist(),
+        )
         found.append(
             StatesRow(
                 scenario,
@@ -182,7 +216,8 @@ def fly_states(
 def compare_upsets(
     scenarios: Sequence[str], *, seeds: int, states: int, on_done: Callable[[], None] = lambda: None
 ) -> tuple[list[UpsetRow], list[StatesRow]]:
-    """Fly every law through every upset of each vehicle, on its figure and in a hold, and from drawn starts.
+    """Fly every law through every upset of each vehicle, on its figure and in a hold, and from
+    drawn starts.
 
     ``on_done`` is called after each of :data:`BATCHES` batches of a scenario.
     """
@@ -217,19 +252,34 @@ def upsets_table(rows: Sequence[UpsetRow], states: Sequence[StatesRow]) -> str:
         cells = [f"`{row.scenario}`, {row.phase}: {row.upset}"]
         for law in LAWS:
             peak, back = row.peak_cm[law], row.back_s[law]
-            cells.append("lost" if peak is None else f"{peak:.1f} ({'never' if back is None else f'{back:.2f}'})")
+            cells.append(
+                "lost"
+                if peak is None
+                else f"{peak:.1f} ({'never' if back is None else f'{back:.2f}'})"
+            )
         ratios = [_over_best(row.peak_cm), _over_best(row.back_s)]
         missed += any(over for _, over in ratios)
         lines.append(f"| {' | '.join([*cells, *(text for text, _ in ratios)])} |")
-    lines += ["", f"{len(rows) - missed} of {len(rows)} rows are within {ENOUGH:g} of the best baseline in both."]
+    lines += [
+        "",
+        f"{len(rows) - missed} of {len(rows)} rows are within {ENOUGH:g} of the best baseline in "
+        "both.",
+    ]
     if states:
         lines += [
             "",
-            "| drawn starts | recover | fly off | median time, s | median height lost, m | most, m |",
+            "| drawn starts | recover | fly off | median time, s | median height lost, m | most, "
+            "m |",
             "|---|---:|---:|---:|---:|---:|",
         ]
     for one in states:
         recovered, lost = 100.0 * one.recovered, 100.0 * one.lost
-        cells = ["-" if value is None else f"{value:.2f}" for value in (one.settle_s, one.sink_m, one.sink_most_m)]
-        lines.append(f"| `{one.scenario}`, {one.law} | {recovered:.1f} % | {lost:.1f} % | {' | '.join(cells)} |")
+        cells = [
+            "-" if value is None else f"{value:.2f}"
+            for value in (one.settle_s, one.sink_m, one.sink_most_m)
+        ]
+        lines.append(
+            f"| `{one.scenario}`, {one.law} | {recovered:.1f} % | {lost:.1f} % | "
+            f"{' | '.join(cells)} |"
+        )
     return "\n".join(lines)

@@ -1,4 +1,6 @@
-"""Checks the control law against vectors computed by an implementation that is independent of this project."""
+"""Checks the control law against vectors computed by an implementation that is independent of this
+project.
+"""
 
 import json
 import math
@@ -29,7 +31,8 @@ _PARAMETERS = {
 
 
 def worst_disagreement(path: Path) -> tuple[float, int]:
-    """The largest |a - e| / max(1, |e|) over all outputs of all vectors in ``path``, and how many vectors.
+    """The largest |a - e| / max(1, |e|) over all outputs of all vectors in ``path``, and how many
+    vectors.
 
     Raises:
         OSError: the file can't be read.
@@ -42,7 +45,9 @@ def worst_disagreement(path: Path) -> tuple[float, int]:
         why = notice("file.not_utf8", at=error.start)
         raise ValueError(notice("vectors.unread", path=path, why=why)) from None
     except (KeyError, TypeError, json.JSONDecodeError) as error:
-        raise ValueError(notice("vectors.unread", path=path, why=f"{type(error).__name__}: {error}")) from None
+        raise ValueError(
+            notice("vectors.unread", path=path, why=f"{type(error).__name__}: {error}")
+        ) from None
     if not pairs:
         raise ValueError(notice("vectors.none", path=path))
     # A NaN must not pass as agreement: it counts as infinitely wrong.

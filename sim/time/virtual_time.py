@@ -1,9 +1,10 @@
 """Virtual time: an asyncio event loop with datagram endpoints and stream connections in memory.
 
-Application code runs on it unchanged: nothing ever waits, time jumps to the next scheduled callback, and
-``create_datagram_endpoint`` and ``create_connection`` connect endpoints by address inside the process. What is
-written to a stream arrives in the loop's next turn. A run is bit-identical to the next one, and 60 s of flight take a
-fraction of a second. No threads and no real sockets in this mode.
+Application code runs on it unchanged: nothing ever waits, time jumps to the next scheduled
+callback, and ``create_datagram_endpoint`` and ``create_connection`` connect endpoints by address
+inside the process. What is written to a stream arrives in the loop's next turn. A run is
+bit-identical to the next one, and 60 s of flight take a fraction of a second. No threads and no
+real sockets in this mode.
 """
 
 import asyncio
@@ -24,7 +25,9 @@ Hear: TypeAlias = Callable[[Address, Address, bytes], None]
 class MemoryStream(asyncio.Transport):
     """One end of a connection. It never has to wait, so nothing is ever buffered."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, hear: Hear, local: Address, remote: Address) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, hear: Hear, local: Address, remote: Address
+    ) -> None:
         """``hear(source, target, data)`` sees what leaves this end."""
         super().__init__({"sockname": local, "peername": remote})
         self._loop = loop
@@ -73,7 +76,9 @@ class MemoryStream(asyncio.Transport):
 class Listener:
     """Server as ``create_server`` returns it, as far as it is used here."""
 
-    def __init__(self, protocol_factory: Callable[[], asyncio.BaseProtocol], forget: Callable[[], Any]) -> None:
+    def __init__(
+        self, protocol_factory: Callable[[], asyncio.BaseProtocol], forget: Callable[[], Any]
+    ) -> None:
         """``forget`` takes it off the network."""
         self.protocol_factory = protocol_factory
         self._forget = forget
@@ -102,7 +107,8 @@ def connect_ends(
 
 
 FREE_PORTS = range(61000, 65536)
-"""Whoever asks for any port gets one of these: above those of Linux, as above every port that listens by default."""
+"""Whoever asks for any port gets one of these: above those of Linux, as above every port that
+listens by default."""
 
 RESOLUTION_S = 1e-9
 """Timers that are less apart are due in the same turn [s]."""
@@ -122,7 +128,9 @@ class _Clock(selectors.BaseSelector):
         self._map: dict[int, selectors.SelectorKey] = {}
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        key = selectors.SelectorKey(fileobj, fileobj if isinstance(fileobj, int) else fileobj.fileno(), events, data)
+        key = selectors.SelectorKey(
+            fileobj, fileobj if isinstance(fileobj, int) else fileobj.fileno(), events, data
+        )
         self._map[key.fd] = key
         return key
 
@@ -131,7 +139,9 @@ class _Clock(selectors.BaseSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         if timeout is None:
-            raise SimulationStuck("the simulation is stuck: every task waits and nothing is scheduled")
+            raise SimulationStuck(
+                "the simulation is stuck: every task waits and nothing is scheduled"
+            )
         self.now_s += timeout
         return []
 
@@ -182,7 +192,11 @@ class _Endpoint(asyncio.DatagramTransport):
         return self._closing
 
     def receive(self, data: bytes, source: Address) -> None:
-        if not self._closing and self.protocol is not None and (self.remote is None or self.remote == source):
+        if (
+            not self._closing
+            and self.protocol is not None
+            and (self.remote is None or self.remote == source)
+        ):
             self.protocol.datagram_received(data, source)
 
 
@@ -202,7 +216,10 @@ class _Socket:
         self._endpoint.sendto(data, target)
 
     def setsockopt(self, level: int, option: int, value: bytes) -> None:
-        """Join a group: its address, then that of an interface. An interface alone is where to send: all are one."""
+        """Join a group: its address, then that of an interface.
+
+        An interface alone is where to send: all are one.
+        """
         if len(value) == 8:
             self._endpoint.join(".".join(map(str, value[:4])))
 
@@ -211,7 +228,9 @@ class _Socket:
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """``asyncio.Runner(loop_factory=VirtualTimeLoop)`` runs a simulation as fast as the processor allows."""
+    """``asyncio.Runner(loop_factory=VirtualTimeLoop)`` runs a simulation as fast as the processor
+    allows.
+    """
 
     def __init__(self) -> None:
         self._clock = _Clock()
@@ -269,7 +288,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             if self.tap is not None:
                 self.tap(self.time(), source, target, data)
 
-        return connect_ends(self, hear, protocol_factory(), local, listener.protocol_factory(), (host, port))
+        return connect_ends(
+            self, hear, protocol_factory(), local, listener.protocol_factory(), (host, port)
+        )
 
     async def create_server(  # type: ignore[override]  # the in-memory network needs only these
         self, protocol_factory: Callable[[], asyncio.BaseProtocol], host: str, port: int, **_: Any
@@ -290,7 +311,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return host, port or self._free_port(host)
 
     def _free_port(self, host: str) -> int:
-        """The next one in turn, so that what is on its way to a port that was closed meets nobody new there."""
+        """The next one in turn, so that what is on its way to a port that was closed meets nobody
+        new there.
+        """
         for _ in FREE_PORTS:
             port = self._next_port
             self._next_port = port + 1 if port + 1 in FREE_PORTS else FREE_PORTS.start
@@ -299,7 +322,10 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         raise OSError(errno.EADDRINUSE, f"every port of {host} is in use")
 
     def carry(self, source: Address, target: Address, data: bytes) -> None:
-        """Bring one datagram to ``target`` in the next turn of the loop; lost where nobody listens, as in UDP."""
+        """Bring one datagram to ``target`` in the next turn of the loop.
+
+        Lost where nobody listens, as in UDP.
+        """
         if self.tap is not None:
             self.tap(self.time(), source, target, data)
         members = self.groups.get(target)

@@ -1,7 +1,8 @@
 """Simulated trackers: they sample the plant at the cameras' rate, and send real bytes to a source.
 
-Two have a protocol of requests. QTM speaks its real-time protocol over TCP, as far as qtm-rt needs it for 6D bodies;
-Motive answers NatNet clients and streams rigid bodies to them, or to a multicast group.
+Two have a protocol of requests. QTM speaks its real-time protocol over TCP, as far as qtm-rt needs
+it for 6D bodies; Motive answers NatNet clients and streams rigid bodies to them, or to a multicast
+group.
 """
 
 import asyncio
@@ -57,7 +58,10 @@ class Tracker(Protocol):
         """Join the network."""
 
     def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        """Send frame ``frame``, exposed at ``exposure_s`` [s, event loop's clock], now; our body is the first."""
+        """Send frame ``frame``, exposed at ``exposure_s`` [s, event loop's clock], now.
+
+        Our body is the first.
+        """
 
     def close(self) -> None:
         """Leave the network."""
@@ -65,7 +69,8 @@ class Tracker(Protocol):
 
 W = TypeVar("W", bound=Tracker)
 Encoder = Callable[[int, float, Sequence[TrackedBody]], bytes]
-"""Frame number, its stamp [s, the tracker's clock] and the bodies → the datagram; empty: nothing is sent."""
+"""Frame number, its stamp [s, the tracker's clock] and the bodies → the datagram; empty: nothing is
+sent."""
 
 
 class UdpTracker:
@@ -80,7 +85,9 @@ class UdpTracker:
     async def open(self) -> None:
         """Join the network."""
         loop = asyncio.get_running_loop()
-        self._transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=self._target)
+        self._transport, _ = await loop.create_datagram_endpoint(
+            asyncio.DatagramProtocol, remote_addr=self._target
+        )
 
     def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         """Send one frame."""
@@ -96,7 +103,9 @@ class UdpTracker:
 
 
 def make_tracker(told: PoseConfig, yaw_deg: float = 0.0) -> tuple[str, Tracker] | None:
-    """Our body's name and the tracking system that ``told`` expects; None where poses come some other way.
+    """Our body's name and the tracking system that ``told`` expects.
+
+    None where poses come some other way.
 
     Its north lies ``yaw_deg`` [deg] east of where that is told.
     """
@@ -104,7 +113,9 @@ def make_tracker(told: PoseConfig, yaw_deg: float = 0.0) -> tuple[str, Tracker] 
         return None
     config: Any = told
     roll, pitch, yaw = config.alignment.lab_rotation_deg
-    turned = msgspec.structs.replace(config.alignment, lab_rotation_deg=(roll, pitch, yaw + yaw_deg))
+    turned = msgspec.structs.replace(
+        config.alignment, lab_rotation_deg=(roll, pitch, yaw + yaw_deg)
+    )
     config = msgspec.structs.replace(config, alignment=turned)
     match config:
         case ViconConfig():
@@ -143,7 +154,9 @@ def json_encoder(config: JsonConfig) -> Encoder:
 
     def encode(frame: int, stamp_s: float, bodies: Sequence[TrackedBody]) -> bytes:
         return json_codec.encode(
-            json_codec.json_pose(seen.name, *seen.pose(frames), t=stamp_s, frame=frame, valid=seen.tracked)
+            json_codec.json_pose(
+                seen.name, *seen.pose(frames), t=stamp_s, frame=frame, valid=seen.tracked
+            )
             for seen in bodies
         )
 
@@ -159,7 +172,9 @@ def vision_encoder(config: VisionConfig) -> Encoder:
         ours = bodies[0]
         if not ours.tracked:
             return b""
-        return mavlink_codec.encode_vision(codec, mavlink_codec.VisionEstimate(stamp_s, *ours.pose(frames)))
+        return mavlink_codec.encode_vision(
+            codec, mavlink_codec.VisionEstimate(stamp_s, *ours.pose(frames))
+        )
 
     return encode
 
@@ -200,11 +215,15 @@ class Mocap:
         tracker: Tracker,
         standing: Sequence[tuple[str, Vec3]] = (),
     ) -> None:
-        """Have ``tracker`` send what the cameras see of ``vehicles``; what befalls frames is that of the first one.
+        """Have ``tracker`` send what the cameras see of ``vehicles``.
+
+        What befalls frames is that of the first one.
 
         ``standing`` are further bodies that stand still, each by its name and place [m, NED].
         """
-        self._standing = [TrackedBody(other, place, so3.IDENTITY, True) for other, place in standing]
+        self._standing = [
+            TrackedBody(other, place, so3.IDENTITY, True) for other, place in standing
+        ]
         self._world = world
         self._vehicles = vehicles
         self._phase = generator(seed, "phase").random()
@@ -227,7 +246,9 @@ class Mocap:
         self._vehicles[0].plant = plant
 
     def through(self, wrap: Callable[[Tracker], W]) -> W:
-        """Put ``wrap`` before the tracking computer, and return it: every frame passes it from now on."""
+        """Put ``wrap`` before the tracking computer, and return it: every frame passes it from now
+        on.
+        """
         self._tracker = wrapped = wrap(self._tracker)
         return wrapped
 
@@ -243,7 +264,8 @@ class Mocap:
             while True:
                 when = start + frame * period
                 await sleep_until(when)
-                # The instant of the exposure is the scheduled one: a late wake-up must not move the truth.
+                # The instant of the exposure is the scheduled one: a late wake-up must not move the
+                # truth.
                 poses = [vehicle.measure(when) for vehicle in self._vehicles]
                 if not self._loses(when, next(self._luck)[0]):
                     bodies = self._observe(poses, when)
@@ -275,13 +297,18 @@ class Mocap:
                 pose = _circling(0, when)
             self._last[vehicle.name] = pose
             bodies.append(TrackedBody(vehicle.name, *pose, not hidden))
-        return bodies + [TrackedBody(f"other{n}", *pose, True) for n, pose in enumerate(others)] + self._standing
+        return (
+            bodies
+            + [TrackedBody(f"other{n}", *pose, True) for n, pose in enumerate(others)]
+            + self._standing
+        )
 
     def _mishap(self, when: float, length_s: float, share: float) -> bool:
-        """Whether one that begins after ``share`` of each period, and takes ``length_s``, is going on.
+        """Whether one that begins after ``share`` of each period, and takes ``length_s``, is going
+        on.
 
-        The periods begin with the first frame, and anew as the vehicle is released: so a flight's do not depend on how
-        long it was made ready.
+        The periods begin with the first frame, and anew as the vehicle is released: so a flight's
+        do not depend on how long it was made ready.
         """
         if length_s <= 0.0:
             return False
@@ -314,7 +341,9 @@ MOST_UNREAD = 1 << 18
 
 
 class QtmServer:
-    """Implements :class:`sim.trackers.trackers.Tracker` at the address where ``config`` expects QTM."""
+    """Implements :class:`sim.trackers.trackers.Tracker` at the address where ``config`` expects
+    QTM.
+    """
 
     def __init__(self, config: QualisysConfig) -> None:
         self._frames = frames_of(config)
@@ -325,7 +354,9 @@ class QtmServer:
 
     async def open(self) -> None:
         """Listen for clients."""
-        self._server = await asyncio.get_running_loop().create_server(lambda: Client(self), *self._address)
+        self._server = await asyncio.get_running_loop().create_server(
+            lambda: Client(self), *self._address
+        )
 
     def close(self) -> None:
         """Leave the network."""
@@ -399,7 +430,11 @@ class Client(asyncio.Protocol):
     def stream(self, data: bytes) -> None:
         """Send one frame to whoever asked for frames."""
         transport = self._transport
-        if self._streaming and transport is not None and transport.get_write_buffer_size() < MOST_UNREAD:
+        if (
+            self._streaming
+            and transport is not None
+            and transport.get_write_buffer_size() < MOST_UNREAD
+        ):
             transport.write(data)
 
     def close(self) -> None:
@@ -415,7 +450,9 @@ FORGET_S = 5.0
 
 
 class NatNetServer(asyncio.DatagramProtocol):
-    """Implements :class:`sim.trackers.trackers.Tracker` at the address where ``config`` expects its server."""
+    """Implements :class:`sim.trackers.trackers.Tracker` at the address where ``config`` expects its
+    server.
+    """
 
     def __init__(self, config: NatNetConfig, version: natnet.Version = (4, 1)) -> None:
         """Speak NatNet ``version``."""
@@ -423,7 +460,9 @@ class NatNetServer(asyncio.DatagramProtocol):
         self._frames = frames_of(config)
         host, port = parse_address(config.server)
         self._address = (host, port)
-        self.info = natnet.ServerInfo("Motive", version, TICKS_PER_S, config.data_port, config.multicast, config.group)
+        self.info = natnet.ServerInfo(
+            "Motive", version, TICKS_PER_S, config.data_port, config.multicast, config.group
+        )
         self._transport: asyncio.DatagramTransport | None = None
         self._clients: dict[Any, float] = {}
         self._ids: dict[str, int] = {config.name: 1}
@@ -431,7 +470,9 @@ class NatNetServer(asyncio.DatagramProtocol):
     async def open(self) -> None:
         """Listen for clients."""
         loop = asyncio.get_running_loop()
-        self._transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=self._address)
+        self._transport, _ = await loop.create_datagram_endpoint(
+            lambda: self, local_addr=self._address
+        )
         if self._config.multicast:
             send_by(self._transport, self._config.interface)
 
@@ -465,7 +506,9 @@ class NatNetServer(asyncio.DatagramProtocol):
         if config.multicast:
             self._answer(data, (config.group, config.data_port))
             return
-        self._clients = {client: heard for client, heard in self._clients.items() if now_s - heard < FORGET_S}
+        self._clients = {
+            client: heard for client, heard in self._clients.items() if now_s - heard < FORGET_S
+        }
         for client in self._clients:
             self._answer(data, client)
 
@@ -473,14 +516,20 @@ class NatNetServer(asyncio.DatagramProtocol):
         """The bodies that were streamed so far."""
         return natnet.encode_models(self._ids, self.info.version)
 
-    def encode(self, frame: int, exposure_s: float, transmit_s: float, bodies: Sequence[TrackedBody]) -> bytes:
+    def encode(
+        self, frame: int, exposure_s: float, transmit_s: float, bodies: Sequence[TrackedBody]
+    ) -> bytes:
         """One frame; a hidden body's last pose is marked as not tracked."""
         rigid = []
         for seen in bodies:
             position, (w, x, y, z) = seen.pose(self._frames)
             number = self._ids.setdefault(seen.name, len(self._ids) + 1)
             rigid.append(natnet.RigidBody(number, position, (x, y, z, w), 0.0002, seen.tracked))
-        exposure, transmit = (round((s + CLOCK_AHEAD_S) * TICKS_PER_S) for s in (exposure_s, transmit_s))
+        exposure, transmit = (
+            round((s + CLOCK_AHEAD_S) * TICKS_PER_S) for s in (exposure_s, transmit_s)
+        )
         return natnet.encode_frame(
-            natnet.NatNetFrame(frame, tuple(rigid), exposure, transmit), self.info.version, ticks_per_s=TICKS_PER_S
+            natnet.NatNetFrame(frame, tuple(rigid), exposure, transmit),
+            self.info.version,
+            ticks_per_s=TICKS_PER_S,
         )

@@ -2,14 +2,7 @@
 
 from sim.world.draws import generator, normals, rows
 from sim.world.hand import HOLD_S, MOVE_S, make_hand
-from sim.world.plant import (
-    AirDrag,
-    Body,
-    FourRotors,
-    Physics,
-    compute_drag,
-    integrate,
-)
+from sim.world.plant import AirDrag, Body, FourRotors, Physics, compute_drag, integrate
 from sim.world.quadrotor import (
     SAME_INSTANT_S,
     Airframe,

@@ -1,4 +1,6 @@
-"""Random draws: every one comes from the seed, one stream a purpose, so that one figure never shifts another's."""
+"""Random draws: every one comes from the seed, one stream a purpose, so that one figure never
+shifts another's.
+"""
 
 import zlib
 from collections.abc import Callable, Iterator
@@ -13,9 +15,13 @@ def generator(seed: int, purpose: str) -> np.random.Generator:
 
 def rows(draw: Callable[[], float], width: int) -> Iterator[tuple[float, ...]]:
     """Yield rows of ``width`` numbers from ``draw()``, without end."""
-    return zip(*[iter(draw, None)] * width, strict=True)  # one iterator, asked for each place of a row in turn
+    return zip(
+        *[iter(draw, None)] * width, strict=True
+    )  # one iterator, asked for each place of a row in turn
 
 
 def normals(seed: int, purpose: str, width: int) -> Iterator[tuple[float, ...]]:
-    """Yield rows of ``width`` standard normal numbers of ``purpose`` in the flight of ``seed``, without end."""
+    """Yield rows of ``width`` standard normal numbers of ``purpose`` in the flight of ``seed``,
+    without end.
+    """
     return rows(generator(seed, purpose).standard_normal, width)

@@ -22,14 +22,21 @@ RATES_BASE_S = 0.01
 
 
 def make_hand(
-    seed: int, *, start: tuple[Vec3, Quat] = START, moves: Sequence[CarryMove] = MOVES, nose_deg: float = 0.0
+    seed: int,
+    *,
+    start: tuple[Vec3, Quat] = START,
+    moves: Sequence[CarryMove] = MOVES,
+    nose_deg: float = 0.0,
 ) -> Callable[[float], tuple[Vec3, Quat, Vec3]]:
     """The true place, attitude and body rates [rad/s] at a time [s].
 
     It makes the ``moves``, some 8 degrees and a tenth beside what is shown.
     """
     draw = random.Random(seed)
-    place, attitude = start[0], so3.multiply(start[1], so3.from_euler_zyx(0.0, 0.0, math.radians(nose_deg)))
+    place, attitude = (
+        start[0],
+        so3.multiply(start[1], so3.from_euler_zyx(0.0, 0.0, math.radians(nose_deg))),
+    )
     stops = [(place, attitude)]
     for move in moves:
         x, y, z = (part + draw.gauss(0.0, 0.08) for part in move.axis)

@@ -2,23 +2,27 @@
 
 Equations (1)-(4) of the paper (docs/explanation/law.md):
 
-    p¨ = -(T/m) R e3 + g e3 + b - k v,   R˙ = R S(ω),   T and ω follow their commands through first-order lags.
+    p¨ = -(T/m) R e3 + g e3 + b - k v,   R˙ = R S(ω),   T and ω follow their commands through
+                                         first-order lags.
 
-There are two plants. The controller's own model (groundstation/core/vehicle/vehicle.py) shares no code with them.
+There are two plants. The controller's own model (groundstation/core/vehicle/vehicle.py) shares no
+code with them.
 
-:func:`integrate` is the plant of these equations. Its lags are exact, its attitude turns by the exact integral of the
-rates, and its translation is by Simpson's rule (fourth order in the step). It and the drag work elementwise, for many
-vehicles at once.
+:func:`integrate` is the plant of these equations. Its lags are exact, its attitude turns by the
+exact integral of the rates, and its translation is by Simpson's rule (fourth order in the step). It
+and the drag work elementwise, for many vehicles at once.
 
-:func:`turn_rotors` is a quadrotor that turns by its four rotors. It has two parts, so that a real autopilot can take
-the place of the first (:meth:`sim.world.quadrotor.Quadrotor.drive_rotors`):
+:func:`turn_rotors` is a quadrotor that turns by its four rotors. It has two parts, so that a real
+autopilot can take the place of the first (:meth:`sim.world.quadrotor.Quadrotor.drive_rotors`):
 
-- :func:`run_rate_loop`: commanded thrust and rates, and a gyro → four rotor signals: filters, PID, saturating mixer.
-- :func:`integrate_rotors`: four rotor signals (0..1) → rotor speeds, thrust and torque of each, the rigid body.
+- :func:`run_rate_loop`: commanded thrust and rates, and a gyro → four rotor signals: filters, PID,
+  saturating mixer.
+- :func:`integrate_rotors`: four rotor signals (0..1) → rotor speeds, thrust and torque of each, the
+  rigid body.
 
-Rotors in X: 0 front right and 1 rear left turn counter-clockwise seen from above, 2 front left and 3 rear right
-clockwise. A step is at most as long as the rate loop's period. A shorter one is as good: no state counts steps, and
-every filter is exact for any step.
+Rotors in X: 0 front right and 1 rear left turn counter-clockwise seen from above, 2 front left and
+3 rear right clockwise. A step is at most as long as the rate loop's period. A shorter one is as
+good: no state counts steps, and every filter is exact for any step.
 """
 
 import math
@@ -70,26 +74,34 @@ class Physics(NamedTuple):
 
 
 class AirDrag(NamedTuple):
-    """Drag along the body's axes. The fields of :class:`sim.world.world.World` of which they are made say more."""
+    """Drag along the body's axes.
+
+    The fields of :class:`sim.world.world.World` of which they are made say more.
+    """
 
     linear: Vec3
     """Deceleration per speed of the air, forward, right and down [1/s] (``drag_body_per_s``)."""
     within: Real
-    """Growth of the first two per speed of the air in the rotors' plane [1/m] (``inflow_drag_per_m``)."""
+    """Growth of the first two per speed of the air in the rotors' plane [1/m]
+    (``inflow_drag_per_m``)."""
     along: Real
-    """Growth of the third per speed of the air in the rotors' plane [1/m] (``inflow_drag_per_m``)."""
+    """Growth of the third per speed of the air in the rotors' plane [1/m]
+    (``inflow_drag_per_m``)."""
     lift: Real
-    """Acceleration upwards per squared speed of the air in the rotors' plane [1/m] (``inflow_lift_per_m``)."""
+    """Acceleration upwards per squared speed of the air in the rotors' plane [1/m]
+    (``inflow_lift_per_m``)."""
     air: Vec3
     """Velocity of the air [m/s, NED]."""
 
 
 NO_LAG_S = 1e-12
-"""Added to every lag [s], so that a lag of 0 divides by no zero: far below any step, so it changes nothing."""
+"""Added to every lag [s], so that a lag of 0 divides by no zero: far below any step, so it changes
+nothing."""
 TINY = 1e-30
 """Added to a denominator that is 0 for a rotor at rest [-]."""
 SATURATED_SHARE = 1e-9
-"""Thrust that the mixer leaves out, as a share of a rotor's, above which the integral pauses [-]: above rounding."""
+"""Thrust that the mixer leaves out, as a share of a rotor's, above which the integral pauses [-]:
+above rounding."""
 
 
 def compute_drag(ops: Ops, body: Body, drag: AirDrag) -> Vec3:
@@ -118,15 +130,28 @@ def _leak(attitude: Quat, rate_command: Vec3, leak: Real) -> Vec3:
 
 
 def integrate(
-    ops: Ops, body: Body, thrust_command: Real, rate_command: Vec3, wind: Vec3, h: Real, physics: Physics
+    ops: Ops,
+    body: Body,
+    thrust_command: Real,
+    rate_command: Vec3,
+    wind: Vec3,
+    h: Real,
+    physics: Physics,
 ) -> Body:
-    """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant ``wind`` [m/s², NED]."""
+    """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant
+    ``wind`` [m/s², NED].
+    """
     half, rate_lag, thrust_lag = 0.5 * h, physics.rate_lag_s, physics.thrust_lag_s
     # Attitude in the middle and at the end: the exact integral of the rates.
     lead = subtract(body.rates, rate_command)
     rates_kept, rates_kept_half = _decay(ops, h, rate_lag), _decay(ops, half, rate_lag)
-    middle = rotate(body.attitude, add_scaled(scale(half, rate_command), rate_lag * (1.0 - rates_kept_half), lead))
-    end = rotate(body.attitude, add_scaled(scale(h, rate_command), rate_lag * (1.0 - rates_kept), lead))
+    middle = rotate(
+        body.attitude,
+        add_scaled(scale(half, rate_command), rate_lag * (1.0 - rates_kept_half), lead),
+    )
+    end = rotate(
+        body.attitude, add_scaled(scale(h, rate_command), rate_lag * (1.0 - rates_kept), lead)
+    )
     excess = body.thrust - thrust_command
     thrust_before = ops.where(thrust_lag > 0.0, body.thrust, thrust_command)
     thrust_middle = thrust_command + _decay(ops, half, thrust_lag) * excess
@@ -138,7 +163,8 @@ def integrate(
         lifted = add_scaled(other, -thrust_n / physics.mass_kg, third_column(attitude))
         return add_scaled(lifted, -physics.drag_per_s, velocity)
 
-    # Simpson's rule: velocity gains h/6 (a1 + 4 a2 + a3), position h v + h²/6 (a1 + 2 a2), a at start, middle and end.
+    # Simpson's rule: velocity gains h/6 (a1 + 4 a2 + a3), position h v + h²/6 (a1 + 2 a2), a at
+    # start, middle and end.
     velocity = body.velocity
     first = accelerate(body.attitude, thrust_before, velocity)
     second = accelerate(middle, thrust_middle, add_scaled(velocity, half, first))
@@ -174,7 +200,10 @@ class RotorFrame(NamedTuple):
 
 
 class RateLoopGains(NamedTuple):
-    """Constants of the rate loop; the first four as in :class:`RotorFrame`, the rest as in ``RotorConstants``."""
+    """Constants of the rate loop.
+
+    The first four as in :class:`RotorFrame`, the rest as in ``RotorConstants``.
+    """
 
     inertia: Vec3
     lever_m: float
@@ -264,43 +293,63 @@ def _speed(share: float, curve: float) -> float:
 def run_rate_loop(
     loop: RateLoop, thrust: float, rates: Vec3, gyro: Vec3, h: float, gains: RateLoopGains
 ) -> tuple[RateLoop, FourRotors]:
-    """Run the loop for ``h`` [s] on commanded ``thrust`` [N] and ``rates``; return it and its rotor signals (0..1).
+    """Run the loop for ``h`` [s] on commanded ``thrust`` [N] and ``rates``.
 
-    torque = J (P e + I ∫e - D d/dt ω), e = commanded rates - filtered ``gyro`` [rad/s]. While a rotor is at its limit,
-    the integral pauses.
+    Return it and its rotor signals (0..1).
+
+    torque = J (P e + I ∫e - D d/dt ω), e = commanded rates - filtered ``gyro`` [rad/s]. While a
+    rotor is at its limit, the integral pauses.
     """
     told_rates = _low_pass(loop.rates, rates, 1.0 - _decay(FLOATS, h, gains.rate_filter_s))
     measured = _low_pass(loop.gyro, gyro, 1.0 - _decay(FLOATS, h, gains.gyro_filter_s))
     slow = _low_pass(loop.slow, measured, 1.0 - _decay(FLOATS, h, gains.d_filter_s))
     told = loop.thrust + (1.0 - _decay(FLOATS, h, gains.thrust_filter_s)) * (thrust - loop.thrust)
     error = subtract(told_rates, measured)
-    # The output of a first-order filter changes by the distance to its input over its time constant.
+    # The output of a first-order filter changes by the distance to its input over its time
+    # constant.
     derivative = scale(1.0 / gains.d_filter_s, subtract(measured, slow))
     demand = add(multiply_each(gains.p, error), multiply_each(gains.i, loop.integral))
     torque = multiply_each(gains.inertia, subtract(demand, multiply_each(gains.d, derivative)))
     level, full = 0.25 * told, gains.full_n
-    a, b, c = 0.25 * torque[0] / gains.lever_m, 0.25 * torque[1] / gains.lever_m, 0.25 * torque[2] / gains.torque_m
+    a, b, c = (
+        0.25 * torque[0] / gains.lever_m,
+        0.25 * torque[1] / gains.lever_m,
+        0.25 * torque[2] / gains.torque_m,
+    )
     wanted = (level - a + b + c, level + a - b + c, level + a + b - c, level - a - b - c)
     given = [min(max(one / full, 0.0), 1.0) for one in wanted]
     over = [abs(one - full * share) for one, share in zip(wanted, given, strict=True)]
     integrated_s = h if over[0] + over[1] + over[2] + over[3] <= SATURATED_SHARE * full else 0.0
     front_right, rear_left, front_left, rear_right = (_speed(share, gains.curve) for share in given)
     integral = add_scaled(loop.integral, integrated_s, error)
-    return RateLoop(told, told_rates, measured, slow, integral), (front_right, rear_left, front_left, rear_right)
+    return RateLoop(told, told_rates, measured, slow, integral), (
+        front_right,
+        rear_left,
+        front_left,
+        rear_right,
+    )
 
 
 def _spin(speeds: FourRotors, signals: FourRotors, h: float, frame: RotorFrame) -> FourRotors:
     """Let rotor ``speeds`` follow ``signals`` for ``h`` [s]."""
     up, down = 1.0 - _decay(FLOATS, h, frame.spin_up_s), 1.0 - _decay(FLOATS, h, frame.spin_down_s)
     now = zip(speeds, signals, strict=True)
-    n0, n1, n2, n3 = (speed + (up if signal > speed else down) * (signal - speed) for speed, signal in now)
+    n0, n1, n2, n3 = (
+        speed + (up if signal > speed else down) * (signal - speed) for speed, signal in now
+    )
     return n0, n1, n2, n3
 
 
 def _gain_rates(
-    body: Body, thrusts_before: Sequence[float], thrusts_after: Sequence[float], h: float, frame: RotorFrame
+    body: Body,
+    thrusts_before: Sequence[float],
+    thrusts_after: Sequence[float],
+    h: float,
+    frame: RotorFrame,
 ) -> Vec3:
-    """Change of the body rates over ``h`` [s] by the torque of the four thrusts, averaged over both ends."""
+    """Change of the body rates over ``h`` [s] by the torque of the four thrusts, averaged over both
+    ends.
+    """
     front_right, rear_left, front_left, rear_right = (
         0.5 * (before + after) for before, after in zip(thrusts_before, thrusts_after, strict=True)
     )
@@ -327,13 +376,15 @@ def integrate_rotors(
 ) -> tuple[Body, FourRotors]:
     """Integrate ``body`` and rotor ``speeds`` (0..1) for ``h`` [s] under held ``signals`` (0..1).
 
-    The error is of second order in ``h``. ``full_n`` is the full thrust of one rotor now [N], ``other`` a constant
-    acceleration, such as wind [m/s², NED], and ``told`` the commanded rates [rad/s], for the leak alone.
+    The error is of second order in ``h``. ``full_n`` is the full thrust of one rotor now [N],
+    ``other`` a constant acceleration, such as wind [m/s², NED], and ``told`` the commanded rates
+    [rad/s], for the leak alone.
     """
     after = _spin(speeds, signals, h, frame)
     straight = 1.0 - frame.curve
     thrusts_before, thrusts_after = (
-        [full_n * speed * (straight + frame.curve * speed) for speed in some] for some in (speeds, after)
+        [full_n * speed * (straight + frame.curve * speed) for speed in some]
+        for some in (speeds, after)
     )
     gained = _gain_rates(body, thrusts_before, thrusts_after, h, frame)
     attitude = rotate(body.attitude, scale(h, add_scaled(body.rates, 0.5, gained)))
@@ -351,7 +402,9 @@ def integrate_rotors(
     velocity = body.velocity
     first = accelerate(body.attitude, before, velocity)
     last = accelerate(attitude, thrust, add_scaled(velocity, h, first))
-    moved = add_scaled(add_scaled(body.position, h, velocity), h * h / 6.0, add_scaled(last, 2.0, first))
+    moved = add_scaled(
+        add_scaled(body.position, h, velocity), h * h / 6.0, add_scaled(last, 2.0, first)
+    )
     velocity = add_scaled(velocity, 0.5 * h, add(first, last))
     return Body(moved, velocity, attitude, thrust, add(body.rates, gained)), after
 
@@ -373,7 +426,8 @@ def turn_rotors(
     Args:
         body: body at the step's start.
         actuators: rotors and rate loop at the step's start.
-        thrust: commanded thrust times ``gain`` [N], the true thrust without lag; the rate loop's command is without it.
+        thrust: commanded thrust times ``gain`` [N], the true thrust without lag; the rate loop's
+            command is without it.
         rates: commanded rates [rad/s, FRD].
         gyro_noise: error of the gyro in this step [rad/s].
         gain: true thrust over nominal thrust of the rotors [-]; the rate loop does not know it.

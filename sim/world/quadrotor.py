@@ -1,14 +1,18 @@
-"""Quadrotor in time: held, released, flying, on the floor, and as its autopilot sees it. Its physics are in plant.py.
+"""Quadrotor in time: held, released, flying, on the floor, and as its autopilot sees it.
 
-It advances when it is asked for a later instant, in steps of ``world.step_s`` that begin anew with every command. An
-autopilot sits on it through :class:`Airframe`. With ``world.plant = "rotors"`` another autopilot may have the rotors
-themselves: it steps as long as its own loop, and each time reads ``truth(now)`` (rates for its gyro) and
-``specific_force`` (for its accelerometer), and then calls ``drive_rotors(now, signals)``.
+Its physics are in plant.py.
 
-An autopilot sees a plant behind motors that may be off, and its own estimate. What attitude estimators are seen to do:
-between two corrections the estimate turns as the body does, to a hundredth of a degree; it is off by a few tenths of a
-degree, which wander over many seconds; and one that knows no accelerations takes a part of a lean that lasts for level,
-as a leaning multirotor's accelerometers show no lean while it accelerates freely.
+It advances when it is asked for a later instant, in steps of ``world.step_s`` that begin anew with
+every command. An autopilot sits on it through :class:`Airframe`. With ``world.plant = "rotors"``
+another autopilot may have the rotors themselves: it steps as long as its own loop, and each time
+reads ``truth(now)`` (rates for its gyro) and ``specific_force`` (for its accelerometer), and then
+calls ``drive_rotors(now, signals)``.
+
+An autopilot sees a plant behind motors that may be off, and its own estimate. What attitude
+estimators are seen to do: between two corrections the estimate turns as the body does, to a
+hundredth of a degree; it is off by a few tenths of a degree, which wander over many seconds; and
+one that knows no accelerations takes a part of a lean that lasts for level, as a leaning
+multirotor's accelerometers show no lean while it accelerates freely.
 """
 
 import copy
@@ -78,7 +82,9 @@ class Airframe(Protocol):
         """True state with the noise of the vehicle's own position estimate."""
 
     def feel(self, time_s: float) -> tuple[Quat, Vec3]:
-        """Attitude and body rates [rad/s] as its own estimator has them, by gyros and accelerometers."""
+        """Attitude and body rates [rad/s] as its own estimator has them, by gyros and
+        accelerometers.
+        """
 
 
 HOP_M = 0.005
@@ -86,12 +92,13 @@ HOP_M = 0.005
 STANDS_RADII = 0.85
 """Height of the rotors of a standing vehicle above the floor, in rotor radii [-]."""
 LIFTING_SHARE = 0.2
-"""Mean signal of the rotors above which a held vehicle is released [-]. Chosen: above idling, which is below 0.1."""
+"""Mean signal of the rotors above which a held vehicle is released [-]. Chosen: above idling, which
+is below 0.1."""
 LEVELS_S = 0.02
 """Time constant with which the floor levels what comes down tilted [s]."""
 NOTICES_S = 0.15
-"""Time constant with which an autopilot's own speed finds out that the floor holds it [s]. By a take-off of
-ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
+"""Time constant with which an autopilot's own speed finds out that the floor holds it [s]. By a
+take-off of ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
 FORGETS_S = 2.0
 """Time constant with which its own height finds out that the floor holds it [s]."""
 SAME_INSTANT_S = 1e-9
@@ -99,10 +106,15 @@ SAME_INSTANT_S = 1e-9
 
 
 class DelayLine:
-    """Commands that begin to act some time after they come: a held one's mean over any later span."""
+    """Commands that begin to act some time after they come: a held one's mean over any later
+    span.
+    """
 
     def __init__(self, delay_s: float, first: tuple[float, ...]) -> None:
-        """Delay commands by ``delay_s`` [s]; ``first`` acts until the first one has come through."""
+        """Delay commands by ``delay_s`` [s].
+
+        ``first`` acts until the first one has come through.
+        """
         self._delay_s = delay_s
         self._now = first
         self._coming: deque[tuple[float, tuple[float, ...]]] = deque()
@@ -112,7 +124,10 @@ class DelayLine:
         self._coming.append((time_s + self._delay_s, command))
 
     def compute_mean(self, start_s: float, span_s: float) -> tuple[float, ...]:
-        """Mean of the acting command over ``span_s`` [s] from ``start_s`` on; calls come in order of time."""
+        """Mean of the acting command over ``span_s`` [s] from ``start_s`` on.
+
+        Calls come in order of time.
+        """
         coming = self._coming
         while coming and coming[0][0] <= start_s + SAME_INSTANT_S:
             self._now = coming.popleft()[1]
@@ -142,8 +157,12 @@ class ActuationChain:
         """Thrust that comes of what is told, as a share, at the newest command [-]."""
         self._thrust = 0.0
         self._rates: Vec3 = (0.0, 0.0, 0.0)
-        self._late_thrust = DelayLine(world.thrust_delay_s, (thrust,)) if world.thrust_delay_s else None
-        self._late_rates = DelayLine(world.rate_delay_s, (0.0, 0.0, 0.0)) if world.rate_delay_s else None
+        self._late_thrust = (
+            DelayLine(world.thrust_delay_s, (thrust,)) if world.thrust_delay_s else None
+        )
+        self._late_rates = (
+            DelayLine(world.rate_delay_s, (0.0, 0.0, 0.0)) if world.rate_delay_s else None
+        )
 
     def command(self, time_s: float, flown_s: float | None, thrust_n: float, rates: Vec3) -> None:
         """Take a command at ``time_s`` [s], so long after the release."""
@@ -162,7 +181,9 @@ class ActuationChain:
             self._late_rates.put(time_s, self._rates)
 
     def compute_gain(self, flown_s: float | None) -> float:
-        """Thrust that comes of what is told, as a share, so long after the release: batteries sag."""
+        """Thrust that comes of what is told, as a share, so long after the release: batteries
+        sag.
+        """
         gain, sag = self.strength * self._world.thrust_gain, self._world.thrust_sag
         if sag and flown_s is not None:
             gain *= 1.0 - sag * min(1.0, flown_s / 60.0)
@@ -188,7 +209,9 @@ class ActuationChain:
 class Rotors:
     """Four rotors, and the rate loop that drives them: ours, or another autopilot's."""
 
-    def __init__(self, world: World, thrust: float, gyro: Iterator[tuple[float, ...]] | None) -> None:
+    def __init__(
+        self, world: World, thrust: float, gyro: Iterator[tuple[float, ...]] | None
+    ) -> None:
         """Turn as for a total ``thrust`` [N]; ``gyro``: see :class:`Quadrotor`."""
         self._frame, self._gains = describe_rotors(world)
         self._gyro = repeat((0.0, 0.0, 0.0)) if gyro is None else gyro
@@ -201,13 +224,18 @@ class Rotors:
     def compute_turn(
         self, body: Body, thrust: float, rates: Vec3, gain: float, push: Vec3, h: float
     ) -> tuple[Body, Actuators]:
-        """``body`` and actuators after ``h`` [s]; nothing is kept of it: see :func:`sim.world.plant.turn_rotors`."""
+        """``body`` and actuators after ``h`` [s].
+
+        Nothing is kept of it: see :func:`sim.world.plant.turn_rotors`.
+        """
         old, gains = self.actuators, self._gains
         if self.signals is None:
             noise = self._gyro_noise
             return turn_rotors(body, old, thrust, rates, noise, gain, push, h, self._frame, gains)
         full = gain * gains.full_n
-        body, speeds = integrate_rotors(body, old.speeds, self.signals, full, rates, push, h, self._frame)
+        body, speeds = integrate_rotors(
+            body, old.speeds, self.signals, full, rates, push, h, self._frame
+        )
         return body, old._replace(speeds=speeds)
 
     def keep(self, actuators: Actuators, *, on_floor: bool) -> None:
@@ -223,7 +251,9 @@ class Rotors:
 
 
 class FloorContact:
-    """Contact of one vehicle with its floor: what it meets it with, friction, and a floor that holds it."""
+    """Contact of one vehicle with its floor: what it meets it with, friction, and a floor that
+    holds it.
+    """
 
     def __init__(self, world: World) -> None:
         """Begin without contact."""
@@ -238,20 +268,26 @@ class FloorContact:
         self.hardest_m_s: float | None = None
         """Largest sink rate of all touchdowns [m/s]: a vehicle may hop."""
         self.felt = (0.0, 0.0)
-        """Error of the autopilot's own estimate while the floor holds the vehicle: height [m] and upward speed [m/s].
-        Only with ``sim.floor_hold_s``."""
+        """Error of the autopilot's own estimate while the floor holds the vehicle: height [m] and
+        upward speed [m/s]. Only with ``sim.floor_hold_s``."""
 
     def meets(self, body: Body, flight_time: float) -> bool:
         """Whether ``body`` is on the floor after a step from ``flight_time`` [s] on."""
         hold_s = self._world.floor_hold_s
-        held = self.is_down and hold_s > 0.0 and (self._held_s is None or flight_time - self._held_s < hold_s)
+        held = (
+            self.is_down
+            and hold_s > 0.0
+            and (self._held_s is None or flight_time - self._held_s < hold_s)
+        )
         return held or body.position[2] >= self._world.floor_z_m
 
     def stand(self, body: Body, before: Body, flight_time: float, h: float) -> Body:
         """State of ``body`` after ``h`` [s] on the floor; it was ``before`` at their start."""
         self.is_down = True
         if self._highest_m > HOP_M:
-            self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
+            self.touchdown_m_s = (
+                body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
+            )
             self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
             self._highest_m = 0.0
         body = self.slide(body, before, h)
@@ -260,9 +296,14 @@ class FloorContact:
         return body
 
     def slide(self, body: Body, before: Body, h: float) -> Body:
-        """On the floor after ``h`` [s]: it does not sink, slides against friction, levels out, and does not turn."""
+        """On the floor after ``h`` [s]: it does not sink, slides against friction, levels out, and
+        does not turn.
+        """
         (x, y, _), (u, v, w) = body.position, body.velocity
-        speed, stops = math.hypot(u, v), self._world.floor_friction * max(w, 0.0)  # w is what the floor takes of it
+        speed, stops = (
+            math.hypot(u, v),
+            self._world.floor_friction * max(w, 0.0),
+        )  # w is what the floor takes of it
         slides = 1.0 - stops / speed if stops < speed else 0.0
         if not slides:
             x, y, _ = before.position
@@ -296,7 +337,10 @@ class FloorContact:
 
 
 class Quadrotor:
-    """One simulated vehicle. It is held at ``world.start_ned`` until released. Implements Airframe's physics."""
+    """One simulated vehicle.
+
+    It is held at ``world.start_ned`` until released. Implements Airframe's physics.
+    """
 
     def __init__(
         self,
@@ -305,10 +349,12 @@ class Quadrotor:
         on_step: Callable[[float, Vec3], None] | None = None,
         gyro: Iterator[tuple[float, ...]] | None = None,
     ) -> None:
-        """Hold the vehicle at its start; ``on_step(time_s, position_ned)`` sees every step after release.
+        """Hold the vehicle at its start.
 
-        ``gyro`` gives rows of three standard normal numbers, one for each step of a rate loop; without them its gyro
-        has no noise.
+        ``on_step(time_s, position_ned)`` sees every step after release.
+
+        ``gyro`` gives rows of three standard normal numbers, one for each step of a rate loop;
+        without them its gyro has no noise.
         """
         self._world, self._wind, self._on_step = world, wind, on_step
         self._time = 0.0
@@ -330,12 +376,20 @@ class Quadrotor:
         begins = so3.rotate(begins, (math.radians(roll), math.radians(pitch), math.radians(yaw)))
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), begins, thrust, (0.0, 0.0, 0.0))
         self._tunnel = None if world.tunnel == STILL else world.tunnel
-        drag = AirDrag(world.drag_body_per_s, *world.inflow_drag_per_m, world.inflow_lift_per_m, world.air_velocity)
-        self._drag: AirDrag | None = drag if any((*drag.linear, drag.within, drag.along, drag.lift)) else None
+        drag = AirDrag(
+            world.drag_body_per_s,
+            *world.inflow_drag_per_m,
+            world.inflow_lift_per_m,
+            world.air_velocity,
+        )
+        self._drag: AirDrag | None = (
+            drag if any((*drag.linear, drag.within, drag.along, drag.lift)) else None
+        )
         self._chain = ActuationChain(world, thrust)
         self._rotors = Rotors(world, thrust, gyro) if world.plant == "rotors" else None
         self.specific_force: Vec3 = (0.0, 0.0, -world.gravity)
-        """Specific force over the newest whole step [m/s², FRD]; computed with ``sim.plant = "rotors"`` only."""
+        """Specific force over the newest whole step [m/s², FRD]; computed with
+        ``sim.plant = "rotors"`` only."""
         self.floor = FloorContact(world)
         self.pull: Callable[[Body], Vec3] | None = None
         """Additional acceleration by position and speed [m/s², NED]; may be changed in flight."""
@@ -345,14 +399,19 @@ class Quadrotor:
         """Another one that is told the same."""
 
     def command(self, time_s: float, thrust_n: float, rates: Vec3) -> None:
-        """Follow a commanded thrust [N] and rates [rad/s, FRD] from ``time_s`` on; gain and limits apply here."""
+        """Follow a commanded thrust [N] and rates [rad/s, FRD] from ``time_s`` on.
+
+        Gain and limits apply here.
+        """
         self._settle(time_s)
         if self.partner is not None:
             self.partner.command(time_s, thrust_n, rates)
         self._chain.command(time_s, self._flown_s(time_s), thrust_n, rates)
 
     def drive_rotors(self, time_s: float, signals: FourRotors) -> None:
-        """Drive the rotors by signals (0..1) from ``time_s`` on, without a rate loop; see plant.py for their order.
+        """Drive the rotors by signals (0..1) from ``time_s`` on, without a rate loop.
+
+        See plant.py for their order.
 
         A vehicle that is held is released once they lift.
 
@@ -390,29 +449,37 @@ class Quadrotor:
             self.partner.release(time_s)
 
     def twin(self, time_s: float, world: World, wind: Wind) -> "Quadrotor":
-        """Another one that is in the same state at ``time_s`` [s], in a ``world`` and ``wind`` of its own."""
+        """Another one that is in the same state at ``time_s`` [s], in a ``world`` and ``wind`` of
+        its own.
+        """
         self._settle(time_s)
         other = Quadrotor(world, wind)
         other._time = other._cut = self._time
         other.released_s, other._body = self.released_s, self._body
         other._chain.continue_from(self._chain)
         if other._rotors is not None and self._rotors is not None:
-            other._rotors.actuators, other._rotors.signals = self._rotors.actuators, self._rotors.signals
+            other._rotors.actuators, other._rotors.signals = (
+                self._rotors.actuators,
+                self._rotors.signals,
+            )
         other.floor.continue_from(self.floor)
         return other
 
     def truth(self, time_s: float) -> TrueState:
         """The exact state at ``time_s`` [s].
 
-        In real time a tracker may wake up late, after a command has come: the state is then moved back by speed and
-        rates.
+        In real time a tracker may wake up late, after a command has come: the state is then moved
+        back by speed and rates.
         """
         self.advance(time_s)
         body, down, rest = self._body, self.floor.is_down, time_s - self._time
         if self.released_s is not None and rest < -SAME_INSTANT_S:
             wx, wy, wz = body.rates
             place = add_scaled(body.position, rest, body.velocity)
-            body = body._replace(position=place, attitude=so3.rotate(body.attitude, (rest * wx, rest * wy, rest * wz)))
+            body = body._replace(
+                position=place,
+                attitude=so3.rotate(body.attitude, (rest * wx, rest * wy, rest * wz)),
+            )
         if self.released_s is not None and rest > SAME_INSTANT_S:
             # Only a look into the step under way: the questions asked must not change the flight.
             flight_time = self._time - self.released_s
@@ -451,7 +518,9 @@ class Quadrotor:
         self._cut, self._steps = self._time, 0
 
     def _after(self, flight_time: float, h: float) -> tuple[Body, Actuators | None]:
-        """The body ``h`` [s] after ``flight_time`` [s], as if there were no floor, and its actuators."""
+        """The body ``h`` [s] after ``flight_time`` [s], as if there were no floor, and its
+        actuators.
+        """
         push = self._find_push(flight_time, h)
         thrust, rates = self._chain.compute_mean(self._time, h)
         body, actuators = self._body, None
@@ -460,13 +529,17 @@ class Quadrotor:
         if self._rotors is None:
             body = integrate(FLOATS, body, thrust, rates, push, h, self._physics)
         else:
-            body, actuators = self._rotors.compute_turn(body, thrust, rates, self._chain.gain, push, h)
+            body, actuators = self._rotors.compute_turn(
+                body, thrust, rates, self._chain.gain, push, h
+            )
         if self.lead is not None and self.released_s is not None:
             body = self.lead(self.released_s + flight_time + h, body.thrust)
         return body, actuators
 
     def _find_push(self, flight_time: float, h: float) -> Vec3:
-        """Acceleration beside thrust and weight in a step [m/s², NED]: wind, pull, ground effect, and drag."""
+        """Acceleration beside thrust and weight in a step [m/s², NED]: wind, pull, ground effect,
+        and drag.
+        """
         world, body = self._world, self._body
         push = self._wind.at(flight_time + 0.5 * h)
         if self.pull is not None:
@@ -480,14 +553,19 @@ class Quadrotor:
             tunnel, drag, (u, v, w) = world.tunnel, self._drag, push
             if tunnel.gust_m_s:
                 north, east, down = drag.air
-                north += tunnel.gust_m_s * math.sin(tunnel.gust_rad_s * flight_time + tunnel.gust_phase_rad)
+                north += tunnel.gust_m_s * math.sin(
+                    tunnel.gust_rad_s * flight_time + tunnel.gust_phase_rad
+                )
                 drag = drag._replace(air=(north, east, down))
             x, y, z = compute_drag(FLOATS, body, drag)
             push = u + x, v + y, w + z
         return push
 
     def _step(self, flight_time: float, h: float, until_s: float) -> None:
-        """One step of ``h`` [s] from ``flight_time`` [s] on; it ends at ``until_s`` [s, event loop's clock]."""
+        """One step of ``h`` [s] from ``flight_time`` [s] on.
+
+        It ends at ``until_s`` [s, event loop's clock].
+        """
         world, before, floor = self._world, self._body, self.floor
         body, actuators = self._after(flight_time, h)
         if floor.meets(body, flight_time):
@@ -508,9 +586,11 @@ class Quadrotor:
 
 
 def _ground_effect(world: World, down_m: float) -> float:
-    """Thrust near the floor over thrust far from it: 1 / (1 - (R / 4 z)²), z the height of the rotors.
+    """Thrust near the floor over thrust far from it: 1 / (1 - (R / 4 z)²), z the height of the
+    rotors.
 
-    Source: Cheeseman and Bennett, The effect of the ground on a helicopter rotor in forward flight, ARC R&M 3021, 1955.
+    Source: Cheeseman and Bennett, The effect of the ground on a helicopter rotor in forward flight,
+        ARC R&M 3021, 1955.
     """
     radius = world.rotor_radius_m
     share = radius / (4.0 * (max(world.floor_z_m - down_m, 0.0) + STANDS_RADII * radius))
@@ -541,7 +621,10 @@ class Horizon:
         self._pulled = (0.0, 0.0)
 
     def feel(self, truth: TrueState) -> tuple[Quat, Vec3]:
-        """Attitude and body rates [rad/s] as estimated, while ``truth`` is so; never earlier than before."""
+        """Attitude and body rates [rad/s] as estimated, while ``truth`` is so.
+
+        Never earlier than before.
+        """
         last, self._truth = self._truth, truth
         if last is not None and truth.time_s > last.time_s:
             self._go_on(last, truth, truth.time_s - last.time_s)
@@ -560,7 +643,11 @@ class Horizon:
         self._wander = (keep * a + x, keep * b + y, keep * c + z)
         (u, v, _), (u0, v0, _) = truth.velocity_ned, last.velocity_ned
         free = since <= LONGEST_S and not truth.on_ground
-        north, east = ((u - u0) / (since * self._gravity), (v - v0) / (since * self._gravity)) if free else (0.0, 0.0)
+        north, east = (
+            ((u - u0) / (since * self._gravity), (v - v0) / (since * self._gravity))
+            if free
+            else (0.0, 0.0)
+        )
         pull = 1.0 - math.exp(-since * UPRIGHT_PER_S)
         a, b = self._pulled
         self._pulled = (a + pull * (north - a), b + pull * (east - b))
@@ -582,9 +669,11 @@ class SimulatedVehicle:
         wander: Iterator[tuple[float, ...]],
         horizon: Horizon | None = None,
     ) -> None:
-        """Motors off; ``noise`` gives rows of six, ``wander`` of three standard normal numbers for :meth:`measure`.
+        """Motors off; ``noise`` gives rows of six, ``wander`` of three standard normal numbers for
+        :meth:`measure`.
 
-        Without a ``horizon`` its attitude is that of :meth:`measure`, as where its own estimate serves as the poses.
+        Without a ``horizon`` its attitude is that of :meth:`measure`, as where its own estimate
+        serves as the poses.
         """
         self.plant = plant
         self._world = world
@@ -615,22 +704,35 @@ class SimulatedVehicle:
         return self.plant.truth(time_s)
 
     def measure(self, time_s: float) -> TrueState:
-        """The state with the noise that the scenario gives to poses, as its own estimator has it."""
+        """The state with the noise that the scenario gives to poses, as its own estimator has
+        it.
+        """
         truth = with_noise(self.plant.truth(time_s), self._world, next(self._noise))
         if self._world.floor_hold_s > 0.0:
-            (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.floor.felt
-            truth = msgspec.structs.replace(truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up))
+            (north, east, down), (u, v, _), (higher, up) = (
+                truth.position_ned,
+                truth.velocity_ned,
+                self.plant.floor.felt,
+            )
+            truth = msgspec.structs.replace(
+                truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up)
+            )
         if any(bias := self._world.velocity_bias):
             (u, v, w), (i, j, k) = truth.velocity_ned, bias
             truth = msgspec.structs.replace(truth, velocity_ned=(u + i, v + j, w + k))
         truth = self._wander.distort(truth, self.plant.released_s)
         if not (self._astray or self._resets):
             return truth
-        attitude = so3.multiply(so3.from_euler_zyx(0.0, 0.0, math.radians(self._astray)), truth.attitude)
+        attitude = so3.multiply(
+            so3.from_euler_zyx(0.0, 0.0, math.radians(self._astray)), truth.attitude
+        )
         return msgspec.structs.replace(truth, attitude=attitude, resets=truth.resets + self._resets)
 
     def lead_heading_astray(self, off_deg: float) -> None:
-        """Turn the estimator's heading by ``off_deg`` [deg], as a magnet does; the estimator does not notice."""
+        """Turn the estimator's heading by ``off_deg`` [deg], as a magnet does.
+
+        The estimator does not notice.
+        """
         self._astray = off_deg
 
     def reset_heading(self) -> None:
@@ -649,7 +751,9 @@ class SimulatedVehicle:
 
 
 def with_noise(truth: TrueState, world: World, normals: tuple[float, ...]) -> TrueState:
-    """``truth`` with the scenario's noise on position and attitude, from six standard normal numbers."""
+    """``truth`` with the scenario's noise on position and attitude, from six standard normal
+    numbers.
+    """
     n, a, jitter = world.pose_noise_m, world.attitude_noise_rad, world.pose_jitter_s
     if n == 0.0 and a == 0.0:
         return truth

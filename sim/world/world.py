@@ -1,6 +1,8 @@
-"""World: the truth of a simulated flight, what the vehicle, the air, the cameras and the radio really do.
+"""World: the truth of a simulated flight, what the vehicle, the air, the cameras and the radio
+really do.
 
-Its wind is given as the acceleration of the vehicle: mean, sine gusts, one step, and Dryden-shaped turbulence.
+Its wind is given as the acceleration of the vehicle: mean, sine gusts, one step, and Dryden-shaped
+turbulence.
 """
 
 import math
@@ -10,7 +12,16 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 import msgspec
 
 from groundstation.core.geometry import FLOATS, Coordinate, Ops, Real, Vec3, add_scaled
-from groundstation.core.vehicle import GRAVITY, Delay, Drag, FramePeriod, Lag, Mass, RateLimit, Thrust
+from groundstation.core.vehicle import (
+    GRAVITY,
+    Delay,
+    Drag,
+    FramePeriod,
+    Lag,
+    Mass,
+    RateLimit,
+    Thrust,
+)
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
@@ -32,7 +43,8 @@ AngleNoise = Annotated[float, msgspec.Meta(ge=0.0, le=0.2)]
 Speed = Annotated[float, msgspec.Meta(gt=0.0, le=50.0)]
 """A speed [m/s]; more is in millimetres per second."""
 Push = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
-"""An acceleration by the air, or a speed of it [m/s², m/s]: ten times the weight, or a hurricane."""
+"""An acceleration by the air, or a speed of it [m/s², m/s]: ten times the weight, or a
+hurricane."""
 Angle = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 """An angle [deg]."""
 Place: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
@@ -44,7 +56,9 @@ Angles: TypeAlias = tuple[Angle, Angle, Angle]
 
 
 class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Rotors, body and rate loop of a vehicle with ``sim.plant = "rotors"``. Defaults: of the one of 80 g."""
+    """Rotors, body and rate loop of a vehicle with ``sim.plant = "rotors"``. Defaults: of
+    the one of 80 g.
+    """
 
     arm_m: Positive = 0.11
     """Distance of each rotor from the middle [m]; the rotors form an X."""
@@ -53,8 +67,8 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     torque_per_thrust_m: Positive = 0.010
     """Torque over thrust of a rotor [m]."""
     curve: Share = 0.0
-    """f of thrust = f n² + (1 - f) n, from a rotor's speed n (0..1) to its share of thrust [-]; the autopilot on board
-    knows it and takes it out again."""
+    """f of thrust = f n² + (1 - f) n, from a rotor's speed n (0..1) to its share of thrust [-]; the
+    autopilot on board knows it and takes it out again."""
     spin_up_s: Lag = 0.040
     """Time constant of the rotors' speed where it rises [s]."""
     spin_down_s: Lag = 0.040
@@ -83,7 +97,8 @@ class WindTunnel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Effects of a wall of fans beside drag and the air's mean speed; none by default."""
 
     gust_m_s: Push = 0.0
-    """The air's speed to the north gains so much times sin(``gust_rad_s`` t + ``gust_phase_rad``) [m/s]."""
+    """The air's speed to the north gains so much times sin(``gust_rad_s`` t + ``gust_phase_rad``)
+    [m/s]."""
     gust_rad_s: Positive = 1.0
     """[rad/s]"""
     gust_phase_rad: float = 0.0
@@ -100,7 +115,9 @@ class WindTunnel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Pitch at the release, nose up [deg]."""
 
     def turn(self, rates: Vec3, velocity: Vec3) -> Vec3:
-        """Body rates that it follows where ``rates`` are commanded [rad/s, FRD] at ``velocity`` [m/s, NED]."""
+        """Body rates that it follows where ``rates`` are commanded [rad/s, FRD] at ``velocity``
+        [m/s, NED].
+        """
         return (rates[0], self.pitch_gain * rates[1] + self.pitch_per_climb * velocity[2], rates[2])
 
 
@@ -108,15 +125,18 @@ STILL = WindTunnel()
 
 
 class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Every figure of a scenario. The controller knows none of them: it believes what its own config says."""
+    """Every figure of a scenario.
+
+    The controller knows none of them: it believes what its own config says.
+    """
 
     mass_kg: Mass = 0.080
     """[kg]"""
     thrust_max_n: Thrust = 1.37
     """Thrust at full command with a thrust gain of 1 [N]."""
     thrust_curve: Share = 0.0
-    """f of thrust = f u² + (1 - f) u, from the signal that the autopilot is sent to thrust: what it leaves of the
-    motors' curve [-]."""
+    """f of thrust = f u² + (1 - f) u, from the signal that the autopilot is sent to thrust: what it
+    leaves of the motors' curve [-]."""
     rate_limits_deg_s: tuple[RateLimit, RateLimit, RateLimit] = (200.0, 200.0, 300.0)
     """Largest body rates the vehicle follows [deg/s]."""
     thrust_gain: Gain = 1.0
@@ -128,12 +148,14 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     rate_lag_s: Lag = 1.0 / (2.0 * math.pi * 1.5)
     """First-order lag of each body rate [s]."""
     thrust_delay_s: Delay = 0.0
-    """Dead time between a command's arrival at the vehicle and the thrust's first answer [s]; the lag comes on top."""
+    """Dead time between a command's arrival at the vehicle and the thrust's first answer [s]; the
+    lag comes on top."""
     rate_delay_s: Delay = 0.0
     """Dead time of the body rates [s], counted alike."""
     plant: Literal["first_order", "rotors"] = "first_order"
-    """Whether thrust and rates follow their commands by first-order lags, or by a rate loop that drives four rotors;
-    rotors have no use for the two lags, and want a short ``sim.step_s``: it is the rate loop's period."""
+    """Whether thrust and rates follow their commands by first-order lags, or by a rate loop that
+    drives four rotors; rotors have no use for the two lags, and want a short ``sim.step_s``: it is
+    the rate loop's period."""
     rotors: RotorConstants = RotorConstants()
     """Constants of the rotors; used with ``sim.plant = "rotors"`` only."""
     drag_per_s: Drag = 0.0
@@ -141,7 +163,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     drag_body_per_s: Vec3 = (0.0, 0.0, 0.0)
     """Further linear drag along each of the body's axes, against the air [1/s]."""
     inflow_drag_per_m: tuple[float, float] = (0.0, 0.0)
-    """Growth of the drag with the air's speed in the rotors' plane: within that plane, and along the thrust [1/m]."""
+    """Growth of the drag with the air's speed in the rotors' plane: within that plane, and along
+    the thrust [1/m]."""
     inflow_lift_per_m: float = 0.0
     """Acceleration along the thrust per square of that speed [1/m]."""
     air_velocity: Pushes = (0.0, 0.0, 0.0)
@@ -149,7 +172,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     tunnel: WindTunnel = STILL
     """A wall of fans; not in the array engine."""
     rate_leak: float = 0.0
-    """Centre of mass off the rotors' centre: lateral acceleration per commanded body rate [m/s² per rad/s]."""
+    """Centre of mass off the rotors' centre: lateral acceleration per commanded body rate [m/s² per
+    rad/s]."""
     wind_mean: Pushes = (0.1, -0.05, 0.2)
     """Constant disturbance [m/s², NED]."""
     wind_gust: Pushes = (0.0, 0.0, 0.0)
@@ -175,7 +199,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     pose_jitter_s: PartOfSecond = 0.0
     """Jitter of the poses' stamps against their exposures, 1σ [s]."""
     tracker_yaw_deg: Angle = 0.0
-    """Error of the configured heading of the tracker: its true north lies so far to the east of it [deg]."""
+    """Error of the configured heading of the tracker: its true north lies so far to the east of it
+    [deg]."""
     pose_loss: Share = 0.0
     """Share of the poses lost at random [-]."""
     outage_s: Duration = 0.0
@@ -189,11 +214,13 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     swap_s: Duration = 0.0
     """Length of the regular mix-ups: our body and the next one change names [s]."""
     mishap_period_s: Period = 10.0
-    """Time from one occlusion, or mix-up, to the next [s]; they come in the middle of it, and after three quarters."""
+    """Time from one occlusion, or mix-up, to the next [s]; they come in the middle of it, and after
+    three quarters."""
     frame_period_s: FramePeriod = 0.0225
     """Period of the command frames; the last one is held [s]."""
     command_delay_s: PartOfSecond = 0.0
-    """Latency of the uplink between our frame and the vehicle's autopilot, as on a slow radio [s]."""
+    """Latency of the uplink between our frame and the vehicle's autopilot, as on a slow radio
+    [s]."""
     telemetry_hz: Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)] = 0.0
     """Rate of the attitude telemetry through a CRSF module [Hz]; Betaflight sends 10 Hz."""
     frame_loss: Share = 0.0
@@ -211,14 +238,15 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     own_estimate: bool = False
     """Whether the autopilot knows its own position and speed (GPS, optical flow), and says so."""
     velocity_bias: Pushes = (0.0, 0.0, 0.0)
-    """Bias of the autopilot's velocity against its own positions [m/s, NED]; ArduCopter's, with a simulated
-    GPS: 0.016."""
+    """Bias of the autopilot's velocity against its own positions [m/s, NED]; ArduCopter's, with a
+    simulated GPS: 0.016."""
     estimate_wander_m: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
-    """Random walk of the measured position over 2 s, 1σ per axis [m], and of the speed with it, for the autopilot's
-    own estimate and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""
+    """Random walk of the measured position over 2 s, 1σ per axis [m], and of the speed with it, for
+    the autopilot's own estimate and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""
     estimate_yaw_step_deg: Angle = 0.0
-    """A step of the measured yaw, which the autopilot's ODOMETRY announces [deg]; PX4 was seen to make 19. Until then
-    its heading is off by so much the other way: an estimator turns it once it sees that it does not fit its speed."""
+    """A step of the measured yaw, which the autopilot's ODOMETRY announces [deg]; PX4 was seen to
+    make 19. Until then its heading is off by so much the other way: an estimator turns it once it
+    sees that it does not fit its speed."""
     estimate_yaw_step_s: Duration = 2.0
     """When it comes [s after release]."""
     floor_z_m: Coordinate = 1.0
@@ -226,7 +254,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     floor_friction: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 1.0
     """Force that the floor holds it with sideways over the force that it presses on it with [-]."""
     floor_hold_s: Duration = 0.0
-    """Time for which the floor holds a vehicle that already gathers speed upwards [s]; ArduPilot's SITL: 0.6."""
+    """Time for which the floor holds a vehicle that already gathers speed upwards [s]; ArduPilot's
+    SITL: 0.6."""
     ground_effect: bool = False
     """Whether thrust grows near the floor; flights that begin on the floor have it."""
     rotor_radius_m: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.035
@@ -237,16 +266,18 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """[m/s²]"""
 
 
-# MIL-F-8785C, low altitude: at 1 m height the scale lengths are 7.9 m along and across the wind and 1 m
-# vertically; flown through at 3 m/s they become these correlation times. Indoors nothing better is known.
+# MIL-F-8785C, low altitude: at 1 m height the scale lengths are 7.9 m along and across the wind and
+# 1 m vertically; flown through at 3 m/s they become these correlation times. Indoors nothing better
+# is
+# known.
 CORRELATION_S = (2.6, 2.6, 0.33)
 """Correlation times of the turbulence, along and across the wind and vertical [s]."""
 
 
 GRID_S = 0.0025
 """Turbulence moves once in this time, and is held between [s]."""
-# The lateral form (1 + √3 τs)/(1 + τs)² is √3 x - (√3 - 1) y: x has time τ and unit variance, y is x through one more
-# lag τ; E[x²] = 1, E[xy] = E[y²] = 1/2.
+# The lateral form (1 + √3 τs)/(1 + τs)² is √3 x - (√3 - 1) y: x has time τ and unit variance, y is
+# x through one more lag τ; E[x²] = 1, E[xy] = E[y²] = 1/2.
 ROOT3 = math.sqrt(3.0)
 """Root of 3, of Dryden's lateral filter."""
 LATERAL_RMS = math.sqrt(3.0 - ROOT3 * (ROOT3 - 1.0) + 0.5 * (ROOT3 - 1.0) ** 2)
@@ -257,12 +288,19 @@ KEEP: Vec3 = (
     math.exp(-GRID_S / CORRELATION_S[2]),
 )
 """Share of each state that a step keeps."""
-SPREAD: Vec3 = (math.sqrt(1.0 - KEEP[0] ** 2), math.sqrt(1.0 - KEEP[1] ** 2), math.sqrt(1.0 - KEEP[2] ** 2))
+SPREAD: Vec3 = (
+    math.sqrt(1.0 - KEEP[0] ** 2),
+    math.sqrt(1.0 - KEEP[1] ** 2),
+    math.sqrt(1.0 - KEEP[2] ** 2),
+)
 """Weight of the new random number in a step, which keeps the variance 1."""
 
 
 class Eddies(NamedTuple):
-    """The state of the turbulence: x, y and z through one lag, y and z through a second one. Elementwise."""
+    """The state of the turbulence: x, y and z through one lag, y and z through a second one.
+
+    Elementwise.
+    """
 
     once: Vec3
     twice_y: Real
@@ -282,14 +320,22 @@ def stir(eddies: Eddies, normals: Vec3) -> Eddies:
         KEEP[1] * y + SPREAD[1] * normals[1],
         KEEP[2] * z + SPREAD[2] * normals[2],
     )
-    return Eddies((x, y, z), KEEP[1] * twice_y + (1.0 - KEEP[1]) * y, KEEP[2] * twice_z + (1.0 - KEEP[2]) * z)
+    return Eddies(
+        (x, y, z), KEEP[1] * twice_y + (1.0 - KEEP[1]) * y, KEEP[2] * twice_z + (1.0 - KEEP[2]) * z
+    )
 
 
 def compute_turbulence(eddies: Eddies, rms: Real) -> Vec3:
-    """The turbulence [m/s², NED]: Dryden's longitudinal form on x, lateral form on y and z (MIL-F-8785C, 3.7)."""
+    """The turbulence [m/s², NED]: Dryden's longitudinal form on x, lateral form on y and z
+    (MIL-F-8785C, 3.7).
+    """
     (x, y, z), twice_y, twice_z = eddies
     k = rms / LATERAL_RMS
-    return (rms * x, k * (ROOT3 * y - (ROOT3 - 1.0) * twice_y), k * (ROOT3 * z - (ROOT3 - 1.0) * twice_z))
+    return (
+        rms * x,
+        k * (ROOT3 * y - (ROOT3 - 1.0) * twice_y),
+        k * (ROOT3 * z - (ROOT3 - 1.0) * twice_z),
+    )
 
 
 class SteadyWind(NamedTuple):
@@ -314,7 +360,10 @@ def compute_steady(ops: Ops, wind: SteadyWind, flight_time: float) -> Vec3:
 
 
 def cell(flight_time: float) -> int:
-    """Which step of the grid ``flight_time`` [s] lies in; a time that is a step's start but for rounding does."""
+    """Which step of the grid ``flight_time`` [s] lies in.
+
+    A time that is a step's start but for rounding does.
+    """
     return int(flight_time / GRID_S + 1e-6)
 
 
@@ -322,7 +371,9 @@ class Wind:
     """The disturbance acceleration b(t) [m/s², NED] of one flight; questions go forward in time."""
 
     def __init__(self, world: World, normals: Iterator[tuple[float, ...]]) -> None:
-        """Take the world's wind figures, and rows of three standard normal numbers for the turbulence."""
+        """Take the world's wind figures, and rows of three standard normal numbers for the
+        turbulence.
+        """
         self._world = world
         w = world
         self._steady = SteadyWind(
@@ -340,7 +391,11 @@ class Wind:
 
     def at(self, flight_time: float) -> Vec3:
         """b at ``flight_time`` [s] after release."""
-        x, y, z = self._steady.mean if self._is_constant else compute_steady(FLOATS, self._steady, flight_time)
+        x, y, z = (
+            self._steady.mean
+            if self._is_constant
+            else compute_steady(FLOATS, self._steady, flight_time)
+        )
         if self.push != (0.0, 0.0, 0.0):
             x, y, z = x + self.push[0], y + self.push[1], z + self.push[2]
         if not self._restless:
@@ -350,13 +405,25 @@ class Wind:
         while self._index < index:
             if self._world.wind_turbulence:
                 a, b, c = next(self._normals)
-                self._eddies = begin_eddies((a, b, c)) if self._eddies is None else stir(self._eddies, (a, b, c))
+                self._eddies = (
+                    begin_eddies((a, b, c))
+                    if self._eddies is None
+                    else stir(self._eddies, (a, b, c))
+                )
                 self._felt = compute_turbulence(self._eddies, self._world.wind_turbulence)
             if any(rest):
                 keep = math.exp(-GRID_S / self._world.tunnel.rest_s) if self._index >= 0 else 0.0
-                spread, (a, b, c), (p, q, r) = math.sqrt(1.0 - keep * keep), next(self._normals), self._rest
+                spread, (a, b, c), (p, q, r) = (
+                    math.sqrt(1.0 - keep * keep),
+                    next(self._normals),
+                    self._rest,
+                )
                 i, j, k = rest
-                self._rest = keep * p + spread * i * a, keep * q + spread * j * b, keep * r + spread * k * c
+                self._rest = (
+                    keep * p + spread * i * a,
+                    keep * q + spread * j * b,
+                    keep * r + spread * k * c,
+                )
             self._index += 1
         (tx, ty, tz), (p, q, r) = self._felt, self._rest
         return (x + tx + p, y + ty + q, z + tz + r)

@@ -1,4 +1,7 @@
-"""What every controller must do, run on each of them by a table; the example of docs/how-to is one of them."""
+"""What every controller must do, run on each of them by a table.
+
+The example of docs/how-to is one of them.
+"""
 
 import math
 import re
@@ -26,11 +29,17 @@ from tests.flight.flights import ticks_to
 PAGE = Path(__file__).parents[2] / "docs/how-to/own-controller.md"
 (CODE,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text("utf-8"), re.M | re.S)
 EXAMPLE = "leaning:make"
-QUICK = ["sim.frame_period_s=0.01", "vehicle.frame_period_s=0.01", "sim.pose_rate_hz=100.0", "pose.rate_hz=100.0"]
+QUICK = [
+    "sim.frame_period_s=0.01",
+    "vehicle.frame_period_s=0.01",
+    "sim.pose_rate_hz=100.0",
+    "pose.rate_hz=100.0",
+]
 DURATION_S = 7.0
 YAW_DEG = 20.0
 
-# Largest error over the last second [cm]: the noiseless vehicle without lag, steady wind, 1.8 m from its start.
+# Largest error over the last second [cm]: the noiseless vehicle without lag, steady wind, 1.8 m
+# from its start.
 REACHES_CM = {
     "adaptive": 0.05,
     "uncompensated": 0.5,
@@ -73,20 +82,27 @@ def watched(world: World, config: Config, duration_s: float = DURATION_S) -> Wat
 
 
 def trajectories(config: Config) -> dict[str, TrajectoryConfig]:
-    return {"hover": HoldConfig(position_ned=(0.3, -0.3, -0.5), yaw_deg=YAW_DEG), "lemniscate": config.trajectory}
+    return {
+        "hover": HoldConfig(position_ned=(0.3, -0.3, -0.5), yaw_deg=YAW_DEG),
+        "lemniscate": config.trajectory,
+    }
 
 
 @pytest.mark.tried(6)  # each controller once
 @pytest.mark.parametrize("kind", REACHES_CM)
 @pytest.mark.parametrize("path", ["hover", "lemniscate"])
-def test_a_controller_reaches_and_follows_its_reference_within_the_limits(kind: str, path: str) -> None:
+def test_a_controller_reaches_and_follows_its_reference_within_the_limits(
+    kind: str, path: str
+) -> None:
     world, config = told(kind)
     config = msgspec.structs.replace(config, trajectory=trajectories(config)[path])
     flight = watched(world, config)
     assert flight.result.completed, flight.result.why
     assert flight.last_cm < REACHES_CM[kind]
     w, _, _, z = flight.ticks[-1].estimate.motion.attitude
-    assert math.degrees(2.0 * math.atan2(z, w)) == pytest.approx(YAW_DEG if path == "hover" else 0.0, abs=0.3)
+    assert math.degrees(2.0 * math.atan2(z, w)) == pytest.approx(
+        YAW_DEG if path == "hover" else 0.0, abs=0.3
+    )
     assert_within_limits(flight)
 
 
@@ -121,8 +137,12 @@ def test_the_example_flies_the_papers_figure_eight_and_holds_a_point_as_the_page
 # ---- a controller of the user's own
 
 
-def test_keys_beside_a_factory_go_to_it_but_the_estimators_stay_unless_they_are_in_the_table_of_options() -> None:
-    beside = ("controller.stiffness=8.0", "controller.wind_noise=0.3", "controller.options.gravity=9.7")
+def test_keys_beside_a_factory_go_to_it_but_the_estimators_stay() -> None:
+    beside = (
+        "controller.stiffness=8.0",
+        "controller.wind_noise=0.3",
+        "controller.options.gravity=9.7",
+    )
     controller = told(EXAMPLE, *beside)[1].controller
     assert isinstance(controller, Custom)
     assert (controller.kind, controller.options) == (EXAMPLE, {"gravity": 9.7, "stiffness": 8.0})
@@ -140,9 +160,15 @@ REFUSED = [
     ("nosuchlab:make", "can't import nosuchlab: ModuleNotFoundError: No module named 'nosuchlab'"),
     ("brokenlab:make", "can't import brokenlab: ZeroDivisionError: division by zero"),
     ("goodlab:make", "goodlab has no attribute 'make'"),
-    ("goodlab:THING", "goodlab:THING is not callable: expected factory(vehicle, options) -> Controller"),
+    (
+        "goodlab:THING",
+        "goodlab:THING is not callable: expected factory(vehicle, options) -> Controller",
+    ),
     ("goodlab:picky", "goodlab:picky failed: ValueError: stiffness must be positive"),
-    ("goodlab:no_controller", "goodlab:no_controller made a Nothing without decide(estimate, reference, interval_s)"),
+    (
+        "goodlab:no_controller",
+        "goodlab:no_controller made a Nothing without decide(estimate, reference, interval_s)",
+    ),
 ]
 
 
@@ -162,7 +188,8 @@ def test_a_factory_that_makes_no_controller_is_refused_by_key_and_cause(
 @pytest.mark.parametrize("kind", ["pidd", "lab:", ":make", "lab make:x", "lab.py/make"])
 def test_a_name_that_is_no_controller_is_refused_with_those_that_are(kind: str) -> None:
     with pytest.raises(
-        ConfigError, match=r"controller\.kind: expected one of \['adaptive', .*'package.module:factory'"
+        ConfigError,
+        match=r"controller\.kind: expected one of \['adaptive', .*'package.module:factory'",
     ):
         told(kind)
 
@@ -181,14 +208,20 @@ class Answers:
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Any:
         """An answer made from a good one."""
         _, config = told("pid")
-        good = make_controller(config.controller, config.vehicle).decide(estimate, reference, interval_s)
+        good = make_controller(config.controller, config.vehicle).decide(
+            estimate, reference, interval_s
+        )
         return self._answer(good)
 
 
 def asked(answer: Callable[[Decision], Any]) -> Decision:
-    motion = Motion((0.0, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.08 * 9.81, (0.0, 0.0, 0.0))
+    motion = Motion(
+        (0.0, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.08 * 9.81, (0.0, 0.0, 0.0)
+    )
     controller: Controller = Guarded(Answers(answer), Vehicle(), "lab:make")
-    return controller.decide(Estimate(0.0, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), Reference((0.0, 0.0, -1.0)), 0.02)
+    return controller.decide(
+        Estimate(0.0, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), Reference((0.0, 0.0, -1.0)), 0.02
+    )
 
 
 NOT_A_DRIVE: Any = None
@@ -211,7 +244,9 @@ def test_an_answer_that_is_no_command_ends_the_flight(answer: Callable[[Decision
 
 
 @pytest.mark.parametrize("alone", [False, True])
-def test_a_command_beyond_the_limits_is_clamped_and_marked_also_where_it_is_all_of_the_answer(alone: bool) -> None:
+def test_a_command_beyond_the_limits_is_clamped_and_marked_also_where_it_is_all_of_the_answer(
+    alone: bool,
+) -> None:
     drive, vehicle = ActuatorCommand(99.0, (-99.0, 0.1, 99.0)), Vehicle()
     decision = asked(lambda good: drive if alone else good._replace(drive=drive, saturated=False))
     assert decision.drive.thrust == vehicle.thrust_max_n

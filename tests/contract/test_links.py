@@ -1,4 +1,7 @@
-"""What every link must do, on both event loops, towards a simulated other end. A new link adds its bench."""
+"""What every link must do, on both event loops, towards a simulated other end.
+
+A new link adds its bench.
+"""
 
 import asyncio
 import contextlib
@@ -99,14 +102,25 @@ class RfBench:
         self.pty: PtyWire | None = None
 
     async def prepare(self) -> None:
-        changes: dict[str, Any] = {"period_s": 0.01, "arm_low_s": 0.3, "arm_high_s": 0.5, "disarm_s": self.farewell_s}
+        changes: dict[str, Any] = {
+            "period_s": 0.01,
+            "arm_low_s": 0.3,
+            "arm_high_s": 0.5,
+            "disarm_s": self.farewell_s,
+        }
         if is_virtual():
             self.wires["open_pacer"] = opened_on(WirePort())
         else:
             self.pty = PtyWire()
-            changes |= {"port": self.pty.path, "arm_low_s": 0.1, "arm_high_s": 0.1}  # real time is dear
+            changes |= {
+                "port": self.pty.path,
+                "arm_low_s": 0.1,
+                "arm_high_s": 0.1,
+            }  # real time is dear
         order = RF_CODECS[self.kind]().map
-        self.config = RF_CODECS[self.kind](**changes, map=msgspec.structs.replace(order, arm=ArmSwitch(channel=5)))
+        self.config = RF_CODECS[self.kind](
+            **changes, map=msgspec.structs.replace(order, arm=ArmSwitch(channel=5))
+        )
         self.peer = RfPeer(RfReceiver(self.vehicle, self.config), self.config)
 
     async def prepare_nobody(self) -> str:
@@ -142,7 +156,10 @@ class CountingBridge(Bridge):
 
 
 class BridgeBench:
-    """A bridge with a module of its own; that one sends disarm frames whether there is a link or not."""
+    """A bridge with a module of its own.
+
+    That one sends disarm frames whether there is a link or not.
+    """
 
     KEY = bytes(range(1, 33))
     steps, grain_s, farewell_s = RfBench.steps, RfBench.grain_s, RfBench.farewell_s
@@ -196,7 +213,9 @@ def bench(request: pytest.FixtureRequest) -> Bench:
     return BENCHES[request.param]()
 
 
-def command(thrust_n: float = 1.0, rates: tuple[float, float, float] = (0.1, -0.2, 0.3), **changes: float) -> Command:
+def command(
+    thrust_n: float = 1.0, rates: tuple[float, float, float] = (0.1, -0.2, 0.3), **changes: float
+) -> Command:
     now = asyncio.get_running_loop().time()
     return Command(thrust_n, rates, 7, now, changes.get("deadline_s", now + 0.25), BRING_DOWN)
 
@@ -245,7 +264,9 @@ async def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench) -> N
         _, thrust, rates = bench.vehicle.acts[-1]
         assert thrust == pytest.approx(0.5, abs=bench.steps[0])
         assert rates == pytest.approx((0.1, -0.2, 0.3), abs=bench.steps[1])
-        assert link.status.sent == before + 1 or not is_virtual()  # a late machine's link repeats it
+        assert (
+            link.status.sent == before + 1 or not is_virtual()
+        )  # a late machine's link repeats it
         assert link.status.sent > before
         zeros = asyncio.create_task(stream(link))
         await link.disarm()
@@ -273,7 +294,8 @@ async def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench) -
         begun = loop.time()
         await link.arm(idle)
         took = loop.time() - begun
-        # In real time a busy machine may make frames late, so that the last one is repeated, or leave them out.
+        # In real time a busy machine may make frames late, so that the last one is repeated, or
+        # leave them out.
         assert link.status.sent >= len(asked)
         least = 0.5 if is_virtual() else 0.1
         assert least * took / link.period_s < len(asked) <= took / link.period_s + 2
@@ -314,7 +336,9 @@ async def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float
 
 @pytest.mark.parametrize(("thrust_n", "share"), [(-1.0, 0.0), (5.0, 1.0)])
 @in_virtual_time
-async def test_thrust_beyond_the_vehicles_is_clamped(bench: Bench, thrust_n: float, share: float) -> None:
+async def test_thrust_beyond_the_vehicles_is_clamped(
+    bench: Bench, thrust_n: float, share: float
+) -> None:
     async with armed(bench) as link:
         link.send(command(thrust_n))
         await asyncio.sleep(0.05)
@@ -332,7 +356,9 @@ async def test_what_is_sent_before_anybody_has_armed_never_leaves(bench: Bench) 
 def plays(acts: list[tuple[float, float, tuple[float, float, float]]]) -> list[tuple[float, float]]:
     """Runs of the same thrust (rounded, as a share) and how long each lasted."""
     runs: list[tuple[float, float]] = []
-    for (a, thrust, _), (b, _, _) in itertools.pairwise([*acts, (acts[-1][0], -1.0, (0.0, 0.0, 0.0))]):
+    for (a, thrust, _), (b, _, _) in itertools.pairwise(
+        [*acts, (acts[-1][0], -1.0, (0.0, 0.0, 0.0))]
+    ):
         if runs and runs[-1][0] == round(thrust, 2):
             runs[-1] = (runs[-1][0], runs[-1][1] + b - a)
         else:
@@ -341,7 +367,9 @@ def plays(acts: list[tuple[float, float, tuple[float, float, float]]]) -> list[t
 
 
 @in_virtual_time
-async def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_then_nothing(bench: Bench) -> None:
+async def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_then_nothing(
+    bench: Bench,
+) -> None:
     async with armed(bench) as link:
         bench.vehicle.acts.clear()
         assert link.send(command())
@@ -359,7 +387,9 @@ async def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_
         assert link.status.sent == sent
         runs = plays(acts)
         assert [share for share, _ in runs] == [0.5, 0.4, 0.3, 0.0]
-        assert [lasted for _, lasted in runs[:3]] == pytest.approx([0.25, 0.2, 0.3], abs=bench.grain_s)
+        assert [lasted for _, lasted in runs[:3]] == pytest.approx(
+            [0.25, 0.2, 0.3], abs=bench.grain_s
+        )
         assert 0.05 < runs[3][1] <= 0.1 + bench.grain_s
         await link.arm(idle)
         assert link.send(command())
@@ -420,7 +450,8 @@ async def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench:
         await link.kill()
         off_s, on = bench.vehicle.powered[-1]
         assert not on
-        # In real time machine and wire take theirs; the dead man's switch takes a deadline and a bring-down.
+        # In real time machine and wire take theirs; the dead man's switch takes a deadline and a
+        # bring-down.
         assert off_s <= (newest.deadline_s if not is_virtual() else begun_s + 0.002 + bench.grain_s)
         assert not link.send(command())
         await asyncio.sleep(0.5)
@@ -461,7 +492,9 @@ async def test_closing_while_it_arms_ends_that_and_nothing_leaves_any_more(bench
 
 
 @in_virtual_time
-async def test_arming_ends_where_the_pose_under_the_idle_command_goes_stale_and_no_motor_turns(bench: Bench) -> None:
+async def test_arming_ends_where_the_pose_under_the_idle_command_goes_stale_and_no_motor_turns(
+    bench: Bench,
+) -> None:
     async with connected(bench) as link:
         old = idle()
         with pytest.raises(LinkError, match="the idle command had expired, as its pose is too old"):

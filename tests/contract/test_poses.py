@@ -1,7 +1,9 @@
-"""What every pose source must do, on both event loops, towards a simulated sender. A new source adds its bench.
+"""What every pose source must do, on both event loops, towards a simulated sender.
 
-The vehicle flies north at 1 m/s, two metres east of the origin and one metre up, its nose to the east: so a pose tells
-by its place when it was true.
+A new source adds its bench.
+
+The vehicle flies north at 1 m/s, two metres east of the origin and one metre up, its nose to the
+east: so a pose tells by its place when it was true.
 """
 
 import asyncio
@@ -67,13 +69,17 @@ class TrackerBench(Bench):
 
     tracker: Tracker
 
-    def __init__(self, kind: Callable[..., PoseConfig], address: str = "listen", **keys: float) -> None:
+    def __init__(
+        self, kind: Callable[..., PoseConfig], address: str = "listen", **keys: float
+    ) -> None:
         """``address`` is the key of its address, and ``keys`` are others."""
         super().__init__()
         self._kind, self._address, self._keys = kind, address, keys
 
     async def prepare(self) -> None:
-        self.config = self._kind(**{self._address: await free_address()}, latency_s=LATENCY_S, **self._keys)
+        self.config = self._kind(
+            **{self._address: await free_address()}, latency_s=LATENCY_S, **self._keys
+        )
         made = make_tracker(self.config)
         assert made is not None
         self.tracker = made[1]
@@ -88,7 +94,10 @@ class TrackerBench(Bench):
                 when = self.begun_s + frame / RATE_HZ
                 await sleep_until(when)
                 ours = TrackedBody("quad", (when - self.begun_s, 2.0, -1.0), EAST, not self.hidden)
-                rest = [TrackedBody(f"other{n}", (9.0, float(n), -1.0), so3.IDENTITY, True) for n in range(2)]
+                rest = [
+                    TrackedBody(f"other{n}", (9.0, float(n), -1.0), so3.IDENTITY, True)
+                    for n in range(2)
+                ]
                 loop.call_at(when + LATENCY_S, self.tracker.send, frame, when, [ours, *rest])
                 frame += 1
         finally:
@@ -99,7 +108,9 @@ class TrackerBench(Bench):
         if listen is None:
             return False
         loop = asyncio.get_running_loop()
-        sender, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=parse_address(listen))
+        sender, _ = await loop.create_datagram_endpoint(
+            asyncio.DatagramProtocol, remote_addr=parse_address(listen)
+        )
         sender.sendto(data)
         sender.close()
         return True
@@ -112,7 +123,9 @@ class NatNetBench(TrackerBench):
 
     async def prepare(self) -> None:
         server, (_, port) = await free_address(), parse_address(await free_address())
-        self.config = NatNetConfig(server=server, data_port=port, multicast=self._multicast, network_s=0.0)
+        self.config = NatNetConfig(
+            server=server, data_port=port, multicast=self._multicast, network_s=0.0
+        )
         self.tracker = NatNetServer(self.config, self._version)
 
 
@@ -125,7 +138,9 @@ class Cruiser(Brick):
         if self.begun_s is None:
             self.begun_s = time_s
         still = super().truth(time_s)
-        return msgspec.structs.replace(still, position_ned=(time_s - self.begun_s, 2.0, -1.0), attitude=EAST)
+        return msgspec.structs.replace(
+            still, position_ned=(time_s - self.begun_s, 2.0, -1.0), attitude=EAST
+        )
 
 
 class OdometryBench(Bench):
@@ -156,7 +171,9 @@ BENCHES: dict[str, Callable[[], Bench]] = {
 
 
 def test_every_source_has_a_bench() -> None:
-    """libmotioncapture's own, its mock back end, stands still in a child of real time: tests/e2e has its contract."""
+    """libmotioncapture's own, its mock back end, stands still in a child of real time: tests/e2e
+    has its contract.
+    """
     kinds = {config.__struct_config__.tag for config in get_args(PoseConfig)}
     assert kinds - {"libmotioncapture"} == {name.split()[0] for name in BENCHES}
 
@@ -209,9 +226,14 @@ async def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: B
         assert apart == pytest.approx([-bench.begun_s] * len(late), abs=tolerance)
         for pose in late:
             assert pose.position_ned[1:] == pytest.approx((2.0, -1.0), abs=1e-6)
-            assert abs(sum(a * b for a, b in zip(pose.attitude, EAST, strict=True))) == pytest.approx(1.0, abs=1e-6)
+            assert abs(
+                sum(a * b for a, b in zip(pose.attitude, EAST, strict=True))
+            ) == pytest.approx(1.0, abs=1e-6)
             assert pose.time_s <= pose.arrival_s
-        assert all(a.time_s < b.time_s and a.arrival_s <= b.arrival_s for a, b in zip(poses, late, strict=False))
+        assert all(
+            a.time_s < b.time_s and a.arrival_s <= b.arrival_s
+            for a, b in zip(poses, late, strict=False)
+        )
         status = source.status
         if is_virtual():
             # PX4 begins with 30 Hz, until it has heard what is wanted.
@@ -234,12 +256,16 @@ async def test_the_configs_alignment_moves_every_pose(bench: Bench) -> None:
         await grown(poses, 3)
         for pose in poses:
             assert pose.position_ned[1:] == pytest.approx((7.0, -1.0), abs=1e-6)
-            nose = so3.to_world(pose.attitude, (1.0, 0.0, 0.0))  # the body looks east, to the right of the nose
+            nose = so3.to_world(
+                pose.attitude, (1.0, 0.0, 0.0)
+            )  # the body looks east, to the right of the nose
             assert nose == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)
 
 
 @on_either_loop
-async def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm(bench: Bench) -> None:
+async def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm(
+    bench: Bench,
+) -> None:
     async with listening(bench) as (source, poses):
         await grown(poses, 3)
         await source.close()

@@ -31,20 +31,42 @@ TABLE: dict[str, TrajectoryConfig] = {
     "hold": HoldConfig(position_ned=(1.0, -2.0, -1.5), yaw_deg=30.0),
     "lemniscate of the paper": LemniscateConfig(),
     "large lemniscate, fast": LemniscateConfig(
-        scale_m=3.0, speed_m_s=2.5, altitude_m=2.0, rotation_deg=20.0, centre_ned=(1.0, -4.0, 0.5), yaw_deg=-90.0
+        scale_m=3.0,
+        speed_m_s=2.5,
+        altitude_m=2.0,
+        rotation_deg=20.0,
+        centre_ned=(1.0, -4.0, 0.5),
+        yaw_deg=-90.0,
     ),
     "circle": CircleConfig(),
     "circle the other way": CircleConfig(
-        radius_m=2.0, speed_m_s=3.0, altitude_m=1.5, start_deg=130.0, centre_ned=(0.5, 3.0, -0.2), clockwise=False
+        radius_m=2.0,
+        speed_m_s=3.0,
+        altitude_m=1.5,
+        start_deg=130.0,
+        centre_ned=(0.5, 3.0, -0.2),
+        clockwise=False,
     ),
-    "straight way held by its speed": WaypointsConfig(points_ned=((0.0, 0.0, -1.0), (3.0, -4.0, -2.0))),
+    "straight way held by its speed": WaypointsConfig(
+        points_ned=((0.0, 0.0, -1.0), (3.0, -4.0, -2.0))
+    ),
     "straight way held by its acceleration": WaypointsConfig(
-        points_ned=((0.0, 0.0, -1.0), (0.2, 0.1, -1.1)), max_speed_m_s=5.0, max_acceleration_m_s2=2.0
+        points_ned=((0.0, 0.0, -1.0), (0.2, 0.1, -1.1)),
+        max_speed_m_s=5.0,
+        max_acceleration_m_s2=2.0,
     ),
-    "lemniscate that begins smoothly": LemniscateConfig(ramp_s=3.0, tilt_deg=-30.0, uphill_deg=70.0),
+    "lemniscate that begins smoothly": LemniscateConfig(
+        ramp_s=3.0, tilt_deg=-30.0, uphill_deg=70.0
+    ),
     "two laps of a lemniscate": LemniscateConfig(laps=2, ramp_s=2.0, yaw_deg=20.0),
     "upright circle, one lap with hardly any full speed": CircleConfig(
-        radius_m=0.8, speed_m_s=1.0, altitude_m=2.0, laps=1, ramp_s=5.0, tilt_deg=90.0, uphill_deg=-120.0
+        radius_m=0.8,
+        speed_m_s=1.0,
+        altitude_m=2.0,
+        laps=1,
+        ramp_s=5.0,
+        tilt_deg=90.0,
+        uphill_deg=-120.0,
     ),
     "waypoints": WaypointsConfig(points_ned=POINTS, max_speed_m_s=1.5, max_acceleration_m_s2=2.0),
     "waypoints, quintic, turning": WaypointsConfig(
@@ -65,7 +87,9 @@ TABLE: dict[str, TrajectoryConfig] = {
 }
 every = pytest.mark.parametrize("config", TABLE.values(), ids=TABLE.keys())
 ENDLESS = {
-    name: c for name, c in TABLE.items() if isinstance(c, LemniscateConfig | CircleConfig) and not (c.ramp_s or c.laps)
+    name: c
+    for name, c in TABLE.items()
+    if isinstance(c, LemniscateConfig | CircleConfig) and not (c.ramp_s or c.laps)
 }
 endless = pytest.mark.parametrize("config", ENDLESS.values(), ids=ENDLESS.keys())
 
@@ -78,7 +102,12 @@ early = st.integers(0, 20 << 20).map(lambda n: n / 2**20)
 
 
 def vectors(reference: Reference) -> tuple[Vec3, Vec3, Vec3, Vec3]:
-    return (reference.position_ned, reference.velocity_ned, reference.acceleration_ned, reference.jerk_ned)
+    return (
+        reference.position_ned,
+        reference.velocity_ned,
+        reference.acceleration_ned,
+        reference.jerk_ned,
+    )
 
 
 def distance(a: Vec3, b: Vec3) -> float:
@@ -99,19 +128,25 @@ def differences(trajectory: Trajectory, time_s: float) -> list[Vec3]:
 
 @every
 @given(time_s=st.one_of(times, early))
-def test_each_derivative_is_the_difference_of_the_one_before(config: TrajectoryConfig, time_s: float) -> None:
+def test_each_derivative_is_the_difference_of_the_one_before(
+    config: TrajectoryConfig, time_s: float
+) -> None:
     trajectory = config.build()
     if trajectory.duration_s is not None or (isinstance(config, Laps) and config.ramp_s):
-        # From the fourth on derivatives may jump there: differences may not reach across, but where all is smooth.
+        # From the fourth on derivatives may jump there: differences may not reach across, but where
+        # all is smooth.
         assume(all(abs(time_s - joint) > 4 * STEP_S for joint in trajectory.joints_s))
     exact = vectors(trajectory.at(time_s))[1:]
     turned = sum(
-        weight * (trajectory.at(time_s + k * STEP_S).yaw_rad - trajectory.at(time_s - k * STEP_S).yaw_rad) / STEP_S
+        weight
+        * (trajectory.at(time_s + k * STEP_S).yaw_rad - trajectory.at(time_s - k * STEP_S).yaw_rad)
+        / STEP_S
         for k, weight in enumerate(WEIGHTS, start=1)
     )
     assert trajectory.at(time_s).yaw_rate_rad_s == pytest.approx(turned, abs=1e-9)
     for got, expected in zip(differences(trajectory, time_s), exact, strict=True):
-        # Rounding of positions within 10 m over the step, and the ninth derivative of the fastest curve.
+        # Rounding of positions within 10 m over the step, and the ninth derivative of the fastest
+        # curve.
         assert distance(got, expected) < 1e-8
 
 
@@ -120,7 +155,9 @@ def test_each_derivative_is_the_difference_of_the_one_before(config: TrajectoryC
 @example(time_s=0.0)
 @example(time_s=-1.0)
 @example(time_s=1e5)
-def test_every_time_has_a_finite_reference_and_position_at_agrees(config: TrajectoryConfig, time_s: float) -> None:
+def test_every_time_has_a_finite_reference_and_position_at_agrees(
+    config: TrajectoryConfig, time_s: float
+) -> None:
     trajectory = config.build()
     reference = trajectory.at(time_s)
     assert all(math.isfinite(x) for vector in vectors(reference) for x in vector)
@@ -143,8 +180,15 @@ def test_nothing_jumps_where_the_curve_closes_starts_or_ends(config: TrajectoryC
         before, after = trajectory.at(joint - 1e-9), trajectory.at(joint + 1e-9)
         assert after.yaw_rad == pytest.approx(before.yaw_rad, abs=1e-6)
         at_end = joint in (0.0, trajectory.duration_s)
-        # What its documentation says: samples without a ramp begin and end as they do; quintics let jerk step there.
-        smooth = 1 if at_end and config == TABLE["samples"] else 3 if at_end and is_quintic(config) else 4
+        # What its documentation says: samples without a ramp begin and end as they do; quintics let
+        # jerk step there.
+        smooth = (
+            1
+            if at_end and config == TABLE["samples"]
+            else 3
+            if at_end and is_quintic(config)
+            else 4
+        )
         for a, b in list(zip(vectors(before), vectors(after), strict=True))[:smooth]:
             assert distance(a, b) < 1e-6
 
@@ -181,7 +225,9 @@ def speed(trajectory: Trajectory, time_s: float) -> float:
 
 @endless
 @given(time_s=times)
-def test_the_speed_is_constant_and_the_height_too(config: LemniscateConfig | CircleConfig, time_s: float) -> None:
+def test_the_speed_is_constant_and_the_height_too(
+    config: LemniscateConfig | CircleConfig, time_s: float
+) -> None:
     trajectory = config.build()
     assert speed(trajectory, time_s) == pytest.approx(config.speed_m_s, rel=1e-14)
     assert trajectory.at(time_s).position_ned[2] == config.centre_ned[2] - config.altitude_m
@@ -189,7 +235,9 @@ def test_the_speed_is_constant_and_the_height_too(config: LemniscateConfig | Cir
 
 @endless
 @given(time_s=times, turns=st.integers(1, 20))
-def test_the_curve_closes_after_its_period(config: LemniscateConfig | CircleConfig, time_s: float, turns: int) -> None:
+def test_the_curve_closes_after_its_period(
+    config: LemniscateConfig | CircleConfig, time_s: float, turns: int
+) -> None:
     trajectory = config.build()
     again = trajectory.at(time_s + turns * trajectory.period_s)
     for a, b in zip(vectors(again), vectors(trajectory.at(time_s)), strict=True):
@@ -206,7 +254,9 @@ def amplitude(u: float) -> float:
     """am(u | m = -1) by its Fourier series, whose nome is -exp(-π) (DLMF 22.11, 22.16.9)."""
     q = -math.exp(-math.pi)
     x = math.pi * u / float(VARPI)
-    return x + sum(2.0 * q**n / (n * (1.0 + q ** (2 * n))) * math.sin(2 * n * x) for n in range(1, 14))
+    return x + sum(
+        2.0 * q**n / (n * (1.0 + q ** (2 * n))) * math.sin(2 * n * x) for n in range(1, 14)
+    )
 
 
 def lemniscate_point(phi: float) -> tuple[float, float]:
@@ -223,7 +273,8 @@ def test_the_lemniscate_is_the_formula_of_the_paper_to_rounding(time_s: float) -
     # The time is reduced here in exact fractions, by a constant of 50 digits.
     reduced = Fraction(time_s) % (2 * VARPI / Fraction(1, 2))
     north, east = lemniscate_point(amplitude(0.5 * float(reduced)))
-    # The period as a double is off by half a unit in its last place, once a turn: 1e-16 of the way flown.
+    # The period as a double is off by half a unit in its last place, once a turn: 1e-16 of the way
+    # flown.
     tolerance = 2e-15 + 1.2e-16 * 0.5 * time_s
     assert math.dist(trajectory.position_at(time_s), (north, east, -1.0)) < tolerance
 
@@ -232,7 +283,9 @@ coordinate = st.floats(-100.0, 100.0)
 point = st.tuples(coordinate, coordinate, coordinate)
 
 
-@given(start=point, end=point, max_speed=st.floats(0.05, 20.0), max_acceleration=st.floats(0.05, 20.0))
+@given(
+    start=point, end=point, max_speed=st.floats(0.05, 20.0), max_acceleration=st.floats(0.05, 20.0)
+)
 def test_a_straight_way_keeps_both_limits_and_reaches_one_of_them(
     start: Vec3, end: Vec3, max_speed: float, max_acceleration: float
 ) -> None:
@@ -250,7 +303,12 @@ def test_a_straight_way_keeps_both_limits_and_reaches_one_of_them(
 def test_a_straight_way_rests_at_both_ends(start: Vec3, end: Vec3) -> None:
     assume(math.dist(start, end) > 1e-3)
     way = WaypointsConfig(points_ned=(start, end)).build()
-    for time_s, where in ((-1.0, start), (0.0, start), (way.duration_s, end), (way.duration_s + 1.0, end)):
+    for time_s, where in (
+        (-1.0, start),
+        (0.0, start),
+        (way.duration_s, end),
+        (way.duration_s + 1.0, end),
+    ):
         place, *motion = vectors(way.at(time_s))
         assert math.dist(place, where) < 1e-9
         assert max(math.hypot(*one) for one in motion) < 1e-9
@@ -280,9 +338,15 @@ TWO = [[0, 0, -1], [1, 0, -1]]
         ("waypoints", {"points_ned": TWO, "times_s": [3, 3]}, r"times_s\[1\]: expected at"),
         ("waypoints", {"points_ned": TWO, "yaws_deg": [3]}, "yaws_deg: expected one for"),
         ("samples", {"points_ned": TWO, "times_s": [0, 1], "ramp_s": 1.5}, "at most 1 s"),
-        ("samples", {"points_ned": [], "times_s": [0, 1], "file": "a.csv"}, "only a configuration can name"),
+        (
+            "samples",
+            {"points_ned": [], "times_s": [0, 1], "file": "a.csv"},
+            "only a configuration can name",
+        ),
     ],
 )
-def test_a_bad_setting_is_refused_in_words(kind: str, settings: dict[str, object], words: str) -> None:
+def test_a_bad_setting_is_refused_in_words(
+    kind: str, settings: dict[str, object], words: str
+) -> None:
     with pytest.raises(msgspec.ValidationError, match=words):
         msgspec.convert({"kind": kind, **settings}, TrajectoryConfig)

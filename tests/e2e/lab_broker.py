@@ -1,4 +1,6 @@
-"""A broker as a laboratory has it: TLS, passwords and access rules, made by the script that users run."""
+"""A broker as a laboratory has it: TLS, passwords and access rules, made by the script that users
+run.
+"""
 
 import asyncio
 import os
@@ -22,7 +24,9 @@ class LabBroker(Broker):
         self.folder = folder
         path = os.pathsep.join([str(Path(program).parent), os.environ.get("PATH", os.defpath)])
         environment = {**os.environ, "VEHICLES": vehicles, "PATH": path}
-        subprocess.run(["sh", SET_UP, folder, "localhost", str(self.port)], env=environment, check=True)
+        subprocess.run(
+            ["sh", SET_UP, folder, "localhost", str(self.port)], env=environment, check=True
+        )
 
     @property
     def url(self) -> str:
@@ -33,7 +37,9 @@ class LabBroker(Broker):
 
     def address(self, user: str) -> Address:
         """How ``user`` connects."""
-        return from_url(self.url, ca=self.folder / "ca.crt", user=user, password_file=self.password(user))
+        return from_url(
+            self.url, ca=self.folder / "ca.crt", user=user, password_file=self.password(user)
+        )
 
     def settings(self, vehicle: str) -> dict[str, str]:
         """The same as keys of a station's configuration."""

@@ -1,4 +1,6 @@
-"""A controller that flies well until it does not: ``controller.kind = "tests.e2e.misbehaving:make"``."""
+"""A controller that flies well until it does not:
+``controller.kind = "tests.e2e.misbehaving:make"``.
+"""
 
 import time
 
@@ -28,5 +30,8 @@ class Misbehaving:
 
 def make(vehicle: Vehicle, options: dict[str, object]) -> Controller:
     return Misbehaving(
-        vehicle, str(options["fault"]), float(str(options["after_s"])), float(str(options.get("for_s", 0.0)))
+        vehicle,
+        str(options["fault"]),
+        float(str(options["after_s"])),
+        float(str(options.get("for_s", 0.0))),
     )

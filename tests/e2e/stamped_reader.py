@@ -1,4 +1,6 @@
-"""What leaves on a pseudo-terminal, stamped by a process of its own: a test may be too busy to know when it came."""
+"""What leaves on a pseudo-terminal, stamped by a process of its own: a test may be too busy to know
+when it came.
+"""
 
 import asyncio
 import os
@@ -34,7 +36,9 @@ class StampedReader:
         os.set_blocking(far, True)
         return cls(
             await asyncio.create_subprocess_exec(
-                *(sys.executable, "-S", "-c", _PROGRAM, str(far)), stdout=asyncio.subprocess.PIPE, pass_fds=[far]
+                *(sys.executable, "-S", "-c", _PROGRAM, str(far)),
+                stdout=asyncio.subprocess.PIPE,
+                pass_fds=[far],
             )
         )
 

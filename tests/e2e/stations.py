@@ -18,7 +18,9 @@ QUICK_LANDING = ["--set", "flight.descent_m_s=1.0", "--set", "trajectory.altitud
 
 
 def run_here(main: Callable[[], int], *words: str | Path) -> "subprocess.CompletedProcess[str]":
-    """How a program ends and what it prints without a terminal, in this process: it starts no Python of its own."""
+    """How a program ends and what it prints without a terminal, in this process: it starts no
+    Python of its own.
+    """
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(out), redirect_stderr(err):
         patched.setattr("sys.argv", ["program", *map(str, words)])
@@ -36,7 +38,10 @@ def program(*words: str | Path) -> list[str]:
 
 
 def run_command(command: Sequence[str | Path], **more: Any) -> "subprocess.CompletedProcess[str]":
-    """Run a process of its own to its end, a minute at most, and return what it says; its standard input is empty."""
+    """Run a process of its own to its end, a minute at most, and return what it says.
+
+    Its standard input is empty.
+    """
     usual = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.run(command, **usual | more, text=True, timeout=60, check=False)
 
@@ -73,7 +78,10 @@ def free_udp_port() -> int:
 
 def children_of(process: int) -> list[int]:
     """The processes that it has started."""
-    return [int(child) for child in Path(f"/proc/{process}/task/{process}/children").read_text("utf-8").split()]
+    return [
+        int(child)
+        for child in Path(f"/proc/{process}/task/{process}/children").read_text("utf-8").split()
+    ]
 
 
 @dataclass
@@ -106,7 +114,13 @@ class Room:
         """The command line of ``groundstation fly`` or ``daemon`` in this room."""
         return [
             *program("groundstation", command, EXAMPLE, *self.wires, *QUICK_LANDING),
-            *("--set", f"status.path={self.status_socket}", "--set", f"recording.folder={self.recordings}", *arguments),
+            *(
+                "--set",
+                f"status.path={self.status_socket}",
+                "--set",
+                f"recording.folder={self.recordings}",
+                *arguments,
+            ),
         ]
 
 

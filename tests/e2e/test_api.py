@@ -38,7 +38,9 @@ def runtime(short_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @in_real_time
-async def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_the_newest(station: Stage) -> None:
+async def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_the_newest(
+    station: Stage,
+) -> None:
     async with station.up():
         early = asyncio.create_task(station.first())
         await asyncio.sleep(0.05)
@@ -119,13 +121,17 @@ async def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(station:
 
 
 @in_real_time
-async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(station: Stage) -> None:
+async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(
+    station: Stage,
+) -> None:
     async with station.up():
         _, writer = await asyncio.open_unix_connection(station.path)
         flood = asyncio.create_task(_flood(writer))
         await asyncio.sleep(0.3)
         assert not flood.done()
-        assert 0 < len(station.core.asked) <= api_server.ORDERS.burst + api_server.ORDERS.rate_hz * 0.4
+        assert (
+            0 < len(station.core.asked) <= api_server.ORDERS.burst + api_server.ORDERS.rate_hz * 0.4
+        )
         async with open_client(station.path) as client:
             answer = await client.ask(Request(Ask.LAND, "too windy"))
             assert answer.done
@@ -137,7 +143,11 @@ async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_serv
 
 async def _flood(writer: asyncio.StreamWriter) -> None:
     for start in range(0, 1_000_000, 1000):
-        writer.write(b"".join(b'{"id": %d, "ask": "land"}\n' % number for number in range(start, start + 1000)))
+        writer.write(
+            b"".join(
+                b'{"id": %d, "ask": "land"}\n' % number for number in range(start, start + 1000)
+            )
+        )
         await writer.drain()
 
 
@@ -162,7 +172,9 @@ BAD: dict[str, bytes] = {
 
 @pytest.mark.parametrize("line", BAD.values(), ids=BAD)
 @in_real_time
-async def test_what_is_no_order_does_nothing_but_one_log_line_and_one_refusal(line: bytes, station: Stage) -> None:
+async def test_what_is_no_order_does_nothing_but_one_log_line_and_one_refusal(
+    line: bytes, station: Stage
+) -> None:
     async with station.up():
         reader, writer = await asyncio.open_unix_connection(station.path)
         await reader.readline()
@@ -188,9 +200,17 @@ async def test_what_is_no_order_does_nothing_but_one_log_line_and_one_refusal(li
 async def test_an_order_that_is_played_again_does_nothing(station: Stage) -> None:
     async with station.up():
         reader, writer = await asyncio.open_unix_connection(station.path)
-        writer.write(b'{"id": 5, "ask": "land"}\n{"id": 5, "ask": "kill"}\n{"id": 4, "ask": "kill"}\n')
+        writer.write(
+            b'{"id": 5, "ask": "land"}\n{"id": 5, "ask": "kill"}\n{"id": 4, "ask": "kill"}\n'
+        )
         says = [msgspec.json.decode(await reader.readline()) for _ in range(5)]
-        assert [next(iter(one)) for one in says] == ["hello", "control", "answer", "refused", "refused"]
+        assert [next(iter(one)) for one in says] == [
+            "hello",
+            "control",
+            "answer",
+            "refused",
+            "refused",
+        ]
         assert [request.ask for request in station.core.asked] == [Ask.LAND]
         writer.close()
 
@@ -254,7 +274,9 @@ def test_what_is_no_request_is_refused_in_one_sentence_before_anybody_is_looked_
 
 
 @in_real_time
-async def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(station: Stage) -> None:
+async def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(
+    station: Stage,
+) -> None:
     with pytest.raises(ApiError, match=f"{station.path}: no ground station serves there"):
         await ask_station(Request(Ask.LAND), socket=str(station.path))
     async with station.up():
@@ -327,7 +349,9 @@ async def test_the_socket_of_a_process_that_was_killed_is_replaced(station: Stag
 
 
 @in_real_time
-async def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_first_goes_on(station: Stage) -> None:
+async def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_first_goes_on(
+    station: Stage,
+) -> None:
     station.latest.put(sample(1.0))
     async with station.up():
         with pytest.raises(ApiError, match="another ground station is serving this vehicle"):
@@ -336,7 +360,9 @@ async def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_fi
 
 
 @in_real_time
-async def test_a_place_that_can_not_be_or_is_not_ours_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+async def test_a_place_that_can_not_be_or_is_not_ours_is_refused_and_left_as_it_is(
+    tmp_path: Path,
+) -> None:
     path, shared = tmp_path / "mqx.sock", tmp_path / "shared"
     path.write_text("precious")
     shared.mkdir()

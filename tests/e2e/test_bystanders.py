@@ -1,4 +1,5 @@
-"""A real broker, a real dashboard and a real client of a flight in virtual time: killed, frozen, or listened to.
+"""A real broker, a real dashboard and a real client of a flight in virtual time: killed, frozen, or
+listened to.
 
 No byte that leaves, and no instant at which one does, may tell whether they were there.
 """
@@ -35,7 +36,8 @@ __all__ = ["broker", "terminal"]
 
 FIGURE_S = 20.0
 PACE = 1.0
-"""As fast as virtual time goes while something outside is waited for: that takes the time that it takes."""
+"""As fast as virtual time goes while something outside is waited for: that takes the time that it
+takes."""
 CLIENT = """
 import socket, sys, time
 with socket.socket(socket.AF_UNIX) as station:
@@ -83,7 +85,9 @@ class Outside:
 
     def __init__(self, broker: Broker, terminal: Terminal, folder: Path) -> None:
         self.config = msgspec.structs.replace(
-            CONFIG, status=StatusConfig(path=str(folder / "mqx.sock"), rate_hz=50.0), mqtt=config_for(broker)
+            CONFIG,
+            status=StatusConfig(path=str(folder / "mqx.sock"), rate_hz=50.0),
+            mqtt=config_for(broker),
         )
         self.done: list[str] = []
         self._broker = broker
@@ -94,7 +98,9 @@ class Outside:
     async def beside(self, flight: Flight, _: Stage) -> None:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, OpenLoop)
-        async with crew(self.config, flight, lambda text, *_: self.done.append(text), needed=True) as server:
+        async with crew(
+            self.config, flight, lambda text, *_: self.done.append(text), needed=True
+        ) as server:
             await until(lambda: flight.state is State.TRACKING)
             loop.pace = PACE
             frozen = asyncio.ensure_future(self._client_freezes(server))
@@ -105,9 +111,13 @@ class Outside:
             await until(lambda: flight.state in FINAL)
 
     async def _broker_dies(self) -> None:
-        await asyncio.to_thread(asyncio.run, self._broker.start())  # streams to an address are in memory on our loop
+        await asyncio.to_thread(
+            asyncio.run, self._broker.start()
+        )  # streams to an address are in memory on our loop
         async with Listener(self._broker.port) as listener:
-            await listener.until(lambda to: "tracking" in to.got[STATE] and len(to.got[SNAPSHOT]) > 10)
+            await listener.until(
+                lambda to: "tracking" in to.got[STATE] and len(to.got[SNAPSHOT]) > 10
+            )
         self._broker.kill()
         await asyncio.sleep(1.0)
         await asyncio.to_thread(asyncio.run, self._broker.start())
@@ -118,9 +128,13 @@ class Outside:
     async def _dashboard_dies(self, server: Server) -> None:
         screen = [sys.executable, "-m", "groundstation", "tui", "--socket", str(self._socket)]
         self._terminal.start(*screen)
-        await until(lambda: all(row in self._terminal.screen() for row in (*big("tracking"), "Armed by")))
+        await until(
+            lambda: all(row in self._terminal.screen() for row in (*big("tracking"), "Armed by"))
+        )
         self._terminal.type("?")
-        [pid] = [pid for pid, args in processes(str(self._socket)).items() if args == " ".join(screen)]
+        [pid] = [
+            pid for pid, args in processes(str(self._socket)).items() if args == " ".join(screen)
+        ]
         clients = len(server._clients)
         os.kill(pid, signal.SIGKILL)
         await until(lambda: len(server._clients) < clients)

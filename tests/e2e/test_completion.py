@@ -13,11 +13,11 @@ from groundstation.__main__ import main as flying_main
 from sim.__main__ import main as simulating_main
 from tests.e2e.stations import run_here
 
-SHELLS = {
-    "bash": ["--norc", "--noprofile", "-i"],
-    "zsh": ["-f", "-i"],
+SHELLS = {"bash": ["--norc", "--noprofile", "-i"], "zsh": ["-f", "-i"]}
+BEGIN = {
+    "bash": "PS1=; bind 'set enable-bracketed-paste off'",
+    "zsh": "PS1=; autoload -U compinit; compinit -u",
 }
-BEGIN = {"bash": "PS1=; bind 'set enable-bracketed-paste off'", "zsh": "PS1=; autoload -U compinit; compinit -u"}
 DEADLINE_S = 60.0
 LINES = {
     "groundstation-sim miss": "groundstation-sim mission ",
@@ -32,7 +32,8 @@ LINES = {
     "groundstation-sim dev intervals --fli": "--flights ",
     "groundstation config show roo": "room.toml",
 }
-"""What is typed → what a tab makes of it; no two alike in a row, as a shell may still draw the one before."""
+"""What is typed → what a tab makes of it; no two alike in a row, as a shell may still draw the one
+before."""
 ONLY_BASH = {"groundstation fleet relay --unt": "--until-eof "}
 """A command below one that has arguments of its own."""
 FORGET = "\x15"
@@ -45,11 +46,18 @@ def lines_of(shell: str) -> dict[str, str]:
 
 
 def shown_for(shell: str, program: str, scripts: list[Path], folder: Path) -> dict[str, str]:
-    """What an interactive ``shell`` shows after each line and a tab, until it is what is expected, or nothing comes."""
+    """What an interactive ``shell`` shows after each line and a tab, until it is what is expected,
+    or nothing comes.
+    """
     far, near = pty.openpty()
-    environment = {"PATH": "/usr/bin:/bin", "TERM": "dumb", "HOME": str(folder)}  # nothing of ours is to be run
+    environment = {
+        "PATH": "/usr/bin:/bin",
+        "TERM": "dumb",
+        "HOME": str(folder),
+    }  # nothing of ours is to be run
     process = subprocess.Popen(
-        [program, *SHELLS[shell]], stdin=near, stdout=near, stderr=near, env=environment, cwd=folder,
+        [program, *SHELLS[shell]], stdin=near, stdout=near, stderr=near, env=environment,
+        cwd=folder,
         start_new_session=True,
     )  # fmt: skip
     os.close(near)
@@ -58,13 +66,18 @@ def shown_for(shell: str, program: str, scripts: list[Path], folder: Path) -> di
         os.write(far, text.encode())
         shown = ""
         while expected not in shown and select.select([far], [], [], DEADLINE_S)[0]:
-            shown += os.read(far, 65536).decode(errors="replace").replace("\b", "").replace("\r\n", "\n")
+            shown += (
+                os.read(far, 65536).decode(errors="replace").replace("\b", "").replace("\r\n", "\n")
+            )
         return shown
 
     try:
         sourced = "; ".join(f"eval \"$(cat '{script}')\"" for script in scripts)
         type_until(f"{BEGIN[shell]}; {sourced}; echo re''ady\n", "ready")
-        return {typed: type_until(f"{FORGET}{typed}\t", expected) for typed, expected in lines_of(shell).items()}
+        return {
+            typed: type_until(f"{FORGET}{typed}\t", expected)
+            for typed, expected in lines_of(shell).items()
+        }
     finally:
         process.kill()
         process.wait()

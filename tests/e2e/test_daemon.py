@@ -1,4 +1,6 @@
-"""The daemon as a service manager and an operator have it: its own process, real sockets, real signals."""
+"""The daemon as a service manager and an operator have it: its own process, real sockets, real
+signals.
+"""
 
 import asyncio
 import json
@@ -47,7 +49,9 @@ class Running:
         with log.open("w") as file:
             words = room.station("daemon", *arguments)
             null = subprocess.DEVNULL
-            self.process = subprocess.Popen(words, stderr=file, stdin=null, env=os.environ | environment)
+            self.process = subprocess.Popen(
+                words, stderr=file, stdin=null, env=os.environ | environment
+            )
 
     @property
     def log(self) -> str:
@@ -77,12 +81,17 @@ def running(room: Room, log: Path, *arguments: str, **environment: str) -> Itera
         daemon.process.wait()
 
 
-def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_sigterm(tmp_path: Path) -> None:
+def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_sigterm(
+    tmp_path: Path,
+) -> None:
     name = f"\0groundstation-test-{os.getpid()}"
     manager = Manager(name)
     environment = {"NOTIFY_SOCKET": "@" + name[1:], "WATCHDOG_USEC": "600000"}
     try:
-        with served() as room, running(room, tmp_path / "log", "--log-format", "logfmt", **environment) as daemon:
+        with (
+            served() as room,
+            running(room, tmp_path / "log", "--log-format", "logfmt", **environment) as daemon,
+        ):
             daemon.says("ready: link and poses are available")
             assert "READY=1" in manager.told
             time.sleep(0.5)
@@ -90,19 +99,31 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
 
             second = run_command(room.station("daemon", "--once"))
             assert second.returncode == 3
-            assert f"flown by another ground station already (process {daemon.process.pid}" in second.stderr
+            assert (
+                f"flown by another ground station already (process {daemon.process.pid}"
+                in second.stderr
+            )
 
             assert daemon.command("request", "track").returncode == 1
             unnamed = daemon.command("request", "arm")
-            assert (unnamed.returncode, "must name it: --vehicle mqx" in unnamed.stderr) == (2, True)
+            assert (unnamed.returncode, "must name it: --vehicle mqx" in unnamed.stderr) == (
+                2,
+                True,
+            )
             assert daemon.command("request", "arm", "--vehicle", "other").returncode == 2
             assert " arming: " not in daemon.log
             armed = daemon.command("request", "arm", "--vehicle", "mqx")
             assert (armed.returncode, armed.stdout) == (0, "arming\n"), armed.stderr
-            asyncio.run(seen(room.status_socket, lambda s: s.flight_time_s > 1.5 and s.error_m < 0.1))
+            asyncio.run(
+                seen(room.status_socket, lambda s: s.flight_time_s > 1.5 and s.error_m < 0.1)
+            )
 
             health = json.loads(daemon.command("daemon", "health", "--json").stdout)
-            assert (health["well"], health["pid"], health["state"]) == (True, daemon.process.pid, "tracking")
+            assert (health["well"], health["pid"], health["state"]) == (
+                True,
+                daemon.process.pid,
+                "tracking",
+            )
             landing = daemon.command("request", "land", "--why", "enough")
             assert (landing.returncode, landing.stdout[:8]) == (0, "landing:")
             daemon.says("landed: landed and disarmed")
@@ -118,12 +139,16 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
             assert any(one.startswith("STATUS=tracking") for one in told)
             assert "STOPPING=1" in told
             assert all(line.startswith("level=") for line in daemon.log.splitlines()), daemon.log
-            assert len(list(room.recordings.glob("*.mcap"))) == 1, "of what was never armed no recording is kept"
+            assert len(list(room.recordings.glob("*.mcap"))) == 1, (
+                "of what was never armed no recording is kept"
+            )
     finally:
         manager.close()
 
 
-def test_a_daemon_that_is_started_again_after_its_death_in_flight_stays_on_the_ground(tmp_path: Path) -> None:
+def test_a_daemon_that_is_started_again_after_its_death_in_flight_stays_on_the_ground(
+    tmp_path: Path,
+) -> None:
     with served() as room:
         with running(room, tmp_path / "first", "--arm", "mqx") as first:
             first.says("tracking: ")
@@ -139,19 +164,27 @@ def test_a_daemon_that_is_started_again_after_its_death_in_flight_stays_on_the_g
             second.process.send_signal(signal.SIGSTOP)
             hangs = second.command("daemon", "health")
             second.process.send_signal(signal.SIGCONT)
-            assert (hangs.returncode, "no greeting within" in hangs.stdout) == (1, True), hangs.stdout + hangs.stderr
+            assert (hangs.returncode, "no greeting within" in hangs.stdout) == (1, True), (
+                hangs.stdout + hangs.stderr
+            )
             second.process.terminate()
             assert second.process.wait(60) == 0
 
 
 def test_a_service_is_never_armed_from_its_command_line(tmp_path: Path) -> None:
-    with running(Room(tmp_path), tmp_path / "log", "--arm", "mqx", NOTIFY_SOCKET="/nowhere") as daemon:
+    with running(
+        Room(tmp_path), tmp_path / "log", "--arm", "mqx", NOTIFY_SOCKET="/nowhere"
+    ) as daemon:
         assert daemon.process.wait(60) == 2
     assert "a service never arms by itself" in daemon.log
 
 
 def test_a_daemon_without_poses_goes_on_trying_and_ends_on_sigterm(tmp_path: Path) -> None:
-    sets = [word for key in ("flight.pose_wait_s=0.2", "link.connect_timeout_s=0.3") for word in ("--set", key)]
+    sets = [
+        word
+        for key in ("flight.pose_wait_s=0.2", "link.connect_timeout_s=0.3")
+        for word in ("--set", key)
+    ]
     with running(Room(tmp_path), tmp_path / "log", *sets) as daemon:
         daemon.says("aborted: ", times=2)
         daemon.process.terminate()

@@ -1,4 +1,6 @@
-"""The flying program killed, frozen and slowed at every stage, in real time, judged by the datagrams that left it."""
+"""The flying program killed, frozen and slowed at every stage, in real time, judged by the
+datagrams that left it.
+"""
 
 import asyncio
 import contextlib
@@ -41,15 +43,17 @@ class Lab:
     def set_points(self, since_s: float) -> list[tuple[float, float, tuple[float, float, float]]]:
         """Of those that arrived since then: when each left, thrust as a share, body rates.
 
-        It left when its own stamp says: what arrives later than that has been kept waiting by the machine, if by less
-        than ``KEPT_WAITING_S``.
+        It left when its own stamp says: what arrives later than that has been kept waiting by the
+        machine, if by less than ``KEPT_WAITING_S``.
         """
         found = []
         for t, data in self.datagrams:
             if t > since_s and data[7:10] == SET_POINT:
                 stamp_ms, p, q, r, thrust = struct.unpack_from("<I16x4f", data.ljust(60, b"\0"), 10)
                 under_way_s = 1e-3 * (int(1e3 * t) - stamp_ms & 0xFFFFFFFF)
-                found.append((t - under_way_s if under_way_s < KEPT_WAITING_S else t, thrust, (p, q, r)))
+                found.append(
+                    (t - under_way_s if under_way_s < KEPT_WAITING_S else t, thrust, (p, q, r))
+                )
         return found
 
     def has_orders_to_arm(self, since_s: float) -> bool:
@@ -70,7 +74,14 @@ async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterato
     world, config = prepare(SCENARIOS["paper"], [o for o in room.wires if o != "--set"])
     station = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "groundstation", "daemon", str(EXAMPLE), *room.wires),
-        *("--set", f"status.path={folder}.sock", "--set", "flight.duration_s=30.0", "--once", *arguments),
+        *(
+            "--set",
+            f"status.path={folder}.sock",
+            "--set",
+            "flight.duration_s=30.0",
+            "--once",
+            *arguments,
+        ),
         stdin=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
         cwd=ROOT,
@@ -135,7 +146,13 @@ async def landing(here: Lab) -> None:
 
 Reached = Callable[[Lab], Awaitable[None]]
 ARMED = ("--arm", "mqx")
-STAGES: dict[Reached, tuple[str, ...]] = {connecting: ARMED, ready: (), arming: ARMED, tracking: ARMED, landing: ARMED}
+STAGES: dict[Reached, tuple[str, ...]] = {
+    connecting: ARMED,
+    ready: (),
+    arming: ARMED,
+    tracking: ARMED,
+    landing: ARMED,
+}
 
 
 def together(*scenes: Awaitable[None]) -> None:
@@ -178,20 +195,28 @@ async def frozen(folder: Path, reached: Reached, for_s: float) -> None:
         assert not here.has_orders_to_arm(woken), what
         over = 0.25 + (0.15 if reached is arming else 2.0)
         assert [t for t, _, _ in after if t > stopped + over + UNDER_WAY_S] == [], what
-        # The parts of one bring-down: few, without yaw, the last one with the motors off. Commands all differ.
+        # The parts of one bring-down: few, without yaw, the last one with the motors off. Commands
+        # all differ.
         assert len({(thrust, rates) for _, thrust, rates in after}) <= 6, what
         assert all(rates[2] == 0.0 for _, _, rates in after), what
         if for_s > over + UNDER_WAY_S:
             assert after == [], what
         elif after:
             assert after[-1][1] == 0.0, what
-            assert any("this program stood still" in line or "bring-down" in line for line in here.log), what
-        else:  # it was woken in time, and the machine kept it waiting until nothing was owed any more
-            stood_ms = re.findall(r"no command for (\d+) ms, as this program stood still", "".join(here.log))
+            assert any(
+                "this program stood still" in line or "bring-down" in line for line in here.log
+            ), what
+        # It was woken in time, and the machine kept it waiting until nothing was owed any more.
+        else:
+            stood_ms = re.findall(
+                r"no command for (\d+) ms, as this program stood still", "".join(here.log)
+            )
             assert stood_ms and float(stood_ms[-1]) > 1e3 * over, what
 
 
-def test_a_station_that_was_frozen_brings_down_or_is_silent_and_never_flies_on(tmp_path: Path) -> None:
+def test_a_station_that_was_frozen_brings_down_or_is_silent_and_never_flies_on(
+    tmp_path: Path,
+) -> None:
     together(
         frozen(tmp_path / "a", arming, 0.8),
         frozen(tmp_path / "b", tracking, 0.8),
@@ -214,14 +239,18 @@ THRICE = (signal.SIGTERM, signal.SIGTERM, signal.SIGTERM)
 
 
 @pytest.mark.tried(1)  # three times, by way of twice; test_output.py sends SIGQUIT
-@pytest.mark.parametrize("signals", [THRICE, (signal.SIGTERM, signal.SIGINT), (signal.SIGQUIT,)], ids=len)
+@pytest.mark.parametrize(
+    "signals", [THRICE, (signal.SIGTERM, signal.SIGINT), (signal.SIGQUIT,)], ids=len
+)
 def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the_motors(
     signals: tuple[signal.Signals, ...], tmp_path: Path
 ) -> None:
     here = asyncio.run(told(tmp_path / "told", *signals))
     if len(signals) > 1:
         assert any("landing; once more: failsafe descent" in line for line in here.log), here.log
-        assert any(f"descent: requested by {signals[1].name}" in line for line in here.log), "\n".join(here.log)
+        assert any(f"descent: requested by {signals[1].name}" in line for line in here.log), (
+            "\n".join(here.log)
+        )
     if len(signals) == 2:
         assert any("landed and disarmed" in line for line in here.log), here.log
         assert here.set_points(0.0)[-1][1] == 0.0

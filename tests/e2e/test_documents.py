@@ -1,4 +1,6 @@
-"""The documents: every link leads somewhere, pictures are XML, and the site is built without a warning."""
+"""The documents: every link leads somewhere, pictures are XML, and the site is built without a
+warning.
+"""
 
 import re
 from pathlib import Path
@@ -37,7 +39,9 @@ def broken(path: Path) -> list[str]:
         if (
             not inside
             or not there.exists()
-            or (anchor and there.suffix == ".md" and anchor not in anchors(there.read_text("utf-8")))
+            or (
+                anchor and there.suffix == ".md" and anchor not in anchors(there.read_text("utf-8"))
+            )
         ):
             found.append(match["target"])
     return found
@@ -54,14 +58,23 @@ def test_every_test_that_a_document_names_is_there(path: Path) -> None:
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
-@pytest.mark.parametrize("picture", sorted((ROOT / "docs").rglob("*.svg")), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "picture", sorted((ROOT / "docs").rglob("*.svg")), ids=lambda path: path.name
+)
 def test_a_picture_is_xml_as_strict_browsers_want_it(picture: Path) -> None:
     assert ElementTree.parse(picture).getroot().tag == "{http://www.w3.org/2000/svg}svg"
 
 
 @pytest.mark.matrix  # `make docs` builds it; the tests before follow each link
 def test_every_page_is_in_the_site_and_it_is_built_without_a_warning(tmp_path: Path) -> None:
-    words = ("mkdocs", "build", "--strict", "--config-file", str(ROOT / ".mkdocs.yml"), "--site-dir")
+    words = (
+        "mkdocs",
+        "build",
+        "--strict",
+        "--config-file",
+        str(ROOT / ".mkdocs.yml"),
+        "--site-dir",
+    )
     done = run_command(program(*words, tmp_path / "site"))
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "site" / "tutorial" / "first-flight.html").exists()

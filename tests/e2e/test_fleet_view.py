@@ -46,7 +46,11 @@ async def test_keys_choose_and_the_worst_is_seen_first(size: tuple[int, int]) ->
             hear(screen.fleet, name, state, now_s)
         screen.draw()
         await pilot.pause()
-        assert [cells[:2] for cells in shown(screen)] == [["c", "!!ABORTED"], ["b", "▲ TRACKING"], ["a", "· READY"]]
+        assert [cells[:2] for cells in shown(screen)] == [
+            ["c", "!!ABORTED"],
+            ["b", "▲ TRACKING"],
+            ["a", "· READY"],
+        ]
         assert told(screen).startswith("c: ABORTED - following the trajectory")
         await pilot.press("down")
         await pilot.pause()
@@ -79,7 +83,9 @@ async def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
     async with screen.run_test(size=(100, 30)):
         await until(screen, lambda: "none has published" in headline(screen))
         await say(lab.address("quad2"), "groundstation/quad2/state", b"offline")
-        await until(screen, lambda: [cells[:2] for cells in shown(screen)] == [["quad2", "  OFFLINE"]])
+        await until(
+            screen, lambda: [cells[:2] for cells in shown(screen)] == [["quad2", "  OFFLINE"]]
+        )
         lab.kill()
         await until(screen, lambda: f"localhost:{lab.port}: " in headline(screen))
         await lab.start()

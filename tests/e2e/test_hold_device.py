@@ -18,7 +18,9 @@ def opened() -> DeviceInput:
     end = time.monotonic() + 60.0
     while True:
         try:
-            return open_device(OperatorConfig(hold="BTN_TR", device="groundstation test pedal", grab=True))
+            return open_device(
+                OperatorConfig(hold="BTN_TR", device="groundstation test pedal", grab=True)
+            )
         except ConfigError:
             assert time.monotonic() < end
             time.sleep(0.05)
@@ -28,7 +30,9 @@ def test_a_real_device_of_the_kernel_is_held_let_go_and_unplugged() -> None:
     try:
         made = evdev.UInput({ecodes.EV_KEY: [ecodes.BTN_TR]}, name="groundstation test pedal")
     except (OSError, evdev.UInputError):
-        pytest.skip(LEFT_OUT + "no real input device was held, for want of a /dev/uinput to write to")
+        pytest.skip(
+            LEFT_OUT + "no real input device was held, for want of a /dev/uinput to write to"
+        )
     try:
         held = opened()
         assert held.share() == 0.0

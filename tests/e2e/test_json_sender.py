@@ -1,4 +1,7 @@
-"""The senders in docs/how-to/extend.md, as they stand there, are understood; ROS 2 has a stand-in."""
+"""The senders in docs/how-to/extend.md, as they stand there, are understood.
+
+ROS 2 has a stand-in.
+"""
 
 import asyncio
 import math
@@ -51,8 +54,12 @@ async def test_the_documents_sender_is_understood(number: int, before: str) -> N
     await source.start(poses.append)
     code = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)[number]
     assert len([line for line in code.splitlines() if line.strip()]) <= 16
-    code = code.replace("51002", str(parse_address(address)[1])).replace("192.168.10.2", "127.0.0.1")
-    sender = await asyncio.create_subprocess_exec(sys.executable, "-c", before + code.replace("< 2.0", "< 0.5"))
+    code = code.replace("51002", str(parse_address(address)[1])).replace(
+        "192.168.10.2", "127.0.0.1"
+    )
+    sender = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", before + code.replace("< 2.0", "< 0.5")
+    )
     assert await sender.wait() == 0
     await asyncio.sleep(0.1)
     await source.close()

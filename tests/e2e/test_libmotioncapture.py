@@ -1,4 +1,6 @@
-"""Poses by libmotioncapture: its mock back end in a child process that is watched, and started again when it ends."""
+"""Poses by libmotioncapture: its mock back end in a child process that is watched, and started
+again when it ends.
+"""
 
 import asyncio
 import os
@@ -18,16 +20,23 @@ from groundstation.settings import Config
 from tests.loops import until
 
 pytest.importorskip(
-    "motioncapture", reason="left out: libmotioncapture is not tried, no wheel of motioncapture for this machine"
+    "motioncapture",
+    reason="left out: libmotioncapture is not tried, no wheel of motioncapture for this machine",
 )
 
 BODIES = "quad(1,2,3,1,0,0,0);wand(0,-1,0.5,1,0,0,0)"
 MOCK = LibmotioncaptureConfig(
-    backend="mock", options={"frequency": "100", "rigid_bodies": BODIES}, world="nwu", body="flu", latency_s=0.01
+    backend="mock",
+    options={"frequency": "100", "rigid_bodies": BODIES},
+    world="nwu",
+    body="flu",
+    latency_s=0.01,
 )
 
 
-def run(work: Callable[[Any, list[Pose]], Awaitable[None]], config: LibmotioncaptureConfig = MOCK) -> Any:
+def run(
+    work: Callable[[Any, list[Pose]], Awaitable[None]], config: LibmotioncaptureConfig = MOCK
+) -> Any:
     """The source, after it was started, has done ``work`` with the poses, and was closed."""
     source, poses = config.build(Others(("wand",))), list[Pose]()
 
@@ -47,7 +56,9 @@ def counts(source: Any, lost: int) -> bool:
     return bool(source.status.dropped.get("child_lost", 0) == lost)
 
 
-def test_its_poses_come_in_our_axes_stamped_as_the_library_gave_them_less_the_told_latency() -> None:
+def test_its_poses_come_in_our_axes_stamped_as_the_library_gave_them_less_the_told_latency() -> (
+    None
+):
     async def work(source: Any, poses: list[Pose]) -> None:
         await until(lambda: len(poses) > 50)
         for pose in poses:
@@ -63,7 +74,9 @@ def test_its_poses_come_in_our_axes_stamped_as_the_library_gave_them_less_the_to
     assert source.status.accepted > 50
 
 
-def test_a_child_that_dies_and_one_that_hangs_are_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_child_that_dies_and_one_that_hangs_are_started_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(libmotioncapture, "AGAIN_S", 0.05)
     monkeypatch.setattr(libmotioncapture, "SILENT_S", 1.0)
 
@@ -127,7 +140,9 @@ def noisy_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("noisy_library")
-def test_what_the_library_prints_is_no_frame_and_no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_library_prints_is_no_frame_and_no_connection(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     async def work(source: Any, poses: list[Pose]) -> None:
         await until(lambda: len(poses) > 20)
 

@@ -1,4 +1,6 @@
-"""A client that others wrote (MAVSDK) flies our simulated autopilot over real UDP: it is not only what we believe."""
+"""A client that others wrote (MAVSDK) flies our simulated autopilot over real UDP: it is not only
+what we believe.
+"""
 
 import subprocess
 import sys
@@ -52,16 +54,31 @@ asyncio.run(main())
 def test_an_independent_client_flies_the_simulated_autopilots() -> None:
     with ExitStack() as stack:  # both at once: a flight is mostly waiting
         flights = {}
-        for autopilot, waits_s in (("px4", "0.5"), ("ardupilot", "2.6")):  # ArduCopter's rotors stand so long
+        for autopilot, waits_s in (
+            ("px4", "0.5"),
+            ("ardupilot", "2.6"),
+        ):  # ArduCopter's rotors stand so long
             port = free_udp_port()
-            wires = (f"link.listen=127.0.0.1:{port}", f"pose.listen=127.0.0.1:{free_udp_port()}", "sim.floor_z_m=0.4")
+            wires = (
+                f"link.listen=127.0.0.1:{port}",
+                f"pose.listen=127.0.0.1:{free_udp_port()}",
+                "sim.floor_z_m=0.4",
+            )
             sets = [word for wire in wires for word in ("--set", wire)]
             says = stack.enter_context(serving("--autopilot", autopilot, "--duration", "30", *sets))
             assert "serving" in says
             command = [sys.executable, "-c", FLIGHT, str(port), waits_s]
             flights[autopilot] = stack.enter_context(beside(command, stderr=subprocess.STDOUT))
-        told = {autopilot: flight.communicate(timeout=60)[0] for autopilot, flight in flights.items()}
+        told = {
+            autopilot: flight.communicate(timeout=60)[0] for autopilot, flight in flights.items()
+        }
     for autopilot, text in told.items():
-        said = [" ".join(line.split()[:2]) for line in text.splitlines() if line.startswith(("did ", "refused "))]
-        expected = "refused early-arm, did offboard, did arm, refused early-disarm, did land, did disarm"
+        said = [
+            " ".join(line.split()[:2])
+            for line in text.splitlines()
+            if line.startswith(("did ", "refused "))
+        ]
+        expected = (
+            "refused early-arm, did offboard, did arm, refused early-disarm, did land, did disarm"
+        )
         assert ", ".join(said) == expected, f"{autopilot}: {text}"

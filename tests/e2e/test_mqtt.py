@@ -1,4 +1,6 @@
-"""Telemetry to a real mosquitto on a loopback port, which also goes away, comes back, and refuses."""
+"""Telemetry to a real mosquitto on a loopback port, which also goes away, comes back, and
+refuses.
+"""
 
 import asyncio
 import contextlib
@@ -39,11 +41,15 @@ class Broker:
                 _, writer = await asyncio.open_connection("127.0.0.1", self.port)
                 writer.close()
                 return
-            assert self._process is not None and self._process.poll() is None, "mosquitto did not start"
+            assert self._process is not None and self._process.poll() is None, (
+                "mosquitto did not start"
+            )
             await asyncio.sleep(0.01)
 
     def _launch(self) -> None:
-        self._process = subprocess.Popen([self._program, "-c", self._config], stderr=subprocess.DEVNULL)
+        self._process = subprocess.Popen(
+            [self._program, "-c", self._config], stderr=subprocess.DEVNULL
+        )
 
     def stand_still(self) -> None:
         assert self._process is not None
@@ -64,7 +70,9 @@ class Broker:
 def broker(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[Broker]:
     """One that lets everybody in; it does not run yet."""
     config, port = tmp_path / "mosquitto.conf", asyncio.run(free_tcp_port())
-    config.write_text(f"listener {port} 127.0.0.1\npersistence false\nuser root\nallow_anonymous true\n")
+    config.write_text(
+        f"listener {port} 127.0.0.1\npersistence false\nuser root\nallow_anonymous true\n"
+    )
     made = Broker(needs_program("mosquitto"), config, port)
     yield made
     made.kill()
@@ -120,12 +128,16 @@ async def pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) ->
     writer.close()
 
 
-STATE, SNAPSHOT, EVENT, HEALTH = (f"lab/mqx/{name}" for name in ("state", "snapshot", "event", "health"))
+STATE, SNAPSHOT, EVENT, HEALTH = (
+    f"lab/mqx/{name}" for name in ("state", "snapshot", "event", "health")
+)
 SESSION = "lab/mqx/request/session"
 
 
 @contextlib.asynccontextmanager
-async def publishing(config: MqttConfig, latest: Latest[Snapshot]) -> AsyncIterator[asyncio.Task[None]]:
+async def publishing(
+    config: MqttConfig, latest: Latest[Snapshot]
+) -> AsyncIterator[asyncio.Task[None]]:
     task = asyncio.create_task(publish_forever(config, latest))
     try:
         yield task
@@ -147,7 +159,11 @@ async def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(brok
             latest.put(sample(1.0, state="ready"))
             await listener.until(lambda to: bool(to.got[SNAPSHOT]))
             flying = sample(2.0)
-            latest.put(msgspec.structs.replace(flying, events=(*flying.events, Notice(102.0, "tracking", "wind"))))
+            latest.put(
+                msgspec.structs.replace(
+                    flying, events=(*flying.events, Notice(102.0, "tracking", "wind"))
+                )
+            )
             await listener.until(lambda to: len(to.got[SNAPSHOT]) == 2)
         await listener.until(lambda to: to.got[STATE][-1:] == ["offline"])
     assert listener.got[STATE] == ["ready", "tracking", "offline"]
@@ -235,7 +251,9 @@ async def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_
 
 
 @in_real_time
-async def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_after(broker: Broker) -> None:
+async def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_after(
+    broker: Broker,
+) -> None:
     await broker.start()
     loop = asyncio.get_running_loop()
     latest: Latest[Snapshot] = Latest()
@@ -251,15 +269,21 @@ async def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_afte
             slowest = max(slowest, loop.time() - before)
         assert not task.done()
         broker.go_on()
-        await listener.until(lambda to: msgspec.json.decode(to.got[SNAPSHOT][-1], type=Snapshot) == sample(300.0))
+        await listener.until(
+            lambda to: msgspec.json.decode(to.got[SNAPSHOT][-1], type=Snapshot) == sample(300.0)
+        )
         assert len(listener.got[SNAPSHOT]) < 150
     assert slowest < 0.5
 
 
 @pytest.mark.parametrize("topic", [STATE, SESSION])
 @in_real_time
-async def test_whatever_is_retained_is_published_again_with_the_health(broker: Broker, topic: str) -> None:
-    """An older connection may overwrite it, by its last will or by what it has sent, long after the next one began."""
+async def test_whatever_is_retained_is_published_again_with_the_health(
+    broker: Broker, topic: str
+) -> None:
+    """An older connection may overwrite it, by its last will or by what it has sent, long after the
+    next one began.
+    """
 
     await broker.start()
     latest: Latest[Snapshot] = Latest()

@@ -100,19 +100,37 @@ async def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_al
         assert (answer.done, answer.says) == (True, "land: too windy (tablet by MQTT)")
         assert [request.ask for request in station.core.asked] == [Ask.LAND]
 
-        session = msgspec.json.decode(await retained(client, "groundstation/mqx/request/session"), type=SessionMessage)
+        session = msgspec.json.decode(
+            await retained(client, "groundstation/mqx/request/session"), type=SessionMessage
+        )
         topic, place = "groundstation/mqx/request", Place("groundstation", "mqx")
         now = wall_ms()
         good = seal_request(secret, place, session.session, "tablet", now, "kill", now + 3000)
-        for data in (b"{}", good[:-5], good.replace(b'"kill"', b'"hold"'), b" " * 4000, b" " * 60000):
+        for data in (
+            b"{}",
+            good[:-5],
+            good.replace(b'"kill"', b'"hold"'),
+            b" " * 4000,
+            b" " * 60000,
+        ):
             await client.publish(topic, data, qos=1)
-        await client.publish(topic, seal_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1)
-        await client.publish(topic, good, qos=1, retain=True)  # a station that comes later must not hear it
+        await client.publish(
+            topic, seal_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1
+        )
+        await client.publish(
+            topic, good, qos=1, retain=True
+        )  # a station that comes later must not hear it
         await client.publish(topic, good, qos=1)
         await client.publish(topic, good, qos=1)
         counts = await counted(client, 9)
         # Of 60 kB the broker has told nobody: a station says that it takes no such packet.
-        assert counts == {"done": 2, "malformed": 2, "oversized": 1, "replayed": 3, "unauthenticated": 1}
+        assert counts == {
+            "done": 2,
+            "malformed": 2,
+            "oversized": 1,
+            "replayed": 3,
+            "unauthenticated": 1,
+        }
         assert [request.ask for request in station.core.asked] == [Ask.LAND, Ask.KILL]
     async with station.serving(config_of(lab, key)):  # another session, in which nothing old counts
         await client_published(lab, topic, good)
@@ -129,7 +147,9 @@ async def client_published(lab: LabBroker, topic: str, data: bytes) -> None:
 async def test_who_asks_reads_why_nothing_came_of_it(
     lab: LabBroker, key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mqtt_command, "LIFE_MS", 500)  # four of them wait for as long as an operator would
+    monkeypatch.setattr(
+        mqtt_command, "LIFE_MS", 500
+    )  # four of them wait for as long as an operator would
     make_key(tmp_path / "other.key")
     operator, secret = lab.address("operator"), read_key(key)
     station = Station()
@@ -142,16 +162,24 @@ async def test_who_asks_reads_why_nothing_came_of_it(
         await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
     async with station.serving(config_of(lab, key)):
         with pytest.raises(Unanswered, match="it may not know 'tablet' by this key"):
-            await request_by_mqtt(operator, "mqx", "tablet", read_key(tmp_path / "other.key"), "land")
-        async with operator.client() as client:  # the session came again and again, and was asked of once
+            await request_by_mqtt(
+                operator, "mqx", "tablet", read_key(tmp_path / "other.key"), "land"
+            )
+        async with (
+            operator.client() as client
+        ):  # the session came again and again, and was asked of once
             assert await counted(client, 1) == {"unauthenticated": 1}
-        with pytest.raises(Unanswered, match="has not answered"):  # the access rules do not let a viewer publish
+        with pytest.raises(
+            Unanswered, match="has not answered"
+        ):  # the access rules do not let a viewer publish
             await request_by_mqtt(lab.address("viewer"), "mqx", "tablet", secret, "land")
     assert station.core.asked == []
 
 
 @in_real_time
-async def test_a_kill_is_heard_in_a_flood_and_all_else_once_it_is_over(lab: LabBroker, key: Path) -> None:
+async def test_a_kill_is_heard_in_a_flood_and_all_else_once_it_is_over(
+    lab: LabBroker, key: Path
+) -> None:
     station = Station()
 
     async def flood(client: aiomqtt.Client) -> None:
@@ -172,12 +200,22 @@ async def test_a_kill_is_heard_in_a_flood_and_all_else_once_it_is_over(lab: LabB
         await asyncio.sleep(1.0)
         assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "land")).done
         assert (await counted(client, 1))["flooded"] >= 1
-    assert [request.ask for request in station.core.asked] == [Ask.KILL, Ask.KILL, Ask.KILL, Ask.LAND]
+    assert [request.ask for request in station.core.asked] == [
+        Ask.KILL,
+        Ask.KILL,
+        Ask.KILL,
+        Ask.LAND,
+    ]
 
 
-@pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")  # paho leaves a failed handshake's socket to Python
+@pytest.mark.filterwarnings(
+    "ignore:unclosed:ResourceWarning"
+)  # paho leaves a failed handshake's socket to Python
 def test_a_broker_of_another_authority_is_not_spoken_to(
-    lab: LabBroker, needs_program: Callable[..., str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+    lab: LabBroker,
+    needs_program: Callable[..., str],
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     stranger = LabBroker(needs_program("mosquitto"), tmp_path / "stranger", "mqx")
 
@@ -185,7 +223,9 @@ def test_a_broker_of_another_authority_is_not_spoken_to(
         station = Station()
         config = config_of(lab, None, **{"mqtt.tls.ca_file": str(ca), **more})
         async with lab.address("viewer").client() as client:
-            await client.subscribe("groundstation/mqx/snapshot")  # before its only one, which no broker keeps
+            await client.subscribe(
+                "groundstation/mqx/snapshot"
+            )  # before its only one, which no broker keeps
             async with station.serving(config), asyncio.timeout(patience_s):
                 await anext(aiter(client.messages))
 
@@ -199,10 +239,14 @@ def test_a_broker_of_another_authority_is_not_spoken_to(
 
 
 @in_real_time
-async def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_password(lab: LabBroker) -> None:
+async def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_password(
+    lab: LabBroker,
+) -> None:
     anonymous = lab.address("mqx")
     nobody = msgspec.structs.replace(
-        anonymous, password=None, config=msgspec.structs.replace(anonymous.config, username="", password_file="")
+        anonymous,
+        password=None,
+        config=msgspec.structs.replace(anonymous.config, username="", password_file=""),
     )
     with pytest.raises(aiomqtt.MqttError, match=r"[Nn]ot authori[sz]ed"):
         await nobody.client().__aenter__()

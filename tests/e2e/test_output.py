@@ -1,4 +1,6 @@
-"""Output that nobody reads: a full pipe, a full disk, a terminal that stands still, a reader that has gone."""
+"""Output that nobody reads: a full pipe, a full disk, a terminal that stands still, a reader that
+has gone.
+"""
 
 import json
 import os
@@ -31,7 +33,10 @@ def test_a_full_pipe_loses_lines_and_tells_how_many_once_it_is_read() -> None:
     held = os.read(reading, 1 << 20).decode().splitlines()
     assert [line.split()[0] for line in held] == [str(number) for number in range(len(held))]
     outlet.say("after")
-    assert os.read(reading, 1 << 20).decode() == f"{100 - len(held)} lines were lost: nobody read them\nafter\n"
+    assert (
+        os.read(reading, 1 << 20).decode()
+        == f"{100 - len(held)} lines were lost: nobody read them\nafter\n"
+    )
 
 
 def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
@@ -55,13 +60,21 @@ def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
     assert shown.startswith("before\n")
     assert "lines were lost" in shown
     for line in shown.splitlines():
-        assert line in ("before", "after", "^S", "^Q") or line.endswith(("stands still", "nobody read them"))
+        assert line in ("before", "after", "^S", "^Q") or line.endswith(
+            ("stands still", "nobody read them")
+        )
     assert os.get_blocking(theirs)  # whoever shares it waits as before
 
 
 @pytest.mark.tried(2)  # commands
 @pytest.mark.parametrize(
-    "line", ["groundstation config show", "groundstation mqtt topics", "sim scenarios --json", "sim fly --duration 1"]
+    "line",
+    [
+        "groundstation config show",
+        "groundstation mqtt topics",
+        "sim scenarios --json",
+        "sim fly --duration 1",
+    ],
 )
 def test_a_reader_that_has_gone_ends_a_command_without_a_traceback(line: str) -> None:
     with beside(program(*line.split()), stderr=subprocess.PIPE) as process:
@@ -74,10 +87,15 @@ def test_a_reader_that_has_gone_ends_a_command_without_a_traceback(line: str) ->
 def test_a_full_disk_is_told_of_in_one_line() -> None:
     with open("/dev/full", "w") as full:  # noqa: PTH123  # a device
         done = run_command(program("groundstation", "config", "show"), stdout=full)
-    assert (done.returncode, done.stderr) == (1, "the output cannot be written: No space left on device\n")
+    assert (done.returncode, done.stderr) == (
+        1,
+        "the output cannot be written: No space left on device\n",
+    )
 
 
-def test_a_dashboard_whose_station_can_not_write_its_log_says_so_before_anything_flies(tmp_path: Path) -> None:
+def test_a_dashboard_whose_station_can_not_write_its_log_says_so_before_anything_flies(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "taken").write_text("no folder", "utf-8")
     folder = tmp_path / "taken" / "flights"
     main, side = pty.openpty()
@@ -92,22 +110,36 @@ def test_a_dashboard_whose_station_can_not_write_its_log_says_so_before_anything
 
 
 FULL = [
-    (("export", "{log}", "--format", "npz", "--out", "{out}.npz"), "--out: cannot write {out}.npz: File too large"),
-    (("export", "{log}", "--format", "mcap", "--out", "{out}.mcap"), "--out: cannot write {out}.mcap: File too large"),
-    (("logs", "import", "{poses}", "--map", "tum", "--out", "{out}.mcap"), "--out: cannot write {out}.mcap: File too"),
+    (
+        ("export", "{log}", "--format", "npz", "--out", "{out}.npz"),
+        "--out: cannot write {out}.npz: File too large",
+    ),
+    (
+        ("export", "{log}", "--format", "mcap", "--out", "{out}.mcap"),
+        "--out: cannot write {out}.mcap: File too large",
+    ),
+    (
+        ("logs", "import", "{poses}", "--map", "tum", "--out", "{out}.mcap"),
+        "--out: cannot write {out}.mcap: File too",
+    ),
     (("mqtt", "make-key", "{out}.key"), "mqtt make-key: cannot write {out}.key: File too large"),
 ]
 
 
 @pytest.mark.parametrize(("words", "says"), FULL, ids=["npz", "mcap", "import", "key"])
-def test_what_a_full_disk_does_not_hold_is_not_begun(words: tuple[str, ...], says: str, tmp_path: Path) -> None:
+def test_what_a_full_disk_does_not_hold_is_not_begun(
+    words: tuple[str, ...], says: str, tmp_path: Path
+) -> None:
     """As on a full disk, no file may grow beyond 16 bytes."""
     poses = tmp_path / "poses.txt"
     poses.write_text("".join(f"{0.01 * n} {0.001 * n} 0 1 0 0 0 1\n" for n in range(200)), "utf-8")
     names = {"log": recorded()[0], "poses": poses, "out": tmp_path / "made"}
     limit = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (16, 16)); "
     command = [word.format(**names) for word in words]
-    code = f"{limit}sys.argv = ['groundstation', *{command!r}]; runpy.run_module('groundstation', run_name='__main__')"
+    code = (
+        f"{limit}sys.argv = ['groundstation', *{command!r}]; runpy.run_module('groundstation', "
+        "run_name='__main__')"
+    )
     done = run_command([sys.executable, "-B", "-c", code])
     assert done.stderr.startswith(f"groundstation: {says.format(**names)}")
     assert done.returncode == 2
@@ -115,7 +147,9 @@ def test_what_a_full_disk_does_not_hold_is_not_begun(words: tuple[str, ...], say
 
 
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
-def test_a_program_that_is_started_without_standard_streams_flies_and_records(closed: str, tmp_path: Path) -> None:
+def test_a_program_that_is_started_without_standard_streams_flies_and_records(
+    closed: str, tmp_path: Path
+) -> None:
     flight = shlex.join(program("sim", "fly", "--duration", "1", "--out", tmp_path))
     done = run_command(["sh", "-c", f"{flight} {closed}"], stdin=None)
     assert done.returncode == 0
@@ -184,7 +218,9 @@ def test_commands_go_on_and_the_flight_lands_while_the_terminal_stands_still() -
             assert process.wait(60) == 0
         times = [entry.value()["time_s"] for entry in the_recording(room).entries(("/command",))]
     assert len(times) > 80
-    assert max(after - before for before, after in pairwise(times)) < 0.3  # where it waited, it would be for ever
+    assert (
+        max(after - before for before, after in pairwise(times)) < 0.3
+    )  # where it waited, it would be for ever
 
 
 @pytest.mark.tried(1)  # a pipe, and not a terminal as well

@@ -1,4 +1,6 @@
-"""The pacer's stand-by on pseudo-terminals: real processes that are killed and stopped, and the bytes that left."""
+"""The pacer's stand-by on pseudo-terminals: real processes that are killed and stopped, and the
+bytes that left.
+"""
 
 import asyncio
 import contextlib
@@ -42,13 +44,17 @@ F = TypeVar("F", bound="Flight")
 
 
 class Flight:
-    """A link whose vehicle is flown by commands that are always fresh, and every frame that left."""
+    """A link whose vehicle is flown by commands that are always fresh, and every frame that
+    left.
+    """
 
     def __init__(self) -> None:
         self.wire = PtyWire()
         self.seen: list[tuple[float, Sticks]] = []
         self._decoder = DsmLinkConfig().codec().decoder()
-        config = DsmLinkConfig(port=self.wire.path, period_s=PERIOD_S, arm_low_s=0.0, arm_high_s=0.1, map=MAP)
+        config = DsmLinkConfig(
+            port=self.wire.path, period_s=PERIOD_S, arm_low_s=0.0, arm_high_s=0.1, map=MAP
+        )
         self.link: PacedLink = SerialRfLink(config, thrust_max_n=2.0)
         self.pacer = self.standby = 0
         self._sends: asyncio.Task[None] | None = None
@@ -108,19 +114,28 @@ class Flight:
         return [sticks for time_s, sticks in self.seen if time_s > since_s]
 
     def is_one_writers(self) -> None:
-        """Every frame whole; never more than one a period; and nothing flies again after a frame that did not."""
+        """Every frame whole.
+
+        Never more than one a period; and nothing flies again after a frame that did not.
+        """
         assert not self._decoder.dropped
-        # Six frames of one writer take five periods, less what the first of them was late by; of two, two and a half.
+        # Six frames of one writer take five periods, less what the first of them was late by; of
+        # two, two and a half.
         times = [time_s for time_s, _ in self.seen]
         for k in range(len(times) - 5):
             six = times[k : k + 6]
-            # Three that are read at once were held up by the kernel on their way, and tell nothing of when they left.
+            # Three that are read at once were held up by the kernel on their way, and tell nothing
+            # of when they left.
             if all(sum(abs(one - other) < AT_ONCE_S for other in six) < 3 for one in six):
-                assert six[-1] - six[0] > 2.75 * PERIOD_S, "six frames as quick as those of two writers"
+                assert six[-1] - six[0] > 2.75 * PERIOD_S, (
+                    "six frames as quick as those of two writers"
+                )
         thrusts = [sticks.thrust_n for _, sticks in self.seen]
         flown = thrusts[next(k for k, thrust in enumerate(thrusts) if thrust > 0.9) :]
         ranks = [2 if thrust > 0.9 else 1 if thrust > 0.1 else 0 for thrust in flown]
-        assert ranks == sorted(ranks, reverse=True), "a frame that lifts more after one that lifts less"
+        assert ranks == sorted(ranks, reverse=True), (
+            "a frame that lifts more after one that lifts less"
+        )
 
     def is_down(self) -> None:
         last = self.seen[-1][1]
@@ -137,7 +152,9 @@ class Bridged(Flight):
         make_key(key)
         self._config = folder / "bridge.toml"
         address = f"127.0.0.1:{free_udp_port()}"
-        self._config.write_text(BRIDGE.format(address=address, key=key, port=self.wire.path, period_s=PERIOD_S))
+        self._config.write_text(
+            BRIDGE.format(address=address, key=key, port=self.wire.path, period_s=PERIOD_S)
+        )
         config = BridgeLinkConfig(remote=address, key_file=str(key), connect_timeout_s=10.0)
         self.link = BridgeLink(config, thrust_max_n=2.0)
         self.said = ""
@@ -201,7 +218,9 @@ def gap_s(it: Flight, since_s: float) -> float:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @in_real_time
-async def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_it_held(number: signal.Signals) -> None:
+async def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_it_held(
+    number: signal.Signals,
+) -> None:
     async with begun(Flight()) as it:
         struck = time.monotonic()
         os.kill(it.pacer, number)
@@ -224,7 +243,9 @@ async def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_i
         await it.link.arm(command)
 
 
-@pytest.mark.parametrize(("number", "says"), [(signal.SIGKILL, "is gone"), (signal.SIGSTOP, "stands still")])
+@pytest.mark.parametrize(
+    ("number", "says"), [(signal.SIGKILL, "is gone"), (signal.SIGSTOP, "stands still")]
+)
 @in_real_time
 async def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_on(
     number: signal.Signals, says: str
@@ -243,7 +264,9 @@ async def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_o
 
 @pytest.mark.parametrize("first", ["pacer", "standby"])
 @in_real_time
-async def test_nothing_is_said_to_bring_down_where_the_pacer_and_its_stand_by_are_dead(first: str) -> None:
+async def test_nothing_is_said_to_bring_down_where_the_pacer_and_its_stand_by_are_dead(
+    first: str,
+) -> None:
     async with begun(Flight()) as it:
         assert not it.link.status.unmet
         for process in (it.pacer, it.standby) if first == "pacer" else (it.standby, it.pacer):
@@ -251,13 +274,15 @@ async def test_nothing_is_said_to_bring_down_where_the_pacer_and_its_stand_by_ar
             os.kill(process, signal.SIGKILL)
             await asyncio.sleep(0.05)  # long enough for the stand-by to take over, and to say so
         await until(lambda: it.link.status.unmet)
-        assert it.link.status.unmet.startswith("the receiver's failsafe has to act: the pacer and its stand-by ended")
+        assert it.link.status.unmet.startswith(
+            "the receiver's failsafe has to act: the pacer and its stand-by ended"
+        )
         assert "and with them every frame" in it.link.status.text, "not what was true before"
         assert it.link.status.phase == "over"
 
 
 @in_real_time
-async def test_a_bridge_whose_pacer_lost_its_stand_by_says_so_and_starts_both_anew_before_the_next_arming(
+async def test_a_bridge_whose_pacer_lost_its_stand_by_says_so_and_starts_both_anew(
     tmp_path: Path,
 ) -> None:
     async with begun(Bridged(tmp_path)) as it:
@@ -268,7 +293,9 @@ async def test_a_bridge_whose_pacer_lost_its_stand_by_says_so_and_starts_both_an
         assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck)), "the flight goes on"
         it.fall_silent()
         await it.link.disarm()
-        await until(lambda: it.link.status.state == "connected" and "stand-by" not in it.link.status.warning)
+        await until(
+            lambda: it.link.status.state == "connected" and "stand-by" not in it.link.status.warning
+        )
         (standby,) = children_of(it.bridge.pid)
         assert standby != it.standby
         await it.link.arm(command)
@@ -306,7 +333,9 @@ async def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
 @pytest.mark.tried(1)  # that it dies, or stands still, which the tests of a station have
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @in_real_time
-async def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(number: signal.Signals, tmp_path: Path) -> None:
+async def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(
+    number: signal.Signals, tmp_path: Path
+) -> None:
     async with begun(Bridged(tmp_path)) as it:
         struck = time.monotonic()
         os.kill(it.pacer, number)
@@ -354,7 +383,9 @@ async def harass(seed: int) -> str:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(each, signal.SIGSTOP)
                 await asyncio.sleep(draw.choice([0.0, draw.uniform(0.0, 0.01)]))
-            await asyncio.sleep(draw.choice([draw.uniform(0.0, 0.05), draw.uniform(0.05, 0.1), 0.15]))
+            await asyncio.sleep(
+                draw.choice([draw.uniform(0.0, 0.05), draw.uniform(0.05, 0.1), 0.15])
+            )
             for each in draw.sample(struck, len(struck)):
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(each, signal.SIGCONT)
@@ -371,7 +402,9 @@ async def harass(seed: int) -> str:
 async def harassed(seeds: range) -> list[str]:
     found: list[str] = []
     for first in range(seeds.start, seeds.stop, 4):
-        found += await asyncio.gather(*(harass(seed) for seed in range(first, min(first + 4, seeds.stop))))
+        found += await asyncio.gather(
+            *(harass(seed) for seed in range(first, min(first + 4, seeds.stop)))
+        )
     return found
 
 

@@ -73,7 +73,9 @@ def at_terminal(room: Room, state: Path) -> Iterator[Terminal]:
 
 @pytest.mark.tried(1)  # ends
 @pytest.mark.parametrize("how", ["Ctrl-C", "killed"])
-def test_however_it_ends_the_vehicle_is_disarmed_and_nothing_is_kept(tmp_path: Path, how: str) -> None:
+def test_however_it_ends_the_vehicle_is_disarmed_and_nothing_is_kept(
+    tmp_path: Path, how: str
+) -> None:
     with served() as room, at_terminal(room, tmp_path) as terminal:
         terminal.wait_for("to begin")
         terminal.types("mqx")

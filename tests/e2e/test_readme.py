@@ -1,7 +1,8 @@
 """Every command that the documents show works as shown.
 
-A block of commands that can't be run here is preceded by ``<!-- not tested: why -->``: of it the programs must know all
-options. One that needs what the block above it leaves behind is preceded by ``<!-- after the block above -->``.
+A block of commands that can't be run here is preceded by ``<!-- not tested: why -->``: of it the
+programs must know all options. One that needs what the block above it leaves behind is preceded by
+``<!-- after the block above -->``.
 """
 
 import os
@@ -26,7 +27,9 @@ OURS = {"groundstation": parser, "groundstation-sim": sim_parser}
 
 
 class Shown(NamedTuple):
-    """Commands as a document shows them: of one block, or of several of which each needs the one above."""
+    """Commands as a document shows them: of one block, or of several of which each needs the one
+    above.
+    """
 
     document: str
     lines: list[str]
@@ -37,7 +40,10 @@ def shown_in(text: str, document: str) -> list[Shown]:
     """The commands of its blocks; a backslash at a line's end continues it."""
     found: list[Shown] = []
     for block in BLOCK.finditer(text):
-        told = [line.strip().removeprefix("$ ") for line in block["text"].replace("\\\n", " ").splitlines()]
+        told = [
+            line.strip().removeprefix("$ ")
+            for line in block["text"].replace("\\\n", " ").splitlines()
+        ]
         lines = [line for line in told if line and not line.startswith("#")]
         if block["after"]:
             found[-1].lines.extend(lines)
@@ -46,7 +52,11 @@ def shown_in(text: str, document: str) -> list[Shown]:
     return found
 
 
-SHOWN = [block for path in DOCUMENTS for block in shown_in(path.read_text("utf-8"), str(path.relative_to(ROOT)))]
+SHOWN = [
+    block
+    for path in DOCUMENTS
+    for block in shown_in(path.read_text("utf-8"), str(path.relative_to(ROOT)))
+]
 FIRST = {line: block for block in reversed(SHOWN) if block.tested for line in block.lines}
 """The first block that shows a line; no later one runs it again."""
 TESTED = [
@@ -54,7 +64,9 @@ TESTED = [
     for block in SHOWN
     if block.tested and (lines := [line for line in block.lines if FIRST[line] is block])
 ]
-OTHERS = list({line: block.document for block in SHOWN if not block.tested for line in block.lines}.items())
+OTHERS = list(
+    {line: block.document for block in SHOWN if not block.tested for line in block.lines}.items()
+)
 
 
 @pytest.mark.parametrize(("line", "document"), OTHERS, ids=[line for line, _ in OTHERS])
@@ -78,9 +90,13 @@ def test_the_commands_of_a_block_in_the_documents_work(block: Shown, tmp_path: P
         program, *arguments = shlex.split(line, comments=True)
         if program == "make":
             makefile = (ROOT / "Makefile").read_text("utf-8")
-            assert [target for target in arguments if not re.search(rf"^{target}:", makefile, re.M)] == []
+            assert [
+                target for target in arguments if not re.search(rf"^{target}:", makefile, re.M)
+            ] == []
             continue
-        assert program in OURS, f"{block.document}: mark the block with <!-- not tested: why -->, or show {list(OURS)}"
+        assert program in OURS, (
+            f"{block.document}: mark the block with <!-- not tested: why -->, or show {list(OURS)}"
+        )
         if program == "groundstation-sim" and arguments[0] in ("fly", "mission"):
             arguments += ["--duration", "5"]  # in the place of what is told
         command = [str(Path(sys.executable).with_name(program)), *arguments]

@@ -25,7 +25,9 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
         while not os.path.exists(socket):  # noqa: ASYNC240, PTH110  # a look at a local socket blocks nobody
             await asyncio.sleep(0.05)
         while True:
-            with contextlib.suppress(ConnectionRefusedError):  # it is there a moment before somebody listens
+            with contextlib.suppress(
+                ConnectionRefusedError
+            ):  # it is there a moment before somebody listens
                 async for snapshot in snapshots(socket):
                     if until(snapshot):
                         return snapshot
@@ -35,7 +37,9 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
 
 
 def flying(room: Room, *arguments: str) -> AbstractContextManager["subprocess.Popen[str]"]:
-    """Where a busy machine holds up the station for half a second, no flight ends by it: other tests look at that."""
+    """Where a busy machine holds up the station for half a second, no flight ends by it: other
+    tests look at that.
+    """
     command = room.station("fly", "--arm", "mqx", "--set", "flight.coast_s=0.7", *arguments)
     return beside(command, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
 
@@ -46,7 +50,9 @@ def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
         closed_s: list[float] = []
 
         def is_landing(snapshot: Snapshot) -> bool:
-            """Whoever listens only once it lands may come too late: the terminal is closed on the way."""
+            """Whoever listens only once it lands may come too late: the terminal is closed on the
+            way.
+            """
             assert station.stdout is not None
             if not closed_s and snapshot.state == "tracking" and snapshot.flight_time_s > 1.0:
                 closed_s.append(snapshot.flight_time_s)
@@ -62,7 +68,9 @@ def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
 
 @pytest.mark.tried(2)  # SIGUSR2 is taken as SIGUSR1 is
 @pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM])
-def test_ctrl_z_does_not_freeze_what_flies_and_signals_that_end_programs_land_it(number: signal.Signals) -> None:
+def test_ctrl_z_does_not_freeze_what_flies_and_signals_that_end_programs_land_it(
+    number: signal.Signals,
+) -> None:
     with served() as room, flying(room) as station:
         frozen_s: list[float] = []
 

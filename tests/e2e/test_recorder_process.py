@@ -1,4 +1,6 @@
-"""The recorder in its own process: killed, stopped, out of room, and never in the way of the flight."""
+"""The recorder in its own process: killed, stopped, out of room, and never in the way of the
+flight.
+"""
 
 import asyncio
 import json
@@ -21,7 +23,13 @@ from groundstation.core.pilot import Pilot
 from groundstation.flight import about, recorder
 from groundstation.machine import NICE, IdleSlots, RecordingConfig
 from groundstation.pose import TlogReader
-from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord
+from groundstation.recording import (
+    LineRecord,
+    ReceivedRecord,
+    RecorderProcess,
+    Recording,
+    SentRecord,
+)
 from groundstation.recording.process import BACKLOG_BYTES
 from groundstation.settings import Config
 from tests.e2e.stations import beside, children_of, line_of, run_command, run_here, served
@@ -55,8 +63,8 @@ while not select.select([0], [], [], 0.01)[0]:
     longest, last = max(longest, now - last), now
 print(longest)
 """
-"""A program that stands back as a recorder does and wakes up every 10 ms; at the end of its input it tells the longest
-time that it was kept waiting for [s]."""
+"""A program that stands back as a recorder does and wakes up every 10 ms; at the end of its input
+it tells the longest time that it was kept waiting for [s]."""
 
 
 async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, list[float]]]:
@@ -67,7 +75,9 @@ async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, lis
     loop, tick = asyncio.get_running_loop(), a_tick()
 
     async def one(after_s: float, own: Path) -> tuple[float, list[float]]:
-        process = RecorderProcess(RecordingConfig(folder=str(own)), about(Config()), lambda *_: None)
+        process = RecorderProcess(
+            RecordingConfig(folder=str(own)), about(Config()), lambda *_: None
+        )
         while not any(path.stat().st_size for path in own.glob("*.mcap")):  # noqa: ASYNC240  # a glance
             await asyncio.sleep(0.01)
         handed: list[float] = []
@@ -82,7 +92,9 @@ async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, lis
         await process.close()
         return killed, handed
 
-    return list(await asyncio.gather(*(one(after, folder / str(i)) for i, after in enumerate(moments))))
+    return list(
+        await asyncio.gather(*(one(after, folder / str(i)) for i, after in enumerate(moments)))
+    )
 
 
 @pytest.mark.tried(1)  # ten of the fifty moments
@@ -94,7 +106,9 @@ def test_a_kill_at_any_moment_leaves_a_recording_of_all_but_the_last_quarter_of_
     for batch in range(batches):
         folder = tmp_path / str(batch)
         lost_s, late_s = [], []
-        beside = subprocess.Popen([sys.executable, "-c", BESIDE], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        beside = subprocess.Popen(
+            [sys.executable, "-c", BESIDE], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
         results = asyncio.run(killed_at([luck.uniform(0.0, 2.0) for _ in range(5)], folder))
         waited_s = float(beside.communicate()[0])
         for number, (killed, handed) in enumerate(results):
@@ -104,7 +118,8 @@ def test_a_kill_at_any_moment_leaves_a_recording_of_all_but_the_last_quarter_of_
             assert found == handed[: len(found)]
             lost_s.append(killed - (found[-1] if found else handed[0]))
             late_s += [b - a for a, b in zip(handed, handed[1:], strict=False)]
-        # A busy machine keeps them and this program waiting: a recorder for its input, its encoding and its writing.
+        # A busy machine keeps them and this program waiting: a recorder for its input, its encoding
+        # and its writing.
         assert max(lost_s) < 0.25 + 3.0 * max(waited_s, *late_s), (lost_s, waited_s, max(late_s))
 
 
@@ -116,7 +131,9 @@ async def recording_in(folder: Path) -> None:
 async def talk(folder: Path, script: object, *, limit: int = 0) -> list[str]:
     said: list[str] = []
     process = RecorderProcess(
-        RecordingConfig(folder=str(folder)), about(Config()), lambda sentence, *_: said.append(str(sentence))
+        RecordingConfig(folder=str(folder)),
+        about(Config()),
+        lambda sentence, *_: said.append(str(sentence)),
     )
     if limit:
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
@@ -126,15 +143,15 @@ async def talk(folder: Path, script: object, *, limit: int = 0) -> list[str]:
     return said
 
 
-def test_a_full_disk_is_told_of_once_and_leaves_a_recording_that_opens_and_the_error_of_all_of_the_flight(
-    tmp_path: Path,
-) -> None:
+def test_a_full_disk_is_told_of_once_and_leaves_a_recording_that_opens(tmp_path: Path) -> None:
     tick = a_tick()
 
     async def script(process: RecorderProcess, _: list[str]) -> None:
         process.give(LineRecord(0.0, "tracking", "on the trajectory"))
         for number in range(1600):
-            process.give(TickRecord(tick._replace(time_s=0.01 * number, flight_time_s=0.01 * number)))
+            process.give(
+                TickRecord(tick._replace(time_s=0.01 * number, flight_time_s=0.01 * number))
+            )
             process.give(SentRecord(0.01 * number, 0, None, os.urandom(200)))
         await asyncio.sleep(0.5)
 
@@ -143,13 +160,17 @@ def test_a_full_disk_is_told_of_once_and_leaves_a_recording_that_opens_and_the_e
     assert [line.partition(": ")[2].rpartition(": ")[0] for line in warnings] == [
         f"recording has ended, the flight goes on: {path}" for path in [the_recording(tmp_path)]
     ]
-    assert re.fullmatch(r"error .* cm at most, from \d+ s on of 16.0 s on the trajectory; recorded in .*", said[-1])
+    assert re.fullmatch(
+        r"error .* cm at most, from \d+ s on of 16.0 s on the trajectory; recorded in .*", said[-1]
+    )
     found = times(the_recording(tmp_path))
     assert found == [0.01 * number for number in range(len(found))]
     assert 100 < len(found) < 1600
 
 
-def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_counted(tmp_path: Path) -> None:
+def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_counted(
+    tmp_path: Path,
+) -> None:
     slowest = 0.0
 
     async def script(process: RecorderProcess, _: list[str]) -> None:
@@ -175,7 +196,9 @@ def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_c
 
     asyncio.run(talk(tmp_path, script))
     assert slowest < 5.0, "what stands still would have been waited for without end"
-    lost = [entry.value()["count"] for entry in Recording(the_recording(tmp_path)).entries(("/lost",))]
+    lost = [
+        entry.value()["count"] for entry in Recording(the_recording(tmp_path)).entries(("/lost",))
+    ]
     assert sum(lost) > 10
     assert Recording(the_recording(tmp_path)).headline().lost == sum(lost)
 
@@ -213,7 +236,10 @@ def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit(
         facts = json.loads(again.stdout)
         assert (facts["identical"], facts["first_difference"]) == (True, None)
         assert facts["commands"] == topics.count("/command")
-        names = [record.message.get_type() for record in TlogReader(path.with_suffix(".tlog").read_bytes())]
+        names = [
+            record.message.get_type()
+            for record in TlogReader(path.with_suffix(".tlog").read_bytes())
+        ]
         assert names.count("SET_ATTITUDE_TARGET") >= topics.count("/command")
         listed = run_here(main, "logs", "--folder", room.recordings, "--json")
         (flight,) = json.loads(listed.stdout)["flights"]
@@ -229,7 +255,8 @@ def test_a_flight_lands_although_its_recorder_was_killed() -> None:
             (recorder,) = (
                 child
                 for child in children_of(run.pid)
-                if b"groundstation.recording" in Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
+                if b"groundstation.recording"
+                in Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
             )
             os.kill(recorder, signal.SIGKILL)
             out, _ = run.communicate(timeout=60)
@@ -241,10 +268,14 @@ def test_a_flight_lands_although_its_recorder_was_killed() -> None:
 
 
 @pytest.mark.parametrize("enabled", [True, False])
-def test_a_flight_without_a_recording_ends_with_its_error_all_the_same(tmp_path: Path, *, enabled: bool) -> None:
+def test_a_flight_without_a_recording_ends_with_its_error_all_the_same(
+    tmp_path: Path, *, enabled: bool
+) -> None:
     folder = tmp_path / "file"
     folder.write_text("in the place of a folder")
-    config = msgspec.structs.replace(Config(), recording=RecordingConfig(folder=str(folder / "runs"), enabled=enabled))
+    config = msgspec.structs.replace(
+        Config(), recording=RecordingConfig(folder=str(folder / "runs"), enabled=enabled)
+    )
     own = Sentence("error", "the error by the flight itself")
     said: list[str] = []
 
@@ -257,4 +288,7 @@ def test_a_flight_without_a_recording_ends_with_its_error_all_the_same(tmp_path:
 
     asyncio.run(flown())
     assert said[-1] == own.text
-    assert any(line.startswith("WARNING: not recording, the flight goes on: ") for line in said) == enabled
+    assert (
+        any(line.startswith("WARNING: not recording, the flight goes on: ") for line in said)
+        == enabled
+    )

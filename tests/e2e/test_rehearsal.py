@@ -1,4 +1,6 @@
-"""One's own room at the desk: ``serve --config`` plays the other side of a file, ``--rehearse`` flies against it."""
+"""One's own room at the desk: ``serve --config`` plays the other side of a file, ``--rehearse``
+flies against it.
+"""
 
 import json
 import os
@@ -24,13 +26,32 @@ ROOM: dict[str, Any] = {
     "fence": {"kind": "box", "north_m": [-2, 2], "east_m": [-2, 2], "height_m": 2.5},
     "limits": {"max_speed_m_s": 1.0},
 }
-UDP = {"pose": {"kind": "vicon", "listen": "192.0.2.2:51001"}, "link": {"listen": "192.0.2.3:14540"}}
-SERIAL = {
-    "pose": {"kind": "natnet", "server": "192.0.2.1:1510", "interface": "192.0.2.2", "multicast": True},
-    "link": {"kind": "mavlink", "serial": "/dev/serial/by-id/usb-telemetry", "baud": 57600, "period_s": 0.04},
+UDP = {
+    "pose": {"kind": "vicon", "listen": "192.0.2.2:51001"},
+    "link": {"listen": "192.0.2.3:14540"},
 }
-TCP = {"pose": {"kind": "qualisys", "server": "192.0.2.1:22223"}, "link": {"kind": "mavlink", "tcp": "192.0.2.3:5760"}}
-RADIO = {"pose": {"kind": "vicon", "listen": "192.0.2.2:51001"}, "link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}
+SERIAL = {
+    "pose": {
+        "kind": "natnet",
+        "server": "192.0.2.1:1510",
+        "interface": "192.0.2.2",
+        "multicast": True,
+    },
+    "link": {
+        "kind": "mavlink",
+        "serial": "/dev/serial/by-id/usb-telemetry",
+        "baud": 57600,
+        "period_s": 0.04,
+    },
+}
+TCP = {
+    "pose": {"kind": "qualisys", "server": "192.0.2.1:22223"},
+    "link": {"kind": "mavlink", "tcp": "192.0.2.3:5760"},
+}
+RADIO = {
+    "pose": {"kind": "vicon", "listen": "192.0.2.2:51001"},
+    "link": {"kind": "dsm", "port": "/dev/ttyUSB0"},
+}
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -60,7 +81,9 @@ def station(file: Path, command: str, *more: str) -> "subprocess.CompletedProces
 
 @pytest.mark.tried(1)  # wires
 @pytest.mark.parametrize("ends", [SERIAL, TCP, RADIO], ids=["serial", "tcp", "radio"])
-def test_the_checks_of_a_room_pass_at_the_desk_by_each_kind_of_wire(tmp_path: Path, ends: dict[str, Any]) -> None:
+def test_the_checks_of_a_room_pass_at_the_desk_by_each_kind_of_wire(
+    tmp_path: Path, ends: dict[str, Any]
+) -> None:
     file = write_room(tmp_path, ends)
     with played(file) as says:
         assert "for --rehearse" in says
@@ -71,7 +94,9 @@ def test_the_checks_of_a_room_pass_at_the_desk_by_each_kind_of_wire(tmp_path: Pa
     assert facts["pass"] and not bad and done.returncode == 0
     (proof,) = (check for check in facts["checks"] if check["name"] == "props-off test")
     assert proof["verdict"] == "OFF"  # there are no propellers, whatever the wire is
-    assert "simulated" not in {check["name"] for check in facts["checks"]}  # nobody wrote `link.simulated`
+    assert "simulated" not in {
+        check["name"] for check in facts["checks"]
+    }  # nobody wrote `link.simulated`
 
 
 def test_every_line_of_a_rehearsed_fleet_says_that_it_is_one(short_path: Path) -> None:
@@ -80,13 +105,18 @@ def test_every_line_of_a_rehearsed_fleet_says_that_it_is_one(short_path: Path) -
         (short_path / name).write_bytes((EXAMPLE.parent / name).read_bytes())
     words = program("groundstation", "fleet", "--rehearse", file)
     said: list[str] = []
-    with played(file), beside(words, stderr=subprocess.STDOUT, env=environment(short_path)) as flying:
+    with (
+        played(file),
+        beside(words, stderr=subprocess.STDOUT, env=environment(short_path)) as flying,
+    ):
         while line := line_of(flying):
             said.append(line)
             if "staying on the ground" in line and "staying on the ground" in "".join(said[:-1]):
                 flying.terminate()  # both cores have spoken
         assert flying.wait(60) == 0, "".join(said)
-    assert {name for name in ("ant", "bee") if any(f"rehearsal-{name} | " in line for line in said)} == {"ant", "bee"}
+    assert {
+        name for name in ("ant", "bee") if any(f"rehearsal-{name} | " in line for line in said)
+    } == {"ant", "bee"}
     assert [line for line in said if not line.startswith("REHEARSAL ")] == []
 
 
@@ -111,6 +141,8 @@ def test_what_the_other_side_plays_is_what_the_station_looks_for(tmp_path: Path)
         (["--fleet", "fleet.toml"], "--config: it has no effect beside --fleet"),
     ],
 )
-def test_what_can_not_be_rehearsed_is_a_sentence(tmp_path: Path, words: list[str], says: str) -> None:
+def test_what_can_not_be_rehearsed_is_a_sentence(
+    tmp_path: Path, words: list[str], says: str
+) -> None:
     done = run_here(main, "serve", "--config", write_room(tmp_path, UDP), "--duration", "1", *words)
     assert done.returncode == 2 and says in done.stderr

@@ -21,14 +21,22 @@ def test_json_is_one_object_with_the_figures() -> None:
     done = replay(ARDUPILOT, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     (found,) = json.loads(done.stdout)["flights"]
-    assert (found["name"], found["source"], found["poses"]) == ("ardupilot_landing", "autopilot", 1750)
+    assert (found["name"], found["source"], found["poses"]) == (
+        "ardupilot_landing",
+        "autopilot",
+        1750,
+    )
     assert found["pose_hz"] == pytest.approx(50.0, rel=0.01)
     assert found["flown_s"] > 28.0
 
 
-def test_the_text_is_the_page_of_evidence_and_a_configuration_may_describe_the_vehicle(tmp_path: Path) -> None:
+def test_the_text_is_the_page_of_evidence_and_a_configuration_may_describe_the_vehicle(
+    tmp_path: Path,
+) -> None:
     config = tmp_path / "config.toml"
-    config.write_text('[vehicle]\nname = "x"\nmass_kg = 1.0\nthrust_max_n = 19.6\n[link]\nkind = "mavlink"\n')
+    config.write_text(
+        '[vehicle]\nname = "x"\nmass_kg = 1.0\nthrust_max_n = 19.6\n[link]\nkind = "mavlink"\n'
+    )
     for arguments in ((PX4,), (PX4, "--config", config)):
         done = replay(*arguments)
         assert (done.returncode, done.stderr) == (0, "")
@@ -38,7 +46,11 @@ def test_the_text_is_the_page_of_evidence_and_a_configuration_may_describe_the_v
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(None, "flight.tlog: No such file"), (b"", "flight.tlog: empty"), (b"hello " * 40, "is it a .tlog")],
+    [
+        (None, "flight.tlog: No such file"),
+        (b"", "flight.tlog: empty"),
+        (b"hello " * 40, "is it a .tlog"),
+    ],
     ids=["missing", "empty", "no recording"],
 )
 def test_a_file_that_can_not_be_replayed_is_named_in_one_line(

@@ -1,4 +1,6 @@
-"""The paper's flight over a radio module's port in real time: quantised channels, a pacer of its own, a real pty."""
+"""The paper's flight over a radio module's port in real time: quantised channels, a pacer of its
+own, a real pty.
+"""
 
 import asyncio
 import os
@@ -21,7 +23,11 @@ async def flown(duration_s: float) -> list[tuple[float, float]]:
     """The true distance to the reference at every step of the plant [s, m]."""
     loop = asyncio.get_running_loop()
     wire = PtyWire()
-    told = [f"link.port={wire.path}", "link.simulated=true", f"pose.listen=127.0.0.1:{free_udp_port()}"]
+    told = [
+        f"link.port={wire.path}",
+        "link.simulated=true",
+        f"pose.listen=127.0.0.1:{free_udp_port()}",
+    ]
     world, config = prepare(SCENARIOS["paper"], told, link="dsm")
     assert isinstance(config.link, DsmLinkConfig)
     path: list[tuple[float, Vec3]] = []
@@ -76,14 +82,23 @@ def test_a_minute_over_a_dsm_module_stays_within_a_centimetre() -> None:
         ("range-check", "crsf", 1, "see its own menu"),
     ],
 )
-def test_the_radio_command_serves_a_module_and_arms_nothing(what: str, kind: str, code: int, words: str) -> None:
+def test_the_radio_command_serves_a_module_and_arms_nothing(
+    what: str, kind: str, code: int, words: str
+) -> None:
     config = DsmLinkConfig() if kind == "dsm" else CrsfLinkConfig()
 
     async def main() -> tuple[int, str, list[RfFrame]]:
         wire = PtyWire()
         came: list[bytes] = []
         wire.listen(came.append)
-        config_ = ("--set", f"link.kind={kind}", "--set", f"link.port={wire.path}", "--seconds", "0.3")
+        config_ = (
+            "--set",
+            f"link.kind={kind}",
+            "--set",
+            f"link.port={wire.path}",
+            "--seconds",
+            "0.3",
+        )
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "groundstation", "radio", what, os.devnull, *config_),
             stdout=subprocess.PIPE,

@@ -1,4 +1,6 @@
-"""The serial radio link on pseudo-terminals: real processes, real signals, and the bytes that left."""
+"""The serial radio link on pseudo-terminals: real processes, real signals, and the bytes that
+left.
+"""
 
 import asyncio
 import contextlib
@@ -37,13 +39,14 @@ from links.rf.link import SerialRfLink
 async def main():
     loop = asyncio.get_running_loop()
     config = DsmLinkConfig(
-        port=sys.argv[1], period_s=0.01, arm_low_s=0.3, arm_high_s=0.7, map=ChannelMap(arm=ArmSwitch(channel=5))
+        port=sys.argv[1], period_s=0.01, arm_low_s=0.3, arm_high_s=0.7,
+        map=ChannelMap(arm=ArmSwitch(channel=5)),
     )
     link = SerialRfLink(config, thrust_max_n=2.0)
 
     def command(thrust_n):
-        now = loop.time()
-        return Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + 0.25, (Segment(0.3, 0.8, (0.0, 0.0, 0.0)),))
+        now, still = loop.time(), (0.0, 0.0, 0.0)
+        return Command(thrust_n, still, 1, now, now + 0.25, (Segment(0.3, 0.8, still),))
 
     await link.connect()
     print("connected", flush=True)
@@ -90,11 +93,14 @@ class Case:
 
 
 async def strike(stage: str, number: signal.Signals) -> Case:
-    """Start a station, and 0.2 s after it has reached ``stage`` send ``number`` to its process group."""
+    """Start a station, and 0.2 s after it has reached ``stage`` send ``number`` to its process
+    group.
+    """
     case = Case()
     far, near = os.openpty()
     tty.setraw(near, termios.TCSANOW)
-    # By a path of its own: pacers that outlive this test must not find the next terminal of the same name.
+    # By a path of its own: pacers that outlive this test must not find the next terminal of the
+    # same name.
     folder = tempfile.TemporaryDirectory()
     port = Path(folder.name) / "port"
     port.symlink_to(os.ttyname(near))
@@ -105,7 +111,10 @@ async def strike(stage: str, number: signal.Signals) -> Case:
         start_new_session=True,
     )
     stamped = await StampedReader.start(far)
-    reader, end = asyncio.create_task(read(stamped, near, case)), asyncio.create_task(ended(station, case))
+    reader, end = (
+        asyncio.create_task(read(stamped, near, case)),
+        asyncio.create_task(ended(station, case)),
+    )
     try:
         assert station.stdout is not None
         async with asyncio.timeout(60.0):
@@ -118,7 +127,9 @@ async def strike(stage: str, number: signal.Signals) -> Case:
             await asyncio.sleep(1.5)
             os.killpg(station.pid, signal.SIGCONT)
             await asyncio.sleep(0.6)
-            with contextlib.suppress(ProcessLookupError):  # one that was frozen while arming has given up
+            with contextlib.suppress(
+                ProcessLookupError
+            ):  # one that was frozen while arming has given up
                 os.killpg(station.pid, signal.SIGKILL)
         await end
         await asyncio.wait_for(reader, 60.0)
@@ -140,7 +151,10 @@ async def ended(station: asyncio.subprocess.Process, case: Case) -> None:
 
 
 async def read(stamped: StampedReader, near: int, case: Case) -> None:
-    """Decode what leaves until the last process closes the port; our own end of it is closed once another has it."""
+    """Decode what leaves until the last process closes the port.
+
+    Our own end of it is closed once another has it.
+    """
     decoder = CONFIG.codec().decoder()
     while True:
         try:
@@ -197,13 +211,20 @@ def test_in_flight_its_last_command_is_repeated_then_brought_down_then_disarmed(
     slack = 0.06
     left = case.after(0.0)
     held = list(takewhile(lambda seen: seen.sticks.thrust_n == pytest.approx(1.0, abs=0.01), left))
-    down = list(takewhile(lambda seen: seen.sticks.thrust_n == pytest.approx(0.8, abs=0.01), left[len(held) :]))
+    down = list(
+        takewhile(
+            lambda seen: seen.sticks.thrust_n == pytest.approx(0.8, abs=0.01), left[len(held) :]
+        )
+    )
     over = left[len(held) + len(down) :]
-    # Its last command may have been some time old: a busy machine holds stations up, and then the end comes sooner.
+    # Its last command may have been some time old: a busy machine holds stations up, and then the
+    # end comes sooner.
     assert len(held) > 5 and held[-1].time_s < case.struck_s + COAST_S + slack
     assert len(down) > 10 and down[-1].time_s < held[-1].time_s + DOWN_S + slack
     assert len(over) > 100
-    assert not any(seen.sticks.armed or seen.lifts for seen in over), "not even after it woke up again"
+    assert not any(seen.sticks.armed or seen.lifts for seen in over), (
+        "not even after it woke up again"
+    )
 
 
 @ends
@@ -213,7 +234,9 @@ def test_the_pacer_outlives_its_station_by_some_seconds_of_disarm_frames_and_the
     for stage in STAGES:
         case = cases[stage, end]
         assert case.closed_s is not None
-        assert AFTERLIFE_S - 1.2 < case.closed_s - case.died_s < AFTERLIFE_S + COAST_S + DOWN_S + 1.0
+        assert (
+            AFTERLIFE_S - 1.2 < case.closed_s - case.died_s < AFTERLIFE_S + COAST_S + DOWN_S + 1.0
+        )
         # A busy machine may deny it real-time priority, so that some are late.
         assert len(case.after(0.0)) > 0.7 * (case.closed_s - case.struck_s) / 0.01
 
@@ -227,13 +250,19 @@ def command(thrust_n: float = 1.0) -> Command:
 
 
 @in_real_time
-async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up_disarmed(tmp_path: Path) -> None:
+async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up_disarmed(
+    tmp_path: Path,
+) -> None:
     port = tmp_path / "module"
     first = PtyWire()
     first.listen(lambda data: None)
     port.symlink_to(first.path)
     config = DsmLinkConfig(
-        port=str(port), period_s=0.01, arm_low_s=0.0, arm_high_s=0.2, map=ChannelMap(arm=ArmSwitch(channel=5))
+        port=str(port),
+        period_s=0.01,
+        arm_low_s=0.0,
+        arm_high_s=0.2,
+        map=ChannelMap(arm=ArmSwitch(channel=5)),
     )
     link = SerialRfLink(config, thrust_max_n=2.0)
 
@@ -260,7 +289,9 @@ async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up
             await asyncio.sleep(0.01)
         frames = config.codec().decoder().feed(b"".join(came))
         assert len(frames) > 10
-        assert not any(CHANNELS.read(heard.positions).armed for heard in frames if heard.positions is not None)
+        assert not any(
+            CHANNELS.read(heard.positions).armed for heard in frames if heard.positions is not None
+        )
     finally:
         await link.close()
     second.close()
@@ -270,7 +301,9 @@ async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up
 async def test_a_port_in_use_is_not_shared() -> None:
     wire = PtyWire()
     wire.listen(lambda data: None)
-    first, second = (SerialRfLink(DsmLinkConfig(port=wire.path), thrust_max_n=2.0) for _ in range(2))
+    first, second = (
+        SerialRfLink(DsmLinkConfig(port=wire.path), thrust_max_n=2.0) for _ in range(2)
+    )
     await first.connect()
     with pytest.raises(LinkLost, match="another program uses it"):
         await second.connect()
@@ -281,7 +314,9 @@ async def test_a_port_in_use_is_not_shared() -> None:
 def pacer_of(parent: int) -> int:
     """The pacer that the process ``parent`` has started, by its stand-by."""
     (standby,) = (
-        c for c in children_of(parent) if b"links.rf.pacer_standby" in Path(f"/proc/{c}/cmdline").read_bytes()
+        c
+        for c in children_of(parent)
+        if b"links.rf.pacer_standby" in Path(f"/proc/{c}/cmdline").read_bytes()
     )
     (pacer,) = children_of(standby)
     assert b"links.rf.pacer_child" in Path(f"/proc/{pacer}/cmdline").read_bytes()

@@ -1,7 +1,8 @@
-"""``groundstation-sim serve`` as a process: its bytes on real sockets, read as the ground station reads them.
+"""``groundstation-sim serve`` as a process: its bytes on real sockets, read as the ground station
+reads them.
 
-The cameras see our body and three others; half a second after they begin ours is hidden for 0.2 s, and after 0.75 s it
-changes names with another for 0.1 s; so again in every second.
+The cameras see our body and three others; half a second after they begin ours is hidden for 0.2 s,
+and after 0.75 s it changes names with another for 0.1 s; so again in every second.
 """
 
 import asyncio
@@ -21,7 +22,13 @@ from tests.e2e.stations import free_udp_port, serving
 from tests.loops import until
 
 MISHAPS = ["sim.other_bodies=3", "sim.occlusion_s=0.2", "sim.swap_s=0.1", "sim.mishap_period_s=1"]
-KINDS = {"vicon": "listen", "json": "listen", "vision": "listen", "natnet": "server", "qualisys": "server"}
+KINDS = {
+    "vicon": "listen",
+    "json": "listen",
+    "vision": "listen",
+    "natnet": "server",
+    "qualisys": "server",
+}
 """The key of each source that has its address."""
 
 
@@ -36,7 +43,11 @@ def served(source: str, *more: str) -> Iterator[PoseConfig]:
     poses = [f"pose.{KINDS[source]}={address}", *more]
     sets = [*MISHAPS, f"link.listen=127.0.0.1:{free_udp_port()}", *poses]
     with serving(
-        "--source", source, *(word for override in sets for word in ("--set", override)), "--duration", "30"
+        "--source",
+        source,
+        *(word for override in sets for word in ("--set", override)),
+        "--duration",
+        "30",
     ) as says:
         assert address in says
         yield from_dict({}, _Told, [f"pose.kind={source}", *poses]).pose
@@ -74,7 +85,9 @@ def heard(config: Any, seconds: float) -> tuple[list[Pose], PoseStatus]:
     ],
     ids=["vicon", "json", "vision", "natnet", "natnet multicast", "qualisys"],
 )
-def test_a_served_room_has_other_bodies_hides_ours_and_mixes_them_up(source: str, more: tuple[str, ...]) -> None:
+def test_a_served_room_has_other_bodies_hides_ours_and_mixes_them_up(
+    source: str, more: tuple[str, ...]
+) -> None:
     with served(source, *more) as config:
         poses, status = heard(config, 2.5)
     start = World().start_ned
@@ -82,15 +95,26 @@ def test_a_served_room_has_other_bodies_hides_ours_and_mixes_them_up(source: str
     ours = [pose for pose, distance in zip(poses, away, strict=True) if distance < 0.01]
     others = [pose for pose, distance in zip(poses, away, strict=True) if distance > 1.0]
     assert len(ours) + len(others) == len(poses)
-    # Of 125 frames in 2.5 s, twenty in a hundred are hidden and ten are another's. Machines stutter.
+    # Of 125 frames in 2.5 s, twenty in a hundred are hidden and ten are another's. Machines
+    # stutter.
     assert 40 <= len(ours) <= 100
     assert 3 <= len(others) <= 20
     if source == "vision":  # a bridge says nothing of what it does not see
         assert status.gaps >= 2
     else:
         assert status.dropped["frozen" if source == "vicon" else "not_tracked"] >= 10
-    assert set(status.dropped) <= {"frozen", "not_tracked", "no_server_info", "no_such_body", "other_bodies"}
-    # Before the names are known, which takes a tenth of a second with QTM, and longer on a busy machine.
-    assert sum(status.dropped[reason] for reason in set(status.dropped) - {"frozen", "not_tracked"}) < 50
+    assert set(status.dropped) <= {
+        "frozen",
+        "not_tracked",
+        "no_server_info",
+        "no_such_body",
+        "other_bodies",
+    }
+    # Before the names are known, which takes a tenth of a second with QTM, and longer on a busy
+    # machine.
+    assert (
+        sum(status.dropped[reason] for reason in set(status.dropped) - {"frozen", "not_tracked"})
+        < 50
+    )
     assert (status.clock_steps, status.clock_restarts) == (0, 0)
     assert status.latency_s < 0.08

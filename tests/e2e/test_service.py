@@ -1,4 +1,6 @@
-"""The parts of the daemon: lock, notifications, log lines, the unit file and the table of exit codes."""
+"""The parts of the daemon: lock, notifications, log lines, the unit file and the table of exit
+codes.
+"""
 
 import json
 import logging
@@ -15,11 +17,7 @@ from groundstation.config import load
 from groundstation.core.messages import Notice
 from groundstation.core.safety.geofence import BoxFence
 from groundstation.interfaces.service import Format, unit_file
-from groundstation.interfaces.service.flights import (
-    Notify,
-    line_of,
-    longest_landing_s,
-)
+from groundstation.interfaces.service.flights import Notify, line_of, longest_landing_s
 from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
 
@@ -28,7 +26,9 @@ EXAMPLE = ROOT / "examples" / "loopback.toml"
 
 
 @pytest.mark.parametrize("abstract", [False, True])
-def test_the_manager_is_told_on_a_path_and_on_an_abstract_name(tmp_path: Path, abstract: bool) -> None:
+def test_the_manager_is_told_on_a_path_and_on_an_abstract_name(
+    tmp_path: Path, abstract: bool
+) -> None:
     name = f"\0gs-notify-{os.getpid()}" if abstract else str(tmp_path / "notify")
     with sockets.socket(sockets.AF_UNIX, sockets.SOCK_DGRAM) as manager:
         manager.bind(name)
@@ -60,15 +60,24 @@ def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path) -> N
 
 def test_the_unit_waits_longer_than_the_longest_landing() -> None:
     low = load(EXAMPLE, Config)
-    high = msgspec.structs.replace(low, fence=BoxFence(height_m=12.0, north_m=(-2.0, 2.0), east_m=(-2.0, 2.0)))
+    high = msgspec.structs.replace(
+        low, fence=BoxFence(height_m=12.0, north_m=(-2.0, 2.0), east_m=(-2.0, 2.0))
+    )
     assert longest_landing_s(high) > longest_landing_s(low) + 12.0 / low.flight.descent_m_s * 0.7
     assert longest_landing_s(low) > 8.0 + 1.0 / low.flight.descent_m_s
 
 
 def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
     text = unit_file(load(EXAMPLE, Config), EXAMPLE, ["flight.duration_s=5"], user="root")
-    assert "--arm" not in [word for line in text.splitlines() if line.startswith("ExecStart") for word in line.split()]
-    for line in ("Type=notify", "KillMode=mixed", "Restart=on-failure", "RestartPreventExitStatus=2 3"):
+    assert "--arm" not in [
+        word for line in text.splitlines() if line.startswith("ExecStart") for word in line.split()
+    ]
+    for line in (
+        "Type=notify",
+        "KillMode=mixed",
+        "Restart=on-failure",
+        "RestartPreventExitStatus=2 3",
+    ):
         assert line in text.splitlines()
     assert "$" not in "\n".join(line for line in text.splitlines() if not line.startswith("#"))
     program = shutil.which("systemd-analyze")
@@ -76,13 +85,18 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
         pytest.skip(LEFT_OUT + "the unit file was not looked at, for want of systemd-analyze")
     file = tmp_path / "groundstation-mqx.service"
     file.write_text(text)
-    done = subprocess.run([program, "verify", str(file)], capture_output=True, check=False, text=True)
+    done = subprocess.run(
+        [program, "verify", str(file)], capture_output=True, check=False, text=True
+    )
     about = [line for line in done.stderr.splitlines() if "groundstation" in line]
     assert (done.returncode, about) == (0, []), done.stderr
 
 
 def test_json_log_lines_are_json() -> None:
-    assert json.loads(line_of(logging.INFO, 'x "y" \x1b', Format.JSON, journal=False))["msg"] == 'x "y" \x1b'
+    assert (
+        json.loads(line_of(logging.INFO, 'x "y" \x1b', Format.JSON, journal=False))["msg"]
+        == 'x "y" \x1b'
+    )
     event = Notice(12.5, "landing", "asked to", "state")
     told = json.loads(line_of(logging.INFO, event.line, Format.JSON, event, journal=False))["event"]
     assert msgspec.convert(told, Notice) == event

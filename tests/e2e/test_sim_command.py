@@ -27,9 +27,9 @@ def sim(*arguments: str) -> "subprocess.CompletedProcess[str]":
 
 
 KEYS = (
-    "scenario seed controller duration_s rms_cm max_cm settle_s wind_true wind_estimate thrust_min_n thrust_max_n "
-    "saturated_fraction lyapunov_increase_max certificate_violated certificate_suspended certificate_warnings "
-    "log_sha256 wall_s"
+    "scenario seed controller duration_s rms_cm max_cm settle_s wind_true wind_estimate "
+    "thrust_min_n thrust_max_n saturated_fraction lyapunov_increase_max certificate_violated "
+    "certificate_suspended certificate_warnings log_sha256 wall_s"
 )
 """What --json promises of a flight."""
 
@@ -62,7 +62,10 @@ def test_a_crash_exits_1_and_says_why() -> None:
         (["dev", "check-vectors", "absent.json"], "cannot read absent.json: No such file"),
         (["fly", "--out", "/dev/null/nowhere"], "cannot write"),
         (["dev", "firmware", "--write", "absent.md"], "cannot read absent.md: No such file"),
-        (["serve", "--carried", "--duration", "1"], "--carried: expected --config FILE.toml beside it"),
+        (
+            ["serve", "--carried", "--duration", "1"],
+            "--carried: expected --config FILE.toml beside it",
+        ),
     ],
 )
 def test_bad_usage_exits_2_with_a_clear_last_line(arguments: list[str], expected: str) -> None:
@@ -80,7 +83,9 @@ def test_without_a_command_the_list_of_them_is_shown(start: Callable[[], int]) -
 
 
 def test_a_flight_too_short_for_its_error_says_so() -> None:
-    assert "errors count from 15 s on: this flight was shorter" in sim("fly", "--duration", "3").stdout
+    assert (
+        "errors count from 15 s on: this flight was shorter" in sim("fly", "--duration", "3").stdout
+    )
 
 
 def test_scenarios_lists_every_scenario_with_every_value() -> None:
@@ -107,7 +112,9 @@ def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path)
     assert len(errors) == len(lyapunov) == pytest.approx(4.0 / 0.0225, abs=2)
     assert all(float(value) == float(value) for value in errors[-1].values())
     assert lyapunov[-1]["state"] in ("holds", "suspended", "none")
-    names = [record.message.get_type() for record in TlogReader((folder / "flight.tlog").read_bytes())]
+    names = [
+        record.message.get_type() for record in TlogReader((folder / "flight.tlog").read_bytes())
+    ]
     assert names.count("SET_ATTITUDE_TARGET") >= len(errors)
     assert "COMMAND_ACK" in names
     assert json.loads((folder / "summary.json").read_text())["sim"]["mass_kg"] == 0.08
@@ -115,15 +122,22 @@ def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path)
 
 
 @pytest.mark.tried(1)  # instants
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc, which tells when a process has started")
+@pytest.mark.skipif(
+    not Path("/proc/self/task").exists(), reason="no /proc, which tells when a process has started"
+)
 @pytest.mark.parametrize("children", [1, 2, 3])
 def test_ctrl_c_while_worker_processes_start_is_told_in_one_line(children: int) -> None:
     words = ["compare", "--scenarios", "paper", "--controllers", "pid,indi", "--workers", "2"]
     with subprocess.Popen(
-        [sys.executable, "-m", "sim", *words], start_new_session=True, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "sim", *words],
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as program:
         children_of = Path(f"/proc/{program.pid}/task/{program.pid}/children")
-        while len(children_of.read_text().split()) < children:  # the first is not a worker: it tracks what they share
+        while (
+            len(children_of.read_text().split()) < children
+        ):  # the first is not a worker: it tracks what they share
             assert program.poll() is None
         os.killpg(program.pid, signal.SIGINT)
         _, told = program.communicate(timeout=60)
@@ -133,8 +147,8 @@ def test_ctrl_c_while_worker_processes_start_is_told_in_one_line(children: int) 
 ELSEWHERE = """
 import os, select, signal, sys, time
 sys.platform = "darwin"
-for module, names in ((os, "memfd_create pidfd_open sched_setscheduler sched_getaffinity eventfd"), (select, "epoll"),
-                      (signal, "pidfd_send_signal"), (time, "CLOCK_BOOTTIME")):
+for module, names in ((os, "memfd_create pidfd_open sched_setscheduler sched_getaffinity eventfd"),
+                      (select, "epoll"), (signal, "pidfd_send_signal"), (time, "CLOCK_BOOTTIME")):
     for name in names.split():
         vars(module).pop(name, None)
 """
@@ -147,7 +161,8 @@ for module, names in ((os, "memfd_create pidfd_open sched_setscheduler sched_get
     (["sim", "fly", "--link", "dsm", "--duration", "5"], 0, "wall time"),
     (["sim", "serve"], 2, "serve: needs Linux"),
     (["groundstation", "trajectory", "examples/loopback.toml"], 0, "PASS"),
-    (["groundstation", "radio", "idle", "examples/rf-dsm.toml"], 1, "only Linux can pace an RF module"),
+    (["groundstation", "radio", "idle", "examples/rf-dsm.toml"], 1,
+        "only Linux can pace an RF module"),
     (["groundstation", "stop-all"], 0, "nothing flies here"),
 ])  # fmt: skip
 def test_where_linux_is_not_what_computes_works_and_the_rest_ends_with_a_sentence(
@@ -156,14 +171,30 @@ def test_where_linux_is_not_what_computes_works_and_the_rest_ends_with_a_sentenc
     (tmp_path / "sitecustomize.py").write_text(ELSEWHERE)
     elsewhere = os.environ | {"PYTHONPATH": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
     done = run_command(program(*words), env=elsewhere, cwd=ROOT, stderr=subprocess.STDOUT)
-    assert (done.returncode, says in done.stdout, "Traceback" in done.stdout) == (code, True, False), done.stdout
+    assert (done.returncode, says in done.stdout, "Traceback" in done.stdout) == (
+        code,
+        True,
+        False,
+    ), done.stdout
 
 
 def test_what_takes_long_shows_on_a_terminal_how_far_it_is() -> None:
-    words = ["compare", "--scenarios", "ideal", "--controllers", "adaptive", "--seeds", "1", "--duration", "17"]
+    words = [
+        "compare",
+        "--scenarios",
+        "ideal",
+        "--controllers",
+        "adaptive",
+        "--seeds",
+        "1",
+        "--duration",
+        "17",
+    ]
     reader, writer = os.openpty()
     shown = b""
-    with subprocess.Popen([sys.executable, "-m", "sim", *words], stdout=subprocess.DEVNULL, stderr=writer) as program:
+    with subprocess.Popen(
+        [sys.executable, "-m", "sim", *words], stdout=subprocess.DEVNULL, stderr=writer
+    ) as program:
         os.close(writer)
         with contextlib.suppress(OSError):  # nobody has its other end open any more
             while part := os.read(reader, 65536):

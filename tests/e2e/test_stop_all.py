@@ -1,4 +1,6 @@
-"""``groundstation stop-all``: real flights in real processes, one of which stands still, reached without a broker."""
+"""``groundstation stop-all``: real flights in real processes, one of which stands still, reached
+without a broker.
+"""
 
 import asyncio
 import os
@@ -25,13 +27,19 @@ def _alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.matrix  # unit/groundstation/interfaces/api/test_stop_all.py has either answer and none
-def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_as_it_wakes(tmp_path: Path) -> None:
+def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_as_it_wakes(
+    tmp_path: Path,
+) -> None:
     # Their sockets are not where sockets are looked for.
     with (
         served() as north,
         served() as south,
-        running(north, tmp_path / "ant", "--once", "--arm", "ant", "--set", "vehicle.name=ant") as ant,
-        running(south, tmp_path / "bee", "--once", "--arm", "bee", "--set", "vehicle.name=bee") as bee,
+        running(
+            north, tmp_path / "ant", "--once", "--arm", "ant", "--set", "vehicle.name=ant"
+        ) as ant,
+        running(
+            south, tmp_path / "bee", "--once", "--arm", "bee", "--set", "vehicle.name=bee"
+        ) as bee,
     ):
         for room in (north, south):
             asyncio.run(seen(room.status_socket, lambda s: s.state == "tracking"))
@@ -57,7 +65,9 @@ def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None
     config, port = tmp_path / "bridge.toml", tmp_path / "port"
     make_key(tmp_path / "key")
     master, slave = os.openpty()
-    port.symlink_to(f"/proc/{os.getpid()}/fd/{slave}")  # the system's name for it is somebody else's soon
+    port.symlink_to(
+        f"/proc/{os.getpid()}/fd/{slave}"
+    )  # the system's name for it is somebody else's soon
     link = f'[link]\nkind = "crsf"\nport = "{port}"\nsimulated = true\n'
     config.write_text(f'listen = "127.0.0.1:{free_udp_port()}"\nkey_file = "key"\n{link}')
     try:

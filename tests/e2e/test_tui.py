@@ -21,14 +21,7 @@ from textual.widgets._footer import FooterKey
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.app import served_socket
 from groundstation.interfaces.tui.drawing import big
-from groundstation.interfaces.tui.widgets import (
-    Banner,
-    Curves,
-    Events,
-    Help,
-    Numbers,
-    TopView,
-)
+from groundstation.interfaces.tui.widgets import Banner, Curves, Events, Help, Numbers, TopView
 from tests.dashboards import Fixed, Stage, dashboard, flown, play, says, text, until
 from tests.e2e.stations import beside, program
 from tests.sample_flight import sample
@@ -40,7 +33,9 @@ def stage(tmp_path: Path) -> Stage:
 
 
 @pytest.mark.parametrize("size", [(60, 24), (200, 50)])
-def test_every_key_is_explained_in_full_on_any_terminal(stage: Stage, size: tuple[int, int]) -> None:
+def test_every_key_is_explained_in_full_on_any_terminal(
+    stage: Stage, size: tuple[int, int]
+) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await pilot.press("question_mark")
         await until(pilot, lambda: isinstance(pilot.app.screen, Help))
@@ -105,12 +100,17 @@ async def test_something_else_at_the_socket_is_told_and_does_not_end_the_screen(
     server.close()
 
 
-def test_without_a_name_it_is_the_only_one_that_runs(short_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_name_it_is_the_only_one_that_runs(
+    short_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_path))
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
     folder = short_path / "groundstation"
     folder.mkdir(mode=0o700)
-    with pytest.raises(ConfigError, match=r"nobody flies a vehicle here.*`groundstation fly CONFIG --tui` starts one"):
+    with pytest.raises(
+        ConfigError,
+        match=r"nobody flies a vehicle here.*`groundstation fly CONFIG --tui` starts one",
+    ):
         served_socket(None)
     assert served_socket("mqx") == folder / "mqx.sock"  # it may come up yet
     with listening(folder / "mqx.sock"):
@@ -140,11 +140,15 @@ class Terminal:
         """Words that show it in another terminal."""
 
     def _do(self, *command: str) -> str:
-        return subprocess.run([*self._tmux, *command], check=True, capture_output=True, text=True, timeout=60).stdout
+        return subprocess.run(
+            [*self._tmux, *command], check=True, capture_output=True, text=True, timeout=60
+        ).stdout
 
     def start(self, *words: str | Path, environment: Mapping[str, str] = {}) -> None:
         command = shlex.join(map(str, words))
-        settings = [word for name, value in environment.items() for word in ("-e", f"{name}={value}")]
+        settings = [
+            word for name, value in environment.items() for word in ("-e", f"{name}={value}")
+        ]
         self._do(
             "-f", "/dev/null", "new-session", "-d", "-x", "80", "-y", "24", *settings,
             f"{command}; echo left with $?; sleep 60",
@@ -189,7 +193,9 @@ def core_at(path: Path, **more: Any) -> AbstractContextManager["subprocess.Popen
     return beside(program("tests.sample_flight", path), **more)
 
 
-def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(terminal: Terminal, tmp_path: Path) -> None:
+def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(
+    terminal: Terminal, tmp_path: Path
+) -> None:
     path, flying = tmp_path / "mqx.sock", big("tracking")
     with core_at(path) as first:
         terminal.start(*program("groundstation", "tui", "--socket", path))
@@ -209,7 +215,10 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
 
 @contextlib.contextmanager
 def orders_shown(terminal: Terminal, folder: Path) -> Iterator[Path]:
-    """The dashboard of the made-up flight, in ``terminal``; where the orders that left it are written, one a line."""
+    """The dashboard of the made-up flight, in ``terminal``.
+
+    Where the orders that left it are written, one a line.
+    """
     path, asked = folder / "mqx.sock", folder / "asked"
     with asked.open("wb") as output, core_at(path, stdout=output):
         terminal.start(*program("groundstation", "tui", "--socket", path))
@@ -225,7 +234,9 @@ def wait_for_order(asked: Path, order: str) -> None:
     raise AssertionError(f"{order} did not leave: {asked.read_text().split()}")
 
 
-@pytest.mark.parametrize(("taken", "free", "order"), [("C-a", "C-e", "land"), ("C-y", "C-k", "kill")])
+@pytest.mark.parametrize(
+    ("taken", "free", "order"), [("C-a", "C-e", "land"), ("C-y", "C-k", "kill")]
+)
 def test_where_a_multiplexer_takes_one_key_of_an_emergency_order_the_other_one_orders_it(
     terminal: Terminal, tmp_path: Path, taken: str, free: str, order: str
 ) -> None:
@@ -242,7 +253,9 @@ def test_where_a_multiplexer_takes_one_key_of_an_emergency_order_the_other_one_o
 
 @contextlib.contextmanager
 def multiplexed(inner: Terminal, folder: Path, prefix: str) -> Iterator[Terminal]:
-    """Another terminal, which shows ``inner`` and whose keys reach it by way of a tmux with that prefix."""
+    """Another terminal, which shows ``inner`` and whose keys reach it by way of a tmux with that
+    prefix.
+    """
     folder = folder / "outer"
     folder.mkdir()
     outer = Terminal(inner.program, folder)
@@ -271,7 +284,8 @@ def test_a_paste_without_its_marks_orders_nothing_and_the_kill_key_works_after_i
 def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns: int) -> None:
     dropped = {"late (older as it came than a command may rest on)": 1234}
     link = msgspec.structs.replace(
-        sample(1.0).link, state="connected", sent=1234567, expired=123, dropped=dropped, battery_v=15.52,
+        sample(1.0).link, state="connected", sent=1234567, expired=123, dropped=dropped,
+        battery_v=15.52,
         battery_share=1.0, rtt_s=0.1121,
     )  # fmt: skip
     turned = (0.0, 0.3826834, 0.0, 0.9238795)
@@ -282,7 +296,11 @@ def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns
         assert "…" not in text(pilot, Numbers) + text(pilot, Banner)
         assert text(pilot, Numbers).count("drops 1234") == 2 and "rms -" in text(pilot, Numbers)
         assert "control is free: c takes it" in text(pilot, Banner)
-        footer = [str(key.render()) for key in pilot.app.screen.query(FooterKey) if key.region.right <= columns]
+        footer = [
+            str(key.render())
+            for key in pilot.app.screen.query(FooterKey)
+            if key.region.right <= columns
+        ]
         assert columns < 80 or any("quit" in key for key in footer)
 
     more = {"poses_dropped": dropped, "link": link, "attitude": turned, "rms_m": math.nan}

@@ -1,4 +1,6 @@
-"""A simulated flight that is begun, armed, left and landed from the dashboard, in real terminals."""
+"""A simulated flight that is begun, armed, left and landed from the dashboard, in real
+terminals.
+"""
 
 import os
 import signal
@@ -30,7 +32,13 @@ def processes(words: str) -> dict[int, str]:
     found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):  # it ended meanwhile
-            args = (folder / "cmdline").read_bytes().rstrip(b"\0").replace(b"\0", b" ").decode("utf-8", "replace")
+            args = (
+                (folder / "cmdline")
+                .read_bytes()
+                .rstrip(b"\0")
+                .replace(b"\0", b" ")
+                .decode("utf-8", "replace")
+            )
             if words in args:
                 found[int(folder.name)] = args
     return found
@@ -48,7 +56,9 @@ def flown_in_a_room() -> Iterator[Room]:
                     os.kill(pid, signal.SIGKILL)
 
 
-def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: list[Terminal]) -> None:
+def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(
+    terminals: list[Terminal],
+) -> None:
     first, second = terminals
     with flown_in_a_room() as room:
         first.start(*room.station("fly", "--tui"))
@@ -60,7 +70,11 @@ def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: l
         first.wait_for(*big("tracking"))
         ours = processes(str(room.status_socket))
         core = next(pid for pid, args in ours.items() if " daemon " in args)
-        screen = next(pid for pid, args in ours.items() if " --tui" in args and args.startswith(sys.executable))
+        screen = next(
+            pid
+            for pid, args in ours.items()
+            if " --tui" in args and args.startswith(sys.executable)
+        )
         os.kill(screen, signal.SIGKILL)
         second.start(sys.executable, "-m", "groundstation", "tui", "--socket", room.status_socket)
         second.wait_for(*big("tracking"), "control is free", "held control")
@@ -77,13 +91,17 @@ def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: l
         assert core not in processes(str(room.status_socket))
 
 
-def test_a_core_that_ends_by_itself_is_told_on_the_screen_and_after_it(terminals: list[Terminal]) -> None:
+def test_a_core_that_ends_by_itself_is_told_on_the_screen_and_after_it(
+    terminals: list[Terminal],
+) -> None:
     with flown_in_a_room() as room:
         nobody = ("--set", "pose.object=nobody", "--set", "flight.pose_wait_s=1")
         terminals[0].start(*room.station("fly", "--tui", *nobody))
         terminals[0].wait_for(*big("aborted"), "no pose within 1 s")
         terminals[0].type("q")
-        terminals[0].wait_for("has ended", "mqx aborted: no pose within 1 s", "mqx.log", "left with 1")
+        terminals[0].wait_for(
+            "has ended", "mqx aborted: no pose within 1 s", "mqx.log", "left with 1"
+        )
 
 
 FAILING = """
@@ -99,13 +117,19 @@ raise SystemExit(main())
 """A program whose dashboard fails where the operator asks for its keys."""
 
 
-def test_a_dashboard_that_fails_begins_anew_while_its_flight_goes_on(terminals: list[Terminal]) -> None:
+def test_a_dashboard_that_fails_begins_anew_while_its_flight_goes_on(
+    terminals: list[Terminal],
+) -> None:
     with flown_in_a_room() as room:
         python, _, _, *words = room.station("fly", "--tui")
         terminals[0].start(python, "-c", FAILING, *words)
         terminals[0].wait_for(*big("ready"), "you hold control")
-        core = [pid for pid, args in processes(str(room.status_socket)).items() if " daemon " in args]
+        core = [
+            pid for pid, args in processes(str(room.status_socket)).items() if " daemon " in args
+        ]
         terminals[0].type("?")
-        terminals[0].wait_for("has failed and begins", f"process {core[0]}", *big("ready"), "you hold control")
+        terminals[0].wait_for(
+            "has failed and begins", f"process {core[0]}", *big("ready"), "you hold control"
+        )
         terminals[0].type("q")
         terminals[0].wait_for("has ended", "left with")

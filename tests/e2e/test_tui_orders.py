@@ -1,4 +1,6 @@
-"""What leaves a dashboard: each order by its key, from every page and dialog, and nothing that was not ordered."""
+"""What leaves a dashboard: each order by its key, from every page and dialog, and nothing that was
+not ordered.
+"""
 
 from pathlib import Path
 
@@ -49,7 +51,9 @@ def stage(tmp_path: Path) -> Stage:
 
 
 @pytest.mark.parametrize("size", [(120, 36), (71, 20), (48, 12)])
-def test_what_brings_the_vehicle_down_shows_the_key_that_no_multiplexer_takes(size: tuple[int, int]) -> None:
+def test_what_brings_the_vehicle_down_shows_the_key_that_no_multiplexer_takes(
+    size: tuple[int, int],
+) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await pilot.pause(0.2)
         knobs = [knob for knob in pilot.app.screen.query(Knob) if knob.order.always]
@@ -65,8 +69,13 @@ def test_what_brings_the_vehicle_down_shows_the_key_that_no_multiplexer_takes(si
 
 
 @pytest.mark.usefixtures("patient")
-def test_what_brings_the_vehicle_down_leaves_at_once_from_every_page_and_dialog(stage: Stage) -> None:
-    pages, dialogs = [[], ["2"], ["3"], ["4"], ["5"]], [["question_mark"], ["escape", "q"], ["escape", "ctrl+p"]]
+def test_what_brings_the_vehicle_down_leaves_at_once_from_every_page_and_dialog(
+    stage: Stage,
+) -> None:
+    pages, dialogs = (
+        [[], ["2"], ["3"], ["4"], ["5"]],
+        [["question_mark"], ["escape", "q"], ["escape", "ctrl+p"]],
+    )
 
     async def scene(pilot: Pilot[None]) -> None:
         async with stage.up():
@@ -75,7 +84,9 @@ def test_what_brings_the_vehicle_down_leaves_at_once_from_every_page_and_dialog(
                 await pilot.press(*way)
                 if "ctrl+p" in way:
                     await until(pilot, lambda: isinstance(pilot.app.screen, CommandPalette))
-                for keys in (STOP_KEYS, SECOND_STOP_KEYS) if way in dialogs else (SECOND_STOP_KEYS,):
+                for keys in (
+                    (STOP_KEYS, SECOND_STOP_KEYS) if way in dialogs else (SECOND_STOP_KEYS,)
+                ):
                     stage.core.asked.clear()
                     await pilot.press(*keys)
                     await until(pilot, lambda: stage.asked == STOPS)
@@ -113,7 +124,9 @@ def test_one_key_lands_this_vehicle_and_every_other_one_also_while_a_name_is_typ
     play(scene, stage.path)
 
 
-def test_a_dashboard_in_a_multiplexer_says_that_it_takes_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dashboard_in_a_multiplexer_says_that_it_takes_keys(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("STY", "7.lab")
 
     async def scene(pilot: Pilot[None]) -> None:
@@ -161,7 +174,9 @@ async def test_arming_asks_for_the_name_and_for_no_other(pilot: Pilot[None], sta
         await in_control(pilot)
         await pilot.press("a", *"mqy", "enter")
         await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
-        await until(pilot, lambda: not pilot.app.screen.query_one(Input).value)  # it is not typed onto
+        await until(
+            pilot, lambda: not pilot.app.screen.query_one(Input).value
+        )  # it is not typed onto
         await pilot.press("escape")
         await pilot.pause(0.1)
         await pilot.press("a", *"mq", "escape", "a")
@@ -175,7 +190,9 @@ async def test_arming_asks_for_the_name_and_for_no_other(pilot: Pilot[None], sta
 
 
 @dashboard()
-async def test_flying_the_trajectory_asks_once_more_and_enter_alone_means_no(pilot: Pilot[None], stage: Stage) -> None:
+async def test_flying_the_trajectory_asks_once_more_and_enter_alone_means_no(
+    pilot: Pilot[None], stage: Stage
+) -> None:
     stage.latest.put(sample(1.0, state="hold"))
     async with stage.up():
         await in_control(pilot)
@@ -215,7 +232,9 @@ async def test_control_is_taken_and_given_back_by_its_key_and_a_refusal_is_told(
 
 
 @dashboard()
-async def test_a_gain_is_changed_and_what_is_no_number_changes_none(pilot: Pilot[None], stage: Stage) -> None:
+async def test_a_gain_is_changed_and_what_is_no_number_changes_none(
+    pilot: Pilot[None], stage: Stage
+) -> None:
     async with stage.up():
         await in_control(pilot)
         await pilot.press("2")
@@ -247,7 +266,9 @@ async def test_a_screen_that_may_only_look_orders_nothing(pilot: Pilot[None], st
 
 @pytest.mark.usefixtures("patient")
 @dashboard()
-async def test_what_is_ordered_while_nobody_is_there_is_not_ordered_later(pilot: Pilot[None], stage: Stage) -> None:
+async def test_what_is_ordered_while_nobody_is_there_is_not_ordered_later(
+    pilot: Pilot[None], stage: Stage
+) -> None:
     await pilot.press("ctrl+x", "ctrl+k", "ctrl+k")
     await until(pilot, lambda: told(pilot, "NOT SENT"))
     async with stage.up():
@@ -257,7 +278,9 @@ async def test_what_is_ordered_while_nobody_is_there_is_not_ordered_later(pilot:
 
 
 @dashboard()
-async def test_what_starts_or_steers_is_not_ordered_by_what_is_old(pilot: Pilot[None], stage: Stage) -> None:
+async def test_what_starts_or_steers_is_not_ordered_by_what_is_old(
+    pilot: Pilot[None], stage: Stage
+) -> None:
     """A core that hangs would find it in its socket later."""
     stage.latest.put(standing())
     async with stage.up():
@@ -271,7 +294,9 @@ async def test_what_starts_or_steers_is_not_ordered_by_what_is_old(pilot: Pilot[
         assert stage.asked == []
 
 
-def test_leaving_in_the_air_asks_and_says_how_to_come_back(capsys: pytest.CaptureFixture[str]) -> None:
+def test_leaving_in_the_air_asks_and_says_how_to_come_back(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: knows(pilot))
         await pilot.press("q")

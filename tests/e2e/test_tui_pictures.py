@@ -1,4 +1,7 @@
-"""The dashboard looks as it did. Where it shall look otherwise: python -m tests.tui_pictures, and look at them."""
+"""The dashboard looks as it did.
+
+Where it shall look otherwise: python -m tests.tui_pictures, and look at them.
+"""
 
 import re
 

@@ -6,7 +6,16 @@ from pathlib import Path
 import pytest
 
 from groundstation.__main__ import main
-from tests.e2e.stations import QUICK_LANDING, beside, free_udp_port, line_of, program, run_command, run_here, serving
+from tests.e2e.stations import (
+    QUICK_LANDING,
+    beside,
+    free_udp_port,
+    line_of,
+    program,
+    run_command,
+    run_here,
+    serving,
+)
 
 STATION = """
 [link]
@@ -43,9 +52,19 @@ def test_a_station_flies_the_vehicle_by_the_module_of_a_bridge(tmp_path: Path) -
     with serving("--link", "dsm", "--set", poses, "--duration", "60") as says:
         module = says.split(" receiver on ")[1].split(",")[0]
         simulated = ("--set", f"link.port={module}", "--set", "link.simulated=true")
-        with beside(program("groundstation", "radio", "bridge", tmp_path / "bridge.toml", *simulated)) as bridge:
+        with beside(
+            program("groundstation", "radio", "bridge", tmp_path / "bridge.toml", *simulated)
+        ) as bridge:
             assert f"dsm module on {module}" in line_of(bridge)
-            words = ("fly", str(tmp_path / "station.toml"), "--arm", "mqx", "--set", poses, *QUICK_LANDING)
+            words = (
+                "fly",
+                str(tmp_path / "station.toml"),
+                "--arm",
+                "mqx",
+                "--set",
+                poses,
+                *QUICK_LANDING,
+            )
             flown = run_command(program("groundstation", *words))
             assert flown.returncode == 0, flown.stdout + flown.stderr
             assert "landed and disarmed" in flown.stdout
@@ -59,7 +78,10 @@ def test_a_station_flies_the_vehicle_by_the_module_of_a_bridge(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("radio", "bridge", "bridge.toml", "--set", "link.port=/dev/pts/0"), "key_file: cannot read"),
+        (
+            ("radio", "bridge", "bridge.toml", "--set", "link.port=/dev/pts/0"),
+            "key_file: cannot read",
+        ),
         (("fly", "station.toml", "--arm", "mqx"), "link.key_file: cannot read"),
         (("radio", "bridge"), "expected a configuration"),
     ],

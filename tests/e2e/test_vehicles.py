@@ -1,4 +1,6 @@
-"""Two vehicles as a user flies them: a core process each, and one that dies takes nothing with it."""
+"""Two vehicles as a user flies them: a core process each, and one that dies takes nothing with
+it.
+"""
 
 import os
 import re
@@ -38,7 +40,8 @@ def fleet_file(folder: Path, names: Sequence[str] = ("ant", "bee")) -> Path:
     ]
     relay_port = 20000 + free_udp_port() % 10000
     (folder / "fleet.toml").write_text(
-        tomli_w.dumps({"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles}), "utf-8"
+        tomli_w.dumps({"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles}),
+        "utf-8",
     )
     return folder / "fleet.toml"
 
@@ -53,7 +56,9 @@ def core_of(supervisor: int, name: str) -> int:
 
 def passes_on(process: int) -> bool:
     """Whether it passes signals on to its cores yet: SIGHUP is the last that it takes."""
-    caught = re.search(r"^SigCgt:\s*(\w+)$", Path(f"/proc/{process}/status").read_text("utf-8"), re.M)
+    caught = re.search(
+        r"^SigCgt:\s*(\w+)$", Path(f"/proc/{process}/status").read_text("utf-8"), re.M
+    )
     return caught is not None and bool(int(caught[1], 16) >> (signal.SIGHUP - 1) & 1)
 
 
@@ -70,7 +75,9 @@ def fleet(
 ) -> Iterator[tuple["subprocess.Popen[str]", Path]]:
     """A simulated fleet, and the station that flies it: its process, and its log."""
     file, log = fleet_file(folder, names), folder / "log"
-    words = program("groundstation", "fleet", file, *(word for name in armed for word in ("--arm", name)))
+    words = program(
+        "groundstation", "fleet", file, *(word for name in armed for word in ("--arm", name))
+    )
     with serving("--fleet", file, "--duration", "110"), started(words, log) as station:
         yield station, log
 
@@ -78,11 +85,16 @@ def fleet(
 @contextmanager
 def started(words: Sequence[str], log: Path) -> Iterator["subprocess.Popen[str]"]:
     """A process that writes its output to ``log``."""
-    with log.open("w") as said, beside(words, stdin=subprocess.DEVNULL, stdout=said, stderr=said) as station:
+    with (
+        log.open("w") as said,
+        beside(words, stdin=subprocess.DEVNULL, stdout=said, stderr=said) as station,
+    ):
         yield station
 
 
-def test_a_core_that_is_killed_takes_nothing_with_it_and_a_signal_lands_the_other(tmp_path: Path) -> None:
+def test_a_core_that_is_killed_takes_nothing_with_it_and_a_signal_lands_the_other(
+    tmp_path: Path,
+) -> None:
     with fleet(tmp_path, "ant", "bee") as (station, log):
         for name in ("ant", "bee"):
             until(log, rf"{name} +\| .* tracking: ")
@@ -102,11 +114,15 @@ def test_a_core_that_is_killed_takes_nothing_with_it_and_a_signal_lands_the_othe
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_fleet_that_is_ended_while_its_cores_start_ends_well(tmp_path: Path, number: signal.Signals) -> None:
+def test_a_fleet_that_is_ended_while_its_cores_start_ends_well(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     log, words = tmp_path / "log", program("groundstation", "fleet", fleet_file(tmp_path))
     with started(words, log) as station:
         limit = time.monotonic() + 60.0
-        while not passes_on(station.pid):  # from when its cores were started on, which takes them a while
+        while not passes_on(
+            station.pid
+        ):  # from when its cores were started on, which takes them a while
             assert time.monotonic() < limit
             time.sleep(0.005)
         station.send_signal(number)

@@ -23,7 +23,9 @@ async def subscribe(port: int) -> Counter[str]:
     """Count the messages of each topic that a client of Foxglove's server gets until it ends."""
     names: dict[int, str] = {}
     got: Counter[str] = Counter()
-    with closing(await websocket_connect(f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"])) as server:
+    with closing(
+        await websocket_connect(f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"])
+    ) as server:
         while (message := await server.read_message()) is not None:
             if isinstance(message, bytes):
                 if message[0] == 1:
@@ -38,7 +40,9 @@ async def subscribe(port: int) -> Counter[str]:
 def listening(port: int) -> set[str]:
     """The addresses at which something listens at ``port``, in hexadecimal (proc(5), net/tcp)."""
     rows = [
-        line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text("utf-8").splitlines()
+        line.split()
+        for name in ("tcp", "tcp6")
+        for line in Path(f"/proc/net/{name}").read_text("utf-8").splitlines()
     ]
     places = [row[1].split(":") for row in rows[1:] if row[3] == "0A"]
     return {address for address, number in places if int(number, 16) == port}
@@ -56,7 +60,9 @@ def test_a_flight_is_shown_as_it_is_flown() -> None:
 
     with served() as room:
         words = room.station("fly", "--arm", "mqx", "--set", "flight.duration_s=2.0")
-        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as station:
+        with subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ) as station:
             while not (found := list_flights(room.recordings)):
                 assert station.poll() is None
             words = [sys.executable, "-m", "groundstation", "view", str(found[0])]

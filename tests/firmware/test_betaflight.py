@@ -1,4 +1,6 @@
-"""Betaflight's own firmware, unmodified, on four rotors: ours flies it through the RF link's bytes, in virtual time."""
+"""Betaflight's own firmware, unmodified, on four rotors: ours flies it through the RF link's bytes,
+in virtual time.
+"""
 
 from collections.abc import Callable
 from functools import cache
@@ -7,7 +9,14 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.identify import identify, read_stretch
-from sim.autopilots import STEP_S, BetaflightFirmware, betaflight, configure, describe_settings, pack_pulses
+from sim.autopilots import (
+    STEP_S,
+    BetaflightFirmware,
+    betaflight,
+    configure,
+    describe_settings,
+    pack_pulses,
+)
 from sim.autopilots.betaflight import LISTENS_S
 from sim.radio import FAILSAFE_S
 from sim.runs import RECORDING, Stage, fly, from_floor, simulate
@@ -32,13 +41,16 @@ pytestmark = pytest.mark.firmware
 FAILSAFE_DELAY_S = 1.2
 """Of the firmware, by its settings."""
 HOLD_S = 0.3
-"""So long it holds the last good pulses, whatever its settings (MAX_INVALID_PULSE_TIME_MS, src/main/rx/rx.c)."""
+"""So long it holds the last good pulses, whatever its settings (MAX_INVALID_PULSE_TIME_MS,
+src/main/rx/rx.c)."""
 BROUGHT_DOWN_S = 2.75
 """Motors are off so long after the last pose at the latest."""
 
 
 @cache
-def flown(scenario: str, *overrides: str, link: str = "dsm", seed: int = 0, duration_s: float = 30.0) -> Result:
+def flown(
+    scenario: str, *overrides: str, link: str = "dsm", seed: int = 0, duration_s: float = 30.0
+) -> Result:
     world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(overrides), link=link)
     return fly(world, config, seed=seed, duration_s=duration_s, autopilot=BETAFLIGHT)
 
@@ -65,7 +77,9 @@ def test_it_runs_where_the_cache_s_path_has_a_space_and_a_colon(
         ("adverse", "sim.speed_m_s=0.5", "dsm", 2.0),
     ],
 )
-def test_ours_flies_it_within_twice_of_what_it_should(scenario: str, told: str, link: str, limit_cm: float) -> None:
+def test_ours_flies_it_within_twice_of_what_it_should(
+    scenario: str, told: str, link: str, limit_cm: float
+) -> None:
     result = flown(scenario, told, link=link)
     assert result.completed, result.why
     assert result.verdict.rms_cm is not None and result.verdict.rms_cm < 2.0 * limit_cm
@@ -79,7 +93,10 @@ def test_a_gust_moves_it_by_less_than_16_cm_and_it_is_back_soon() -> None:
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
     world, config = prepare(by_betaflight(SCENARIOS["adverse"]), [], link="crsf")
-    first, again = (fly(world, config, seed=3, duration_s=5.0, autopilot=BETAFLIGHT).log_sha256 for _ in range(2))
+    first, again = (
+        fly(world, config, seed=3, duration_s=5.0, autopilot=BETAFLIGHT).log_sha256
+        for _ in range(2)
+    )
     assert first == again
 
 
@@ -97,7 +114,9 @@ def test_a_stick_that_is_told_the_wrong_way_round_ends_the_flight_at_once() -> N
 
 @pytest.mark.parametrize(("link", "seed"), [("crsf", 1), ("dsm", 2)])
 @pytest.mark.parametrize("scenario", ["paper", "adverse"])
-def test_it_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, link: str, seed: int) -> None:
+def test_it_goes_from_the_floor_to_the_figure_and_softly_back(
+    scenario: str, link: str, seed: int
+) -> None:
     world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
     world, config = from_floor(world, config, 1.0)
     took = fly_take_off(world, config, seed, BETAFLIGHT)
@@ -106,14 +125,20 @@ def test_it_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, lin
     assert min(start.thrust) >= 0.75
     assert max(start.thrust) <= 1.25
     assert max(start.climb) < 0.3
-    assert start.smooth or scenario == "adverse", start  # its wind leans it by 7.4°, and by more where it pushed
+    assert start.smooth or scenario == "adverse", (
+        start
+    )  # its wind leans it by 7.4°, and by more where it pushed
     assert [one.state for one in result.states] == WAY
     assert result.touchdown_m_s is not None and result.touchdown_m_s < 0.5
     assert result.home_m < 0.1
 
 
-@pytest.mark.parametrize(("strike", "link"), [row[1:] for row in STRIKES[:6]], ids=[row[0] for row in STRIKES[:6]])
-def test_what_is_left_of_ours_brings_it_down_and_stops_its_motors(strike: Callable[[Stage], None], link: str) -> None:
+@pytest.mark.parametrize(
+    ("strike", "link"), [row[1:] for row in STRIKES[:6]], ids=[row[0] for row in STRIKES[:6]]
+)
+def test_what_is_left_of_ours_brings_it_down_and_stops_its_motors(
+    strike: Callable[[Stage], None], link: str
+) -> None:
     struck = strike_down(strike, link)
     assert struck.off_s < BROUGHT_DOWN_S
     assert struck.hit_m_s is not None and struck.hit_m_s < 2.5
@@ -130,11 +155,15 @@ def test_where_nothing_of_ours_is_heard_any_more_receiver_and_firmware_stop_its_
 
 
 def test_a_receiver_that_holds_its_last_pulses_keeps_the_motors_turning_for_ever() -> None:
-    """The hazard of every override that never goes stale: a receiver's hold, or channels by MSP or UDP."""
+    """The hazard of every override that never goes stale: a receiver's hold, or channels by MSP or
+    UDP.
+    """
     assert strike_down(hold_for_ever, "dsm").off_s > WATCHED_S - 0.01
 
 
-def test_where_no_channel_stands_for_disarmed_the_delay_begins_after_the_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_no_channel_stands_for_disarmed_the_delay_begins_after_the_hold(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(betaflight, "RECIPE", betaflight.RECIPE.replace("rxfail 4 s 1000\n", ""))
     off_s = strike_down(give_invalid, "dsm").off_s
     assert off_s == pytest.approx(FAILSAFE_S + HOLD_S + FAILSAFE_DELAY_S, abs=0.1)
@@ -142,11 +171,15 @@ def test_where_no_channel_stands_for_disarmed_the_delay_begins_after_the_hold(mo
 
 
 def test_pulses_that_come_back_start_no_motor_until_the_arm_channel_has_been_down() -> None:
-    with BetaflightFirmware(configure(describe_settings(512.0, "AETR1234", (200.0, 200.0, 300.0)))) as firmware:
+    with BetaflightFirmware(
+        configure(describe_settings(512.0, "AETR1234", (200.0, 200.0, 300.0)))
+    ) as firmware:
 
         def give(for_s: float, throttle_us: int, arm_us: int, stick_us: int = 1500) -> float:
             pulses = pack_pulses([stick_us, stick_us, throttle_us, stick_us, arm_us])
-            answers = [firmware.step(channels=None if k else pulses) for k in range(round(for_s / STEP_S))]
+            answers = [
+                firmware.step(channels=None if k else pulses) for k in range(round(for_s / STEP_S))
+            ]
             return max(answers[-1].motors)
 
         for _ in range(round(LISTENS_S / STEP_S)):
@@ -163,13 +196,20 @@ def test_pulses_that_come_back_start_no_motor_until_the_arm_channel_has_been_dow
 
 
 def test_identify_finds_the_rates_that_the_scenario_tells(tmp_path: Path) -> None:
-    """Lag and delay from a command's leaving: the link's lead and DSM's frame on the wire come on top."""
-    told = ["trajectory.kind=excitation", "sim.start_ned=[0,0,-1]"]  # where it begins: a pull-in would clip thrust
+    """Lag and delay from a command's leaving: the link's lead and DSM's frame on the wire come on
+    top.
+    """
+    told = [
+        "trajectory.kind=excitation",
+        "sim.start_ned=[0,0,-1]",
+    ]  # where it begins: a pull-in would clip thrust
     simulate("paper", autopilot=BETAFLIGHT, link="dsm", duration=40.0, overrides=told, out=tmp_path)
     found = identify(read_stretch(tmp_path / RECORDING)).parameters["rate_response"]
     vehicle = by_betaflight(SCENARIOS["paper"]).told
     to_receiver_s = 0.005 + 14 * 10 / 125000
-    assert found.value == pytest.approx(vehicle.rate_lag_s + vehicle.rate_delay_s + to_receiver_s, rel=0.2)
+    assert found.value == pytest.approx(
+        vehicle.rate_lag_s + vehicle.rate_delay_s + to_receiver_s, rel=0.2
+    )
     assert found.value is not None and found.interval is not None
     assert found.interval[1] - found.interval[0] < 0.4 * found.value
 

@@ -1,4 +1,6 @@
-"""The doctor on Betaflight's own firmware: a board on its command line, which restarts whenever it is left."""
+"""The doctor on Betaflight's own firmware: a board on its command line, which restarts whenever it
+is left.
+"""
 
 import asyncio
 import contextlib
@@ -30,8 +32,17 @@ WRONG = (
     "set i_yaw = 80",
     "set thr_hover = 30",
 )
-"""A rate, a lag, two of failsafe, ANGLE where our frames are always, an own gain, and a corner of the throttle."""
-WRONGLY = {"roll_srate", "rc_smoothing", "failsafe_delay", "rxfail 4", "aux 2", "i_yaw", "thr_hover"}
+"""A rate, a lag, two of failsafe, ANGLE where our frames are always, an own gain, and a corner of
+the throttle."""
+WRONGLY = {
+    "roll_srate",
+    "rc_smoothing",
+    "failsafe_delay",
+    "rxfail 4",
+    "aux 2",
+    "i_yaw",
+    "thr_hover",
+}
 
 
 def told() -> Config:
@@ -44,11 +55,16 @@ def told() -> Config:
 def recipe(config: Config) -> list[str]:
     assert isinstance(config.link, RfConfig)
     sticks = config.link.map.roll, config.link.map.pitch, config.link.map.yaw
-    return [*describe_settings(*describe_pulses(config.link), [one.full_rate_deg_s for one in sticks]), *GAINS]
+    return [
+        *describe_settings(*describe_pulses(config.link), [one.full_rate_deg_s for one in sticks]),
+        *GAINS,
+    ]
 
 
 class Host:
-    """A board that is switched on: a port that stays, and a firmware behind it that comes back after each restart."""
+    """A board that is switched on: a port that stays, and a firmware behind it that comes back
+    after each restart.
+    """
 
     def __init__(self, settings: Sequence[str]) -> None:
         self.eeprom = configure(settings)
@@ -62,7 +78,9 @@ class Host:
         server = await asyncio.start_server(self._relay, "127.0.0.1", 0)
         running = asyncio.create_task(self._run())
         try:
-            while not self._cli_port and not running.done():  # it boots for as long as the machine takes
+            while (
+                not self._cli_port and not running.done()
+            ):  # it boots for as long as the machine takes
                 await asyncio.sleep(0.01)
             yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
         finally:
@@ -90,7 +108,10 @@ class Host:
         try:
             theirs, there = await asyncio.open_connection("127.0.0.1", self._cli_port)
             ends.append(there)
-            ways = [asyncio.create_task(_pump(reader, there)), asyncio.create_task(_pump(theirs, writer))]
+            ways = [
+                asyncio.create_task(_pump(reader, there)),
+                asyncio.create_task(_pump(theirs, writer)),
+            ]
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
             for way in ways:
                 way.cancel()
@@ -104,7 +125,9 @@ class Host:
 
 @contextlib.asynccontextmanager
 async def serial(port: str) -> AsyncIterator[str]:
-    """A serial port that leads to the board whose other port this is, and stays while the board restarts."""
+    """A serial port that leads to the board whose other port this is, and stays while the board
+    restarts.
+    """
     host, number = port.split(":")
     wire = PtyWire()
 
@@ -138,10 +161,13 @@ async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> N
 
 
 RESTARTS_S = 20.0
-"""A board that says that it restarts has done so after this at the latest, on a busy machine [s]."""
+"""A board that says that it restarts has done so after this at the latest, on a busy machine
+[s]."""
 
 
-def visit(host: Host, folder: Path, *, by_serial: bool = False, restarts: int = 0, **orders: Any) -> tuple[int, str]:
+def visit(
+    host: Host, folder: Path, *, by_serial: bool = False, restarts: int = 0, **orders: Any
+) -> tuple[int, str]:
     """Its exit code and what was said, once the host has restarted so often in all."""
     said: list[str] = []
 
@@ -175,7 +201,9 @@ def test_each_wrong_setting_is_found_and_nothing_is_changed(tmp_path: Path) -> N
     before = host.eeprom
     code, said = visit(host, tmp_path, as_json=True)
     facts = json.loads(said)
-    assert {one["name"] for one in facts["findings"] if one["verdict"] in ("must", "should")} == WRONGLY
+    assert {
+        one["name"] for one in facts["findings"] if one["verdict"] in ("must", "should")
+    } == WRONGLY
     assert facts["autopilot"] == "Betaflight"
     assert code == Exit.FAILED
     assert host.eeprom == before
@@ -184,21 +212,33 @@ def test_each_wrong_setting_is_found_and_nothing_is_changed(tmp_path: Path) -> N
 
 def test_a_board_as_it_is_delivered_is_told_what_must_change(tmp_path: Path) -> None:
     code, said = visit(Host([]), tmp_path, as_json=True)
-    wrong = {one["name"] for one in json.loads(said)["findings"] if one["verdict"] in ("must", "should")}
+    wrong = {
+        one["name"] for one in json.loads(said)["findings"] if one["verdict"] in ("must", "should")
+    }
     assert code == Exit.FAILED
-    expected = {"aux 0", "min_check", "rc_smoothing", "runaway_takeoff_prevention", "i_yaw", "roll_srate"}
+    expected = {
+        "aux 0",
+        "min_check",
+        "rc_smoothing",
+        "runaway_takeoff_prevention",
+        "i_yaw",
+        "roll_srate",
+    }
     assert expected <= wrong
 
 
 def test_settings_are_set_one_by_one_and_can_be_put_back(tmp_path: Path) -> None:
     host = Host([*recipe(told()), *WRONG])
-    code, said = visit(host, tmp_path, restarts=len(WRONGLY) + 1, fix=tuple(sorted(WRONGLY)), yes=True)
+    code, said = visit(
+        host, tmp_path, restarts=len(WRONGLY) + 1, fix=tuple(sorted(WRONGLY)), yes=True
+    )
     assert code == Exit.DONE, said
     assert "rc_smoothing: ON became OFF, read back" in said
     assert host.restarts == len(WRONGLY) + 1
     kept = {one.name: one for one in map(load_restore, tmp_path.iterdir())}
     assert {name: one.value for name, one in kept.items()} == {
-        "roll_srate": 67.0, "rc_smoothing": "ON", "failsafe_delay": 60.0, "rxfail 4": "h", "aux 2": "1 1 1300 1700 0 0",
+        "roll_srate": 67.0, "rc_smoothing": "ON", "failsafe_delay": 60.0, "rxfail 4": "h",
+        "aux 2": "1 1 1300 1700 0 0",
         "i_yaw": 80.0, "thr_hover": 30.0,
     }  # fmt: skip
     (file,) = tmp_path.glob("*aux_2.json")
@@ -215,7 +255,9 @@ def test_a_serial_port_leads_to_it_as_well(tmp_path: Path) -> None:
     assert "rc_smoothing: ON became OFF, read back" in said
 
 
-def test_an_armed_board_is_neither_read_nor_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_armed_board_is_neither_read_nor_changed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     host = Host([*recipe(told()), *WRONG])
     before = host.eeprom
 
@@ -241,13 +283,19 @@ def test_a_value_that_the_firmware_makes_another_of_is_told_of(
     assert "failsafe_delay was set to 10.5 but reads back as 10" in capsys.readouterr().err
 
 
-def test_a_port_where_nobody_is_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_where_nobody_is_is_told_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     orders = DoctorOrders("doctor", folder=tmp_path, board="127.0.0.1:9")
     assert asyncio.run(run_doctor(told(), orders, None)) == Exit.UNHEARD
     assert "127.0.0.1:9" in capsys.readouterr().err
 
 
 def test_a_map_that_no_board_can_have_is_told_of(tmp_path: Path) -> None:
-    config = from_dict({"link": {"kind": "crsf", "map": {"roll": {"channel": 1, "full_rate_deg_s": 205}}}}, Config)
+    config = from_dict(
+        {"link": {"kind": "crsf", "map": {"roll": {"channel": 1, "full_rate_deg_s": 205}}}}, Config
+    )
     with pytest.raises(ConfigError, match="whole tens"):
-        asyncio.run(run_doctor(config, DoctorOrders("doctor", folder=tmp_path, board="127.0.0.1:9"), None))
+        asyncio.run(
+            run_doctor(config, DoctorOrders("doctor", folder=tmp_path, board="127.0.0.1:9"), None)
+        )

@@ -4,7 +4,15 @@ import asyncio
 import contextlib
 import math
 import struct
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import (
+    AsyncIterator,
+    Awaitable,
+    Callable,
+    Iterable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
 from functools import cache
 from pathlib import Path
 from statistics import median
@@ -30,7 +38,16 @@ from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.flown_once import once
 from tests.loops import until
 
-__all__ = ["Certified", "ConfigError", "campaign_of", "flown", "flown_ideal", "median_of", "middle", "ticks_to"]
+__all__ = [
+    "Certified",
+    "ConfigError",
+    "campaign_of",
+    "flown",
+    "flown_ideal",
+    "median_of",
+    "middle",
+    "ticks_to",
+]
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -50,14 +67,20 @@ async def running(stage: Stage) -> AsyncIterator[Stage]:
 
 
 SHORT = (
-    *("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0", "trajectory.altitude_m=-0.5"),
+    *(
+        "takeoff.height_m=0.5",
+        "takeoff.hold_s=1.0",
+        "takeoff.climb_m_s=1.0",
+        "trajectory.altitude_m=-0.5",
+    ),
     "sim.start_ned=[0.7, 0.3, 0.0]",  # near where the figure begins
 )
 """``--set`` of a mission that takes little time."""
 
 
 def mission(
-    scenario: str, *overrides: str, figure_s: float = 2.0, seed: int = 0, source: str = "vicon", link: str = "mavlink",
+    scenario: str, *overrides: str, figure_s: float = 2.0, seed: int = 0, source: str = "vicon",
+    link: str = "mavlink",
     **options: Any,
 ) -> MissionResult:  # fmt: skip
     """A mission from the floor and back; ``options`` are those of ``fly_mission``."""
@@ -119,13 +142,17 @@ class SetPoint(NamedTuple):
 
 def read_set_points(sent: Iterable[tuple[float, bytes]]) -> list[SetPoint]:
     """The set-points among MAVLink datagrams and the instants at which these left."""
-    frames = [(time_s, data.ljust(60, b"\0")) for time_s, data in sent if data[7:10] == b"\x52\x00\x00"]
+    frames = [
+        (time_s, data.ljust(60, b"\0")) for time_s, data in sent if data[7:10] == b"\x52\x00\x00"
+    ]
     unpacked = [(time_s, *struct.unpack_from("<4f", frame, 10 + 20)) for time_s, frame in frames]
     return [SetPoint(time_s, thrust, (p, q, r)) for time_s, p, q, r, thrust in unpacked]
 
 
 class Wire:
-    """Record of a flight: datagrams to its autopilot, commands that the controller gave the link, and its end."""
+    """Record of a flight: datagrams to its autopilot, commands that the controller gave the link,
+    and its end.
+    """
 
     def __init__(self) -> None:
         self.sent: list[tuple[float, bytes]] = []
@@ -142,7 +169,9 @@ class Wire:
     def frames(self) -> list[SetPoint]:
         return read_set_points(self.sent)
 
-    def tap(self, time_s: float, source: tuple[str, int], _target: tuple[str, int], data: bytes) -> None:
+    def tap(
+        self, time_s: float, source: tuple[str, int], _target: tuple[str, int], data: bytes
+    ) -> None:
         if source[1] == 14540:
             self.sent.append((time_s, data))
 
@@ -161,7 +190,9 @@ def fly_beside(
     confirm: Callable[[], Awaitable[bool]] | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> Wire:
-    """``script(flight, stage)`` beside a flight that begins in the air, and 5 s more in which nothing may come back."""
+    """``script(flight, stage)`` beside a flight that begins in the air, and 5 s more in which
+    nothing may come back.
+    """
     world, config = prepare(SCENARIOS[scenario], list(overrides))
     wire = Wire()
 
@@ -186,7 +217,9 @@ def fly_beside(
 
 
 @cache
-def flown(scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.0, source: str = "vicon") -> Result:
+def flown(
+    scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.0, source: str = "vicon"
+) -> Result:
     """One flight of ``scenario`` with ``--set`` overrides."""
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
     key = ("flown", world, config, seed, duration_s)
@@ -229,7 +262,9 @@ def flown_ideal(composite: str) -> tuple[Result, list[Certified]]:
 def campaign_of(flights: int, *, duration_s: float, workers: int) -> dict[str, Any]:
     """The figures of the `adverse` campaign's first flights, as its report has them."""
     world, config = prepare(SCENARIOS["adverse"], [])
-    campaign = Campaign(scenario="adverse", world=world, config=config, duration_s=duration_s, overrides=[])
+    campaign = Campaign(
+        scenario="adverse", world=world, config=config, duration_s=duration_s, overrides=[]
+    )
     rows, flown = run(campaign, range(flights), Local(workers))
     return report(campaign, rows, flown=flown, wall_s=1.0, workers=workers)
 
@@ -240,9 +275,16 @@ def median_of(values: list[float | None]) -> float:
     return median(v for v in values if v is not None)
 
 
-def middle(scenario: str, field: str, *overrides: str, seeds: int = 10, duration_s: float = 60.0) -> float:
-    """The median of one figure of the verdict over seeds 0 .. ``seeds`` - 1; every flight must be completed."""
-    results = [flown(scenario, *overrides, seed=seed, duration_s=duration_s) for seed in range(seeds)]
+def middle(
+    scenario: str, field: str, *overrides: str, seeds: int = 10, duration_s: float = 60.0
+) -> float:
+    """The median of one figure of the verdict over seeds 0 ..
+
+    ``seeds`` - 1; every flight must be completed.
+    """
+    results = [
+        flown(scenario, *overrides, seed=seed, duration_s=duration_s) for seed in range(seeds)
+    ]
     assert all(r.completed for r in results), [r.why for r in results]
     return median_of([getattr(r.verdict, field) for r in results])
 

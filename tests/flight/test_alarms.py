@@ -61,24 +61,39 @@ def test_no_flight_ends_by_its_poses_where_something_is_configured_wrong(floor: 
 
 
 @pytest.mark.tried(1)  # the one whose height is wrong on the floor
-@pytest.mark.parametrize(("scenario", "seed"), [("quad1kg", 16), ("quad1kg", 18), ("paper", 0), ("paper", 1)])
-def test_an_estimate_that_wanders_and_turns_its_heading_fails_not_and_lands(scenario: str, seed: int) -> None:
+@pytest.mark.parametrize(
+    ("scenario", "seed"), [("quad1kg", 16), ("quad1kg", 18), ("paper", 0), ("paper", 1)]
+)
+def test_an_estimate_that_wanders_and_turns_its_heading_fails_not_and_lands(
+    scenario: str, seed: int
+) -> None:
     wanders = ("sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19")
     own = ("sim.own_estimate=true",) if scenario == "quad1kg" else ()
-    (found,) = watch_all([Watch(scenario, overrides=own + wanders, source="odometry")], (seed,), workers=1)
+    (found,) = watch_all(
+        [Watch(scenario, overrides=own + wanders, source="odometry")], (seed,), workers=1
+    )
     assert ended(found) == []
     assert [one.why for one in found.flights if not one.landed] == []
 
 
 def watch_recording(file: Path) -> WatchedHealth:
-    """Monitor the poses of a recorded flight, which are the autopilot's own, with the commands that were sent."""
+    """Monitor the poses of a recorded flight, which are the autopilot's own, with the commands that
+    were sent.
+    """
     driven = drive_flight(load_flight(file), [])
-    config, poses, begin, end = driven.config, driven.flight.poses, driven.air.start, driven.air.stop
+    config, poses, begin, end = (
+        driven.config,
+        driven.flight.poses,
+        driven.air.start,
+        driven.air.stop,
+    )
     lifts_s, ends_s = poses[begin].arrival_s, poses[end - 1].arrival_s
     last_s = lifts_s - BEFORE_S
     stood = [pose.position_ned[2] for pose in poses[:begin] if pose.arrival_s >= lifts_s - STOOD_S]
     floor_z_m = mean(stood) if stood else math.inf  # a recording may begin in the air
-    pilot = Pilot(config.vehicle, config.controller, config.flight.coast_s, floor_z_m, health=WatchedHealth)
+    pilot = Pilot(
+        config.vehicle, config.controller, config.flight.coast_s, floor_z_m, health=WatchedHealth
+    )
     state, lifted = pilot.state, False
     pilot.set_on_floor()
     events = [(pose.arrival_s, 0, i) for i, pose in enumerate(poses)]

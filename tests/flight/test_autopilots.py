@@ -40,15 +40,19 @@ def ended(
     said: list[str] = []
 
     async def main() -> tuple[FlightOutcome, Stage]:
-        async with running(Stage(world, config, 0, autopilot=autopilot, parameters=parameters)) as stage:
+        async with running(
+            Stage(world, config, 0, autopilot=autopilot, parameters=parameters)
+        ) as stage:
             prepares(stage)
-            flight = make_flight(config, confirm=confirm_at(1.0), subscribers=(tell_lines(said.append),))
+            flight = make_flight(
+                config, confirm=confirm_at(1.0), subscribers=(tell_lines(said.append),)
+            )
             return await flight.run(), stage
 
     return *in_virtual_time(main)(), said
 
 
-def test_ardupilot_without_a_position_refuses_guided_in_its_own_words_and_flies_in_guided_nogps() -> None:
+def test_ardupilot_without_a_position_refuses_guided_and_flies_in_guided_nogps() -> None:
     outcome, stage, _ = ended("ardupilot", parameters={"EK3_SRC1_POSXY": 0.0})
     assert outcome.state is State.ABORTED
     assert outcome.reason.startswith(
@@ -56,11 +60,16 @@ def test_ardupilot_without_a_position_refuses_guided_in_its_own_words_and_flies_
         "“Mode change to GUIDED failed: requires position”. "
     )
     assert stage.plant.released_s is None
-    outcome, _, _ = ended("ardupilot", "link.ardupilot_mode=GUIDED_NOGPS", parameters={"EK3_SRC1_POSXY": 0.0})
+    outcome, _, _ = ended(
+        "ardupilot", "link.ardupilot_mode=GUIDED_NOGPS", parameters={"EK3_SRC1_POSXY": 0.0}
+    )
     assert outcome.state is State.LANDED, outcome.reason
 
 
-LONG = "PreArm: compass 2 is not healthy, calibrate it away from the steel of the floor, then restart the autopilot"
+LONG = (
+    "PreArm: compass 2 is not healthy, calibrate it away from the steel of the floor, then restart "
+    "the autopilot"
+)
 """Three parts of 50 bytes."""
 
 
@@ -80,7 +89,9 @@ def test_a_refusal_to_arm_is_told_in_words_and_with_the_gap_of_a_lost_part() -> 
 
 
 @AUTOPILOT
-def test_poses_that_end_in_the_air_are_landed_by_the_autopilot_where_it_is_told_to(autopilot: str) -> None:
+def test_poses_that_end_in_the_air_are_landed_by_the_autopilot_where_it_is_told_to(
+    autopilot: str,
+) -> None:
     world, config = prepare(SCENARIOS["paper"], ["link.bring_down=land", "sim.floor_z_m=1.5"])
 
     async def main() -> tuple[FlightOutcome, Stage, int]:
@@ -112,7 +123,9 @@ WRONG_FOR_THRUST: list[tuple[dict[str, float], str]] = [
 
 
 @pytest.mark.parametrize(("parameters", "words"), WRONG_FOR_THRUST)
-def test_ardupilot_that_would_misunderstand_our_thrust_is_never_armed(parameters: dict[str, float], words: str) -> None:
+def test_ardupilot_that_would_misunderstand_our_thrust_is_never_armed(
+    parameters: dict[str, float], words: str
+) -> None:
     outcome, stage, _ = ended("ardupilot", parameters=parameters)
     assert outcome.state is State.ABORTED
     assert words in outcome.reason
@@ -151,7 +164,9 @@ def key(tmp_path: Path) -> Path:
 
 
 @AUTOPILOT
-def test_a_signed_flight_ends_on_the_floor_and_disarmed_on_either(autopilot: str, key: Path) -> None:
+def test_a_signed_flight_ends_on_the_floor_and_disarmed_on_either(
+    autopilot: str, key: Path
+) -> None:
     outcome, stage, _ = ended(autopilot, f"link.signing_key_file={key}")
     assert outcome.state is State.LANDED, outcome.reason
     assert not stage.autopilot.armed
@@ -161,7 +176,9 @@ def test_a_signed_flight_ends_on_the_floor_and_disarmed_on_either(autopilot: str
 
 
 def test_an_autopilot_without_the_key_is_not_believed(key: Path) -> None:
-    world, config = prepare(SCENARIOS["paper"], [f"link.signing_key_file={key}", "link.connect_timeout_s=2"])
+    world, config = prepare(
+        SCENARIOS["paper"], [f"link.signing_key_file={key}", "link.connect_timeout_s=2"]
+    )
 
     async def main() -> FlightOutcome:
         async with running(Stage(world, config, 0)) as stage:

@@ -1,4 +1,6 @@
-"""Many flights at once agree with whole flights one at a time, so that two simulators cannot drift apart."""
+"""Many flights at once agree with whole flights one at a time, so that two simulators cannot drift
+apart.
+"""
 
 import pytest
 
@@ -17,21 +19,32 @@ DURATION_S = 17.0
 @pytest.mark.tried(1)  # in the other air
 @pytest.mark.parametrize(
     ("scenario", "overrides"),
-    [("adverse", ()), ("paper", ("sim.drag_body_per_s=[0.3,0.2,0.1]", "sim.inflow_drag_per_m=[0.1,0.1]"))],
+    [
+        ("adverse", ()),
+        ("paper", ("sim.drag_body_per_s=[0.3,0.2,0.1]", "sim.inflow_drag_per_m=[0.1,0.1]")),
+    ],
 )
-def test_a_batch_agrees_with_whole_flights_to_a_micrometre(scenario: str, overrides: tuple[str, ...]) -> None:
+def test_a_batch_agrees_with_whole_flights_to_a_micrometre(
+    scenario: str, overrides: tuple[str, ...]
+) -> None:
     world, config = prepare(SCENARIOS[scenario], list(overrides))
     batch = fly_batch([world] * SEEDS, config, list(range(SEEDS)), duration_s=DURATION_S)
     assert batch.survived.all()
     for seed in range(SEEDS):
         verdict = flown(scenario, *overrides, seed=seed, duration_s=DURATION_S).verdict
         assert 100.0 * batch.rms_m[seed] == pytest.approx(verdict.rms_cm, abs=1e-4, rel=1e-4)
-        assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.006)  # two steps of the plant
+        assert batch.settle_s[seed] == pytest.approx(
+            verdict.settle_s, abs=0.006
+        )  # two steps of the plant
 
 
 @pytest.mark.parametrize("kind", ["adaptive", "l1", "indi"])
 def test_every_law_is_thrown_and_pushed_in_a_batch_as_in_a_whole_flight(kind: str) -> None:
-    thrown = ("sim.start_velocity=[0.5,-0.5,0.0]", "sim.start_turn_deg=[20.0,-10.0,0.0]", "sim.floor_z_m=9.0")
+    thrown = (
+        "sim.start_velocity=[0.5,-0.5,0.0]",
+        "sim.start_turn_deg=[20.0,-10.0,0.0]",
+        "sim.floor_z_m=9.0",
+    )
     pushed = ("sim.wind_step=[0.0,5.0,0.0]", "sim.wind_step_time_s=4.0", "sim.wind_push_s=0.4")
     overrides = (f"controller.kind={kind}", *thrown, *pushed)
     world, config = prepare(SCENARIOS["paper"], list(overrides))
@@ -39,7 +52,9 @@ def test_every_law_is_thrown_and_pushed_in_a_batch_as_in_a_whole_flight(kind: st
     verdict = flown("paper", *overrides, seed=1, duration_s=8.0).verdict
     assert batch.survived.all()
     assert 100.0 * batch.gust_peak_m[0] == pytest.approx(verdict.gust_peak_cm, abs=0.01)
-    assert batch.gust_back_s[0] == pytest.approx(verdict.gust_back_s, abs=0.006)  # two steps of the plant
+    assert batch.gust_back_s[0] == pytest.approx(
+        verdict.gust_back_s, abs=0.006
+    )  # two steps of the plant
     assert batch.settle_s[0] == pytest.approx(verdict.settle_s, abs=0.006)
     assert batch.lowest_m[0] > world.start_ned[2], "it sinks at first"
 
@@ -59,7 +74,8 @@ def test_worlds_that_cannot_share_a_batch_are_refused() -> None:
 
 
 def test_nobody_asks_for_the_wind_ahead_of_the_flight(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The turbulence never goes back: whoever asks too early changes the wind that the vehicle then feels.
+    # The turbulence never goes back: whoever asks too early changes the wind that the vehicle then
+    # feels.
     asked: list[float] = []
     answer = Wind.at
 

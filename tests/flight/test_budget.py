@@ -19,10 +19,25 @@ DURATION_S = 17.0
 STILL = ("sim.pose_noise_m=0.0", "sim.attitude_noise_rad=0.0")
 
 
-def computed(world: World, config: Config, *, seed: int, duration_s: float, simulated: bool = True) -> ErrorBudget:
+def computed(
+    world: World, config: Config, *, seed: int, duration_s: float, simulated: bool = True
+) -> ErrorBudget:
     """One budget, however many tests ask for it."""
-    key = ("budget", [source.name for source in module.SOURCES], world, config, seed, duration_s, simulated)
-    return once(key, lambda _: compute_budget(world, config, seed=seed, duration_s=duration_s, simulated=simulated))
+    key = (
+        "budget",
+        [source.name for source in module.SOURCES],
+        world,
+        config,
+        seed,
+        duration_s,
+        simulated,
+    )
+    return once(
+        key,
+        lambda _: compute_budget(
+            world, config, seed=seed, duration_s=duration_s, simulated=simulated
+        ),
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -83,8 +98,12 @@ def test_what_has_no_budget_says_why() -> None:
     assert "less than 16 s on the trajectory" in said(short)
     flight = read_columns(recorded(duration_s=DURATION_S)[0])
     told = flight.recording.about["config"]
-    flight.recording.about["config"] = told.replace('kind = "adaptive"', 'factory = "evil:make"\nkind = "custom"')
-    assert "can't be flown here" in said(flight) or "no code that a recording names is run" in said(flight)
+    flight.recording.about["config"] = told.replace(
+        'kind = "adaptive"', 'factory = "evil:make"\nkind = "custom"'
+    )
+    assert "can't be flown here" in said(flight) or "no code that a recording names is run" in said(
+        flight
+    )
     flight.recording.about["config"] = ""
     assert "holds no configuration" in said(flight)
 

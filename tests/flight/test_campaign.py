@@ -1,4 +1,6 @@
-"""Campaigns: drawn from the seed alone, resumed where they were left, and flown again one by one."""
+"""Campaigns: drawn from the seed alone, resumed where they were left, and flown again one by
+one.
+"""
 
 import json
 import math
@@ -28,7 +30,9 @@ SEEDS = range(3, 7)
 def _campaign(*told: str, **settings: Any) -> Campaign:
     world, config = prepare(SCENARIOS["adverse"], list(told))
     settings = {"duration_s": DURATION_S} | settings
-    return Campaign(scenario="adverse", world=world, config=config, overrides=list(told), **settings)
+    return Campaign(
+        scenario="adverse", world=world, config=config, overrides=list(told), **settings
+    )
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +46,9 @@ def test_neither_batches_nor_processes_change_a_figure(rows: list[CampaignRow]) 
     assert again == rows[:3]
 
 
-def test_an_interrupted_campaign_flies_only_what_is_missing(rows: list[CampaignRow], tmp_path: Path) -> None:
+def test_an_interrupted_campaign_flies_only_what_is_missing(
+    rows: list[CampaignRow], tmp_path: Path
+) -> None:
     Folder(tmp_path, _campaign().settings()).add(rows[:3])
     table = tmp_path / "flights.csv"
     table.write_bytes(table.read_bytes()[:-20])  # the power went while the third row was written
@@ -87,17 +93,27 @@ def test_draws_stay_within_their_bounds_and_change_nothing_else(seed: int, scena
     assert 0.8 <= world.thrust_gain <= 1.1
     assert math.hypot(*world.wind_mean) == pytest.approx(math.hypot(*truth.wind_mean))
     assert math.hypot(*world.wind_gust) == pytest.approx(math.hypot(*truth.wind_gust))
-    assert msgspec.structs.replace(world, **{name: getattr(truth, name) for name in fields(USUAL)}) == truth
+    assert (
+        msgspec.structs.replace(world, **{name: getattr(truth, name) for name in fields(USUAL)})
+        == truth
+    )
 
 
 def test_a_crash_is_worse_than_any_error(rows: list[CampaignRow]) -> None:
     def row(seed: int, rms_cm: float | None) -> CampaignRow:
-        return msgspec.structs.replace(rows[0], seed=seed, rms_cm=rms_cm, max_cm=rms_cm, survived=rms_cm is not None)
+        return msgspec.structs.replace(
+            rows[0], seed=seed, rms_cm=rms_cm, max_cm=rms_cm, survived=rms_cm is not None
+        )
 
     many = [row(i, 0.1 * i) for i in range(99)] + [row(99, None)]
     facts = report(_campaign(), many, flown=100, wall_s=2.0, workers=2)
     assert facts["survived"] == 0.99
-    assert facts["rms_cm"] == {"p50": 4.9, "p90": pytest.approx(8.9), "p99": pytest.approx(9.8), "max": None}
+    assert facts["rms_cm"] == {
+        "p50": 4.9,
+        "p90": pytest.approx(8.9),
+        "p99": pytest.approx(9.8),
+        "max": None,
+    }
     assert facts["under_cm"] == {"8": 0.8, "4": 0.4}
     assert [w["seed"] for w in facts["worst"]] == [99, 98, 97, 96, 95]
     assert "RMS error, worst        crashed" in text(facts)
@@ -114,7 +130,9 @@ def test_forty_adverse_flights_stay_as_close_as_a_thousand() -> None:
 
 def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow]) -> None:
     row = rows[0]
-    world, config = prepare(SCENARIOS["adverse"], overrides(draw_world(SCENARIOS["adverse"].world, row.seed)))
+    world, config = prepare(
+        SCENARIOS["adverse"], overrides(draw_world(SCENARIOS["adverse"].world, row.seed))
+    )
     gains = config.controller
     assert isinstance(gains, Gains)
     largest, margin = 0.0, math.inf
@@ -124,9 +142,13 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow
         largest = max(largest, math.hypot(*tick.decision.diagnostics.b_hat))
         if tick.flight_time_s >= STEADY_S:
             thrust = tick.decision.drive.thrust
-            margin = min(margin, thrust - config.vehicle.thrust_min_n, config.vehicle.thrust_max_n - thrust)
+            margin = min(
+                margin, thrust - config.vehicle.thrust_min_n, config.vehicle.thrust_max_n - thrust
+            )
 
-    verdict = fly(world, config, seed=row.seed, duration_s=DURATION_S, watch=ticks_to(watch)).verdict
+    verdict = fly(
+        world, config, seed=row.seed, duration_s=DURATION_S, watch=ticks_to(watch)
+    ).verdict
     assert row.lyapunov_start == pytest.approx(verdict.lyapunov_start, rel=1e-3)
     assert row.lyapunov_floor == pytest.approx(verdict.lyapunov_floor, rel=1e-3)
     assert row.b_hat_share_max == pytest.approx(largest / (gains.b_bound + gains.epsilon), rel=1e-3)
@@ -142,14 +164,29 @@ RIGHT = "the cameras of a batch make no such mistake"
     [
         ("--duration 15", "--duration: expected seconds, more than 15 and"),
         ("--set sim.thrust_gain=0.9", "sim.thrust_gain: a campaign draws it"),
-        ("--draw losses --set sim.outage_s=0.1", "sim.outage_s: a campaign draws it, from 0 to 0.15"),
+        (
+            "--draw losses --set sim.outage_s=0.1",
+            "sim.outage_s: a campaign draws it, from 0 to 0.15",
+        ),
         ("--draw mass,luck", "--draw: expected some of ['mass', 'lags'"),
-        ("--set controller.kind=uncompensated", "controller: a batch flies with the model's observer"),
+        (
+            "--set controller.kind=uncompensated",
+            "controller: a batch flies with the model's observer",
+        ),
         ("--set vehicle.command_delay_s=0.01", f"vehicle.command_delay_s: {AT_ONCE}"),
-        *((f"--set sim.{key}=0.01", f"sim.{key}: {AT_ONCE}") for key in ("command_delay_s", "thrust_delay_s")),
+        *(
+            (f"--set sim.{key}=0.01", f"sim.{key}: {AT_ONCE}")
+            for key in ("command_delay_s", "thrust_delay_s")
+        ),
         ("rotors_mqx", "sim.plant: a batch flies no rotors"),
-        *((f"--set sim.{key}=0.1", f"sim.{key}: {RIGHT}") for key in ("occlusion_s", "swap_s", "tracker_yaw_deg")),
-        *((f"--set sim.{key}=0.1", f"sim.{key}: {RIGHT}") for key in ("estimate_wander_m", "estimate_yaw_step_deg")),
+        *(
+            (f"--set sim.{key}=0.1", f"sim.{key}: {RIGHT}")
+            for key in ("occlusion_s", "swap_s", "tracker_yaw_deg")
+        ),
+        *(
+            (f"--set sim.{key}=0.1", f"sim.{key}: {RIGHT}")
+            for key in ("estimate_wander_m", "estimate_yaw_step_deg")
+        ),
     ],
 )
 def test_a_campaign_that_would_not_be_true_is_refused(words: str, complaint: str) -> None:

@@ -34,9 +34,16 @@ def rows() -> list[CampaignRow]:
 @contextmanager
 def _process(*words: str, ready: str) -> Iterator[tuple[re.Match[str], "subprocess.Popen[str]"]]:
     """A process that is up once a line of its log matches ``ready``."""
-    environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False", "PYTHONUNBUFFERED": "1"}
+    environment = os.environ | {
+        "DASK_DISTRIBUTED__WORKER__DAEMON": "False",
+        "PYTHONUNBUFFERED": "1",
+    }
     process = subprocess.Popen(
-        [sys.executable, *words], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=environment
+        [sys.executable, *words],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        env=environment,
     )
     try:
         assert process.stderr is not None
@@ -54,14 +61,30 @@ def _process(*words: str, ready: str) -> Iterator[tuple[re.Match[str], "subproce
 
 @contextmanager
 def _scheduler() -> Iterator[str]:
-    words = ("-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    words = (
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--no-dashboard",
+    )
     with _process(*words, ready=r"Scheduler at:\s+(tcp://\S+)") as (match, _):
         yield match[1]
 
 
 @contextmanager
 def _worker(address: str, directory: Path, *options: str) -> Iterator["subprocess.Popen[str]"]:
-    words = ("-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    words = (
+        "-m",
+        "distributed.cli.dask_worker",
+        address,
+        "--nthreads",
+        "1",
+        "--no-nanny",
+        "--no-dashboard",
+    )
     where = ("--local-directory", str(directory))
     with _process(*words, *where, *options, ready=r"Registered to:\s+tcp") as (_, process):
         yield process
@@ -69,7 +92,10 @@ def _worker(address: str, directory: Path, *options: str) -> Iterator["subproces
 
 @pytest.mark.matrix  # flight/test_campaign.py flies the same rows in processes of this machine
 def test_a_scheduler_and_two_workers_fly_the_same_rows_and_the_loss_of_one_worker_costs_none(
-    rows: list[CampaignRow], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    rows: list[CampaignRow],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     with _scheduler() as address, _worker(address, tmp_path / "a"):
         with _worker(address, tmp_path / "b") as second, Cluster(address) as crew:
@@ -79,9 +105,12 @@ def test_a_scheduler_and_two_workers_fly_the_same_rows_and_the_loss_of_one_worke
                 if done == 0:
                     second.kill()
 
-            assert run(_campaign(), SEEDS, crew, batch=1, out=tmp_path / "out", on_progress=kill_one) == (rows, 3)
+            assert run(
+                _campaign(), SEEDS, crew, batch=1, out=tmp_path / "out", on_progress=kill_one
+            ) == (rows, 3)
         words = (
-            f"groundstation-sim campaign --flights 3 --duration 15.1 --json --cluster {address} --out {tmp_path}/out"
+            f"groundstation-sim campaign --flights 3 --duration 15.1 --json --cluster {address} "
+            f"--out {tmp_path}/out"
         )
         monkeypatch.setattr("sys.argv", words.split())
         assert main() == 0

@@ -1,4 +1,6 @@
-"""``groundstation carry`` towards a simulated tracker and autopilot, in virtual time and through their real bytes."""
+"""``groundstation carry`` towards a simulated tracker and autopilot, in virtual time and through
+their real bytes.
+"""
 
 import asyncio
 import json
@@ -58,7 +60,9 @@ class Hand(Brick):
 class Room:
     """A tracker with axes of its own and an autopilot; both follow one hand."""
 
-    def __init__(self, config: Config, autopilot: str = "px4", *, armed_at_s: float | None = None) -> None:
+    def __init__(
+        self, config: Config, autopilot: str = "px4", *, armed_at_s: float | None = None
+    ) -> None:
         self.config = config
         self.hand = Hand(2)
         self.autopilot = AUTOPILOTS[autopilot](self.hand)
@@ -84,7 +88,9 @@ class Room:
 
         return in_virtual_time(main)()
 
-    def _tap(self, _time_s: float, source: tuple[str, int], _target: tuple[str, int], data: bytes) -> None:
+    def _tap(
+        self, _time_s: float, source: tuple[str, int], _target: tuple[str, int], data: bytes
+    ) -> None:
         if source[1] == 14540:
             self.sent |= {message.get_type() for message in self._reader.feed(data)}
 
@@ -119,9 +125,14 @@ Carry = Callable[..., tuple[Room, int, str, str]]
 
 @pytest.fixture
 def carry(lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Carry:
-    """Carry the vehicle of ``lab`` through a room; that room, the exit code, and what was printed to either stream."""
+    """Carry the vehicle of ``lab`` through a room.
 
-    def carry(autopilot: str = "px4", *, as_json: bool = True, **more: Any) -> tuple[Room, int, str, str]:
+    That room, the exit code, and what was printed to either stream.
+    """
+
+    def carry(
+        autopilot: str = "px4", *, as_json: bool = True, **more: Any
+    ) -> tuple[Room, int, str, str]:
         told = load(lab, Config)
         pose: Any = told.pose
         turned = {"lab_rotation_deg": (0.0, 0.0, 40.0), "body_rotation_deg": (0.0, 0.0, 15.0)}
@@ -135,8 +146,12 @@ def carry(lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixt
     return carry
 
 
-@pytest.mark.parametrize(("kind", "autopilot"), [("vicon", "px4"), ("json", "ardupilot"), ("qualisys", "px4")])
-def test_the_axes_and_the_latency_are_found_and_written(kind: str, autopilot: str, lab: Path, carry: Carry) -> None:
+@pytest.mark.parametrize(
+    ("kind", "autopilot"), [("vicon", "px4"), ("json", "ardupilot"), ("qualisys", "px4")]
+)
+def test_the_axes_and_the_latency_are_found_and_written(
+    kind: str, autopilot: str, lab: Path, carry: Carry
+) -> None:
     lab.write_text(LAB.replace("vicon", kind))
     there, code, out, errors = carry(autopilot)
     assert code == 0
@@ -159,7 +174,9 @@ def test_the_axes_and_the_latency_are_found_and_written(kind: str, autopilot: st
 
 
 @pytest.mark.parametrize("armed_at_s", [-1.0, 12.0])
-def test_an_armed_vehicle_is_refused_at_once_and_on_the_way(armed_at_s: float, lab: Path, carry: Carry) -> None:
+def test_an_armed_vehicle_is_refused_at_once_and_on_the_way(
+    armed_at_s: float, lab: Path, carry: Carry
+) -> None:
     there, code, out, errors = carry(armed_at_s=armed_at_s)
     assert code == 1
     assert "ARMED" in json.loads(out)["why"]
@@ -185,13 +202,18 @@ def test_ctrl_c_leaves_one_object_and_writes_nothing(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(asyncio, "run", pressed)
-    assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == Exit.INTERRUPTED
+    assert (
+        command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False)
+        == Exit.INTERRUPTED
+    )
     facts = json.loads(capsys.readouterr().out)
     assert (facts["ok"], facts["why_id"]) == (False, "carry.interrupted")
     assert lab.read_text() == LAB
 
 
-def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(lab: Path, carry: Carry) -> None:
+def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(
+    lab: Path, carry: Carry
+) -> None:
     text = 'pose = { kind = "vicon", latency_s = 0.02 }\n'
     lab.write_text(text)
     with pytest.raises(ConfigError, match=r'put this into it: .*world = "eus"'):

@@ -34,7 +34,9 @@ DURATION_S = 17.0
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("compared")
-    (path / "PAGE.md").write_text("# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8")
+    (path / "PAGE.md").write_text(
+        "# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8"
+    )
     return path
 
 
@@ -53,7 +55,17 @@ def controllers(request: pytest.FixtureRequest) -> tuple[str, ...]:
 def compared(folder: Path, controllers: tuple[str, ...]) -> list[dict[str, Any]]:
     """One comparison by the command itself: its rows."""
     asked = () if controllers == tuple(CONTROLLERS) else ("--controllers", ",".join(controllers))
-    words = ("--scenarios", SCENARIO, "--seeds", "1", *asked, "--workers", "1", "--duration", str(DURATION_S))
+    words = (
+        "--scenarios",
+        SCENARIO,
+        "--seeds",
+        "1",
+        *asked,
+        "--workers",
+        "1",
+        "--duration",
+        str(DURATION_S),
+    )
     done = run_here(main, "compare", *words, "--json", "--write", folder / "PAGE.md")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -67,7 +79,15 @@ def test_each_controller_has_a_row_with_every_figure(
 ) -> None:
     assert [row["controller"] for row in compared] == list(controllers)
     for row in compared:
-        assert row.keys() >= {"scenario", "controller", "rms_cm", "max_cm", "settle_s", "effort_rad_s", "survived"}
+        assert row.keys() >= {
+            "scenario",
+            "controller",
+            "rms_cm",
+            "max_cm",
+            "settle_s",
+            "effort_rad_s",
+            "survived",
+        }
         assert row["scenario"] == SCENARIO
         assert (row["rms_cm"] is None) == (row["survived"] is False)
         if row["survived"]:
@@ -86,7 +106,9 @@ def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
     compared: list[dict[str, Any]], controllers: tuple[str, ...], folder: Path
 ) -> None:
     text = (folder / "PAGE.md").read_text("utf-8")
-    assert text.startswith("# Page\n\n<!-- figures:begin -->\n| RMS error, cm | " + " | ".join(controllers) + " |")
+    assert text.startswith(
+        "# Page\n\n<!-- figures:begin -->\n| RMS error, cm | " + " | ".join(controllers) + " |"
+    )
     assert text.endswith("<!-- figures:end -->\n\nlast\n")
     assert "old" not in text
     assert f"| `{SCENARIO}` | {compared[0]['rms_cm']:.2f} |" in text
@@ -97,16 +119,23 @@ def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
 # ---- the parts, on made-up flights
 
 
-def verdict(rms_cm: float | None, peak_cm: float | None = None, back_s: float | None = None) -> FlightVerdict:
+def verdict(
+    rms_cm: float | None, peak_cm: float | None = None, back_s: float | None = None
+) -> FlightVerdict:
     """That of a flight, but for these figures."""
     max_cm = None if rms_cm is None else 2 * rms_cm
     errors = {"rms_cm": rms_cm, "max_cm": max_cm, "gust_peak_cm": peak_cm, "gust_back_s": back_s}
     return msgspec.structs.replace(flown("paper", duration_s=20.0).verdict, **errors)
 
 
-def made_up(controller: str, rms: list[float | None], scenario: str = "paper") -> list[ComparedFlight]:
+def made_up(
+    controller: str, rms: list[float | None], scenario: str = "paper"
+) -> list[ComparedFlight]:
     case = Case(scenario, controller, ())
-    return [ComparedFlight(case, seed, value is not None, verdict(value)) for seed, value in enumerate(rms)]
+    return [
+        ComparedFlight(case, seed, value is not None, verdict(value))
+        for seed, value in enumerate(rms)
+    ]
 
 
 def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
@@ -120,7 +149,10 @@ def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
 def pushed(variant: int, *peaks: float | None) -> list[ComparedFlight]:
     case = Case("step_8", "pid", (), variant)
     back_s = 1.5 if variant else None
-    return [ComparedFlight(case, seed, peak is not None, verdict(9.0, peak, back_s)) for seed, peak in enumerate(peaks)]
+    return [
+        ComparedFlight(case, seed, peak is not None, verdict(9.0, peak, back_s))
+        for seed, peak in enumerate(peaks)
+    ]
 
 
 def test_a_large_push_counts_by_the_median_of_its_worst_direction() -> None:
@@ -134,7 +166,10 @@ def test_a_large_push_counts_by_the_median_of_its_worst_direction() -> None:
 
 
 def test_large_pushes_come_from_every_side_and_are_flown_only_when_asked_for() -> None:
-    sizes = {name: len(SCENARIOS[name].variants) for name in ("step_3", "step_5", "step_8", "push_6", "push_10")}
+    sizes = {
+        name: len(SCENARIOS[name].variants)
+        for name in ("step_3", "step_5", "step_8", "push_6", "push_10")
+    }
     assert sizes == {"step_3": 8, "step_5": 10, "step_8": 8, "push_6": 16, "push_10": 16}
     (*_, last) = cases(["push_10"], ["pid"])
     world, config = prepare(SCENARIOS["push_10"], list(last.overrides))
@@ -143,7 +178,9 @@ def test_large_pushes_come_from_every_side_and_are_flown_only_when_asked_for() -
 
 
 def asked(**changes: Any) -> argparse.Namespace:
-    args = parser().parse_args(["compare", "--seeds", "1", "--duration", "20", "--workers", "1", "--json"])
+    args = parser().parse_args(
+        ["compare", "--seeds", "1", "--duration", "20", "--workers", "1", "--json"]
+    )
     vars(args).update(changes)
     return args
 
@@ -152,14 +189,19 @@ def asked(**changes: Any) -> argparse.Namespace:
     ("changes", "line"),
     [
         ({"scenarios": ["papr"]}, r"^scenarios: expected some of \['adverse', .*\], got 'papr'"),
-        ({"controllers": ["pidd"]}, r"--controllers: expected one of \['adaptive', .*\], got 'pidd'"),
+        (
+            {"controllers": ["pidd"]},
+            r"--controllers: expected one of \['adaptive', .*\], got 'pidd'",
+        ),
         ({"controllers": ["nosuchlab:make"]}, r"--controllers: can't import nosuchlab"),
         ({"duration": 15.0}, r"^duration: expected seconds, more than 16 "),
         ({"write": Path("no/such.md")}, r"--write: cannot read no/such\.md"),
         ({"overrides": ["sim.masss=1"]}, r"sim\.masss: unknown key"),
     ],
 )
-def test_what_cannot_be_flown_or_written_is_said_before_anything_flies(changes: dict[str, Any], line: str) -> None:
+def test_what_cannot_be_flown_or_written_is_said_before_anything_flies(
+    changes: dict[str, Any], line: str
+) -> None:
     with pytest.raises(ConfigError, match=line):
         commands.compare(asked(**changes))
 
@@ -170,6 +212,8 @@ def test_what_cannot_be_flown_or_written_is_said_before_anything_flies(changes: 
 def test_a_document_without_its_markers_is_left_as_it_is(text: str, tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(text, "utf-8")
-    with pytest.raises(ConfigError, match=r"--write: .*page\.md needs a line <!-- figures:begin -->"):
+    with pytest.raises(
+        ConfigError, match=r"--write: .*page\.md needs a line <!-- figures:begin -->"
+    ):
         write_between_markers(page, rows(made_up("pid", [1.0])), "groundstation-sim compare")
     assert page.read_text("utf-8") == text

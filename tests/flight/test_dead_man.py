@@ -1,4 +1,6 @@
-"""Whatever becomes of the controller in flight, by the frames that left: fresh, or the bring-down, or nothing."""
+"""Whatever becomes of the controller in flight, by the frames that left: fresh, or the bring-down,
+or nothing.
+"""
 
 import asyncio
 import math
@@ -23,7 +25,9 @@ BREAKS = ("controller.kind=tests.e2e.misbehaving:make", "controller.fault=raise"
 
 
 def check(wire: Wire, thrust_max_n: float) -> None:
-    """Every frame from the first command on is that of the newest command before its deadline, or its due part."""
+    """Every frame from the first command on is that of the newest command before its deadline, or
+    its due part.
+    """
     share = [c.thrust_n / thrust_max_n for _, c in wire.commands]
     index = -1
     for time_s, thrust, rates in wire.frames:
@@ -49,13 +53,22 @@ def check(wire: Wire, thrust_max_n: float) -> None:
                 assert rates == pytest.approx(part.rates_rad_s, abs=1e-6)
                 break
         else:
-            raise AssertionError(f"a frame left at {time_s:.3f}, {time_s - end:.3f} s after the bring-down")
+            raise AssertionError(
+                f"a frame left at {time_s:.3f}, {time_s - end:.3f} s after the bring-down"
+            )
 
 
-def fly(script: Script, *overrides: str, scenario: str = "paper", seed: int = 0, pace: str = "period") -> Wire:
-    """A flight with ``script`` beside it, whose every frame is checked; PX4's own failsafe comes later than it ends."""
+def fly(
+    script: Script, *overrides: str, scenario: str = "paper", seed: int = 0, pace: str = "period"
+) -> Wire:
+    """A flight with ``script`` beside it, whose every frame is checked.
+
+    PX4's own failsafe comes later than it ends.
+    """
     told = (*overrides, f"link.pace={pace}")
-    wire = fly_beside(script, *told, scenario=scenario, seed=seed, parameters={"COM_OF_LOSS_T": 1.0})
+    wire = fly_beside(
+        script, *told, scenario=scenario, seed=seed, parameters={"COM_OF_LOSS_T": 1.0}
+    )
     if wire.commands:
         _, config = prepare(SCENARIOS[scenario], list(told))
         check(wire, config.vehicle.thrust_max_n)
@@ -81,9 +94,14 @@ def test_a_controller_that_raises_is_survived_by_its_link(pace: str) -> None:
 @pytest.mark.tried(4)  # random instants
 @pytest.mark.parametrize("seed", range(16))
 def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -> None:
-    """Standing still in an await: the rest of the program goes on, poses come in, unless the cameras are covered."""
+    """Standing still in an await: the rest of the program goes on, poses come in, unless the
+    cameras are covered.
+    """
     draw = random.Random(seed)
-    at_s, lasts_s = draw.uniform(0.0, 7.0), draw.choice([draw.uniform(0.0, 0.5), draw.uniform(0.3, 4.0)])
+    at_s, lasts_s = (
+        draw.uniform(0.0, 7.0),
+        draw.choice([draw.uniform(0.0, 0.5), draw.uniform(0.3, 4.0)]),
+    )
     covered, pace = draw.random() < 0.3, draw.choice(["period", "poses"])
     monkeypatch = pytest.MonkeyPatch()
 
@@ -101,7 +119,13 @@ def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -
             await sleep_until(until)
         stage.mocap.cover(False)
 
-    wire = fly(script, "flight.duration_s=5.0", "trajectory.altitude_m=0.2", "flight.descent_m_s=1.0", pace=pace)
+    wire = fly(
+        script,
+        "flight.duration_s=5.0",
+        "trajectory.altitude_m=0.2",
+        "flight.descent_m_s=1.0",
+        pace=pace,
+    )
     if lasts_s < 0.2 and not covered:
         assert wire.state is State.LANDED, wire.reason
     if 0.0 < at_s < 4.5 and lasts_s > 0.3:
@@ -110,7 +134,9 @@ def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -
         assert wire.frames[-1][1] == 0.0
 
 
-def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     async def never(*_: Any) -> None:
         await asyncio.Event().wait()
 
@@ -141,7 +167,9 @@ def test_a_flight_that_is_stopped_is_brought_down_and_cannot_be_hurried() -> Non
 
 
 @pytest.mark.parametrize("after_stop_s", [None, 0.1, 1.0])
-def test_a_kill_stops_the_motors_in_flight_and_in_the_bring_down(after_stop_s: float | None) -> None:
+def test_a_kill_stops_the_motors_in_flight_and_in_the_bring_down(
+    after_stop_s: float | None,
+) -> None:
     when: list[float] = []
 
     async def script(flight: Flight, _: Stage) -> None:
@@ -163,14 +191,20 @@ def test_a_kill_stops_the_motors_in_flight_and_in_the_bring_down(after_stop_s: f
 def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """They are read all at once afterwards, and a Vicon datagram does not tell how long it has waited."""
+    """They are read all at once afterwards, and a Vicon datagram does not tell how long it has
+    waited.
+    """
 
-    wire = fly(after(2.0, lambda *_: monkeypatch.setattr(StallDetector, "detect_stale", lambda *_: True)))
+    wire = fly(
+        after(2.0, lambda *_: monkeypatch.setattr(StallDetector, "detect_stale", lambda *_: True))
+    )
     assert wire.state is State.ABORTED
     assert wire.reason.startswith("no pose for")
 
 
-@pytest.mark.tried(2)  # vehicles and airs, and who is silent: the poses and the controller once each
+@pytest.mark.tried(
+    2
+)  # vehicles and airs, and who is silent: the poses and the controller once each
 @pytest.mark.parametrize("scenario", ["paper", "adverse", "quad1kg"])
 @pytest.mark.parametrize("cause", ["poses", "controller"])
 def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -> None:
@@ -189,7 +223,10 @@ def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -
                 tilts.append(so3.angle_deg(so3.third_column(truth.attitude)[2]))
             await asyncio.sleep(0.01)
 
-    told = ("trajectory.altitude_m=0.0", *((*BREAKS, "controller.after_s=6.3") if cause == "controller" else ()))
+    told = (
+        "trajectory.altitude_m=0.0",
+        *((*BREAKS, "controller.after_s=6.3") if cause == "controller" else ()),
+    )
     wire = fly(script, *told, scenario=scenario, seed=3)
     touchdown_m_s = wire.stage.plant.floor.touchdown_m_s
     assert touchdown_m_s is not None and touchdown_m_s < 2.5
@@ -198,15 +235,21 @@ def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -
 
 
 @pytest.mark.parametrize(("pace", "period_s"), [("period", 0.09), ("poses", 0.2)])
-def test_a_pose_that_comes_just_before_the_deadline_is_flown_before_it(pace: str, period_s: float) -> None:
-    """However far away the next frame is: what ends a flight is a gap between poses, not one and a frame."""
+def test_a_pose_that_comes_just_before_the_deadline_is_flown_before_it(
+    pace: str, period_s: float
+) -> None:
+    """However far away the next frame is: what ends a flight is a gap between poses, not one and a
+    frame.
+    """
 
     async def script(flight: Flight, stage: Stage) -> None:
         assert stage.mocap is not None
         await flying(flight, 2.0)
         for _gap in range(20):
             stage.mocap.cover(True)
-            await asyncio.sleep(0.19)  # and up to 30 ms until the next one, and 20 ms on its way: 240 of 250 ms
+            await asyncio.sleep(
+                0.19
+            )  # and up to 30 ms until the next one, and 20 ms on its way: 240 of 250 ms
             stage.mocap.cover(False)
             await asyncio.sleep(0.137)
 

@@ -1,4 +1,6 @@
-"""Commands that do not arrive, or too late, while all that the autopilot says and all poses come."""
+"""Commands that do not arrive, or too late, while all that the autopilot says and all poses
+come.
+"""
 
 import asyncio
 
@@ -15,7 +17,8 @@ from tests.proving.faults.cell import fly_here
 from tests.proving.faults.fault import Fault, Scene
 
 LASTS_S, STRUCK_S, KNOWN_S = 4.0, 1.0, 0.6
-"""How long the way to the autopilot is dead, and how long after the hold began; by the last nothing pushes [s]."""
+"""How long the way to the autopilot is dead, and how long after the hold began; by the last nothing
+pushes [s]."""
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -39,7 +42,9 @@ def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothin
                     pushed.append(thrust / hovers)
 
         flight._subscribers += (hear,)
-        if autopilot == "ardupilot":  # as the doctor wants it: it holds the last set-point no longer
+        if (
+            autopilot == "ardupilot"
+        ):  # as the doctor wants it: it holds the last set-point no longer
             stage.autopilot.parameters._table["GUID_TIMEOUT"] = (0.5, 9)
         await until(lambda: flight.state is State.HOLD)
         await asyncio.sleep(STRUCK_S)
@@ -50,8 +55,12 @@ def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothin
 
     flown = fly_mission(world, config, seed=0, script=script, autopilot=autopilot)
     assert "commands do not reach the autopilot: it sends" in flown.fault
-    assert max(pushed) < 1.02  # what hovers is known to two percent; where it sinks, all of that is told
-    assert (flown.touchdown_m_s or 0.0) < 0.6  # it sinks at 0.5; PX4 comes down by itself, after the flight's end
+    assert (
+        max(pushed) < 1.02
+    )  # what hovers is known to two percent; where it sinks, all of that is told
+    assert (
+        flown.touchdown_m_s or 0.0
+    ) < 0.6  # it sinks at 0.5; PX4 comes down by itself, after the flight's end
 
 
 @pytest.mark.parametrize(("later_s", "state", "says"), [
@@ -74,7 +83,8 @@ def test_commands_that_come_too_late_end_gently_and_the_autopilot_comes_down_by_
 
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         row = runner.run(fly_here("late", Fault(delay), state, seed=0, scenario="paper"))
-    # Late commands swing it: 600 ms on the figure is 1.6 times the limits of the fault table, and it comes down.
+    # Late commands swing it: 600 ms on the figure is 1.6 times the limits of the fault table, and
+    # it comes down.
     assert row.worst <= 1.65
     assert (row.touchdown_m_s or 0.0) < 1.05
     assert any(says in text for text in told)

@@ -11,7 +11,8 @@ from tests.e2e.stations import run_command
 from tests.growth import looks_within
 
 MOST_CALLS = 150_000
-"""Calls of functions that one second of flight may make: measured 129,000 in `paper`, by CPython 3.11 [1/s]."""
+"""Calls of functions that one second of flight may make: measured 129,000 in `paper`, by CPython
+3.11 [1/s]."""
 
 
 @pytest.mark.tried(1)  # links
@@ -19,16 +20,22 @@ MOST_CALLS = 150_000
 def test_another_process_with_another_hash_seed_gives_the_same_bytes(link: str) -> None:
     """test_library.py flies twice in one process."""
     code = (
-        "from sim.scenarios import SCENARIOS, prepare; from sim.runs import fly;"
-        f"w, c = prepare(SCENARIOS['adverse'], [], link='{link}'); print(fly(w, c, seed=3, duration_s=4.0).log_sha256)"
+        "from sim.scenarios import SCENARIOS, prepare; from sim.runs import fly;w, c = "
+        f"prepare(SCENARIOS['adverse'], [], link='{link}'); print(fly(w, c, seed=3, "
+        "duration_s=4.0).log_sha256)"
     )
-    first, second = (run_command([sys.executable, "-c", code], env={"PYTHONHASHSEED": seed}) for seed in ("1", "2"))
+    first, second = (
+        run_command([sys.executable, "-c", code], env={"PYTHONHASHSEED": seed})
+        for seed in ("1", "2")
+    )
     assert len(first.stdout) > 64, first.stderr
     assert first.stdout == second.stdout
 
 
 def test_a_second_of_flight_makes_no_more_calls_than_it_may() -> None:
-    """Their number stands for the processor time of a flight: it is the same on every machine, however busy."""
+    """Their number stands for the processor time of a flight: it is the same on every machine,
+    however busy.
+    """
     world, config = prepare(SCENARIOS["paper"], [])
 
     def count_calls(duration_s: float) -> int:

@@ -1,4 +1,6 @@
-"""How flights end: landing on request, poses that stop, an operator who says no, a vehicle that crashes."""
+"""How flights end: landing on request, poses that stop, an operator who says no, a vehicle that
+crashes.
+"""
 
 import asyncio
 import itertools
@@ -16,7 +18,7 @@ from tests.flight.flights import after, cover_cameras, fly_beside, flying, nothi
 OWN_POSES = ("pose.kind=mavlink",)
 
 
-def test_poses_that_stop_are_answered_by_a_bring_down_within_the_coast_limit_and_then_by_silence() -> None:
+def test_poses_that_stop_are_answered_by_a_bring_down_and_then_by_silence() -> None:
     wire = fly_beside(after(5.0, cover_cameras))
     stopped_s = wire.begun_s + 5.0
     assert wire.state is State.ABORTED
@@ -68,10 +70,21 @@ async def refuse() -> bool:
             see_nothing,
             (),
             {},
-            r"no pose within 5 s.*pose.kind = vicon \(pose.listen = 127.0.0.1:51001, pose.object = ",
+            r"no pose within 5 s.*pose.kind = vicon \(pose.listen = 127.0.0.1:51001, pose.object "
+            r"= ",
         ),
-        (know_no_position, OWN_POSES, {}, "the autopilot sends but has no estimate of its position yet"),
-        (fail_odometry, OWN_POSES, {}, r"were dropped: failed \(the sender says that its odometry has failed"),
+        (
+            know_no_position,
+            OWN_POSES,
+            {},
+            "the autopilot sends but has no estimate of its position yet",
+        ),
+        (
+            fail_odometry,
+            OWN_POSES,
+            {},
+            r"were dropped: failed \(the sender says that its odometry has failed",
+        ),
     ],
 )
 def test_a_flight_that_may_not_or_can_not_begin_moves_nothing_and_says_why(
@@ -108,7 +121,9 @@ def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
     wire = fly_beside(after(4.0, lambda _, stage: setattr(stage.autopilot, "armed", False)))
     assert wire.state is State.ABORTED
     assert "the vehicle is disarmed" in wire.reason
-    assert wire.frames[-1].time_s < wire.begun_s + 4.0 + 1.0 + 0.5 + 0.1  # its next heartbeat, our next look
+    assert (
+        wire.frames[-1].time_s < wire.begun_s + 4.0 + 1.0 + 0.5 + 0.1
+    )  # its next heartbeat, our next look
 
 
 def test_an_autopilot_that_disarms_by_itself_on_the_floor_has_landed_us() -> None:
@@ -146,10 +161,12 @@ def test_an_autopilot_that_neither_hears_nor_is_heard_ends_the_commands() -> Non
     assert wire.state is State.ABORTED
     assert "the link is lost" in wire.reason
     lifts = [frame.time_s for frame in wire.frames if frame.thrust > 0.0]
-    assert max(lifts) < wire.begun_s + 4.0 + 8.0  # its heartbeat missed, and the landing that the poses show
+    assert (
+        max(lifts) < wire.begun_s + 4.0 + 8.0
+    )  # its heartbeat missed, and the landing that the poses show
 
 
-def test_a_request_to_land_ends_softly_on_the_floor_and_disarmed_and_frames_leave_every_22_5_ms() -> None:
+def test_a_request_to_land_ends_softly_and_disarmed_and_frames_leave_every_22_5_ms() -> None:
     wire = fly_beside(after(6.0, lambda flight, _: flight.land("enough")))
     assert wire.state is State.LANDED
     assert not wire.stage.autopilot.armed

@@ -1,4 +1,6 @@
-"""``compare --equal-margins``: who may win a search, what is kept of it, and what the table and the picture say."""
+"""``compare --equal-margins``: who may win a search, what is kept of it, and what the table and the
+picture say.
+"""
 
 import math
 
@@ -7,12 +9,7 @@ import pytest
 from groundstation.core.control.controllers import Pid
 from sim.runs import Flyers
 from sim.studies import SEARCHED_LAWS, compare_at_equal_margins, comparison as module
-from sim.studies.comparison import (
-    FLOORS,
-    EqualTerms,
-    SearchedLaw,
-    make_wrong,
-)
+from sim.studies.comparison import FLOORS, EqualTerms, SearchedLaw, make_wrong
 from sim.studies.tune import Search, SortieOutcome, TuningTrial, stage_scenarios
 from sim.studies.tune.tune import BROKEN, Sortie
 from tests.flight.flights import UnflownFlyers
@@ -21,7 +18,9 @@ LAW = SearchedLaw("pid", "pid", {"p_position": 2.0, "p_velocity": 5.0})
 
 
 class Judges(UnflownFlyers):
-    """Knows what every flight comes to without flying it: the stiffer, the closer, the more effort, the less margin."""
+    """Knows what every flight comes to without flying it: the stiffer, the closer, the more effort,
+    the less margin.
+    """
 
     def judge(self, sortie: Sortie) -> SortieOutcome:
         gains, world = sortie.stage.config.controller, sortie.stage.world
@@ -39,9 +38,13 @@ def search() -> Search:
     return module._search(LAW)
 
 
-def judged(position: float, velocity: float, best_cm: float = math.inf) -> tuple[TuningTrial, Judges]:
+def judged(
+    position: float, velocity: float, best_cm: float = math.inf
+) -> tuple[TuningTrial, Judges]:
     judges = Judges()
-    return EqualTerms(best_cm)(search(), {"p_position": position, "p_velocity": velocity}, judges, 1), judges
+    return EqualTerms(best_cm)(
+        search(), {"p_position": position, "p_velocity": velocity}, judges, 1
+    ), judges
 
 
 @pytest.mark.parametrize(
@@ -52,7 +55,9 @@ def judged(position: float, velocity: float, best_cm: float = math.inf) -> tuple
         (2.0, 15.0, "paper: crashed: hit the floor"),
     ],
 )
-def test_what_breaks_a_floor_never_wins_and_says_which(position: float, velocity: float, why: str) -> None:
+def test_what_breaks_a_floor_never_wins_and_says_which(
+    position: float, velocity: float, why: str
+) -> None:
     trial, _ = judged(position, velocity)
     assert trial.broken == [why]
     assert trial.cost >= BROKEN
@@ -63,23 +68,37 @@ def test_a_floor_makes_one_thing_wrong_by_what_is_told() -> None:
     for floor in FLOORS:
         for stage in (paper, adverse):
             world = make_wrong(stage, floor).world
-            changed = [name for name in world.__struct_fields__ if getattr(world, name) != getattr(stage.world, name)]
+            changed = [
+                name
+                for name in world.__struct_fields__
+                if getattr(world, name) != getattr(stage.world, name)
+            ]
             assert changed == [floor.field]
             assert make_wrong(stage, floor).config == stage.config
     slow = next(floor for floor in FLOORS if floor.field == "rate_lag_s" and floor.value == 1.5)
-    assert make_wrong(adverse, slow).world.rate_lag_s == pytest.approx(1.5 * adverse.config.vehicle.rate_lag_s)
+    assert make_wrong(adverse, slow).world.rate_lag_s == pytest.approx(
+        1.5 * adverse.config.vehicle.rate_lag_s
+    )
 
 
 def test_the_best_of_each_law_is_flown_once_more_on_other_seeds() -> None:
     judges, done = Judges(), list[int]()
-    (row,) = compare_at_equal_margins(judges, trials=6, seeds=2, laws=[LAW], on_done=lambda: done.append(1))
+    (row,) = compare_at_equal_margins(
+        judges, trials=6, seeds=2, laws=[LAW], on_done=lambda: done.append(1)
+    )
     assert len(done) == 7
     assert row.keeps and row.evaluations == 6
-    reflown = {(sortie.stage.scenario, sortie.duration_s) for sortie in judges.flights if sortie.seed == 1}
-    assert reflown == {(name, 60.0 if name in module.JUDGED else 20.0) for name in module.REFLOWN}, "whole laps"
+    reflown = {
+        (sortie.stage.scenario, sortie.duration_s) for sortie in judges.flights if sortie.seed == 1
+    }
+    assert reflown == {
+        (name, 60.0 if name in module.JUDGED else 20.0) for name in module.REFLOWN
+    }, "whole laps"
     pushed = [sortie for sortie in judges.flights if sortie.stage.scenario in module.PUSHED]
     assert {sortie.stage.scenario for sortie in pushed} == set(module.PUSHED)
-    assert all(sortie.duration_s > sortie.stage.world.wind_step_time_s for sortie in pushed), "the push is flown"
+    assert all(sortie.duration_s > sortie.stage.world.wind_step_time_s for sortie in pushed), (
+        "the push is flown"
+    )
     flown = judges.flights[-1].stage.config.controller
     assert isinstance(flown, Pid) and flown.p_position == pytest.approx(row.gains["p_position"])
 

@@ -1,4 +1,6 @@
-"""groundstation/analysis/evidence: our own flights in the layouts of others, and the captures of two autopilots."""
+"""groundstation/analysis/evidence: our own flights in the layouts of others, and the captures of
+two autopilots.
+"""
 
 import contextlib
 import csv
@@ -47,16 +49,27 @@ ATTITUDE_P = {"nanobench": 6.0, "neural-fly": 7.0}
 
 @cache
 def flown() -> list[tuple[float, Vec3, Quat, float, Vec3]]:
-    """Each pose of a flight of ours: time [s], place, attitude, and the newest command's share of thrust and rates."""
+    """Each pose of a flight of ours: time [s], place, attitude, and the newest command's share of
+    thrust and rates.
+    """
     rows, newest = [], None
-    for entry in Recording(recorded("paper", duration_s=SECONDS)[0]).entries(("/measured", "/command")):
+    for entry in Recording(recorded("paper", duration_s=SECONDS)[0]).entries(
+        ("/measured", "/command")
+    ):
         value = entry.value()
         if entry.topic == "/command":
             w = value["rates_rad_s"]
             newest = value["thrust_n"] / FULL_N, (w["x"], w["y"], w["z"])
         elif newest is not None:
             p, q = value["position_ned"], value["attitude"]
-            rows.append((value["time_s"], (p["x"], p["y"], p["z"]), (q["w"], q["x"], q["y"], q["z"]), *newest))
+            rows.append(
+                (
+                    value["time_s"],
+                    (p["x"], p["y"], p["z"]),
+                    (q["w"], q["x"], q["y"], q["z"]),
+                    *newest,
+                )
+            )
     return rows
 
 
@@ -68,7 +81,11 @@ def wanted(attitude: Quat, rates: Vec3, gain: float) -> Quat:
 
 def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> Path:
     rows = list(rows)
-    with gzip.open(path, "wt", newline="") if path.suffix == ".gz" else path.open("w", newline="") as file:
+    with (
+        gzip.open(path, "wt", newline="")
+        if path.suffix == ".gz"
+        else path.open("w", newline="") as file
+    ):
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
@@ -96,7 +113,9 @@ def nanobench(folder: Path) -> Path:
 
 
 def neural_fly(folder: Path) -> Path:
-    """The same axes, lists in cells, a first column without a name, thrust beside the thrust that hovers."""
+    """The same axes, lists in cells, a first column without a name, thrust beside the thrust that
+    hovers.
+    """
     hover = 0.6
 
     def row(n: int, t: float, p: Vec3, q: Quat, share: float, rates: Vec3) -> dict[str, Any]:
@@ -107,18 +126,25 @@ def neural_fly(folder: Path) -> Path:
         return {
             "": n, "t": t, "p": [x, -y, -z], "p_d": [x, -y, -z], "v": [0, 0, 0], "v_d": [0, 0, 0],
             "q": [i, -j, -k, w], "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "w": [0, 0, 0],
-            "T_sp": [signal * level / (hover + 0.0005)], "q_sp": [b, -c, -d, a], "hover_throttle": [level],
+            "T_sp": [signal * level / (hover + 0.0005)], "q_sp": [b, -c, -d, a],
+            "hover_throttle": [level],
         }  # fmt: skip
 
-    return write_csv(folder / "custom_figure8_ours_nowind.csv", (row(n, *one) for n, one in enumerate(flown())))
+    return write_csv(
+        folder / "custom_figure8_ours_nowind.csv", (row(n, *one) for n, one in enumerate(flown()))
+    )
 
 
 def ulog(folder: Path, grounded_s: float | None = None) -> Path:
-    """PX4's form, docs.px4.io/main/en/dev_log/ulog_file_format; it says that it is landed until ``grounded_s``."""
+    """PX4's form, docs.px4.io/main/en/dev_log/ulog_file_format.
+
+    It says that it is landed until ``grounded_s``.
+    """
     forms = {
-        "vehicle_odometry": "uint64_t timestamp;uint64_t timestamp_sample;float[3] position;float[4] q;"
-        "float[3] velocity;uint8_t reset_counter;",
-        "vehicle_rates_setpoint": "uint64_t timestamp;float roll;float pitch;float yaw;float[3] thrust_body;",
+        "vehicle_odometry": "uint64_t timestamp;uint64_t timestamp_sample;float[3] "
+        "position;float[4] q;float[3] velocity;uint8_t reset_counter;",
+        "vehicle_rates_setpoint": "uint64_t timestamp;float roll;float pitch;float yaw;float[3] "
+        "thrust_body;",
         "vehicle_land_detected": "uint64_t timestamp;bool landed;",
     }
     data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
@@ -142,7 +168,9 @@ def ulog(folder: Path, grounded_s: float | None = None) -> Path:
 
 
 def dataflash(folder: Path) -> Path:
-    """ArduPilot's form: each message behind A3 95 and its type, described by messages FMT (type 128)."""
+    """ArduPilot's form: each message behind A3 95 and its type, described by messages FMT (type
+    128).
+    """
     forms = {
         128: ("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", "<BB4s16s64s"),
         20: ("XKF1", "QBfffffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,PN,PE,PD", "<QB9f"),
@@ -153,7 +181,9 @@ def dataflash(folder: Path) -> Path:
         return b"\xa3\x95" + bytes([kind]) + struct.pack(forms[kind][3], *values)
 
     data = b"".join(
-        message(128, kind, 3 + struct.calcsize(packing), name.encode(), form.encode(), labels.encode())
+        message(
+            128, kind, 3 + struct.calcsize(packing), name.encode(), form.encode(), labels.encode()
+        )
         for kind, (name, form, labels, packing) in forms.items()
     )
     for t, p, q, share, rates in flown():
@@ -177,7 +207,10 @@ LAYOUTS: dict[str, Callable[[Path], Path]] = {
 
 
 def imported(folder: Path, path: Path, name: str = "nanobench") -> Path:
-    """The recording that is made of ``path`` by the mapping of that name; an older one is replaced."""
+    """The recording that is made of ``path`` by the mapping of that name.
+
+    An older one is replaced.
+    """
     out = folder / f"{name}.mcap"
     out.unlink(missing_ok=True)
     assert import_command([path], name, out) == 0
@@ -186,7 +219,9 @@ def imported(folder: Path, path: Path, name: str = "nanobench") -> Path:
 
 @pytest.mark.tried(3)  # layouts
 @pytest.mark.parametrize("name", LAYOUTS)
-def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str, tmp_path: Path) -> None:
+def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(
+    name: str, tmp_path: Path
+) -> None:
     if name == "px4-ulog":
         pytest.importorskip("pyulog")
     path = imported(tmp_path, LAYOUTS[name](tmp_path), name)
@@ -194,16 +229,22 @@ def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str
     setpoints = [entry.value() for entry in Recording(path).entries((SETPOINT,))]
     begun, curve = flown()[0][0], load_mapping(name).vehicle.thrust_curve
     assert len(poses) == len(setpoints) == len(flown())
-    for seen, told, (t, place, attitude, share, rates) in zip(poses, setpoints, flown(), strict=True):
+    for seen, told, (t, place, attitude, share, rates) in zip(
+        poses, setpoints, flown(), strict=True
+    ):
         assert abs(seen["time_s"] - (t - begun)) < 2e-6
         assert math.dist(seen["position_ned"].values(), place) < 1e-6
         q = seen["attitude"]
-        off = so3.rotation_vector(so3.multiply(so3.conjugate(attitude), (q["w"], q["x"], q["y"], q["z"])))
+        off = so3.rotation_vector(
+            so3.multiply(so3.conjugate(attitude), (q["w"], q["x"], q["y"], q["z"]))
+        )
         assert math.hypot(*off) < 1e-5
         assert abs(curve * told["thrust"] ** 2 + (1.0 - curve) * told["thrust"] - share) < 1e-6
         if "attitude" in told:
             a = told["attitude"]
-            turn = so3.rotation_vector(so3.multiply(so3.conjugate(attitude), (a["w"], a["x"], a["y"], a["z"])))
+            turn = so3.rotation_vector(
+                so3.multiply(so3.conjugate(attitude), (a["w"], a["x"], a["y"], a["z"]))
+            )
             assert math.dist([ATTITUDE_P[name] * x for x in turn], rates) < 1e-4
         else:
             assert math.dist(told["rates_rad_s"].values(), rates) < 1e-5
@@ -217,7 +258,9 @@ def eight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_flight_of_others_is_not_flown_again_but_examined(eight: Path) -> None:
-    with pytest.raises(ConfigError, match=r"no command of ours: `groundstation replay evidence .*nanobench\.mcap`"):
+    with pytest.raises(
+        ConfigError, match=r"no command of ours: `groundstation replay evidence .*nanobench\.mcap`"
+    ):
         replay_facts(eight)
 
 
@@ -237,14 +280,19 @@ def test_an_autopilot_that_tells_when_it_flies_is_judged_there_alone(tmp_path: P
 
 
 KEYS = {
-    "name", "pose_hz", "gap_max_ms", "jitter_ms", "noise_across_mm", "noise_along_mm", "nis3", "prediction",
+    "name", "pose_hz", "gap_max_ms", "jitter_ms", "noise_across_mm", "noise_along_mm", "nis3",
+    "prediction",
     "identified", "told", "untold",
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("own", [True, False])
-def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it_down(own: bool, eight: Path) -> None:
-    facts = json.loads(json.dumps(examine_flight(recorded("paper", duration_s=SECONDS)[0] if own else eight)))
+def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it_down(
+    own: bool, eight: Path
+) -> None:
+    facts = json.loads(
+        json.dumps(examine_flight(recorded("paper", duration_s=SECONDS)[0] if own else eight))
+    )
     assert set(facts) >= KEYS
     assert set(facts["prediction"]) == {"20", "40", "60", "100"}
     at_60 = facts["prediction"]["60"]
@@ -254,10 +302,14 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
     assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
     assert facts["pose_hz"] == pytest.approx(50.0, rel=0.01)
     assert "thrust_scale" in facts["identified"]
-    assert ("rate_lag" in facts["identified"]) == own  # of set-points of the attitude the rates are made here
+    assert (
+        "rate_lag" in facts["identified"]
+    ) == own  # of set-points of the attitude the rates are made here
     if own:
         return
-    config = from_dict({"controller": facts["told"]}, Config)  # what was told flies the filter that was judged
+    config = from_dict(
+        {"controller": facts["told"]}, Config
+    )  # what was told flies the filter that was judged
     judged = judge_filter(drive_flight(load_flight(eight)), config.controller)
     assert judged.nis3 == facts["nis3"]
     assert judged.prediction == facts["prediction"]
@@ -271,7 +323,11 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
 @pytest.mark.parametrize(
     ("name", "velocity_off_m_s", "flown_s"),
     [
-        ("px4_takeoff", (0.15, 0.3), 25.5 - 8.3),  # its simulated GPS wanders; the distance sensor leaves at 8.4 s
+        (
+            "px4_takeoff",
+            (0.15, 0.3),
+            25.5 - 8.3,
+        ),  # its simulated GPS wanders; the distance sensor leaves at 8.4 s
         ("ardupilot_landing", (0.0, 0.1), 88.8 - 58.0),  # "SIM Hit ground" at 88.8 s
     ],
     ids=["px4", "ardupilot"],
@@ -313,8 +369,13 @@ def test_every_mapping_that_comes_along_is_one() -> None:
 
 
 def test_what_is_wrong_with_an_import_is_said_by_its_key(tmp_path: Path) -> None:
-    path, out, bad, there = nanobench(tmp_path), *(tmp_path / name for name in ("out.mcap", "bad.toml", "there.mcap"))
-    bad.write_text('title = ""\nformat = "csv"\nsource = "autopilot"\n[[pose]]\nposition = ["x", "y"]\n')
+    path, out, bad, there = (
+        nanobench(tmp_path),
+        *(tmp_path / name for name in ("out.mcap", "bad.toml", "there.mcap")),
+    )
+    bad.write_text(
+        'title = ""\nformat = "csv"\nsource = "autopilot"\n[[pose]]\nposition = ["x", "y"]\n'
+    )
     there.write_bytes(b"")
     short = write_csv(tmp_path / "short.csv", [{"t": 0.0, "px": 0.0, "py": 0.0, "pz": 0.0}])
     for file, mapping, target, says in (
@@ -346,13 +407,22 @@ def driven(folder: Path, change: Callable[[Rows], Rows]) -> DrivenFlight:
 
 
 LOGS: dict[str, Callable[[Rows], Rows]] = {
-    "a second is missing": lambda rows: [row for row in rows if not 8.0 < row["t"] - rows[0]["t"] < 9.0],
-    "the clock leaps": lambda rows: [row | {"t": row["t"] + (1e6 if n > 500 else 0.0)} for n, row in enumerate(rows)],
-    "holes": lambda rows: [row | ({"px": math.nan} if n % 25 == 3 else {}) for n, row in enumerate(rows)],
-    "each thrice": lambda rows: [row | {"t": row["t"] + 0.003 * k} for row in rows for k in range(3)],
+    "a second is missing": lambda rows: [
+        row for row in rows if not 8.0 < row["t"] - rows[0]["t"] < 9.0
+    ],
+    "the clock leaps": lambda rows: [
+        row | {"t": row["t"] + (1e6 if n > 500 else 0.0)} for n, row in enumerate(rows)
+    ],
+    "holes": lambda rows: [
+        row | ({"px": math.nan} if n % 25 == 3 else {}) for n, row in enumerate(rows)
+    ],
+    "each thrice": lambda rows: [
+        row | {"t": row["t"] + 0.003 * k} for row in rows for k in range(3)
+    ],
     # a quaternion and its negative are one attitude
     "signs turned": lambda rows: [
-        row | {name: (-1) ** n * row[name] for name in ("qx", "qy", "qz", "qw")} for n, row in enumerate(rows)
+        row | {name: (-1) ** n * row[name] for name in ("qx", "qy", "qz", "qw")}
+        for n, row in enumerate(rows)
     ],
 }
 
@@ -370,15 +440,23 @@ def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
 @pytest.mark.parametrize(
     ("factors", "says"),
     [
-        *(({"t": factor}, r"time_unit: by 's' a pose comes every .* of another unit") for factor in (1e3, 1e9, 1e-3)),
+        *(
+            ({"t": factor}, r"time_unit: by 's' a pose comes every .* of another unit")
+            for factor in (1e3, 1e9, 1e-3)
+        ),
         (
             dict.fromkeys(("px", "py", "pz"), 1e3),
-            r"its positions move at .* m/s, limit 50 m/s: they are of no room.* check position_unit",
+            r"its positions move at .* m/s, limit 50 m/s: they are of no room.* check "
+            r"position_unit",
         ),
     ],
 )
-def test_stamps_and_positions_of_another_unit_are_refused(factors: dict[str, float], says: str, tmp_path: Path) -> None:
-    path = poses_only(tmp_path, lambda rows: [row | {k: by * row[k] for k, by in factors.items()} for row in rows])
+def test_stamps_and_positions_of_another_unit_are_refused(
+    factors: dict[str, float], says: str, tmp_path: Path
+) -> None:
+    path = poses_only(
+        tmp_path, lambda rows: [row | {k: by * row[k] for k, by in factors.items()} for row in rows]
+    )
     with pytest.raises(ConfigError, match=says):
         import_command([path], "nanobench", tmp_path / "out.mcap")
 
@@ -392,8 +470,8 @@ def test_a_file_of_vicon_counts_frames_below_three_lines_of_names(tmp_path: Path
     rows = [f"{n},0,0,0,0,{5 * n},{1000 - n},{n % 7}\n" for n in range(200)]
     (tmp_path / "take.csv").write_text(top + "".join(rows), "utf-8")
     (tmp_path / "vicon.toml").write_text(
-        'title = "Vicon"\nformat = "csv"\nsource = "motion capture"\ntime = "Frame"\nframes_hz = 100\nworld = "nwu"\n'
-        '[[pose]]\nposition = ["TX", "TY", "TZ"]\nposition_unit = "mm"\n',
+        'title = "Vicon"\nformat = "csv"\nsource = "motion capture"\ntime = "Frame"\nframes_hz = '
+        '100\nworld = "nwu"\n[[pose]]\nposition = ["TX", "TY", "TZ"]\nposition_unit = "mm"\n',
         "utf-8",
     )
     flight = read_flight(load_mapping(str(tmp_path / "vicon.toml")), [tmp_path / "take.csv"])
@@ -402,13 +480,25 @@ def test_a_file_of_vicon_counts_frames_below_three_lines_of_names(tmp_path: Path
     assert msgspec.structs.astuple(pose.position_ned) == pytest.approx((0.5, -0.9, -0.002))
 
 
-def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_no_motion(tmp_path: Path) -> None:
-    """As trackers do that lose their body: noughts, a ghost, or all of the room beside where it was."""
+def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_no_motion(
+    tmp_path: Path,
+) -> None:
+    """As trackers do that lose their body: noughts, a ghost, or all of the room beside where it
+    was.
+    """
 
     def leap(rows: Rows) -> Rows:
-        lost = [row | ({"px": 0.0, "py": 0.0, "pz": 0.0} if n % 100 < 5 else {}) for n, row in enumerate(rows)]
-        ghost = [row | ({"px": row["px"] + 5.0} if n % 97 == 30 else {}) for n, row in enumerate(lost)]
-        return [row | ({"py": row["py"] + 1.0} if n > 450 and row["py"] else {}) for n, row in enumerate(ghost)]
+        lost = [
+            row | ({"px": 0.0, "py": 0.0, "pz": 0.0} if n % 100 < 5 else {})
+            for n, row in enumerate(rows)
+        ]
+        ghost = [
+            row | ({"px": row["px"] + 5.0} if n % 97 == 30 else {}) for n, row in enumerate(lost)
+        ]
+        return [
+            row | ({"py": row["py"] + 1.0} if n > 450 and row["py"] else {})
+            for n, row in enumerate(ghost)
+        ]
 
     facts = examine_flight(imported(tmp_path, poses_only(tmp_path, leap)))
     json.dumps(facts, allow_nan=False)
@@ -417,7 +507,9 @@ def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_
     assert facts["left_out"]["poses dropped by the gate, jump"] > 12
     assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
     row = facts["prediction"]["60"]
-    assert row["rms_mm"] < min(3.0, 0.5 * row["pvt_rms_mm"])  # 2.7: the gate wants a second to agree
+    assert row["rms_mm"] < min(
+        3.0, 0.5 * row["pvt_rms_mm"]
+    )  # 2.7: the gate wants a second to agree
     assert 0.7 < facts["nis3"] < 1.4
 
 
@@ -432,14 +524,19 @@ def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_
     ],
     ids=["as it is", "order", "axes", "units", "direction"],
 )
-def test_attitudes_that_do_not_lean_as_the_vehicle_accelerates_are_told(turned: dict[str, str], tmp_path: Path) -> None:
+def test_attitudes_that_do_not_lean_as_the_vehicle_accelerates_are_told(
+    turned: dict[str, str], tmp_path: Path
+) -> None:
     """Nothing else shows that a mapping has the wrong order, axes or units."""
 
     def value(row: dict[str, Any], told: str) -> float:
         factor = 10.0 if told.startswith("10") else -1.0 if told.startswith("-") else 1.0
         return factor * float(row[told[-2:]])
 
-    flight = driven(tmp_path, lambda rows: [row | {k: value(row, of) for k, of in turned.items()} for row in rows])
+    flight = driven(
+        tmp_path,
+        lambda rows: [row | {k: value(row, of) for k, of in turned.items()} for row in rows],
+    )
     assert ("not as its attitude leans" in doubt_attitude(flight)) == bool(turned)
 
 
@@ -454,13 +551,17 @@ def test_attitudes_that_do_not_lean_as_the_vehicle_accelerates_are_told(turned: 
     ],
     ids=["semicolons", "tabs", "comments", "head as a comment", "comma at the end"],
 )
-def test_csv_as_other_programs_write_it_is_read(change: Callable[[str], str], tmp_path: Path) -> None:
+def test_csv_as_other_programs_write_it_is_read(
+    change: Callable[[str], str], tmp_path: Path
+) -> None:
     path = poses_only(tmp_path, list)
     path.write_text(change(path.read_text().replace("\r\n", "\n")))
     assert len(list(Recording(imported(tmp_path, path)).entries(("/measured",)))) == 600
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pymavlink leaves open what it refuses
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # pymavlink leaves open what it refuses
 @pytest.mark.parametrize("name", ["px4-ulog", "ardupilot-bin"])
 def test_a_log_that_is_damaged_is_refused_or_read_as_far_as_it_goes_without_a_word_of_its_reader(
     name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]

@@ -65,11 +65,9 @@ LIES = [
     ("teleport", "returning", "mavlink"),
 ]
 """A cell of most required families."""
-MISSED = [
-    ("swapped", "tracking", "mavlink", 1.5),
-    ("frame loss", "take-off", "mavlink", 1.5),
-]
-"""Cells that do not end within the limits of the fault table, and the share of the limits that they stay within [-]."""
+MISSED = [("swapped", "tracking", "mavlink", 1.5), ("frame loss", "take-off", "mavlink", 1.5)]
+"""Cells that do not end within the limits of the fault table, and the share of the limits that they
+stay within [-]."""
 HONEST = [
     ("push: 6 for 1 s", "tracking", "dsm", 0),
     ("push: 6 for 0.4 s", "tracking", "dsm", 7),
@@ -80,12 +78,10 @@ HONEST = [
     ("cable picked up", "take-off", "mavlink", 0),
     ("tether", "tracking", "mavlink", 0),
 ]
-"""Disturbances that must not end a mission, and the seed of each: in the second, tones would take from the law what its
-limited rate gives; in the third, a rate is at its limit for as long as an honest push needs."""
-FORCED = [
-    ("suspect", "flies on"),
-    ("failed:pose.position_no_answer", "lands"),
-]
+"""Disturbances that must not end a mission, and the seed of each: in the second, tones would take
+from the law what its limited rate gives; in the third, a rate is at its limit for as long as an
+honest push needs."""
+FORCED = [("suspect", "flies on"), ("failed:pose.position_no_answer", "lands")]
 """Doubts, and how a flight on MAVLink ends that they are forced upon."""
 
 
@@ -110,14 +106,18 @@ def test_poses_that_lie_lead_the_vehicle_nowhere(case: str, state: str, link: st
 
 
 @pytest.mark.parametrize(("case", "state", "link", "most"), MISSED)
-def test_cells_beyond_the_limits_stay_within_what_was_measured(case: str, state: str, link: str, most: float) -> None:
+def test_cells_beyond_the_limits_stay_within_what_was_measured(
+    case: str, state: str, link: str, most: float
+) -> None:
     row = fly_cell(case, state, link=link)
     assert 1.0 < row.worst <= most, "move it to those that end safely, or find what made it worse"
 
 
 @pytest.mark.tried(3)  # a push, a step of the wind, a tether
 @pytest.mark.parametrize(("case", "state", "link", "seed"), HONEST)
-def test_a_vehicle_that_something_moves_flies_on_by_true_poses(case: str, state: str, link: str, seed: int) -> None:
+def test_a_vehicle_that_something_moves_flies_on_by_true_poses(
+    case: str, state: str, link: str, seed: int
+) -> None:
     (row,) = fly_all([Planned(Cell(case, state, link), "paper", seed)], overrides=(), workers=1)
     assert row.safe, row.why
     assert row.ended == "flies on"
@@ -177,12 +177,16 @@ def test_a_flight_is_flown_to_its_end_however_far_it_goes() -> None:
 
 
 def judged(time_s: float, thrust: float, rates: tuple[float, float, float]) -> str:
-    """What is wrong with a frame that leaves at ``time_s``, where one command was made with its deadline at 1 s."""
+    """What is wrong with a frame that leaves at ``time_s``, where one command was made with its
+    deadline at 1 s.
+    """
     _, config = prepare(SCENARIOS["paper"], [])
     wire = WireJudge(config, Thrust(0.8, lambda time_s, signal: signal, 0.3))
     parts = (Segment(0.5, 0.6, (0.1, 0.0, 0.0)), Segment(0.1, 0.0, (0.0, 0.0, 0.0)))
     wire.record(IdleRecord(0.75, 0.8, Command(0.8, (0.0, 0.0, 0.0), 0, 0.75, 1.0, parts)))
-    frame = MavlinkCodec(245, 190).attitude_target(time_s, 1, 1, thrust / config.full_thrust_n, rates)
+    frame = MavlinkCodec(245, 190).attitude_target(
+        time_s, 1, 1, thrust / config.full_thrust_n, rates
+    )
     wire.tap(time_s, STATION, VEHICLE, frame)
     return wire.wrong
 
@@ -215,9 +219,12 @@ def test_the_judge_lets_pass_what_is_due_and_finds_what_is_not(
 
 @pytest.mark.matrix  # of the tool that flies the table of faults
 @pytest.mark.parametrize(
-    ("cases", "link"), [(["dropout", "gust", "controller exception"], "mavlink"), (["freeze", "mirrored: x"], "dsm")]
+    ("cases", "link"),
+    [(["dropout", "gust", "controller exception"], "mavlink"), (["freeze", "mirrored: x"], "dsm")],
 )
-def test_cells_that_are_flown_together_are_those_of_flights_of_their_own(cases: list[str], link: str) -> None:
+def test_cells_that_are_flown_together_are_those_of_flights_of_their_own(
+    cases: list[str], link: str
+) -> None:
     copies = [FlightCopy(case) for case in cases]
     together = fly_together(copies, "hold", link=link, seed=0, scenario="paper")
     assert together == [fly_cell(case, "hold", link=link) for case in cases]

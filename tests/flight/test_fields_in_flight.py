@@ -1,4 +1,6 @@
-"""The field of each pose source that says "do not use", while it flies: the pose is dropped, counted and told of."""
+"""The field of each pose source that says "do not use", while it flies: the pose is dropped,
+counted and told of.
+"""
 
 import asyncio
 import math
@@ -54,7 +56,9 @@ class Flown(NamedTuple):
     """Poses dropped, by reason, as the screens have them."""
 
 
-def flown(monkeypatch: pytest.MonkeyPatch, source: str, lasts_s: float, spoil: Callable[[Any], Any]) -> Flown:
+def flown(
+    monkeypatch: pytest.MonkeyPatch, source: str, lasts_s: float, spoil: Callable[[Any], Any]
+) -> Flown:
     """Fly while what the source sends is spoilt for ``lasts_s`` [s]."""
     world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=3"], source=source)
     said: list[str] = []
@@ -81,13 +85,19 @@ def flown(monkeypatch: pytest.MonkeyPatch, source: str, lasts_s: float, spoil: C
             pack = stage.autopilot.codec.pack
 
             def spoil_odometry(message: Any) -> bytes:
-                return pack(spoil(message) if message.get_type() == "ODOMETRY" and is_bad() else message)
+                return pack(
+                    spoil(message) if message.get_type() == "ODOMETRY" and is_bad() else message
+                )
 
             monkeypatch.setattr(stage.autopilot.codec, "pack", spoil_odometry)
-        flight = make_flight(config, confirm=confirm_at(0.0), subscribers=(tell_lines(said.append), keep))
+        flight = make_flight(
+            config, confirm=confirm_at(0.0), subscribers=(tell_lines(said.append), keep)
+        )
         async with running(stage):
             outcome = await flight.run()
-        return Flown(outcome, said, [at_s for at_s in used_s if at_s >= 0.0], flight.snapshot().poses_dropped)
+        return Flown(
+            outcome, said, [at_s for at_s in used_s if at_s >= 0.0], flight.snapshot().poses_dropped
+        )
 
     return in_virtual_time(main)()
 
@@ -120,7 +130,9 @@ def test_a_pose_that_is_not_to_be_used_ends_the_flight_as_a_lost_one_does(
     assert flight.dropped[reason] > 50, "during the bring-down, too"
     drop = describe_drop(reason).text
     assert any(f"poses are dropped: {drop}" in line for line in flight.said)
-    assert any("poses were dropped, limit 1 %" in line and drop in line for line in flight.said), "and afterwards"
+    assert any("poses were dropped, limit 1 %" in line and drop in line for line in flight.said), (
+        "and afterwards"
+    )
 
 
 @pytest.mark.tried(2)  # sources

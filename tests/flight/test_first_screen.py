@@ -60,9 +60,16 @@ def test_what_the_operator_was_warned_of_stands_on_it() -> None:
     ("rotors_mqx", 0, False),
     ("rotors_mqx", 20, True),
 ])  # fmt: skip
-def test_a_latency_told_wrong_is_said_in_flight_by_poses_alone(scenario: str, late_ms: int, told: bool) -> None:
-    world, config = prepare(SCENARIOS[scenario], [f"sim.pose_latency_s={0.02 + 1e-3 * late_ms}"], link="dsm")
+def test_a_latency_told_wrong_is_said_in_flight_by_poses_alone(
+    scenario: str, late_ms: int, told: bool
+) -> None:
+    world, config = prepare(
+        SCENARIOS[scenario], [f"sim.pose_latency_s={0.02 + 1e-3 * late_ms}"], link="dsm"
+    )
     warnings = fly(world, config, seed=0, duration_s=15.0).warnings
     word = "later" if late_ms > 0 else "earlier"
     assert bool(warnings) is told
-    assert all(re.search(rf"poses or the vehicle's turns are \d+ ms {word} than configured", one) for one in warnings)
+    assert all(
+        re.search(rf"poses or the vehicle's turns are \d+ ms {word} than configured", one)
+        for one in warnings
+    )

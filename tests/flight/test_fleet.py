@@ -1,4 +1,6 @@
-"""Several vehicles in one room: side by side, made to meet, hidden from the cameras, and without their relay."""
+"""Several vehicles in one room: side by side, made to meet, hidden from the cameras, and without
+their relay.
+"""
 
 import asyncio
 from collections.abc import Callable
@@ -45,7 +47,9 @@ def cores(change: Callable[[str, Config], Config]) -> Change:
     """Alter what each core is told, by its vehicle's name."""
 
     def changed(worlds: list[World], fleet: FleetPlan) -> tuple[list[World], FleetPlan]:
-        members = tuple(Member(one.name, one.lab, change(one.name, one.core)) for one in fleet.members)
+        members = tuple(
+            Member(one.name, one.lab, change(one.name, one.core)) for one in fleet.members
+        )
         return worlds, fleet._replace(members=members)
 
     return changed
@@ -72,7 +76,9 @@ def test_three_vehicles_fly_side_by_side_and_keep_apart() -> None:
     mission = flown(3, *SHORT)
     assert mission.landed, [one.why for one in mission.vehicles]
     assert mission.nearest is not None and mission.nearest.distance_m > 2.5
-    assert all(one.touchdown_m_s is not None and one.touchdown_m_s <= 0.5 for one in mission.vehicles)
+    assert all(
+        one.touchdown_m_s is not None and one.touchdown_m_s <= 0.5 for one in mission.vehicles
+    )
     assert all(one.home_m < 0.1 for one in mission.vehicles)
 
 
@@ -103,7 +109,9 @@ def test_from_one_that_looks_at_nobody_the_other_lands() -> None:
         config = towards_the_first(name, config)
         if name == "quad1":
             return config
-        return msgspec.structs.replace(config, separation=msgspec.structs.replace(config.separation, others=()))
+        return msgspec.structs.replace(
+            config, separation=msgspec.structs.replace(config.separation, others=())
+        )
 
     async def script(flights: dict[str, Flight], _: FleetStage) -> None:
         await land_all({"quad2": flights["quad2"]}, 18.5)
@@ -133,7 +141,9 @@ def test_one_that_the_cameras_lose_descends_and_the_others_hold() -> None:
     for one in others:
         assert "no sighting of quad3" in reasons(one, State.HOLD)
         assert one.states[-1].state == State.LANDED, one.states[-1]
-        warnings = [line for line in said if line.startswith(one.name) and "warning: no sighting of" in line]
+        warnings = [
+            line for line in said if line.startswith(one.name) and "warning: no sighting of" in line
+        ]
         assert len(warnings) == 1
 
 
@@ -155,7 +165,10 @@ def test_without_the_relay_every_core_brings_its_own_vehicle_down() -> None:
 def test_who_stands_too_near_to_another_does_not_take_off() -> None:
     def change(worlds: list[World], fleet: FleetPlan) -> tuple[list[World], FleetPlan]:
         north, east, down = worlds[0].start_ned
-        return [worlds[0], msgspec.structs.replace(worlds[1], start_ned=(north + 0.5, east, down))], fleet
+        return [
+            worlds[0],
+            msgspec.structs.replace(worlds[1], start_ned=(north + 0.5, east, down)),
+        ], fleet
 
     mission = flown(2, *HOLD, change=change)
     for one in mission.vehicles:
@@ -171,7 +184,14 @@ def test_who_stands_too_near_to_another_does_not_take_off() -> None:
         (["--vehicles", "2", "--link", "dsm"], "--link"),
         (["--vehicles", "2", "--source", "vision"], "must see the others"),
         (
-            ["--vehicles", "2", "--set", "trajectory.kind=waypoints", "--set", "trajectory.points_ned=[[1, 1, 0]]"],
+            [
+                "--vehicles",
+                "2",
+                "--set",
+                "trajectory.kind=waypoints",
+                "--set",
+                "trajectory.points_ned=[[1, 1, 0]]",
+            ],
             "trajectory",
         ),
     ],

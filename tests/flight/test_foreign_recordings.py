@@ -68,7 +68,8 @@ def test_no_module_that_a_recording_names_is_imported_unasked(foreign: tuple[Pat
 def test_it_is_where_the_operator_says_so(foreign: tuple[Path, Path], tmp_path: Path) -> None:
     path, mark = foreign
     (tmp_path / "of_my_own.py").write_text(
-        "from groundstation.core.control.controllers import Pid\nmake = lambda v, _: Pid().build(v)\n"
+        "from groundstation.core.control.controllers import Pid\nmake = lambda v, _: "
+        "Pid().build(v)\n"
     )
     assert replay_facts(path, ["controller.factory=of_my_own:make"])["commands"] > 300
     assert not mark.exists()
@@ -76,8 +77,12 @@ def test_it_is_where_the_operator_says_so(foreign: tuple[Path, Path], tmp_path: 
     assert mark.exists()
 
 
-@pytest.mark.parametrize("config", [".".join(["a"] * 3_000) + " = 1", "x = ]", "x = " + "[" * 3_000])
-def test_a_configuration_that_is_none_is_told_by_the_name_of_the_file(config: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "config", [".".join(["a"] * 3_000) + " = 1", "x = ]", "x = " + "[" * 3_000]
+)
+def test_a_configuration_that_is_none_is_told_by_the_name_of_the_file(
+    config: str, tmp_path: Path
+) -> None:
     path = changed(tmp_path / "broken.mcap", lambda about: {**about, "config": config})
     with pytest.raises(ConfigError) as error:
         replay_command(path, [], as_json=False)
@@ -86,10 +91,18 @@ def test_a_configuration_that_is_none_is_told_by_the_name_of_the_file(config: st
     Tape(path)
 
 
-def test_a_list_of_recordings_shows_letters_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_list_of_recordings_shows_letters_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     hostile = "\x1b]0;owned\x07\r\n20260101-000000-mqx.mcap  landed\u202e"
-    path = changed(tmp_path / "20260101-000000-mqx.mcap", lambda about: {**about, "controller": hostile})
+    path = changed(
+        tmp_path / "20260101-000000-mqx.mcap", lambda about: {**about, "controller": hostile}
+    )
     monkeypatch.setattr(figures, "FIGURES", figures.FIGURES[:1])
-    for words in (("logs", tmp_path), ("report", path, "--out", tmp_path / "page.html"), ("replay", path)):
+    for words in (
+        ("logs", tmp_path),
+        ("report", path, "--out", tmp_path / "page.html"),
+        ("replay", path),
+    ):
         out = run_here(program.main, *words).stdout
         assert all(line.isprintable() for line in out.split("\n")), words

@@ -1,4 +1,6 @@
-"""Poses forwarded to the simulated autopilots' estimators: right, rate-limited, and only while there are good ones."""
+"""Poses forwarded to the simulated autopilots' estimators: right, rate-limited, and only while
+there are good ones.
+"""
 
 import asyncio
 import itertools
@@ -28,14 +30,19 @@ def ready(
     source: str = "vicon",
     meanwhile: Callable[[Stage, ExternalPoses], Awaitable[None]],
 ) -> tuple[ExternalPoses, Stage]:
-    """A flight that waits to be armed while something happens; what the autopilot has made of it."""
+    """A flight that waits to be armed while something happens.
+
+    What the autopilot has made of it.
+    """
     world, config = prepare(SCENARIOS["quad1kg"], list(overrides), source=source)
     external: list[ExternalPoses] = []
 
     async def main() -> Stage:
         async with running(Stage(world, config, seed=1, autopilot=autopilot)) as stage:
             external.append(ExternalPoses.of(stage))
-            waiting = asyncio.create_task(make_flight(config, confirm=confirm_at(1e6), wires=stage.wires).run())
+            waiting = asyncio.create_task(
+                make_flight(config, confirm=confirm_at(1e6), wires=stage.wires).run()
+            )
             await meanwhile(stage, external[0])
             waiting.cancel()
             await asyncio.gather(waiting, return_exceptions=True)
@@ -60,12 +67,18 @@ def test_each_autopilot_fuses_what_the_cameras_see(autopilot: str, source: str) 
     assert rate == pytest.approx(40.0, rel=0.02)
     for fused in last:
         north, east, down = stage.world.start_ned
-        assert fused.position == pytest.approx((north, east, down - stage.world.floor_z_m), abs=0.005)
+        assert fused.position == pytest.approx(
+            (north, east, down - stage.world.floor_z_m), abs=0.005
+        )
         assert fused.attitude == pytest.approx((1.0, 0.0, 0.0, 0.0), abs=0.02)
-        assert fused.arrival_s - fused.stamp_s == pytest.approx(0.01, abs=0.002), "on the clock that answers TIMESYNC"
+        assert fused.arrival_s - fused.stamp_s == pytest.approx(0.01, abs=0.002), (
+            "on the clock that answers TIMESYNC"
+        )
         assert fused.variance == pytest.approx((0.005**2, math.radians(0.5) ** 2), rel=1e-5)
         if autopilot == "px4":
-            assert fused.velocity_body is None, "differences of positions tell its filter nothing new"
+            assert fused.velocity_body is None, (
+                "differences of positions tell its filter nothing new"
+            )
         else:
             assert fused.velocity_body is not None, "it would take NaN for a velocity"
             assert fused.velocity_body == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
@@ -73,7 +86,9 @@ def test_each_autopilot_fuses_what_the_cameras_see(autopilot: str, source: str) 
 
 
 @pytest.mark.parametrize(("autopilot", "times"), [("ardupilot", 3), ("px4", 0)])
-def test_ardupilot_is_told_an_origin_once_a_second_until_it_is_armed(autopilot: str, times: int) -> None:
+def test_ardupilot_is_told_an_origin_once_a_second_until_it_is_armed(
+    autopilot: str, times: int
+) -> None:
     codec, origins = MavlinkCodec(1, 1), list[tuple[float, float]]()
 
     async def listen(stage: Stage, external: ExternalPoses) -> None:
@@ -113,12 +128,18 @@ def test_poses_after_a_flight_end_when_asked_twice_and_not_by_a_request_to_land(
     taken_s = next(time_s for time_s, line in lines if line.startswith("handed_over"))
     assert [reply.done for reply in replies] == [False, True]
     assert "the autopilot brings the vehicle down" in replies[0].says
-    end_s = next(time_s for time_s, line in lines if line.startswith("nothing is sent to the vehicle any more, as"))
+    end_s = next(
+        time_s
+        for time_s, line in lines
+        if line.startswith("nothing is sent to the vehicle any more, as")
+    )
     assert end_s == pytest.approx(taken_s + 1.0, abs=0.2)
     assert external.fused[-1].arrival_s == pytest.approx(end_s, abs=0.15)
 
 
-def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     world, config = from_floor(*prepare(SCENARIOS["paper"], [ON, "sim.own_estimate=true"]), 30.0)
     external: list[ExternalPoses] = []
     rejected_s: list[float] = []
@@ -134,7 +155,9 @@ def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(monkeypatch: p
     fly_mission(world, config, seed=1, watch=tell_lines(lines.append), script=script)
     told = "\n".join(lines)
     assert len(external[0].fused) > 60
-    assert all(one.arrival_s <= rejected_s[0] + 0.001 for one in external[0].fused), "those of before alone"
+    assert all(one.arrival_s <= rejected_s[0] + 0.001 for one in external[0].fused), (
+        "those of before alone"
+    )
     assert "aborted: no pose for" in told
     assert "poses go on" not in told, "nor after the last command"
 
@@ -160,7 +183,9 @@ def taken_over(
         world,
         config,
         seed=1,
-        watch=lambda event: lines.append((event.time_s, event.says)) if isinstance(event, Notice) else None,
+        watch=lambda event: (
+            lines.append((event.time_s, event.says)) if isinstance(event, Notice) else None
+        ),
         script=script,
     )
     return external[0], lines

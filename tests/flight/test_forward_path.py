@@ -15,11 +15,16 @@ from tests.loops import until
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/explanation/architecture.md").read_text("utf-8")
-LISTED = [f"{file} {function}" for file, function in re.findall(r"^\d+\. `([\w/]+\.py)` `(\w+)`", PAGE, re.MULTILINE)]
+LISTED = [
+    f"{file} {function}"
+    for file, function in re.findall(r"^\d+\. `([\w/]+\.py)` `(\w+)`", PAGE, re.MULTILINE)
+]
 
 
 def calls_of_one_pose() -> list[str]:
-    """File and function of every call from the datagram of a pose to the wait for the frame after its command."""
+    """File and function of every call from the datagram of a pose to the wait for the frame after
+    its command.
+    """
     calls: list[str] = []
     found: list[str] = []
 
@@ -35,7 +40,9 @@ def calls_of_one_pose() -> list[str]:
             found.extend(calls)
 
     async def script(flight: Flight, _: Stage) -> None:
-        await until(lambda: flight.state is State.TRACKING and flight.snapshot().flight_time_s > 1.0)
+        await until(
+            lambda: flight.state is State.TRACKING and flight.snapshot().flight_time_s > 1.0
+        )
         sys.setprofile(note)
         try:
             await asyncio.sleep(0.2)

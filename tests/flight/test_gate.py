@@ -30,22 +30,29 @@ def test_no_pose_of_any_scenario_is_dropped_or_changed(scenario: str) -> None:
 
 @pytest.mark.tried(1)  # pushes
 @pytest.mark.parametrize(
-    ("push", "jitter_s"), [("push: 6 for 1 s", 0.002), ("push: 6 for 0.4 s", 0.003), ("wind step: 5", 0.003)]
+    ("push", "jitter_s"),
+    [("push: 6 for 1 s", 0.002), ("push: 6 for 0.4 s", 0.003), ("wind step: 5", 0.003)],
 )
 def test_a_push_is_flown_through_on_stamps_that_jitter(
     push: str, jitter_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Jitter of 2 ms, of 10 ms from pose to pose, is 4 mm at 2 m/s: ten times the noise of a calm hold."""
+    """Jitter of 2 ms, of 10 ms from pose to pose, is 4 mm at 2 m/s: ten times the noise of a calm
+    hold.
+    """
     encoder, draw = trackers.json_encoder, random.Random(5)
 
     def with_jitter(config: trackers.JsonConfig) -> trackers.Encoder:
         encode = encoder(config)
-        return lambda frame, stamp_s, bodies: encode(frame, stamp_s + draw.gauss(0.0, jitter_s), bodies)
+        return lambda frame, stamp_s, bodies: encode(
+            frame, stamp_s + draw.gauss(0.0, jitter_s), bodies
+        )
 
     monkeypatch.setattr(trackers, "json_encoder", with_jitter)
     fault = find_fault(push, "tracking", "mavlink")._replace(source="json")
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        row = runner.run(fly_here(push, fault, "tracking", seed=0, scenario="paper", overrides=NEAR))
+        row = runner.run(
+            fly_here(push, fault, "tracking", seed=0, scenario="paper", overrides=NEAR)
+        )
     assert row.reaction == "flies on", row.why
     assert row.far_m < 1.0
 

@@ -72,7 +72,9 @@ def test_a_short_gap_between_poses_is_flown_through() -> None:
 
 
 @pytest.mark.parametrize("for_s", [0.28, 0.4])
-def test_poses_that_come_back_in_time_find_the_vehicle_in_a_descent_that_ends_softly(for_s: float) -> None:
+def test_poses_that_come_back_in_time_find_the_vehicle_in_a_descent_that_ends_softly(
+    for_s: float,
+) -> None:
     flown = mission(covered(for_s))
     assert states(flown)[-3:] == ["descent", "disarming", "landed"]
     assert "no pose for 24" in flown.fault
@@ -170,8 +172,12 @@ def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
 def test_a_hold_at_full_thrust_lands_though_tones_are_flown_in_it() -> None:
     """A wind down of 8 m/s² asks for a little more than the vehicle has."""
 
-    push_down = in_state(State.HOLD, lambda _, stage: setattr(stage.plant, "pull", lambda body: (0.0, 0.0, 8.0)), 0.0)
-    flown = mission(push_down, "guards.error_m=50.0", "guards.speed_m_s=50.0", "vehicle.hover_range=[0.5, 1.9]")
+    push_down = in_state(
+        State.HOLD, lambda _, stage: setattr(stage.plant, "pull", lambda body: (0.0, 0.0, 8.0)), 0.0
+    )
+    flown = mission(
+        push_down, "guards.error_m=50.0", "guards.speed_m_s=50.0", "vehicle.hover_range=[0.5, 1.9]"
+    )
     assert "thrust at its limit" in flown.fault
 
 
@@ -186,7 +192,9 @@ def test_a_bridge_s_own_period_is_what_its_frames_are_late_by() -> None:
         told.append(guards._view.period_s())
 
     assert fly("paper", *SHORT, "sim.frame_period_s=0.011", link="rf_bridge", script=script).landed
-    assert told == [0.0225, 0.011], "what is assumed until it is connected, and what the bridge then tells"
+    assert told == [0.0225, 0.011], (
+        "what is assumed until it is connected, and what the bridge then tells"
+    )
 
 
 def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
@@ -222,16 +230,24 @@ BOX = ("fence.kind=box", "fence.height_m=3.0")
 @pytest.mark.parametrize(
     ("overrides", "says"),
     [
-        (("flight.floor_z_m=0.5",), "floor: position +1.00 m (down) at rest, flight.floor_z_m is +0.50 m"),
+        (
+            ("flight.floor_z_m=0.5",),
+            "floor: position +1.00 m (down) at rest, flight.floor_z_m is +0.50 m",
+        ),
         (("sim.pose_rate_hz=10", "pose.drop_frozen=false"), "pose rate: 10 poses a second"),
         (("sim.pose_noise_m=0.009",), "noise of"),
         (("sim.attitude_noise_rad=0.025",), "noise of"),
-        ((*BOX, "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]"), "could not brake within the fence"),
+        (
+            (*BOX, "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]"),
+            "could not brake within the fence",
+        ),
         ((*BOX, "fence.north_m=[-3, 0]", "fence.east_m=[-3, 3]"), "0.70 m outside the fence"),
         (("limits.max_speed_m_s=0.3",), "trajectory: "),
     ],
 )
-def test_a_flight_that_fails_its_checks_does_not_begin(overrides: tuple[str, ...], says: str) -> None:
+def test_a_flight_that_fails_its_checks_does_not_begin(
+    overrides: tuple[str, ...], says: str
+) -> None:
     flown = mission(nothing, *overrides)
     assert states(flown) == ["connecting", "aborted"]
     assert says in flown.why

@@ -1,4 +1,7 @@
-"""The operator's own dead man in whole flights: let go, it lands; lost, it lands; not held, it does not start."""
+"""The operator's own dead man in whole flights: let go, it lands.
+
+Lost, it lands; not held, it does not start.
+"""
 
 import asyncio
 from collections.abc import Callable
@@ -25,14 +28,18 @@ SOON_S = DEBOUNCE_S + 2 * LOOK_S
 def hand(monkeypatch: pytest.MonkeyPatch) -> Hand:
     """What the operator of every flight of this test holds."""
     hand = Hand()
-    monkeypatch.setattr(assembly, "make_hold", lambda config, link: HoldWatch("the pedal", 0.75, lambda: hand))
+    monkeypatch.setattr(
+        assembly, "make_hold", lambda config, link: HoldWatch("the pedal", 0.75, lambda: hand)
+    )
     return hand
 
 
 def flown(
     hand: Hand, change: Callable[[Hand], None], state: State, after_s: float = 0.3
 ) -> tuple[MissionResult, float]:
-    """A mission in which the operator presses before arming, and ``change`` happens in ``state``, and when it did."""
+    """A mission in which the operator presses before arming, and ``change`` happens in ``state``,
+    and when it did.
+    """
     world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 2.0)
     at_s = 0.0
 
@@ -70,7 +77,9 @@ def test_let_go_in_the_air_it_lands_within_50_ms_and_says_why(hand: Hand, state:
 
 
 @pytest.mark.parametrize("change", [unplug, break_reader])
-def test_lost_in_the_air_it_lands_at_once_and_that_is_a_fault(hand: Hand, change: Callable[[Hand], None]) -> None:
+def test_lost_in_the_air_it_lands_at_once_and_that_is_a_fault(
+    hand: Hand, change: Callable[[Hand], None]
+) -> None:
     mission, at_s = flown(hand, change, State.TRACKING)
     landing = next(one for one in mission.states if one.state == "landing")
     assert landing.reason == mission.fault == f"the pedal is lost: {hand.trouble}"
@@ -79,14 +88,18 @@ def test_lost_in_the_air_it_lands_at_once_and_that_is_a_fault(hand: Hand, change
 
 
 @pytest.mark.parametrize(("state", "after_s"), [(State.ARMING, 0.0), (State.TAKEOFF, 0.3)])
-def test_let_go_before_it_has_lifted_off_it_never_does(hand: Hand, state: State, after_s: float) -> None:
+def test_let_go_before_it_has_lifted_off_it_never_does(
+    hand: Hand, state: State, after_s: float
+) -> None:
     mission, _ = flown(hand, let_go, state, after_s)
     assert "hold" not in [one.state for one in mission.states]
     assert "the pedal is not held" in " ".join(one.reason for one in mission.states)
     assert mission.states[-1].state in ("landed", "aborted")
 
 
-@pytest.mark.parametrize(("stuck", "why"), [(False, "is not held: hold it"), (True, "was held from the beginning")])
+@pytest.mark.parametrize(
+    ("stuck", "why"), [(False, "is not held: hold it"), (True, "was held from the beginning")]
+)
 def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: str) -> None:
     hand.held = stuck
     world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 2.0)
@@ -94,7 +107,9 @@ def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: st
 
     async def script(flight: Flight, _: Stage) -> None:
         await until(lambda: flight.state is State.READY)
-        seen["check"] = next(one for one in flight.snapshot().checks if one.name == "operator's hold")
+        seen["check"] = next(
+            one for one in flight.snapshot().checks if one.name == "operator's hold"
+        )
         seen["reply"] = flight.ask(Request(Ask.ARM, "the test"))
         seen["state"] = flight.state
 

@@ -1,4 +1,6 @@
-"""``groundstation identify``: a vehicle that is not as told is found from a recorded flight of it."""
+"""``groundstation identify``: a vehicle that is not as told is found from a recorded flight of
+it.
+"""
 
 import io
 import json
@@ -20,8 +22,17 @@ from sim.scenarios import SCENARIOS, prepare
 from tests.recordings import recorded
 
 GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 24.0
-TRUTH = {"thrust_gain": GAIN, "thrust_lag_s": THRUST_LAG_S, "rate_lag_s": RATE_LAG_S, "command_delay_s": DELAY_S}
-SET = ("trajectory.kind=excitation", "trajectory.laps=1", *(f"sim.{key}={value}" for key, value in TRUTH.items()))
+TRUTH = {
+    "thrust_gain": GAIN,
+    "thrust_lag_s": THRUST_LAG_S,
+    "rate_lag_s": RATE_LAG_S,
+    "command_delay_s": DELAY_S,
+}
+SET = (
+    "trajectory.kind=excitation",
+    "trajectory.laps=1",
+    *(f"sim.{key}={value}" for key, value in TRUTH.items()),
+)
 
 
 def log() -> Path:
@@ -31,7 +42,9 @@ def log() -> Path:
 @cache
 def facts() -> dict[str, Any]:
     """What --json prints."""
-    mine = log().parent / str(os.getpid())  # several processes test at once, and share the recording
+    mine = log().parent / str(
+        os.getpid()
+    )  # several processes test at once, and share the recording
     mine.mkdir()
     with redirect_stdout(io.StringIO()) as printed:
         assert identify_command(log(), mine / "found.toml", None, as_json=True) == 0
@@ -48,11 +61,15 @@ def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
     assert value("thrust_lag") == pytest.approx(THRUST_LAG_S, rel=0.10)
     for name in ("rate_lag", "roll_rate_lag", "pitch_rate_lag", "yaw_rate_lag"):
         assert value(name) == pytest.approx(RATE_LAG_S, rel=0.10)
-    assert (value("rate_delay"), value("thrust_delay")) == pytest.approx((DELAY_S, DELAY_S), abs=0.003)
+    assert (value("rate_delay"), value("thrust_delay")) == pytest.approx(
+        (DELAY_S, DELAY_S), abs=0.003
+    )
     middle = GAIN * (1.0 - 0.05 * 0.5 * SECONDS / 60.0)  # the battery sags
     assert value("thrust_scale") == pytest.approx(middle, rel=0.02)
     assert value("hover_thrust") == pytest.approx(0.080 * 9.81 / 1.37 / middle, rel=0.03)
-    low, high = facts()["parameters"]["pose_latency"]["interval"]  # commands are 25 ms on their way, answers are not
+    low, high = facts()["parameters"]["pose_latency"][
+        "interval"
+    ]  # commands are 25 ms on their way, answers are not
     assert low < 0.020 < high < 0.050
 
 
@@ -83,13 +100,24 @@ def test_the_vehicle_file_is_one_and_says_how_sure_it_is() -> None:
 
 
 def test_an_excitation_in_a_storm_stays_within_two_tenths_of_a_metre_of_its_point() -> None:
-    """By the truth, from 3 s after it is let go in the wind: so it fits into 3 by 3 m many times over."""
-    still = ("trajectory.kind=excitation", "trajectory.laps=1", "sim.start_ned=[0, 0, -1]", "sim.start_thrust=0.9")
+    """By the truth, from 3 s after it is let go in the wind: so it fits into 3 by 3 m many times
+    over.
+    """
+    still = (
+        "trajectory.kind=excitation",
+        "trajectory.laps=1",
+        "sim.start_ned=[0, 0, -1]",
+        "sim.start_thrust=0.9",
+    )
     world, config = prepare(SCENARIOS["storm"], list(still))
     flown = fly(world, config, seed=0, duration_s=14.0)
     assert flown.completed
     late = [t > flown.track.times[0] + 3.0 for t in flown.track.times]
-    off_m = [abs(a - b) for axis, b in zip(flown.track.axes, (0, 0, -1), strict=True) for a in compress(axis, late)]
+    off_m = [
+        abs(a - b)
+        for axis, b in zip(flown.track.axes, (0, 0, -1), strict=True)
+        for a in compress(axis, late)
+    ]
     assert 0.1 < max(off_m) < 0.2
 
 

@@ -1,4 +1,6 @@
-"""Poses that from some instant on come later than they did, with stamps that say so: their age counts, for good."""
+"""Poses that from some instant on come later than they did, with stamps that say so: their age
+counts, for good.
+"""
 
 import asyncio
 from collections.abc import Sequence
@@ -21,7 +23,9 @@ SOURCES = ["vicon", "natnet", "qualisys", "json"]
 
 
 def late(source: str, late_s: float) -> tuple[MissionResult, list[str], list[float]]:
-    """A mission struck in hold: what became of it, what was told afterwards, and errors of the newest pose's time."""
+    """A mission struck in hold: what became of it, what was told afterwards, and errors of the
+    newest pose's time.
+    """
     world, config = from_floor(*prepare(SCENARIOS["paper"], [], source=source), 5.0)
     told: list[str] = []
     errors: list[float] = []
@@ -64,19 +68,25 @@ def text(told: list[str], word: str) -> str:
 @pytest.mark.tried(2)  # sources
 @pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize("late_s", [0.1, 0.2])
-def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(source: str, late_s: float) -> None:
+def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(
+    source: str, late_s: float
+) -> None:
     mission, told, errors = late(source, late_s)
     assert errors
     assert max(map(abs, errors)) < 2e-3
     old_s = 0.6 * 0.25 - 0.01  # of flight.coast_s; the cameras' own latency counts, too
     assert mission.why.startswith("aborted: enough was seen" if late_s < old_s else "landed")
-    if source != "natnet":  # Motive says itself how old each frame was as it left: nothing is late on its way
+    if (
+        source != "natnet"
+    ):  # Motive says itself how old each frame was as it left: nothing is late on its way
         assert f"poses are {1e3 * late_s:.0f} ms later than before" in text(told, "later")
 
 
 @pytest.mark.tried(1)  # vehicles
 @pytest.mark.parametrize(("scenario", "late_s"), [("paper", 0.02), ("quad1kg", 0.02)])
-def test_a_latency_that_is_told_wrong_is_found_in_flight_and_told(scenario: str, late_s: float) -> None:
+def test_a_latency_that_is_told_wrong_is_found_in_flight_and_told(
+    scenario: str, late_s: float
+) -> None:
     latency_s = SCENARIOS[scenario].world.pose_latency_s
     for wrong_s, words in ((0.0, None), (late_s, "later")):
         world, config = prepare(SCENARIOS[scenario], [f"sim.pose_latency_s={latency_s + wrong_s}"])
@@ -87,5 +97,7 @@ def test_a_latency_that_is_told_wrong_is_found_in_flight_and_told(scenario: str,
             assert not lines
             continue
         (line,) = lines
-        assert float(line.partition("poses are ")[2].split()[0]) == pytest.approx(1e3 * late_s, abs=10.0)
+        assert float(line.partition("poses are ")[2].split()[0]) == pytest.approx(
+            1e3 * late_s, abs=10.0
+        )
         assert f"ms {words} than configured, by the vehicle's own attitude" in line

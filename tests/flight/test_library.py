@@ -1,4 +1,6 @@
-"""``import groundstation``: what a script or a notebook does with it, by the documents' own examples."""
+"""``import groundstation``: what a script or a notebook does with it, by the documents' own
+examples.
+"""
 
 import asyncio
 import math
@@ -30,7 +32,9 @@ SHORT_S = 1.5
 class Hover:
     """As much thrust as it weighs, level."""
 
-    def decide(self, estimate: gs.Estimate, reference: gs.Reference, interval_s: float) -> gs.ActuatorCommand:
+    def decide(
+        self, estimate: gs.Estimate, reference: gs.Reference, interval_s: float
+    ) -> gs.ActuatorCommand:
         """Hold still."""
         return gs.ActuatorCommand(0.08 * 9.81, (0.0, 0.0, 0.0))
 
@@ -74,7 +78,12 @@ def test_time_tracks_and_error_are_arrays_of_one_row_a_command(run: gs.Run) -> N
     assert run.truth is not None and run.truth.attitude is not None
     n = len(run.time)
     assert run.time[-1] == pytest.approx(17.0, abs=0.1)
-    assert run.truth.position.shape == run.estimate.position.shape == run.reference.position.shape == (n, 3)
+    assert (
+        run.truth.position.shape
+        == run.estimate.position.shape
+        == run.reference.position.shape
+        == (n, 3)
+    )
     assert run.truth.attitude.shape == (n, 4)
     assert run.error is run.truth.error
     assert np.linalg.norm(run.truth.attitude, axis=1) == pytest.approx(np.ones(n))
@@ -90,7 +99,9 @@ def test_the_truth_is_measured_against_the_reference_of_its_own_instant(run: gs.
     assert run.error[i] == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_recording_tells_the_error_against_the_truth_that_its_flight_told(run: gs.Run, tmp_path: Path) -> None:
+def test_a_recording_tells_the_error_against_the_truth_that_its_flight_told(
+    run: gs.Run, tmp_path: Path
+) -> None:
     log = gs.load(run.save(tmp_path / "kept.mcap"))
     assert log.error_against == "truth"
     assert log.rms_cm == pytest.approx(run.rms_cm, rel=1e-12)
@@ -111,7 +122,9 @@ def test_a_channel_gives_columns_vectors_and_a_table(short: gs.Run) -> None:
         short["nothing"]
 
 
-def test_a_flight_is_saved_as_a_folder_of_tables_and_onto_itself(short: gs.Run, tmp_path: Path) -> None:
+def test_a_flight_is_saved_as_a_folder_of_tables_and_onto_itself(
+    short: gs.Run, tmp_path: Path
+) -> None:
     folder = short.save(tmp_path / "flight.csv")
     lines = (folder / "errors.csv").read_text("utf-8").splitlines()
     assert len(lines) == 1 + len(short["errors"]["error_m"])
@@ -123,7 +136,9 @@ def test_a_flight_is_saved_as_a_folder_of_tables_and_onto_itself(short: gs.Run, 
 
 @pytest.mark.tried(1)  # formats
 @pytest.mark.parametrize("form", ["npz", "mat"])
-def test_a_flight_is_saved_in_the_formats_that_others_read(short: gs.Run, form: str, tmp_path: Path) -> None:
+def test_a_flight_is_saved_in_the_formats_that_others_read(
+    short: gs.Run, form: str, tmp_path: Path
+) -> None:
     errors = short["errors"]["error_m"]
     saved = short.save(tmp_path / f"flight.{form}")
     if form == "npz":
@@ -137,7 +152,9 @@ def test_a_flight_is_saved_in_the_formats_that_others_read(short: gs.Run, form: 
     assert np.array_equal(found, errors)
 
 
-def test_export_writes_what_save_does(short: gs.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_export_writes_what_save_does(
+    short: gs.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert export_command(short.path, "npz", ["errors"], tmp_path / "flight.npz") == 0
     assert "rows of 1 channels" in capsys.readouterr().out
     with np.load(tmp_path / "flight.npz") as kept:
@@ -160,11 +177,11 @@ MADE = {
 
 
 @pytest.mark.parametrize("controller", MADE.values(), ids=MADE)
-def test_a_class_a_function_an_object_a_factory_and_a_name_fly_the_same_also_in_a_running_event_loop(
-    controller: object,
-) -> None:
+def test_a_class_a_function_an_object_a_factory_and_a_name_fly_the_same(controller: object) -> None:
     async def cell() -> str:
-        return str(gs.simulate(controller=controller, duration=SHORT_S, record=False).facts["log_sha256"])
+        return str(
+            gs.simulate(controller=controller, duration=SHORT_S, record=False).facts["log_sha256"]
+        )
 
     assert asyncio.run(cell()) == hovered()
 
@@ -186,10 +203,16 @@ def test_an_error_in_a_controller_is_one_sentence_and_the_users_own_frames(loop:
 
     with pytest.raises(UserCodeFault) as caught:
         asyncio.run(cell()) if loop else gs.simulate(controller=fails, duration=SHORT_S)
-    assert str(caught.value) == f"controller {__name__}:fails failed: ZeroDivisionError: float division by zero"
+    assert (
+        str(caught.value)
+        == f"controller {__name__}:fails failed: ZeroDivisionError: float division by zero"
+    )
     cause = caught.value.__cause__
     assert cause is not None
-    assert [frame.name for frame in traceback.extract_tb(cause.__traceback__)] == ["fails", "divides"]
+    assert [frame.name for frame in traceback.extract_tb(cause.__traceback__)] == [
+        "fails",
+        "divides",
+    ]
     shown = "".join(traceback.format_exception(caught.value))
     assert "virtual_time" not in shown and "tasks.py" not in shown
 
@@ -198,11 +221,15 @@ def test_the_trajectory_of_the_how_to_flies_from_a_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (code,) = re.findall(
-        r"^```python\n(.*?)^```$", (ROOT / "docs/how-to/trajectories.md").read_text("utf-8"), re.M | re.S
+        r"^```python\n(.*?)^```$",
+        (ROOT / "docs/how-to/trajectories.md").read_text("utf-8"),
+        re.M | re.S,
     )
     (tmp_path / "mine.py").write_text(code, "utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    flown = gs.simulate("paper", overrides=["trajectory.kind=mine:Breathing", "trajectory.swing_m=0.3"], duration=5)
+    flown = gs.simulate(
+        "paper", overrides=["trajectory.kind=mine:Breathing", "trajectory.swing_m=0.3"], duration=5
+    )
     assert np.ptp(flown.reference.position[:, 2]) == pytest.approx(0.6, abs=0.01)
 
 
@@ -210,16 +237,23 @@ def test_controllers_are_compared_as_they_are_given() -> None:
     from matplotlib.figure import Figure
 
     found = gs.compare(["pid", Hover], scenarios=["paper"], seeds=1, duration=16.5)
-    assert [(row.scenario, row.controller) for row in found.rows] == [("paper", "pid"), ("paper", "Hover")]
+    assert [(row.scenario, row.controller) for row in found.rows] == [
+        ("paper", "pid"),
+        ("paper", "Hover"),
+    ]
     assert found.to_pandas().loc[("paper", "pid"), "survived"]
     assert isinstance(found.plot(), Figure)
     assert "Hover" in str(found)
 
 
-def test_a_recording_that_was_cut_off_tells_its_error_against_the_truth_all_the_same(tmp_path: Path) -> None:
+def test_a_recording_that_was_cut_off_tells_its_error_against_the_truth_all_the_same(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "flight.mcap"
     data = recorded()[0].read_bytes()
-    path.write_bytes(data[: len(data) // 8])  # cut off before the end, where the truth's figure stands
+    path.write_bytes(
+        data[: len(data) // 8]
+    )  # cut off before the end, where the truth's figure stands
     assert gs.load(path).error_against == "truth"
 
 
@@ -234,16 +268,26 @@ def test_a_recording_that_was_cut_off_tells_its_error_against_the_truth_all_the_
     ({"seed": 0.5}, "seed: expected a whole number"),
     ({"scenario": ["paper"]}, "scenario: expected one of"),
     ({"overrides": 5}, "overrides: expected key=value"),
-    ({"out": "run", "record": False}, "out: nothing is kept there of a flight that is not recorded"),
-    ({"controller": [1]}, "controller.kind: builtins:list is not callable: expected factory(vehicle, options)"),
-    ({"trajectory": Still(duration_s="long")}, "trajectory.kind: tests.flight.test_library:Still has duration_s = 'l"),
-    ({"trajectory": Still(duration_s=math.nan)}, "trajectory.kind: tests.flight.test_library:Still has duration_s"),
-    ({"trajectory": Still(period_s=-1)}, "trajectory.kind: tests.flight.test_library:Still has period_s = -1: exp"),
-    ({"trajectory": Still(joints_s=5)}, "trajectory.kind: tests.flight.test_library:Still has joints_s = 5: expec"),
-    ({"trajectory": Still(joints_s=[0.0, None])}, "trajectory.kind: tests.flight.test_library:Still has joints_s"),
-    ({"trajectory": Still(joints_s=[2.0, 1.0])}, "trajectory.kind: tests.flight.test_library:Still has joints_s"),
+    ({"out": "run", "record": False},
+        "out: nothing is kept there of a flight that is not recorded"),
+    ({"controller": [1]},
+        "controller.kind: builtins:list is not callable: expected factory(vehicle, options)"),
+    ({"trajectory": Still(duration_s="long")},
+        "trajectory.kind: tests.flight.test_library:Still has duration_s = 'l"),
+    ({"trajectory": Still(duration_s=math.nan)},
+        "trajectory.kind: tests.flight.test_library:Still has duration_s"),
+    ({"trajectory": Still(period_s=-1)},
+        "trajectory.kind: tests.flight.test_library:Still has period_s = -1: exp"),
+    ({"trajectory": Still(joints_s=5)},
+        "trajectory.kind: tests.flight.test_library:Still has joints_s = 5: expec"),
+    ({"trajectory": Still(joints_s=[0.0, None])},
+        "trajectory.kind: tests.flight.test_library:Still has joints_s"),
+    ({"trajectory": Still(joints_s=[2.0, 1.0])},
+        "trajectory.kind: tests.flight.test_library:Still has joints_s"),
 ])  # fmt: skip
-def test_an_argument_that_means_nothing_is_refused_with_what_is_accepted(told: dict[str, Any], says: str) -> None:
+def test_an_argument_that_means_nothing_is_refused_with_what_is_accepted(
+    told: dict[str, Any], says: str
+) -> None:
     with pytest.raises(ConfigError) as refused:
         gs.simulate(**{"duration": 2.0, **told})
     assert str(refused.value).startswith(says)
@@ -260,7 +304,9 @@ def test_an_argument_that_means_nothing_is_refused_with_what_is_accepted(told: d
     ({"controllers": []}, "controllers: expected some of"),
     ({"controllers": None}, "controllers: expected some of"),
 ])  # fmt: skip
-def test_a_comparison_that_means_nothing_is_refused_before_it_flies(told: dict[str, Any], says: str) -> None:
+def test_a_comparison_that_means_nothing_is_refused_before_it_flies(
+    told: dict[str, Any], says: str
+) -> None:
     with pytest.raises(ConfigError) as refused:
         gs.compare(**{"controllers": "adaptive", "scenarios": "paper", "duration": 17.0, **told})
     assert str(refused.value).startswith(says)

@@ -1,4 +1,6 @@
-"""``check --watch`` towards simulated trackers in virtual time, with every byte that it sends looked at."""
+"""``check --watch`` towards simulated trackers in virtual time, with every byte that it sends
+looked at.
+"""
 
 import asyncio
 import math
@@ -23,7 +25,9 @@ AUTOPILOT_ADDRESS = 14540
 def watched(
     source: str, *overrides: str, seconds: float = 6.0, told: tuple[str, ...] = ()
 ) -> tuple[PoseStreamSummary, Counter[str]]:
-    """What is seen of the held vehicle of ``paper``, and the names of the MAVLink messages that we sent."""
+    """What is seen of the held vehicle of ``paper``, and the names of the MAVLink messages that we
+    sent.
+    """
     world, config = prepare(SCENARIOS["paper"], list(overrides), source=source)
     _, config_told = prepare(SCENARIOS["paper"], [*overrides, *told], source=source)
     reader, sent = MavlinkCodec(255, 1), Counter[str]()
@@ -63,7 +67,9 @@ def test_every_source_is_seen_as_it_is(source: str) -> None:
     assert seen.noise_deg == pytest.approx((math.degrees(2e-3),) * 3, rel=0.3)
     if source == "odometry":
         assert set(sent) <= {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG"}
-        assert sent["COMMAND_LONG"] <= 4, "to be sent the poses; nothing else is asked of the autopilot"
+        assert sent["COMMAND_LONG"] <= 4, (
+            "to be sent the poses; nothing else is asked of the autopilot"
+        )
     else:
         assert not sent, "no command link is opened"
 
@@ -80,7 +86,13 @@ def test_a_wrong_name_shows_the_names_that_are_there() -> None:
 
 
 def test_what_goes_wrong_with_poses_is_shown() -> None:
-    seen, _ = watched("json", "sim.occlusion_s=0.4", "sim.swap_s=0.1", "sim.other_bodies=1", "sim.mishap_period_s=2")
+    seen, _ = watched(
+        "json",
+        "sim.occlusion_s=0.4",
+        "sim.swap_s=0.1",
+        "sim.other_bodies=1",
+        "sim.mishap_period_s=2",
+    )
     assert {"not_tracked", "jump"} <= set(seen.dropped)
     assert not seen.at_rest or seen.noise_m is not None
     words = "\n".join(seen.events)

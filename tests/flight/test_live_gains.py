@@ -1,4 +1,6 @@
-"""Gains that are changed in a whole flight: recorded, flown again to the last bit, and put back where they harm."""
+"""Gains that are changed in a whole flight: recorded, flown again to the last bit, and put back
+where they harm.
+"""
 
 import asyncio
 from pathlib import Path
@@ -31,7 +33,9 @@ def flown(folder: Path, key: str, value: float) -> tuple[MissionResult, Path, li
     return mission, path, told
 
 
-def test_a_gain_changed_in_flight_is_recorded_and_flown_again_to_the_last_bit(tmp_path: Path) -> None:
+def test_a_gain_changed_in_flight_is_recorded_and_flown_again_to_the_last_bit(
+    tmp_path: Path,
+) -> None:
     mission, path, told = flown(tmp_path, "controller.k2", 3.0)
     assert mission.landed, mission.why
     assert "controller.k2 goes from 2 to 3 within 2 s" in told
@@ -58,5 +62,7 @@ def test_only_the_figure_is_flown_with_the_gains_of_a_figure(tmp_path: Path) -> 
 def test_gains_off_the_figure_are_never_larger_than_those_told() -> None:
     for limited, most in ((calm_gains(Gains()), CALM), (hold_gains(Gains()), HOLD)):
         assert {name: getattr(limited, name) for name in most} == most
-    gentle = Gains(k2=0.5, k3_down=2.0, sigma_slope=1.0, rho_slope=0.4, sigma_bound=2.0, rho_bound=1.5)
+    gentle = Gains(
+        k2=0.5, k3_down=2.0, sigma_slope=1.0, rho_slope=0.4, sigma_bound=2.0, rho_bound=1.5
+    )
     assert calm_gains(gentle) == hold_gains(gentle) == gentle

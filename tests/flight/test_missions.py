@@ -21,7 +21,18 @@ from tests.flight.flights import SHORT, in_state, mission, nothing
 from tests.loops import until
 from tests.recordings import record_mission
 
-WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
+WAY = [
+    "connecting",
+    "ready",
+    "arming",
+    "takeoff",
+    "hold",
+    "tracking",
+    "returning",
+    "landing",
+    "disarming",
+    "landed",
+]
 
 
 def asking(state: State, ask: Ask, after_s: float = 0.3) -> Script:
@@ -31,7 +42,9 @@ def asking(state: State, ask: Ask, after_s: float = 0.3) -> Script:
 
 @pytest.mark.tried(1)  # airs
 @pytest.mark.parametrize(("scenario", "rms_cm"), [("paper", 0.3), ("adverse", 3.0)])
-def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, rms_cm: float) -> None:
+def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(
+    scenario: str, rms_cm: float
+) -> None:
     flown = mission(scenario, figure_s=18.0)
     assert flown.landed, flown.why
     assert [one.state for one in flown.states] == WAY
@@ -43,7 +56,9 @@ def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scena
     assert flown.tilt_max_deg < 30.0
 
 
-@pytest.mark.tried(2)  # scenarios and controllers, of which each flies in contract/test_controllers.py
+@pytest.mark.tried(
+    2
+)  # scenarios and controllers, of which each flies in contract/test_controllers.py
 @pytest.mark.parametrize(
     ("scenario", "controller"),
     [
@@ -51,14 +66,20 @@ def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scena
         *(("paper", controller) for controller in ("geometric", "l1", "pid", "indi")),
     ],
 )
-def test_every_scenario_and_every_controller_takes_off_and_lands(scenario: str, controller: str) -> None:
+def test_every_scenario_and_every_controller_takes_off_and_lands(
+    scenario: str, controller: str
+) -> None:
     flown = mission(scenario, *SHORT, f"controller.kind={controller}", seed=1)
     assert flown.landed, flown.fault or flown.why
     assert flown.touchdown_m_s is not None and flown.touchdown_m_s <= 0.5
 
 
-def test_a_controller_that_does_not_hold_its_place_is_brought_down_though_its_wind_is_wrong() -> None:
-    """Nobody corrects b̂ in the failsafe descent, and what it was left with would lift the vehicle away."""
+def test_a_controller_that_does_not_hold_its_place_is_brought_down_though_its_wind_is_wrong() -> (
+    None
+):
+    """Nobody corrects b̂ in the failsafe descent, and what it was left with would lift the vehicle
+    away.
+    """
     flown = mission("paper", *SHORT, "controller.kind=uncompensated")
     assert flown.fault  # it leans from wind that nobody takes back
     assert [one.state for one in flown.states][-3:] == ["descent", "disarming", "landed"]
@@ -83,13 +104,18 @@ def test_thrust_effectiveness_is_not_learnt_on_the_floor() -> None:
 def test_a_vehicle_that_lifts_too_little_is_not_flown() -> None:
     flown = mission("paper", "sim.thrust_gain=0.5")
     assert not flown.landed
-    assert "no lift-off: is this the right body, is the mass right? Thrust went to 1.02 N" in flown.fault
+    assert (
+        "no lift-off: is this the right body, is the mass right? Thrust went to 1.02 N"
+        in flown.fault
+    )
     assert flown.states[-1].state == "landed"
     assert flown.touchdown_m_s is None
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(autopilot: str) -> None:
+def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(
+    autopilot: str,
+) -> None:
     told: list[str] = []
 
     async def script(_: Flight, stage: Stage) -> None:
@@ -103,7 +129,9 @@ def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(
     assert "Compass Sensor 0 missing" in flown.why
 
 
-@pytest.mark.parametrize("script", [None, asking(State.HOLD, Ask.HOLD)], ids=["by itself", "told to hold"])
+@pytest.mark.parametrize(
+    "script", [None, asking(State.HOLD, Ask.HOLD)], ids=["by itself", "told to hold"]
+)
 def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_again(script: Script | None) -> None:
     flown = mission("paper", *SHORT, "sim.thrust_gain=1.6", script=script)
     assert not flown.landed
@@ -139,7 +167,10 @@ def test_landing_in_flight_begins_without_a_step_of_the_speed() -> None:
     ("ask", "scenario", "state"),
     [
         *((Ask.LAND, "paper", state) for state in (State.TAKEOFF, State.HOLD, State.RETURNING)),
-        *((Ask.DESCEND, "paper", state) for state in (State.TAKEOFF, State.HOLD, State.RETURNING, State.LANDING)),
+        *(
+            (Ask.DESCEND, "paper", state)
+            for state in (State.TAKEOFF, State.HOLD, State.RETURNING, State.LANDING)
+        ),
         (Ask.DESCEND, "storm", State.TRACKING),
     ],
 )
@@ -176,9 +207,14 @@ ABORTED = [State.CONNECTING, State.ARMING, State.TAKEOFF, State.TRACKING, State.
 @pytest.mark.tried(3)  # unit/groundstation/core/mission/test_mission.py has every state
 @pytest.mark.parametrize(
     ("ask", "end", "state"),
-    [*((Ask.KILL, State.KILLED, s) for s in KILLED), *((Ask.ABORT, State.ABORTED, s) for s in ABORTED)],
+    [
+        *((Ask.KILL, State.KILLED, s) for s in KILLED),
+        *((Ask.ABORT, State.ABORTED, s) for s in ABORTED),
+    ],
 )
-def test_abort_and_kill_end_every_state_with_the_motors_off(ask: Ask, end: State, state: State) -> None:
+def test_abort_and_kill_end_every_state_with_the_motors_off(
+    ask: Ask, end: State, state: State
+) -> None:
     after_s = 0.0 if state in (State.CONNECTING, State.DISARMING) else 0.2
     flown, stage = mission_on_stage(*SHORT, script=asking(state, ask, after_s))
     assert flown.states[-1].state == end
@@ -186,7 +222,9 @@ def test_abort_and_kill_end_every_state_with_the_motors_off(ask: Ask, end: State
     assert stage.plant._body.thrust < 0.05
 
 
-def mission_on_stage(*overrides: str, script: Script, **options: Any) -> tuple[MissionResult, Stage]:
+def mission_on_stage(
+    *overrides: str, script: Script, **options: Any
+) -> tuple[MissionResult, Stage]:
     """A mission of ``paper``, and its simulated side as that was left."""
     stages: list[Stage] = []
 
@@ -198,7 +236,9 @@ def mission_on_stage(*overrides: str, script: Script, **options: Any) -> tuple[M
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_an_autopilot_that_lands_by_itself_after_an_abort_can_still_be_killed(autopilot: str) -> None:
+def test_an_autopilot_that_lands_by_itself_after_an_abort_can_still_be_killed(
+    autopilot: str,
+) -> None:
     thrusts_n: list[float] = []
     replies: list[Reply] = []
 
@@ -242,7 +282,9 @@ def test_a_way_down_that_does_not_end_is_ended() -> None:
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_the_program_stays_until_an_autopilot_that_lands_by_itself_has_stopped_its_motors(autopilot: str) -> None:
+def test_the_program_stays_until_an_autopilot_that_lands_by_itself_has_stopped_its_motors(
+    autopilot: str,
+) -> None:
     abort = asking(State.HOLD, Ask.ABORT)
     _, stage = mission_on_stage(*SHORT, "sim.own_estimate=true", script=abort, autopilot=autopilot)
     assert stage.plant._body.thrust < 0.05
@@ -264,12 +306,14 @@ def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
     assert names[3:] == [*WAY[3:6], "hold", *WAY[5:]]
 
 
-def test_a_mission_that_ends_in_the_failsafe_descent_is_flown_again_from_its_recording_to_the_last_bit(
+def test_a_mission_that_ends_in_the_failsafe_descent_is_replayed_to_the_last_bit(
     tmp_path: Path,
 ) -> None:
     """One that lands: test_moves.py."""
     world, config = from_floor(*prepare(SCENARIOS["adverse"], list(SHORT)), 5.0)
-    _, path = record_mission(tmp_path, world, config, asking(State.TRACKING, Ask.DESCEND, 1.0), "adverse")
+    _, path = record_mission(
+        tmp_path, world, config, asking(State.TRACKING, Ask.DESCEND, 1.0), "adverse"
+    )
     facts = replay_facts(path)
     assert facts["first_difference"] is None
     assert facts["commands"] > 200

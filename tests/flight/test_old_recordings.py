@@ -1,4 +1,6 @@
-"""Recordings of an older version (tests/golden/recordings) open, report, identify, export and replay."""
+"""Recordings of an older version (tests/golden/recordings) open, report, identify, export and
+replay.
+"""
 
 import hashlib
 import json
@@ -53,38 +55,55 @@ def test_an_old_recording_reports_the_figures_that_its_own_version_gave(name: st
 def test_an_old_recording_identifies_the_vehicle_that_its_own_version_found() -> None:
     found = call("identify", FOLDER / "excitation.mcap")["parameters"]
     for key, value in EXPECTED["excitation"]["identify"].items():
-        assert found[key]["value"] == (None if value is None else pytest.approx(value, rel=0.02, abs=2e-4)), key
+        assert found[key]["value"] == (
+            None if value is None else pytest.approx(value, rel=0.02, abs=2e-4)
+        ), key
 
 
 @RECORDED
-def test_an_old_recording_exports_the_tables_that_its_own_version_wrote(name: str, tmp_path: Path) -> None:
+def test_an_old_recording_exports_the_tables_that_its_own_version_wrote(
+    name: str, tmp_path: Path
+) -> None:
     tables = tmp_path / "tables"
     assert run_here(main, "export", FOLDER / f"{name}.mcap", "--out", tables).returncode == 0
-    digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in tables.iterdir()}
+    digests = {
+        file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in tables.iterdir()
+    }
     assert digests == EXPECTED[name]["csv_sha256"]
 
 
 @RECORDED
-def test_the_replay_of_an_old_recording_tells_both_versions_and_the_largest_difference(name: str) -> None:
+def test_the_replay_of_an_old_recording_tells_both_versions_and_the_largest_difference(
+    name: str,
+) -> None:
     facts = replay_facts(FOLDER / f"{name}.mcap")
     figures = EXPECTED[name]["headline"]
     assert (facts["commands"], facts["poses"]) == (figures["commands"], figures["poses"])
     assert facts["recorded_by"]["git"].startswith(OLD_COMMIT)
-    # Poses come of the same bytes, and commands of the same poses; what limits them may have changed.
+    # Poses come of the same bytes, and commands of the same poses; what limits them may have
+    # changed.
     assert facts["differing"]["pose"] == 0
     assert facts["changes"]["thrust_n"]["rms"] < 0.2 * facts["changes"]["thrust_n"]["recorded_mean"]
     text = text_of(facts)
     assert f"recorded by version {facts['recorded_by']['version']} ({OLD_COMMIT})" in text
     assert f"replayed by version {facts['replayed_by']['version']}" in text
-    assert f"the largest difference is {facts['changes']['thrust_n']['max']:.2g} N of thrust" in text
+    assert (
+        f"the largest difference is {facts['changes']['thrust_n']['max']:.2g} N of thrust" in text
+    )
 
 
 def test_settings_that_this_version_does_not_know_are_left_out_and_named() -> None:
     recording = Recording(FOLDER / "radio.mcap")
     known = read_flown_config(recording.about, recording.path)
-    old = recording.about["config"].replace("[vehicle]", "[lost_section]\nkey = 1\n\n[vehicle]\nlost_key = 2", 1)
+    old = recording.about["config"].replace(
+        "[vehicle]", "[lost_section]\nkey = 1\n\n[vehicle]\nlost_key = 2", 1
+    )
     recording.about["config"] = old.replace("coast_s =", "coast_s = -1 #", 1)
     config, left_out = read_flown_config(recording.about, recording.path, ["vehicle.mass_kg=0.1"])
-    assert set(left_out) - set(known.left_out) == {"lost_section", "vehicle.lost_key", "flight.coast_s"}
+    assert set(left_out) - set(known.left_out) == {
+        "lost_section",
+        "vehicle.lost_key",
+        "flight.coast_s",
+    }
     assert config.vehicle.mass_kg == 0.1
     assert config.pose == known.config.pose

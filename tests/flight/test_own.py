@@ -1,4 +1,6 @@
-"""A user's own configuration at the desk: every vehicle that comes along, courses from rest to rest."""
+"""A user's own configuration at the desk: every vehicle that comes along, courses from rest to
+rest.
+"""
 
 import math
 from pathlib import Path
@@ -12,14 +14,22 @@ from sim.scenarios import SCENARIOS, prepare_own
 from tests.flight.flights import ticks_to
 
 COURSE = "t_s,north_m,east_m,up_m,yaw_deg\n0,0,0,1,0\n2,1,0,1.2,45\n4,1,1,1,90\n6.5,0,0,1.5,0\n"
-SQUARE = 'kind = "waypoints"\npoints_ned = [[0, 0, -1], [1, 0, -1], [1, 1, -1.5], [0, 0, -1]]\nmax_speed_m_s = 1.0'
+SQUARE = (
+    'kind = "waypoints"\npoints_ned = [[0, 0, -1], [1, 0, -1], [1, 1, -1.5], [0, 0, -1]]\n'
+    "max_speed_m_s = 1.0"
+)
 
 
-def flown_cm(folder: Path, vehicle: str, trajectory: str, duration_s: float, *overrides: str) -> list[float]:
+def flown_cm(
+    folder: Path, vehicle: str, trajectory: str, duration_s: float, *overrides: str
+) -> list[float]:
     """The true error at every plant step [cm]."""
     path = folder / "lab.toml"
     poses = "latency_s = 0.01\nrate_hz = 100.0"
-    path.write_text(f"[vehicle]\n{vehicle}\n[pose]\nkind = 'vicon'\n{poses}\n[trajectory]\n{trajectory}\n", "utf-8")
+    path.write_text(
+        f"[vehicle]\n{vehicle}\n[pose]\nkind = 'vicon'\n{poses}\n[trajectory]\n{trajectory}\n",
+        "utf-8",
+    )
     world, config, _ = prepare_own(SCENARIOS["paper"], path, list(overrides))
     starts: list[float] = []
     watch = ticks_to(lambda tick: starts.append(tick.estimate.time_s - tick.flight_time_s))
@@ -31,7 +41,9 @@ def flown_cm(folder: Path, vehicle: str, trajectory: str, duration_s: float, *ov
 @pytest.mark.tried(1)  # vehicles
 @pytest.mark.parametrize("name", presets(Vehicle))
 @pytest.mark.parametrize("trajectory", ["hold", "lemniscate"])
-def test_every_vehicle_that_comes_along_holds_and_flies_the_eight(name: str, trajectory: str, tmp_path: Path) -> None:
+def test_every_vehicle_that_comes_along_holds_and_flies_the_eight(
+    name: str, trajectory: str, tmp_path: Path
+) -> None:
     errors = flown_cm(tmp_path, f'preset = "{name}"', f'kind = "{trajectory}"', 8.0)
     late = errors[-len(errors) // 4 :]
     assert math.sqrt(sum(e * e for e in late) / len(late)) < 0.3
@@ -40,7 +52,11 @@ def test_every_vehicle_that_comes_along_holds_and_flies_the_eight(name: str, tra
 @pytest.mark.tried(1)  # courses, which contract/test_trajectories.py has
 @pytest.mark.parametrize(
     "trajectory",
-    ['kind = "waypoints"\nfile = "course.csv"', SQUARE, 'kind = "lemniscate"\nlaps = 1\nramp_s = 3.0\nspeed_m_s = 1.0'],
+    [
+        'kind = "waypoints"\nfile = "course.csv"',
+        SQUARE,
+        'kind = "lemniscate"\nlaps = 1\nramp_s = 3.0\nspeed_m_s = 1.0',
+    ],
     ids=["a course from a CSV", "points with times found", "a lap of the eight"],
 )
 def test_a_course_from_rest_to_rest_is_followed_from_the_first_moment_to_after_the_last(
@@ -56,7 +72,9 @@ def test_a_course_from_rest_to_rest_is_followed_from_the_first_moment_to_after_t
 
 def test_the_eight_at_full_speed_from_the_start_is_not_what_a_ramp_is(tmp_path: Path) -> None:
     calm = ("sim.wind_mean=[0.0, 0.0, 0.0]", "sim.start_thrust=0.9")
-    errors = flown_cm(tmp_path, 'preset = "x500"', 'kind = "lemniscate"\nspeed_m_s = 1.0', 4.0, *calm)
+    errors = flown_cm(
+        tmp_path, 'preset = "x500"', 'kind = "lemniscate"\nspeed_m_s = 1.0', 4.0, *calm
+    )
     assert max(errors) > 10.0
 
 

@@ -1,4 +1,6 @@
-"""A pacer that dies or stands still in flight, and frames that others end, in virtual time and by the truth."""
+"""A pacer that dies or stands still in flight, and frames that others end, in virtual time and by
+the truth.
+"""
 
 import asyncio
 
@@ -13,7 +15,10 @@ from tests.loops import until
 
 
 def struck(link: str, *, stopped: bool) -> tuple[MissionResult, float, bool]:
-    """A flight whose pacer is struck in the hold; also when, and whether the vehicle ends disarmed."""
+    """A flight whose pacer is struck in the hold.
+
+    Also when, and whether the vehicle ends disarmed.
+    """
     at: list[float] = []
     stages: list[Stage] = []
 

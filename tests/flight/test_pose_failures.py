@@ -1,4 +1,6 @@
-"""Poses that fail, in whole flights: no command rests on them afterwards, and a replay is the same to the bit."""
+"""Poses that fail, in whole flights: no command rests on them afterwards, and a replay is the same
+to the bit.
+"""
 
 import asyncio
 from functools import cache
@@ -34,7 +36,9 @@ class Cell(NamedTuple):
     def ended_s(self) -> float:
         """When commands ended [s]."""
         return next(
-            one.time_s for one in self.records if isinstance(one, LineRecord) and one.state in FINAL and one.text
+            one.time_s
+            for one in self.records
+            if isinstance(one, LineRecord) and one.state in FINAL and one.text
         )
 
 
@@ -44,7 +48,9 @@ def flown(case: str, state: str, link: str, *overrides: str) -> Cell:
     records: list[Record] = []
     fault, overrides = find_fault(case, state, link), (*NEAR, *overrides)
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        flight = fly_here(case, fault, state, seed=0, scenario="paper", overrides=overrides, keep=records.append)
+        flight = fly_here(
+            case, fault, state, seed=0, scenario="paper", overrides=overrides, keep=records.append
+        )
         row = runner.run(flight)
     return Cell(row, tuple(records))
 
@@ -79,7 +85,9 @@ def test_after_the_last_command_only_its_bring_down_is_left() -> None:
     ("case", "link"),
     [("frozen", "mavlink"), ("frozen", "dsm"), ("late: 200 ms, fresh stamps", "mavlink")],
 )
-def test_a_flight_whose_poses_fail_is_flown_again_to_the_last_bit(case: str, link: str, tmp_path: Path) -> None:
+def test_a_flight_whose_poses_fail_is_flown_again_to_the_last_bit(
+    case: str, link: str, tmp_path: Path
+) -> None:
     cell = flown(case, "hold", link)
     assert cell.row.answer_ms is not None, "the poses failed"
     facts = replay_facts(written(cell, tmp_path))
@@ -93,7 +101,9 @@ def test_a_flight_whose_poses_fail_is_flown_again_to_the_last_bit(case: str, lin
 @pytest.mark.tried(1)  # links, seeds
 @pytest.mark.parametrize("seed", [0, 4])
 @pytest.mark.parametrize("link", ["mavlink", "dsm"])
-def test_a_wind_across_that_turns_in_five_seconds_is_no_mirrored_picture(link: str, seed: int) -> None:
+def test_a_wind_across_that_turns_in_five_seconds_is_no_mirrored_picture(
+    link: str, seed: int
+) -> None:
     wind = ["sim.wind_gust=[2.0, 0.0, 0.0]", "sim.wind_gust_hz=0.2"]
     assert mission("paper", *wind, figure_s=FIGURE_S, seed=seed, link=link).landed
 
@@ -115,11 +125,16 @@ def test_poses_that_fail_are_forwarded_no_more_and_no_land_rests_on_them() -> No
     cell = flown("attitude frozen", "tracking", "mavlink", FORWARDS)
     codec = MavlinkCodec(1, 1)
     left = [
-        (one.time_s, message) for one in cell.records if isinstance(one, SentRecord) for message in codec.feed(one.data)
+        (one.time_s, message)
+        for one in cell.records
+        if isinstance(one, SentRecord)
+        for message in codec.feed(one.data)
     ]
     forwarded_s = [time_s for time_s, message in left if message.get_type() == "ODOMETRY"]
     assert cell.row.struck_s is not None and cell.row.answer_ms is not None
     failed_s = cell.row.struck_s + 1e-3 * cell.row.answer_ms
     assert failed_s - 0.05 < forwarded_s[-1] <= failed_s
-    modes = (time_s for time_s, one in left if getattr(one, "command", None) == MavCommand.DO_SET_MODE)
+    modes = (
+        time_s for time_s, one in left if getattr(one, "command", None) == MavCommand.DO_SET_MODE
+    )
     assert max(modes) < failed_s, "its position may come from those poses"

@@ -1,4 +1,6 @@
-"""The test with the propellers off, against simulated vehicles: what is sent, and that every end of it disarms."""
+"""The test with the propellers off, against simulated vehicles: what is sent, and that every end of
+it disarms.
+"""
 
 import asyncio
 import contextlib
@@ -42,9 +44,17 @@ class Bench:
 
 
 def held(
-    script: Script, idle_thrust: float = 0.0, *, autopilot: str = "px4", link: str = "mavlink", **parameters: float
+    script: Script,
+    idle_thrust: float = 0.0,
+    *,
+    autopilot: str = "px4",
+    link: str = "mavlink",
+    **parameters: float,
 ) -> Bench:
-    """Have a hand hold the vehicle in virtual time while ``script`` runs; it is told to let go afterwards."""
+    """Have a hand hold the vehicle in virtual time while ``script`` runs.
+
+    It is told to let go afterwards.
+    """
 
     async def main() -> Bench:
         world, config = from_floor(*prepare(SCENARIOS["paper"], [], link=link), None)
@@ -57,7 +67,9 @@ def held(
         def tap(time_s: float, source: Any, _: Any, data: bytes) -> None:
             if source[1] == 14540:
                 frames = codec.feed(data)
-                bench.thrusts += [(time_s, m.thrust) for m in frames if m.get_type() == "SET_ATTITUDE_TARGET"]
+                bench.thrusts += [
+                    (time_s, m.thrust) for m in frames if m.get_type() == "SET_ATTITUDE_TARGET"
+                ]
 
         loop.tap = tap
         running = asyncio.create_task(stage.run())
@@ -88,7 +100,10 @@ def test_motors_idle_by_arming_alone_until_it_is_told_to_let_go(autopilot: str) 
     assert not bench.stage.autopilot.armed
     assert {thrust for _, thrust in bench.thrusts} == {0.0}
     truth = bench.stage.plant.truth(ended_s(bench))
-    assert (truth.position_ned[2], truth.velocity_ned) == (1.0, (0.0, 0.0, 0.0))  # it stands where it stood
+    assert (truth.position_ned[2], truth.velocity_ned) == (
+        1.0,
+        (0.0, 0.0, 0.0),
+    )  # it stands where it stood
     assert bench.heard("armed").firmware.endswith("1.16.0 release 73696d756c617465")
 
 
@@ -98,7 +113,9 @@ def ended_s(bench: Bench) -> float:
 
 
 @AUTOPILOT
-def test_poses_that_stop_end_what_leaves_and_poses_that_come_back_start_nothing(autopilot: str) -> None:
+def test_poses_that_stop_end_what_leaves_and_poses_that_come_back_start_nothing(
+    autopilot: str,
+) -> None:
     async def script(bench: Bench) -> None:
         assert bench.stage.mocap is not None
         await bench.until("armed")
@@ -196,7 +213,13 @@ class ScriptedHand(Hand):
                 wait_s, news = self._coming[0]
                 await asyncio.sleep(wait_s)
                 self._coming.pop(0)
-                news = News(news.event, asyncio.get_running_loop().time(), news.text, news.pose_s, news.firmware)
+                news = News(
+                    news.event,
+                    asyncio.get_running_loop().time(),
+                    news.text,
+                    news.pose_s,
+                    news.firmware,
+                )
                 self.heard.append(news)
                 if news.event == event:
                     return news
@@ -212,7 +235,11 @@ class ScriptedHand(Hand):
     async def off(self) -> News | None:
         self.end = self.end or "off"
         await asyncio.sleep(0.05)
-        return News("off", asyncio.get_running_loop().time()) if self.end == "off" and self._acknowledges else None
+        return (
+            News("off", asyncio.get_running_loop().time())
+            if self.end == "off" and self._acknowledges
+            else None
+        )
 
     async def kill(self) -> None:
         self.end = "killed"
@@ -268,7 +295,8 @@ def test_all_steps_are_gone_through_and_what_was_measured_is_shown() -> None:
     scene = Scene(WHOLE)
     scene.run()
     assert list(scene.shown) == [
-        "motors and kill", "no poses", "program killed", "plug pulled", "remote control's kill switch"
+        "motors and kill", "no poses", "program killed", "plug pulled",
+        "remote control's kill switch"
     ]  # fmt: skip
     assert "acknowledged 50 ms after the order" in scene.shown["motors and kill"]
     assert "ms after the last pose" in scene.shown["no poses"]
@@ -349,7 +377,9 @@ def test_a_hand_that_cannot_arm_ends_it_and_nothing_is_disarmed_that_it_did_not_
     scene = Scene([[]])
 
     async def refused(config: Config, *words: str) -> ScriptedHand:
-        hand = ScriptedHand([(0.1, News("failed", 0.0, "somebody else has armed it"))], acknowledges=False)
+        hand = ScriptedHand(
+            [(0.1, News("failed", 0.0, "somebody else has armed it"))], acknowledges=False
+        )
         scene.hands.append(hand)
         return hand
 

@@ -1,4 +1,6 @@
-"""groundstation/recording: what stands in the file, whoever reads it and wherever it was cut off."""
+"""groundstation/recording: what stands in the file, whoever reads it and wherever it was cut
+off.
+"""
 
 import json
 import os
@@ -61,7 +63,14 @@ def test_what_leaves_is_recorded_whatever_the_link(link: str) -> None:
 
 def fits(value: Any, shape: dict[str, Any]) -> bool:
     """Whether ``value`` is as the JSON schema ``shape`` says, as far as ours go."""
-    kinds = {"number": (int, float), "integer": int, "string": str, "boolean": bool, "array": list, "object": dict}
+    kinds = {
+        "number": (int, float),
+        "integer": int,
+        "string": str,
+        "boolean": bool,
+        "array": list,
+        "object": dict,
+    }
     if not isinstance(value, kinds[shape["type"]]):  # type: ignore[arg-type]  # mypy joins them to object
         return False
     if shape["type"] == "array":
@@ -87,9 +96,22 @@ def test_every_channel_is_in_the_file_and_keeps_its_schema() -> None:
 def test_the_well_known_schemas_have_the_fields_that_foxglove_asks_for() -> None:
     vector = {"x", "y", "z"}
     shapes = {topic: json.loads(schema(*CHANNELS[topic])) for topic in ("/pose", "/tf", "/log")}
-    assert set(shapes["/log"]["required"]) == {"timestamp", "level", "message", "name", "file", "line"}
+    assert set(shapes["/log"]["required"]) == {
+        "timestamp",
+        "level",
+        "message",
+        "name",
+        "file",
+        "line",
+    }
     transform = shapes["/tf"]["properties"]
-    assert set(transform) == {"timestamp", "parent_frame_id", "child_frame_id", "translation", "rotation"}
+    assert set(transform) == {
+        "timestamp",
+        "parent_frame_id",
+        "child_frame_id",
+        "translation",
+        "rotation",
+    }
     assert transform["timestamp"]["title"] == "time"
     assert set(transform["timestamp"]["properties"]) == {"sec", "nsec"}
     assert set(transform["translation"]["properties"]) == vector
@@ -102,13 +124,18 @@ def test_the_well_known_schemas_have_the_fields_that_foxglove_asks_for() -> None
 def test_the_first_record_says_what_flew_and_how_to_fly_it_again() -> None:
     path, _, _ = recorded()
     about = Recording(path).about
-    assert from_dict(tomllib.loads(about["config"]), Config).vehicle.name == about["vehicle"] == "mqx"
+    assert (
+        from_dict(tomllib.loads(about["config"]), Config).vehicle.name == about["vehicle"] == "mqx"
+    )
     assert about["scenario"] == "paper"
     assert about["seed"] == "0"
     assert tomllib.loads(about["sim"])["mass_kg"] == 0.08
     assert about["version"] in about["packages"]
     with path.open("rb") as file:
-        assert [metadata.name for metadata in make_reader(file).iter_metadata()] == ["about", "result"]
+        assert [metadata.name for metadata in make_reader(file).iter_metadata()] == [
+            "about",
+            "result",
+        ]
 
 
 def test_every_command_pose_and_byte_is_in_it_to_the_last_bit() -> None:
@@ -130,7 +157,9 @@ def test_every_command_pose_and_byte_is_in_it_to_the_last_bit() -> None:
 
 
 @given(st.floats(0.0, 1.0), st.binary(max_size=20))
-def test_a_recording_cut_off_anywhere_gives_all_but_its_last_quarter_of_a_second(share: float, tail: bytes) -> None:
+def test_a_recording_cut_off_anywhere_gives_all_but_its_last_quarter_of_a_second(
+    share: float, tail: bytes
+) -> None:
     path, _, _ = recorded()
     data = path.read_bytes()
     size = int(share * len(data))
@@ -141,7 +170,9 @@ def test_a_recording_cut_off_anywhere_gives_all_but_its_last_quarter_of_a_second
         recording = Recording(cut)
     except NoRecording:
         about_bytes = sum(len(key) + len(text) + 8 for key, text in Recording(path).about.items())
-        assert size < about_bytes + 200, "only the beginning of the file may be without what makes it a recording"
+        assert size < about_bytes + 200, (
+            "only the beginning of the file may be without what makes it a recording"
+        )
         return
     found = [(entry.topic, entry.data) for entry in recording.entries()]
     assert found == whole[: len(found)]
@@ -164,7 +195,9 @@ def test_a_damaged_byte_never_gives_a_false_message(where: int, flip: int) -> No
     assert found == whole[: len(found)]
 
 
-def test_a_recording_is_for_its_owner_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_is_for_its_owner_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path, _, _ = recorded()
     for file in (path, path.with_suffix(".tlog")):
         assert stat.S_IMODE(file.stat().st_mode) == 0o600
@@ -182,10 +215,16 @@ def test_a_recording_is_for_its_owner_alone(tmp_path: Path, monkeypatch: pytest.
         make_folder(RecordingConfig(folder=str(shared)))
     finally:
         os.umask(before)
-    assert [stat.S_IMODE(folder.stat().st_mode) for folder in (usual, chosen, shared)] == [0o700, 0o700, 0o750]
+    assert [stat.S_IMODE(folder.stat().st_mode) for folder in (usual, chosen, shared)] == [
+        0o700,
+        0o700,
+        0o750,
+    ]
 
 
-def test_a_recording_that_was_cut_off_is_made_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_that_was_cut_off_is_made_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path, _, _ = recorded()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(path.read_bytes()[:-50000])
@@ -209,7 +248,9 @@ TAKEN = r"^--out: .*mine is there already: name another, or remove it$"
         ("csv", "mine.csv", r"^--out: .*mine\.csv is no folder$"),
     ],
 )
-def test_an_export_replaces_no_file_that_is_there(form: str, name: str, says: str, tmp_path: Path) -> None:
+def test_an_export_replaces_no_file_that_is_there(
+    form: str, name: str, says: str, tmp_path: Path
+) -> None:
     (mine := tmp_path / name).write_text("an hour's work")
     with pytest.raises(ConfigError, match=says):
         export_command(recorded()[0], form, [], mine)
@@ -232,16 +273,23 @@ def test_a_file_that_is_no_recording_is_told_of(tmp_path: Path) -> None:
     other = tmp_path / "x.mcap"
     for content in (b"", b"\x89MCAP0\r\n", b"MCAP" * 100, b"\x89MCAP0\r\n" + b"\0" * 100):
         other.write_bytes(content)
-        with pytest.raises(NoRecording, match=r"MCAP file|cut off before|damaged at byte \d+, before its flight"):
+        with pytest.raises(
+            NoRecording, match=r"MCAP file|cut off before|damaged at byte \d+, before its flight"
+        ):
             Recording(other)
     whole = BytesIO(recorded()[0].read_bytes())
     assert next(iter(make_reader(whole).iter_metadata())).name == "about"
 
 
 def test_a_recording_ends_as_its_flight_did(tmp_path: Path) -> None:
-    def ended(name: str, *overrides: str, duration_s: float) -> tuple[dict[str, str], list[LineRecord]]:
+    def ended(
+        name: str, *overrides: str, duration_s: float
+    ) -> tuple[dict[str, str], list[LineRecord]]:
         world, config = prepare(SCENARIOS["paper"], list(overrides))
-        run, records = RunFolder(tmp_path / name, config, world, scenario="paper", seed=0), list[Record]()
+        run, records = (
+            RunFolder(tmp_path / name, config, world, scenario="paper", seed=0),
+            list[Record](),
+        )
 
         def give(record: Record) -> None:
             records.append(record)

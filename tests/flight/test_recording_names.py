@@ -64,7 +64,9 @@ def test_without_any_recording_it_is_said_where_they_would_be(folder: Path, comm
     assert f"no flight is recorded in {folder}" in done.stderr
 
 
-def test_a_flight_ends_with_its_error_figures_and_the_path(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_flight_ends_with_its_error_figures_and_the_path(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     path, _, _ = recorded()
     headline = quick_headline(path)[1]
     _tell_figures(path, headline)
@@ -73,6 +75,10 @@ def test_a_flight_ends_with_its_error_figures_and_the_path(capfd: pytest.Capture
     assert told.endswith(f"recorded in {path}") and sentence["severity"] == "info"
     assert sentence["id"].startswith("recording.") and sentence["numbers"]["path"] == str(path)
     if headline.rms_m is None or headline.max_m is None:
-        assert told.startswith(f"no error figures, which begin after {STEADY_S:g} s on the trajectory")
+        assert told.startswith(
+            f"no error figures, which begin after {STEADY_S:g} s on the trajectory"
+        )
     else:
-        assert told.startswith(f"error {100.0 * headline.rms_m:.2f} cm RMS, {100.0 * headline.max_m:.2f} cm at most")
+        assert told.startswith(
+            f"error {100.0 * headline.rms_m:.2f} cm RMS, {100.0 * headline.max_m:.2f} cm at most"
+        )

@@ -1,4 +1,7 @@
-"""groundstation/replay: a recorded flight flown again, to the last bit; and what is said where it is not."""
+"""groundstation/replay: a recorded flight flown again, to the last bit.
+
+And what is said where it is not.
+"""
 
 import itertools
 import json
@@ -15,7 +18,9 @@ from groundstation.recording import Entry
 from tests.recordings import recorded, rewrite
 
 
-def edited(path: Path, target: Path, edit: Callable[[str, dict[str, Any]], dict[str, Any] | None]) -> Path:
+def edited(
+    path: Path, target: Path, edit: Callable[[str, dict[str, Any]], dict[str, Any] | None]
+) -> Path:
     """A copy of the recording, each message as ``edit`` returns it; None leaves it out."""
 
     def changed(entry: Entry) -> list[tuple[str, bytes]]:
@@ -68,7 +73,9 @@ def test_another_gain_shows_what_it_would_have_changed(capsys: pytest.CaptureFix
     assert "with controller.k2=3" in capsys.readouterr().out
 
 
-def test_one_last_bit_of_one_command_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_last_bit_of_one_command_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path, _, _ = recorded()
     count = 0
 
@@ -124,13 +131,18 @@ def test_a_recording_that_was_cut_off_is_flown_again_up_to_there(tmp_path: Path)
     assert 0 < facts["commands"] < replay_facts(path)["commands"]
 
 
-def test_a_change_that_a_replay_does_not_ask_for_is_told_of(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_change_that_a_replay_does_not_ask_for_is_told_of(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     path, _, _ = recorded()
     told = ["trajectory.altitude_m=2.5", "controller.k2=3"]
     assert replay_command(path, told, as_json=True) == 0
     assert json.loads(capsys.readouterr().out)["without_effect"] == told[:1]
     assert replay_command(path, told, as_json=False) == 0
-    assert "trajectory.altitude_m=2.5: changes nothing here. The reference is the recorded" in capsys.readouterr().out
+    assert (
+        "trajectory.altitude_m=2.5: changes nothing here. The reference is the recorded"
+        in capsys.readouterr().out
+    )
 
 
 def test_a_replay_opens_no_port_of_a_real_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:

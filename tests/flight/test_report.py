@@ -45,7 +45,11 @@ class Page(HTMLParser):
             if name in LINKS and value is not None:
                 self.links.append(value)
                 if tag == "img":
-                    self.pictures.append(base64.b64decode(value.removeprefix("data:image/png;base64,"), validate=True))
+                    self.pictures.append(
+                        base64.b64decode(
+                            value.removeprefix("data:image/png;base64,"), validate=True
+                        )
+                    )
 
 
 @cache
@@ -97,12 +101,18 @@ def test_settling_time_and_saturation_are_close_to_what_the_referee_saw_of_the_t
     assert verdict.settle_s is not None
     assert SETTLED_M == 0.10
     assert facts()["error"]["settle_s"] == pytest.approx(verdict.settle_s, abs=0.1)
-    assert facts()["actuation"]["saturated_fraction_steady"] == pytest.approx(verdict.saturated_fraction, abs=1e-3)
-    assert facts()["certificate"]["fractions"].get("suspended", 0.0) == pytest.approx(verdict.certificate_suspended)
+    assert facts()["actuation"]["saturated_fraction_steady"] == pytest.approx(
+        verdict.saturated_fraction, abs=1e-3
+    )
+    assert facts()["certificate"]["fractions"].get("suspended", 0.0) == pytest.approx(
+        verdict.certificate_suspended
+    )
 
 
 def test_the_way_to_the_trajectory_and_the_landing_do_not_count(tmp_path: Path) -> None:
-    world, config = from_floor(*prepare(SCENARIOS["paper"], ["takeoff.height_m=0.5", "takeoff.hold_s=1.0"]), 3.0)
+    world, config = from_floor(
+        *prepare(SCENARIOS["paper"], ["takeoff.height_m=0.5", "takeoff.hold_s=1.0"]), 3.0
+    )
     _, path = record_mission(tmp_path, world, config)
     mission = numbers(read_columns(path))
     begun = next(event["time_s"] for event in mission["events"] if event["kind"] == "tracking")
@@ -113,7 +123,9 @@ def test_the_way_to_the_trajectory_and_the_landing_do_not_count(tmp_path: Path) 
     lines = [entry.value() for entry in Recording(path).entries(("/mission",))]
     assert lines, "it has a mission"
     clocks = [event["clock_s"] for event in mission["events"] if event["kind"] != "request"]
-    assert clocks == pytest.approx([line["time_s"] for line in lines])  # as the flight has said them
+    assert clocks == pytest.approx(
+        [line["time_s"] for line in lines]
+    )  # as the flight has said them
 
 
 def test_every_command_has_an_instant_at_which_its_bytes_left() -> None:
@@ -126,7 +138,10 @@ def test_every_command_has_an_instant_at_which_its_bytes_left() -> None:
 def test_the_page_holds_every_figure_and_needs_nothing_from_elsewhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert report_command([recorded(duration_s=17.0)[0]], tmp_path, nothing_outside, as_json=False) == 0
+    assert (
+        report_command([recorded(duration_s=17.0)[0]], tmp_path, nothing_outside, as_json=False)
+        == 0
+    )
     path = Path(capsys.readouterr().out.strip())
     text = path.read_text("utf-8")
     page = Page(text)
@@ -135,7 +150,13 @@ def test_the_page_holds_every_figure_and_needs_nothing_from_elsewhere(
     assert [link for link in page.links if not link.startswith("data:")] == []
     assert page.tags & {"script", "iframe", "object", "embed"} == set()
     assert re.findall(r"@import|url\(", text) == []
-    for words in ("4.61", "7.60", "5.00", "Against the estimate", f"{facts()['error']['rms_cm']:.2f}"):
+    for words in (
+        "4.61",
+        "7.60",
+        "5.00",
+        "Against the estimate",
+        f"{facts()['error']['rms_cm']:.2f}",
+    ):
         assert words in text
 
 
@@ -175,13 +196,26 @@ def test_the_error_against_the_truth_stands_beside_that_against_the_estimate() -
     head, *rows = result_table(["mqx"], [facts()])
     table = {row[0]: row[1:] for row in rows}
     assert head == ["", "mqx", "the paper"]
-    assert table["RMS error against the estimate, from 15 s on [cm]"][0] == f"{verdict.estimate_rms_cm:.2f}"
+    assert (
+        table["RMS error against the estimate, from 15 s on [cm]"][0]
+        == f"{verdict.estimate_rms_cm:.2f}"
+    )
     assert "RMS error against the truth, from 15 s on [cm]" in table
 
 
-def test_the_table_is_written_for_spreadsheets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert report_command([recorded()[0]] * 3, tmp_path, nothing_outside, as_json=False, formats=["csv"]) == 0
+def test_the_table_is_written_for_spreadsheets(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        report_command(
+            [recorded()[0]] * 3, tmp_path, nothing_outside, as_json=False, formats=["csv"]
+        )
+        == 0
+    )
     assert capsys.readouterr().out.split() == [str(tmp_path / "results.csv")]
     rows = list(csv.reader((tmp_path / "results.csv").read_text("utf-8").splitlines()))
     assert {len(row) for row in rows} == {5}
-    assert rows[:2] == [["", "A", "B", "C", "the paper"], ["flight", *["adaptive, paper, seed 0"] * 3, ""]]
+    assert rows[:2] == [
+        ["", "A", "B", "C", "the paper"],
+        ["flight", *["adaptive, paper, seed 0"] * 3, ""],
+    ]

@@ -28,7 +28,9 @@ from tests.unit.links.rf.test_crsf_telemetry import BATTERY, LINK, frame
 
 @cache
 def rms_cm(scenario: str, link: str, *overrides: str) -> float:
-    """RMS error over the steady part of a flight, which is flown once however many tests look at it [cm]."""
+    """RMS error over the steady part of a flight, which is flown once however many tests look at it
+    [cm].
+    """
     world, config = prepare(SCENARIOS[scenario], list(overrides), link=link)
     result = once(("rf", world, config), lambda _: fly(world, config, seed=0, duration_s=17.0))
     assert result.completed, result.why
@@ -46,12 +48,16 @@ def rms_cm(scenario: str, link: str, *overrides: str) -> float:
         ("quad1kg", "crsf", 1.1),
     ],
 )
-def test_every_radio_link_flies_as_well_as_the_scenario_demands(scenario: str, link: str, limit_cm: float) -> None:
+def test_every_radio_link_flies_as_well_as_the_scenario_demands(
+    scenario: str, link: str, limit_cm: float
+) -> None:
     assert rms_cm(scenario, link) < limit_cm
 
 
 def test_channels_are_quantised_as_on_the_wire() -> None:
-    """With sticks that reach a hundred times as far a step is as much coarser, and the flight shows it."""
+    """With sticks that reach a hundred times as far a step is as much coarser, and the flight shows
+    it.
+    """
     rough = [f"link.map.{axis}.full_rate_deg_s=20000" for axis in ("roll", "pitch", "yaw")]
     assert rms_cm("paper", "dsm", *rough) > 2.0 * rms_cm("paper", "dsm")
 
@@ -71,7 +77,9 @@ def test_the_vehicles_thrust_curve_is_straightened_on_the_way(link: str) -> None
 
 
 @pytest.mark.parametrize("link", ["dsm", "rf_bridge"])
-def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(link: str, tmp_path: Path) -> None:
+def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(
+    link: str, tmp_path: Path
+) -> None:
     world, config = prepare(SCENARIOS["paper"], [], link=link)
     folder = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
     fly(world, config, seed=0, duration_s=3.0, give=folder.give)
@@ -93,19 +101,39 @@ def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(link: st
 def test_what_the_module_tells_is_on_screens_and_in_the_recording(tmp_path: Path) -> None:
     async def script(flight: Flight, stage: Stage) -> None:
         while True:
-            stage.port.datagram_received(BATTERY + LINK + encode_attitude(0.1, 0.0, 1.0) + frame(0x21, b"ACRO\0"), None)
+            stage.port.datagram_received(
+                BATTERY + LINK + encode_attitude(0.1, 0.0, 1.0) + frame(0x21, b"ACRO\0"), None
+            )
             await asyncio.sleep(0.5)
 
     world, config = prepare(SCENARIOS["paper"], list(SHORT), link="crsf")
     world, config = from_floor(world, config, 1.0)
     _, path = record_mission(tmp_path, world, config, script)
     status = list(Recording(path).entries(("/link",)))[-5].value()["status"]
-    assert (status["battery_v"], status["battery_share"], status["mode"]) == (pytest.approx(16.8), 0.5, "ACRO")
+    assert (status["battery_v"], status["battery_share"], status["mode"]) == (
+        pytest.approx(16.8),
+        0.5,
+        "ACRO",
+    )
     assert status["angles_rad"] == pytest.approx([0.0, -0.1, 1.0], abs=1e-4)
-    assert (status["uplink_share"], status["uplink_dbm"], status["uplink_snr_db"]) == (pytest.approx(0.99), -60, -5)
+    assert (status["uplink_share"], status["uplink_dbm"], status["uplink_snr_db"]) == (
+        pytest.approx(0.99),
+        -60,
+        -5,
+    )
     facts = numbers(read_columns(tmp_path / RECORDING))
-    word = next(cells for name, *cells in result_table(["it"], [facts]) if name == "last telemetry of the vehicle")
-    told = ["16.80 V", "battery 50 %", "mode ACRO", "roll +0° pitch -6° yaw +57°", "gets 99 % of frames"]
+    word = next(
+        cells
+        for name, *cells in result_table(["it"], [facts])
+        if name == "last telemetry of the vehicle"
+    )
+    told = [
+        "16.80 V",
+        "battery 50 %",
+        "mode ACRO",
+        "roll +0° pitch -6° yaw +57°",
+        "gets 99 % of frames",
+    ]
     assert word[0].split(", ") == [*told, "-60 dBm", "-5 dB over noise"]
 
 

@@ -1,6 +1,8 @@
-"""The tracking figures that the project promises: medians over seeds 0-9 of whole flights through wire bytes.
+"""The tracking figures that the project promises: medians over seeds 0-9 of whole flights through
+wire bytes.
 
-`make test` looks at one seed of a third as long, which may have a tenth more than the median of ten.
+`make test` looks at one seed of a third as long, which may have a tenth more than the median of
+ten.
 """
 
 from typing import NamedTuple
@@ -30,7 +32,14 @@ def flights(request: pytest.FixtureRequest) -> Flights:
     return found
 
 
-PROMISED_CM = {"paper": 0.090, "fast": 0.12, "adverse": 0.95, "storm": 1.40, "gust_front": 0.46, "quad1kg": 0.060}
+PROMISED_CM = {
+    "paper": 0.090,
+    "fast": 0.12,
+    "adverse": 0.95,
+    "storm": 1.40,
+    "gust_front": 0.46,
+    "quad1kg": 0.060,
+}
 """RMS errors; the paper has 4.61 cm."""
 SCATTER = 1.1
 """What one short flight may have more."""
@@ -40,11 +49,16 @@ SCATTER = 1.1
 def test_every_scenario_is_tracked_as_closely_as_promised_and_settles_within_four_seconds(
     scenario: str, flights: Flights
 ) -> None:
-    # A front that comes after 30 s wants a whole minute; of quad1kg, in which nothing changes, half of one will do: at
-    # 100 Hz a minute costs twice the others'.
-    seconds = {"gust_front": 60.0, "quad1kg": min(flights.duration_s, 30.0)}.get(scenario, flights.duration_s)
+    # A front that comes after 30 s wants a whole minute; of quad1kg, in which nothing changes, half
+    # of one will do: at 100 Hz a minute costs twice the others'.
+    seconds = {"gust_front": 60.0, "quad1kg": min(flights.duration_s, 30.0)}.get(
+        scenario, flights.duration_s
+    )
     more = SCATTER if flights.seeds == 1 else 1.0
-    assert middle(scenario, "rms_cm", seeds=flights.seeds, duration_s=seconds) <= more * PROMISED_CM[scenario]
+    assert (
+        middle(scenario, "rms_cm", seeds=flights.seeds, duration_s=seconds)
+        <= more * PROMISED_CM[scenario]
+    )
     assert middle(scenario, "settle_s", seeds=flights.seeds, duration_s=seconds) <= 4.0
 
 
@@ -63,7 +77,11 @@ def test_paper_finds_the_wind() -> None:
     verdict = flown("paper", duration_s=20.0).verdict
     assert verdict.wind_true == pytest.approx((0.1, -0.05, 0.2))
     found = verdict.disturbance
-    assert found is not None and found.thrust_scale_error is not None and found.wind_down_error_m_s2 is not None
+    assert (
+        found is not None
+        and found.thrust_scale_error is not None
+        and found.wind_down_error_m_s2 is not None
+    )
     assert abs(found.thrust_scale - 1.0) < 1.5 * found.thrust_scale_error < 0.04
     assert found.wind_down_m_s2 == pytest.approx(0.2, abs=0.15), "wind means wind"
     # Near hover a little thrust and a little wind look the same: their sum is what must be right.
@@ -74,25 +92,34 @@ def test_paper_finds_the_wind() -> None:
 
 def test_adverse_tells_the_weak_thrust_from_the_wind() -> None:
     verdict = flown("adverse", duration_s=20.0).verdict
-    assert verdict.thrust_effectiveness == pytest.approx(0.85 * (1.0 - 0.05 / 3.0), abs=0.06), "the battery sags"
+    assert verdict.thrust_effectiveness == pytest.approx(0.85 * (1.0 - 0.05 / 3.0), abs=0.06), (
+        "the battery sags"
+    )
 
 
 @pytest.mark.tried(1)  # vehicles; the next test flies another by what is told
 @pytest.mark.parametrize(
-    ("scenario", "most_cm"), [("rotors_quad1kg", 0.40), ("rotors_mqx", 0.15), ("rotors_mqx_radio", 0.30)]
+    ("scenario", "most_cm"),
+    [("rotors_quad1kg", 0.40), ("rotors_mqx", 0.15), ("rotors_mqx_radio", 0.30)],
 )
-def test_on_rotors_it_flies_by_what_identify_found(scenario: str, most_cm: float, flights: Flights) -> None:
+def test_on_rotors_it_flies_by_what_identify_found(
+    scenario: str, most_cm: float, flights: Flights
+) -> None:
     assert middle(scenario, "rms_cm", **flights._asdict()) <= most_cm
     assert middle(scenario, "saturated_fraction", **flights._asdict()) <= 0.01
 
 
 @pytest.mark.tried(1)  # steps
 @pytest.mark.parametrize("step", [(3.5, 3.5, 0.0), (-3.5, 3.5, 0.0), (0.0, 0.0, -5.0)])
-def test_rotors_at_their_limits_turn_the_tilt_before_the_heading(step: tuple[float, float, float]) -> None:
+def test_rotors_at_their_limits_turn_the_tilt_before_the_heading(
+    step: tuple[float, float, float],
+) -> None:
     north, east, down = step
     told = (f"sim.wind_step=[{north},{east},{down}]", "sim.wind_step_time_s=8")
     verdict = flown("rotors_quad1kg", *told, duration_s=12.0).verdict
-    assert verdict.gust_back_s is not None, "a yaw rate of 300 deg/s took the torque: lost, or it swung for seconds"
+    assert verdict.gust_back_s is not None, (
+        "a yaw rate of 300 deg/s took the torque: lost, or it swung for seconds"
+    )
     assert verdict.gust_back_s < 2.0
 
 

@@ -1,4 +1,6 @@
-"""Markers that are mounted softly swing, and more so at the tones by which the poses are asked: they are no lie."""
+"""Markers that are mounted softly swing, and more so at the tones by which the poses are asked:
+they are no lie.
+"""
 
 import asyncio
 import math
@@ -30,7 +32,9 @@ def hang(struck: Struck, swings_hz: float) -> Picture:
         h, seen_s = (time_s - seen_s) / steps, time_s
         for _ in range(steps):
             off = so3.rotation_vector(so3.multiply(so3.conjugate(markers), attitude))
-            p, q, r = (w + h * (stiffness * o - damping * w) for w, o in zip(rates, off, strict=True))
+            p, q, r = (
+                w + h * (stiffness * o - damping * w) for w, o in zip(rates, off, strict=True)
+            )
             rates = p, q, r
             markers = so3.rotate(markers, (h * p, h * q, h * r))
         return position, markers
@@ -40,7 +44,9 @@ def hang(struck: Struck, swings_hz: float) -> Picture:
 
 @pytest.mark.tried(1)  # the slowest swing, which is the nearest to a lie
 @pytest.mark.parametrize(("swings_hz", "state"), [(7.0, "hold"), (8.0, "tracking"), (12.0, "hold")])
-def test_markers_that_swing_at_seven_hertz_or_faster_are_not_accused(swings_hz: float, state: str) -> None:
+def test_markers_that_swing_at_seven_hertz_or_faster_are_not_accused(
+    swings_hz: float, state: str
+) -> None:
     soft = Fault(shows(hang, swings_hz), obeys=True)
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         row = runner.run(fly_here("soft markers", soft, state, seed=0, scenario="paper"))

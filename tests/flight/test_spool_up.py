@@ -1,4 +1,6 @@
-"""From arming to lift-off nobody is trusted: what a vehicle does whose poses or whose mass are not its own."""
+"""From arming to lift-off nobody is trusted: what a vehicle does whose poses or whose mass are not
+its own.
+"""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -42,7 +44,9 @@ LOOK_S = 0.005
 """How often a spool-up is looked at [s]."""
 
 
-def spool_up(scenario: str, *overrides: str, picture: Picture | None = None, link: str = "mavlink") -> Flown:
+def spool_up(
+    scenario: str, *overrides: str, picture: Picture | None = None, link: str = "mavlink"
+) -> Flown:
     """A flight from the floor, whose picture is meddled with."""
     world, config = from_floor(*prepare(SCENARIOS[scenario], list(overrides), link=link), 2.0)
     seen = {"high": 0.0, "fast": 0.0, "most": 0.0, "near": 0.0, "told": 0.0}
@@ -80,7 +84,9 @@ def spool_up(scenario: str, *overrides: str, picture: Picture | None = None, lin
 
 def resting(ours: TrackedBody, _: float) -> TrackedBody:
     """Another body, which rests on the floor two metres aside."""
-    return ours._replace(position_ned=(1.2, 1.2, 1.0 + 1e-4 * hash(ours.position_ned) / 2**63), attitude=so3.IDENTITY)
+    return ours._replace(
+        position_ned=(1.2, 1.2, 1.0 + 1e-4 * hash(ours.position_ned) / 2**63), attitude=so3.IDENTITY
+    )
 
 
 STRONGER = "sim.thrust_gain=1.25"
@@ -99,13 +105,19 @@ def test_the_poses_of_another_body_that_rests_let_nothing_fly_away(
     assert flown.highest_m < LIMITS_M
     assert flown.fastest_m_s < LIMITS_M_S
     assert flown.after_s <= 0.33
-    assert 1.25 <= flown.most <= 1.302, "before lift-off: 1.3 of the told weight, and half a count of DSM"
+    assert 1.25 <= flown.most <= 1.302, (
+        "before lift-off: 1.3 of the told weight, and half a count of DSM"
+    )
     assert [one.state for one in flown.mission.states][-2:] == ["disarming", "landed"]
 
 
 def test_the_poses_of_another_body_with_weight_and_thrust_both_wrong_are_not_much_worse() -> None:
-    """Beyond what is asked for: a fifth too strong and told a quarter too heavy is a thrust of twice the weight."""
-    flown = spool_up("quad1kg", "vehicle.mass_kg=1.25", STRONGER, "gate.drop_frozen=false", picture=resting)
+    """Beyond what is asked for: a fifth too strong and told a quarter too heavy is a thrust of
+    twice the weight.
+    """
+    flown = spool_up(
+        "quad1kg", "vehicle.mass_kg=1.25", STRONGER, "gate.drop_frozen=false", picture=resting
+    )
     assert "is this the right body" in flown.mission.fault
     assert flown.highest_m < 1.0
     assert flown.fastest_m_s < 4.5
@@ -147,7 +159,9 @@ LENIENT = ("gate.jump_m=1.0", "gate.rate_deg_s=5000")
         (carried_out, (*FENCE, "gate.jump_m=5.0"), "outside the fence while the motors spool up"),
     ],
 )
-def test_guards_run_on_the_floor_and_stop_the_motors(picture: Picture, overrides: tuple[str, ...], says: str) -> None:
+def test_guards_run_on_the_floor_and_stop_the_motors(
+    picture: Picture, overrides: tuple[str, ...], says: str
+) -> None:
     flown = spool_up("paper", *overrides, picture=picture)
     assert says in flown.mission.fault
     assert [one.state for one in flown.mission.states][-2:] == ["disarming", "landed"]
@@ -181,7 +195,11 @@ def test_law_and_estimator_begin_without_a_step(
 ) -> None:
     assume(told_mass * gain > 0.95)  # weaker ones may refuse
     mass = told_mass * SCENARIOS[scenario].world.mass_kg
-    wrong = (f"vehicle.mass_kg={mass}", f"sim.thrust_gain={gain}", f"sim.wind_mean=[{wind_m_s2}, 0.3, 0.1]")
+    wrong = (
+        f"vehicle.mass_kg={mass}",
+        f"sim.thrust_gain={gain}",
+        f"sim.wind_mean=[{wind_m_s2}, 0.3, 0.1]",
+    )
     start, fault = start_of(scenario, *wrong, seed=seed)
     assert not fault
     assert start.smooth, start
@@ -191,8 +209,14 @@ OWN = ("sim.own_estimate=true",)
 
 
 def gust_in_hover(scenario: str, wind_m_s2: float) -> tuple[float, float]:
-    """How far the same vehicle leans [deg], and is moved [m], where that wind sets in while it hovers."""
-    told = ["sim.wind_mean=[0, 0, 0]", f"sim.wind_step=[{wind_m_s2}, 0, 0]", "sim.wind_step_time_s=5"]
+    """How far the same vehicle leans [deg], and is moved [m], where that wind sets in while it
+    hovers.
+    """
+    told = [
+        "sim.wind_mean=[0, 0, 0]",
+        f"sim.wind_step=[{wind_m_s2}, 0, 0]",
+        "sim.wind_step_time_s=5",
+    ]
     world, config = prepare(SCENARIOS[scenario], [*told, "trajectory.kind=hold"])
     leans = [0.0]
 
@@ -211,7 +235,10 @@ def gust_in_hover(scenario: str, wind_m_s2: float) -> tuple[float, float]:
 def test_a_take_off_in_wind_is_no_rougher_than_a_gust_of_that_wind_is_in_hover(
     wind_m_s2: float, aside_m: float
 ) -> None:
-    """Nothing is felt on the floor. As it lets go wind sets in, and meets a vehicle that no law flies for 0.2 s yet."""
+    """Nothing is felt on the floor.
+
+    As it lets go wind sets in, and meets a vehicle that no law flies for 0.2 s yet.
+    """
     leans_deg, moved_m = gust_in_hover("quad1kg", wind_m_s2)
     calm, _ = start_of("quad1kg", "sim.wind_mean=[0, 0, 0]")
     start, fault = start_of("quad1kg", f"sim.wind_mean=[{wind_m_s2}, 0, 0]")
@@ -225,15 +252,23 @@ def test_a_take_off_in_wind_is_no_rougher_than_a_gust_of_that_wind_is_in_hover(
 
 
 @pytest.mark.parametrize("source", ["vicon", "odometry"])
-def test_in_calm_air_a_larger_bound_of_adaptation_changes_nothing_of_a_take_off(source: str) -> None:
+def test_in_calm_air_a_larger_bound_of_adaptation_changes_nothing_of_a_take_off(
+    source: str,
+) -> None:
     own = (*OWN, "sim.floor_hold_s=0.6") if source == "odometry" else ()
     autopilot = "ardupilot" if own else "px4"
     wide, narrow = (
-        start_of("quad1kg", "sim.wind_mean=[0, 0, 0]", *own, *bound, source=source, autopilot=autopilot)[0]
+        start_of(
+            "quad1kg", "sim.wind_mean=[0, 0, 0]", *own, *bound, source=source, autopilot=autopilot
+        )[0]
         for bound in ((), ("controller.b_bound=5.001",))
     )
     assert wide.b != narrow.b
-    assert (wide.thrust, wide.climb, wide.tilt_deg) == (narrow.thrust, narrow.climb, narrow.tilt_deg)
+    assert (wide.thrust, wide.climb, wide.tilt_deg) == (
+        narrow.thrust,
+        narrow.climb,
+        narrow.tilt_deg,
+    )
 
 
 def test_where_wind_blows_a_vehicle_along_the_floor_it_does_not_take_off() -> None:
@@ -254,7 +289,9 @@ def test_an_estimate_that_wanders_and_steps_in_yaw_as_px4_s_does_is_no_lift_off(
 
 
 @pytest.mark.tried(2)  # with resets, and without
-@pytest.mark.parametrize(("resets", "seed"), [((STEPS, "sim.estimate_yaw_step_s=0.5"), 0), ((), 5), ((), 26)])
+@pytest.mark.parametrize(
+    ("resets", "seed"), [((STEPS, "sim.estimate_yaw_step_s=0.5"), 0), ((), 5), ((), 26)]
+)
 def test_motors_are_not_stopped_where_a_wandering_estimate_is_seen_to_climb_or_is_reset(
     resets: tuple[str, ...], seed: int
 ) -> None:
@@ -266,8 +303,12 @@ def test_motors_are_not_stopped_where_a_wandering_estimate_is_seen_to_climb_or_i
 
 @pytest.mark.tried(1)  # seeds
 @pytest.mark.parametrize("seed", range(3))
-def test_a_floor_that_lets_go_late_as_ardupilot_s_simulator_s_does_is_left_smoothly(seed: int) -> None:
+def test_a_floor_that_lets_go_late_as_ardupilot_s_simulator_s_does_is_left_smoothly(
+    seed: int,
+) -> None:
     late = ("sim.floor_hold_s=0.6",)
-    start, fault = start_of("quad1kg", *OWN, *late, seed=seed, source="odometry", autopilot="ardupilot")
+    start, fault = start_of(
+        "quad1kg", *OWN, *late, seed=seed, source="odometry", autopilot="ardupilot"
+    )
     assert not fault
     assert start.smooth, start

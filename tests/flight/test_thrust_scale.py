@@ -1,4 +1,6 @@
-"""From newtons to the signal on the wire: through the vehicle's thrust curve, and scaled by its hover thrust."""
+"""From newtons to the signal on the wire: through the vehicle's thrust curve, and scaled by its
+hover thrust.
+"""
 
 import functools
 from pathlib import Path
@@ -31,7 +33,8 @@ def rms_cm(*overrides: str) -> float:
     [
         (["vehicle.thrust_curve=0.65"], ["sim.thrust_curve=0.65"]),
         # The scale is wrong by a sixth in what is commanded at most, and right by the hover thrust.
-        ([f"vehicle.hover_thrust={HOVER}", "vehicle.thrust_curve=0.65", "vehicle.thrust_max_n=1.15"],
+        ([f"vehicle.hover_thrust={HOVER}", "vehicle.thrust_curve=0.65",
+            "vehicle.thrust_max_n=1.15"],
          ["sim.thrust_curve=0.65"]),
         # The link's own curve goes before the vehicle's, also where it is straight.
         (["vehicle.thrust_curve=0.65", "link.thrust_curve=0"], []),
@@ -48,12 +51,18 @@ def test_a_curve_that_is_not_told_is_felt() -> None:
 
 
 def test_a_vehicle_files_curve_and_hover_thrust_reach_the_scale(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text('preset = "mqx"\nthrust_curve = 0.65\nhover_thrust = 0.672\n', "utf-8")
+    (tmp_path / "mine.toml").write_text(
+        'preset = "mqx"\nthrust_curve = 0.65\nhover_thrust = 0.672\n', "utf-8"
+    )
     (tmp_path / "lab.toml").write_text('[vehicle]\nfile = "mine.toml"\n', "utf-8")
     config = load(tmp_path / "lab.toml", Config)
     assert config.thrust_curve == 0.65
-    assert config.full_thrust_n == pytest.approx(0.08 * config.controller.gravity / (0.65 * 0.672**2 + 0.35 * 0.672))
-    straightened = load(tmp_path / "lab.toml", Config, ["link.thrust_curve=0", "vehicle.thrust_max_n=1.1"])
+    assert config.full_thrust_n == pytest.approx(
+        0.08 * config.controller.gravity / (0.65 * 0.672**2 + 0.35 * 0.672)
+    )
+    straightened = load(
+        tmp_path / "lab.toml", Config, ["link.thrust_curve=0", "vehicle.thrust_max_n=1.1"]
+    )
     assert straightened.thrust_curve == 0.0
     assert straightened.full_thrust_n == pytest.approx(0.08 * config.controller.gravity / 0.672)
 
@@ -64,7 +73,10 @@ def test_without_a_hover_thrust_the_full_signal_gives_the_largest_thrust() -> No
 
 
 def test_more_thrust_than_the_full_signal_gives_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"vehicle\.thrust_max_n: 1\.37 N is more than the full .* gives, 1\.121 N"):
+    with pytest.raises(
+        ConfigError,
+        match=r"vehicle\.thrust_max_n: 1\.37 N is more than the full .* gives, 1\.121 N",
+    ):
         from_dict({"vehicle": {"hover_thrust": 0.7}}, Config)
     rounded = from_dict({"vehicle": {"hover_thrust": round(WEIGHT_SHARE, 2)}}, Config)
     assert rounded.full_thrust_n == pytest.approx(1.37, rel=0.01)

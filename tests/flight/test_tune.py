@@ -1,4 +1,6 @@
-"""Tuning with whole flights: margins that agree with flights on either side, and a search end to end."""
+"""Tuning with whole flights: margins that agree with flights on either side, and a search end to
+end.
+"""
 
 import subprocess
 from pathlib import Path
@@ -46,7 +48,9 @@ def test_an_interrupted_search_says_how_to_go_on_and_ends_with_the_trials_it_has
     monkeypatch.setattr(tune, "fly_sortie", lambda _: SortieOutcome(0.5, "flown to the end"))
     done = call(f"{words} --trials 3")
     assert done.returncode == 1, "no better on other seeds"
-    assert done.stdout.startswith("trial 2 of 3:") and "NOT to be used, and not written" in done.stdout
+    assert (
+        done.stdout.startswith("trial 2 of 3:") and "NOT to be used, and not written" in done.stdout
+    )
 
 
 @pytest.mark.parametrize(

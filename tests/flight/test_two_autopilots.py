@@ -1,4 +1,6 @@
-"""A second vehicle with the same system id sends to the port of a flight: before arming, and in flight."""
+"""A second vehicle with the same system id sends to the port of a flight: before arming, and in
+flight.
+"""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -20,8 +22,12 @@ from tests.unit.links.mavlink.test_mavlink_link import Endpoint
 T = TypeVar("T")
 
 
-def beside(work: Callable[[Config], Awaitable[T]], begin_s: float, source: str = "vicon") -> tuple[T, list[int]]:
-    """Return what ``work`` returns beside a second vehicle that sends after ``begin_s`` [s], and its commands."""
+def beside(
+    work: Callable[[Config], Awaitable[T]], begin_s: float, source: str = "vicon"
+) -> tuple[T, list[int]]:
+    """Return what ``work`` returns beside a second vehicle that sends after ``begin_s`` [s], and
+    its commands.
+    """
     world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4"], source=source)
     second = Endpoint()
 
@@ -41,7 +47,9 @@ def beside(work: Callable[[Config], Awaitable[T]], begin_s: float, source: str =
 
 
 def test_the_check_fails_and_names_both_addresses() -> None:
-    checks, commands = beside(lambda config: make_flight(config, confirm=confirm_at(0.0)).check(), 0.3)
+    checks, commands = beside(
+        lambda config: make_flight(config, confirm=confirm_at(0.0)).check(), 0.3
+    )
     (frames,) = [one for one in checks if one.name == "frames"]
     assert frames.verdict is Verdict.FAIL
     assert frames.says.startswith("two autopilots with MAVLink system id 1 are heard")
@@ -52,7 +60,9 @@ def test_the_check_fails_and_names_both_addresses() -> None:
 def test_in_flight_it_is_told_once_and_the_flight_goes_on() -> None:
     said: list[str] = []
     tells = (tell_lines(said.append),)
-    outcome, commands = beside(lambda one: make_flight(one, confirm=confirm_at(0.0), subscribers=tells).run(), 4.0)
+    outcome, commands = beside(
+        lambda one: make_flight(one, confirm=confirm_at(0.0), subscribers=tells).run(), 4.0
+    )
     assert outcome.state is State.LANDED, outcome.reason
     told = [line for line in said if "two autopilots with MAVLink system id 1 are heard" in line]
     assert len(told) == 1

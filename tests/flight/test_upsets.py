@@ -38,7 +38,9 @@ def shorten(monkeypatch: pytest.MonkeyPatch, **durations_s: float) -> None:
         monkeypatch.setattr(upsets, name, duration_s)
 
 
-def test_a_step_of_five_is_held_closer_on_the_figure_than_in_a_calm_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_of_five_is_held_closer_on_the_figure_than_in_a_calm_hold(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     shorten(monkeypatch, UPSET_AT_S=5.0, PUSHED_S=7.0)
     done: list[None] = []
     (figure,), (hold,) = (
@@ -86,8 +88,12 @@ def test_ours_recovers_from_every_drawn_start(scenario: str) -> None:
     assert row.sink_most_m is not None and 0.0 < row.sink_most_m < 5.0
 
 
-def made_up(ours_cm: float | None, ours_s: float | None, others: dict[str, float | None]) -> UpsetRow:
-    return UpsetRow("paper", "figure", ONE, {"adaptive": ours_cm, **others}, {"adaptive": ours_s, **others})
+def made_up(
+    ours_cm: float | None, ours_s: float | None, others: dict[str, float | None]
+) -> UpsetRow:
+    return UpsetRow(
+        "paper", "figure", ONE, {"adaptive": ours_cm, **others}, {"adaptive": ours_s, **others}
+    )
 
 
 @pytest.mark.parametrize(
@@ -102,12 +108,16 @@ def made_up(ours_cm: float | None, ours_s: float | None, others: dict[str, float
         (0.3, 0.0, "+0.30 s", 0),
     ],
 )
-def test_a_row_is_judged_by_the_best_baseline(ours: float | None, best: float | None, said: str, within: int) -> None:
+def test_a_row_is_judged_by_the_best_baseline(
+    ours: float | None, best: float | None, said: str, within: int
+) -> None:
     worse = None if best is None else best + 1.0
     row = made_up(ours, ours, {"geometric": worse, "l1": best, "pid": worse, "indi": worse})
     states = [StatesRow("paper", law, 10, 0.9, 0.1, 2.0, None, None) for law in LAWS]
     table = upsets_table([row], states)
-    line = next(line for line in table.splitlines() if line.startswith("| `paper`, figure: step 5 |"))
+    line = next(
+        line for line in table.splitlines() if line.startswith("| `paper`, figure: step 5 |")
+    )
     assert line.endswith(f"| {said} | {said} |")
     assert f"{within} of 1 rows are within 1.1" in table
     assert "| `paper`, pid | 90.0 % | 10.0 % | 2.00 | - | - |" in table
@@ -116,24 +126,44 @@ def test_a_row_is_judged_by_the_best_baseline(ours: float | None, best: float | 
 def test_the_peaks_in_the_readme_are_those_of_the_page() -> None:
     readme, page = ((ROOT / name).read_text("utf-8") for name in ("README.md", PAGE))
     (laws,), (peaks,) = (
-        re.findall(rf"^\| {row} \|.*", page, re.M) for row in (r"peak, cm .*?", "`paper`, figure: step 5")
+        re.findall(rf"^\| {row} \|.*", page, re.M)
+        for row in (r"peak, cm .*?", "`paper`, figure: step 5")
     )
     by_law = dict(zip(laws.split(" | "), peaks.split(" | "), strict=True))
-    told = " | ".join(by_law[law].split(" (")[0] for law in ("adaptive", "pid", "geometric", "l1", "indi"))
+    told = " | ".join(
+        by_law[law].split(" (")[0] for law in ("adaptive", "pid", "geometric", "l1", "indi")
+    )
     assert f"({PAGE})) | {told} |" in readme
 
 
 def test_the_command_writes_its_table(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     page = tmp_path / "PAGE.md"
-    page.write_text("# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8")
+    page.write_text(
+        "# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8"
+    )
     shorten(monkeypatch, UPSET_AT_S=0.5, PUSHED_S=1.0, STATES_S=0.5)
-    words = ("dev", "upsets", "--scenarios", "paper", "--seeds", "1", "--states", "2", "--write", page)
+    words = (
+        "dev",
+        "upsets",
+        "--scenarios",
+        "paper",
+        "--seeds",
+        "1",
+        "--states",
+        "2",
+        "--write",
+        page,
+    )
     done = run_here(main, *words)
     assert done.returncode == 0
     text = page.read_text("utf-8")
     assert "\nold\n" not in text
     assert text.endswith("<!-- figures:end -->\n\nlast\n")
     assert f"Made by `groundstation-sim {' '.join(map(str, words))}`." in text
-    for part in ("`paper`, figure: step 5", "`paper`, hold: step 5", *(f"`paper`, {law} |" for law in LAWS)):
+    for part in (
+        "`paper`, figure: step 5",
+        "`paper`, hold: step 5",
+        *(f"`paper`, {law} |" for law in LAWS),
+    ):
         assert part in done.stdout
         assert part in text

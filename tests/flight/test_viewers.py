@@ -1,4 +1,6 @@
-"""groundstation/analysis/viewers: what Foxglove is given of a flight, and a recording that is still being written."""
+"""groundstation/analysis/viewers: what Foxglove is given of a flight, and a recording that is still
+being written.
+"""
 
 import json
 from pathlib import Path
@@ -43,7 +45,9 @@ def begin(path: Path) -> FlightLog:
     """A recording of the same vehicle, to be written by hand."""
     return FlightLog(
         path,
-        About(config="", vehicle="mqx", controller="adaptive", trajectory="lemniscate", period_s=0.0),
+        About(
+            config="", vehicle="mqx", controller="adaptive", trajectory="lemniscate", period_s=0.0
+        ),
         epoch_ns=0,
         tell=lambda text, *_: print(text),
     )

@@ -28,7 +28,8 @@ def test_neither_are_lost_poses_gusts_and_wrong_lags(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "overrides", [("sim.pose_noise_m=0.003", "sim.attitude_noise_rad=0.02"), ("sim.pose_rate_hz=25",)]
+    "overrides",
+    [("sim.pose_noise_m=0.003", "sim.attitude_noise_rad=0.02"), ("sim.pose_rate_hz=25",)],
 )
 def test_nor_are_noisy_or_rare_poses(overrides: tuple[str, ...]) -> None:
     assert flown("paper", *overrides, duration_s=20.0).verdict.certificate_warnings == ()
@@ -42,16 +43,24 @@ def test_nor_are_poses_from_the_autopilot() -> None:
     ("overrides", "words"),
     [
         ((f"sim.thrust_lag_s={LAG_2X}",), VERTICAL),
-        (("sim.thrust_gain=0.6",), "thrust margin: the command has been at its upper limit, 1.37 N"),
+        (
+            ("sim.thrust_gain=0.6",),
+            "thrust margin: the command has been at its upper limit, 1.37 N",
+        ),
         (
             ("controller.sigma_slope=9", "controller.delay_prediction=false"),  # a limit cycle
             LIMITS,
         ),
         (("controller.kb=2",), "the proof needs kb² κ < 4 k3"),
-        (("sim.pose_latency_s=0.045",), "the bound is suspended most of the time, with commands at their limit"),
+        (
+            ("sim.pose_latency_s=0.045",),
+            "the bound is suspended most of the time, with commands at their limit",
+        ),
     ],
 )
-def test_what_breaks_the_theory_is_told_within_seconds_by_its_name(overrides: tuple[str, ...], words: str) -> None:
+def test_what_breaks_the_theory_is_told_within_seconds_by_its_name(
+    overrides: tuple[str, ...], words: str
+) -> None:
     warnings = flown("paper", *overrides, duration_s=8.0).verdict.certificate_warnings
     assert words in warnings[0]
     assert float(warnings[0].split()[0]) < 5.0
@@ -59,11 +68,15 @@ def test_what_breaks_the_theory_is_told_within_seconds_by_its_name(overrides: tu
 
 def decrease(d: Diagnostics) -> float:
     """W + κ|w|²."""
-    return d.w + GAINS.kappa * sum((a - b) ** 2 for a, b in zip(d.disturbance, d.b_hat, strict=True))
+    return d.w + GAINS.kappa * sum(
+        (a - b) ** 2 for a, b in zip(d.disturbance, d.b_hat, strict=True)
+    )
 
 
 def v_m(d: Diagnostics) -> float:
-    return d.v_known + 0.5 / GAINS.kb * sum((a - b) ** 2 for a, b in zip(d.disturbance, d.b_hat, strict=True))
+    return d.v_known + 0.5 / GAINS.kb * sum(
+        (a - b) ** 2 for a, b in zip(d.disturbance, d.b_hat, strict=True)
+    )
 
 
 def ticks(scenario: str, *overrides: str, duration_s: float) -> list[Tick]:
@@ -74,8 +87,11 @@ def ticks(scenario: str, *overrides: str, duration_s: float) -> list[Tick]:
 
 
 def test_where_the_model_is_right_the_terms_are_all_there_is() -> None:
-    # (F) of law.md, from 1.8 m away until it has arrived; the first moments have speeds at which V is not quadratic.
-    flight = [t for t in ticks("ideal", "sim.wind_mean=[0,0,0]", duration_s=4.0) if t.flight_time_s > 0.3]
+    # (F) of law.md, from 1.8 m away until it has arrived; the first moments have speeds at which V
+    # is not quadratic.
+    flight = [
+        t for t in ticks("ideal", "sim.wind_mean=[0,0,0]", duration_s=4.0) if t.flight_time_s > 0.3
+    ]
     fed: dict[str, float] = {}
     fallen = 0.0
     for a, b in zip(flight, flight[1:], strict=False):
@@ -100,9 +116,12 @@ def test_where_the_model_is_right_the_terms_are_all_there_is() -> None:
 
 @pytest.mark.tried(1)  # levels of noise
 @pytest.mark.parametrize(
-    ("noise_m", "overrides"), [(0.0003, ()), (0.001, ("sim.pose_noise_m=0.001", "sim.attitude_noise_rad=0.006"))]
+    ("noise_m", "overrides"),
+    [(0.0003, ()), (0.001, ("sim.pose_noise_m=0.001", "sim.attitude_noise_rad=0.006"))],
 )
-def test_noise_alone_feeds_v_with_about_what_the_theory_says(noise_m: float, overrides: tuple[str, ...]) -> None:
+def test_noise_alone_feeds_v_with_about_what_the_theory_says(
+    noise_m: float, overrides: tuple[str, ...]
+) -> None:
     steady = [t for t in ticks("paper", *overrides, duration_s=20.0) if t.flight_time_s > 10.0]
     mean = sum(decrease(t.decision.diagnostics) for t in steady) / len(steady)
     assert 0.5 < mean / noise_power(GAINS, noise_m, 0.02) < 2.0

@@ -1,4 +1,6 @@
-"""What leaves until when after the poses stop: docs/explanation/safety.md, the code and the bytes say the same."""
+"""What leaves until when after the poses stop: docs/explanation/safety.md, the code and the bytes
+say the same.
+"""
 
 import asyncio
 import re
@@ -38,6 +40,7 @@ Tap = Callable[[float, tuple[str, int], tuple[str, int], bytes], None]
 Event = Callable[[Flight, Stage], None]
 SAFETY = Path(__file__).parents[2] / "docs" / "explanation" / "safety.md"
 LOOKS_S = operator.DEBOUNCE_S + 2.0 * hold_to_run.LOOK_S
+HEARTBEAT_TIMEOUT_S = MavlinkLinkConfig().heartbeat_timeout_s
 TIMES = {
     "pose to deadline, `flight.coast_s`": FlightConfig().coast_s,
     "longest deadline that a link accepts": DEADLINE_LIMIT_S,
@@ -51,10 +54,11 @@ TIMES = {
     "descent on the model, zero thrust at its end": bring_down.OFF_S,
     "descent on the model, above hover thrust in all": model_descent.BRAKE_S,
     "our heartbeat over MAVLink, one every": HEARTBEAT_S,
-    "autopilot's heartbeat missing, `link.heartbeat_timeout_s`": MavlinkLinkConfig().heartbeat_timeout_s,
+    "autopilot's heartbeat missing, `link.heartbeat_timeout_s`": HEARTBEAT_TIMEOUT_S,
     "autopilot's estimate is too old for LAND after": ESTIMATE_OLD_S,
     "autopilot is asked for its mode before LAND, every": procedures.AskMode.period_s,
-    "autopilot is asked for its mode before LAND, at most": procedures.AskMode.tries * procedures.AskMode.period_s,
+    "autopilot is asked for its mode before LAND, at most": procedures.AskMode.tries
+    * procedures.AskMode.period_s,
     "kill repeated every": procedures.Kill.period_s,
     "kill repeated, at most": procedures.Kill.tries * procedures.Kill.period_s,
     "presses of a key that count once, within": operator.ONCE_S,
@@ -69,7 +73,9 @@ TIMES = {
 
 
 def test_every_time_in_the_page_s_table_is_the_code_s() -> None:
-    (table,) = re.findall(r"^\| time \| \|\n\|---\|---:\|\n((?:\|.*\n)+)", SAFETY.read_text("utf-8"), re.M)
+    (table,) = re.findall(
+        r"^\| time \| \|\n\|---\|---:\|\n((?:\|.*\n)+)", SAFETY.read_text("utf-8"), re.M
+    )
     rows = re.findall(r"^\| (.+) \| ([\d.]+) (m?s) \|$", table, re.M)
     shown = {what: float(number) / (1e3 if unit == "ms" else 1.0) for what, number, unit in rows}
     assert shown == pytest.approx(TIMES)
@@ -89,7 +95,11 @@ def test_a_stand_by_takes_over_from_a_pacer_that_stands_still_within_a_tenth_of_
 def test_the_table_of_what_leaves_has_the_numbers_of_the_code() -> None:
     coast, level = 1e3 * FlightConfig().coast_s, 1e3 * GuardsConfig().level_s
     down, after = 1e3 * BRING_DOWN_LIMIT_S, 1e3 * AFTERLIFE_S
-    rows = [line for line in SAFETY.read_text("utf-8").splitlines() if line.startswith("| ") and "T + " in line]
+    rows = [
+        line
+        for line in SAFETY.read_text("utf-8").splitlines()
+        if line.startswith("| ") and "T + " in line
+    ]
     (poses,) = [row for row in rows if row.startswith("| poses stop")]
     for ms in (coast - 1e3 * LAST_CHANCE_S, coast + level, coast + level + down):
         assert f"until T + {ms:.0f}" in poses
@@ -126,11 +136,17 @@ def struck(world: World, config: Config, tap: Tap, event: Event) -> tuple[Comman
 
 @pytest.mark.parametrize(
     ("overrides", "fresh_ms"),
-    [([], 500.0), (["guards.level_s=0"], 250.0), (["flight.coast_s=0.2", "guards.level_s=0.1"], 300.0)],
+    [
+        ([], 500.0),
+        (["guards.level_s=0"], 250.0),
+        (["flight.coast_s=0.2", "guards.level_s=0.1"], 300.0),
+    ],
 )
 def test_nothing_lifts_later_than_the_table_says(overrides: list[str], fresh_ms: float) -> None:
     # From 2 m a bring-down is as long as one may be.
-    world, config = from_floor(*prepare(SCENARIOS["paper"], ["takeoff.height_m=2", *overrides]), None)
+    world, config = from_floor(
+        *prepare(SCENARIOS["paper"], ["takeoff.height_m=2", *overrides]), None
+    )
     left: list[tuple[float, float]] = []
 
     def tap(time_s: float, source: tuple[str, int], _: object, data: bytes) -> None:
@@ -144,7 +160,9 @@ def test_nothing_lifts_later_than_the_table_says(overrides: list[str], fresh_ms:
     period_s, rest_s = 0.0225, world.pose_latency_s + 1.0 / 50.0
     assert lifting <= stamp_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15
     assert latest <= stamp_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S
-    assert latest > stamp_s - rest_s - period_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15, "it is played to its end"
+    assert latest > stamp_s - rest_s - period_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15, (
+        "it is played to its end"
+    )
 
 
 def _controller_raises(flight: Flight, stage: Stage) -> None:
@@ -177,12 +195,19 @@ def _pacer_stops(flight: Flight, stage: Stage) -> None:
         (_pacer_dies, "rf_bridge", 250.0),
     ],
 )
-def test_what_is_owed_leaves_until_the_instant_that_the_table_has(event: Event, link: str, fresh_ms: float) -> None:
-    world, config = from_floor(*prepare(SCENARIOS["paper"], ["takeoff.height_m=2"], link=link), None)
+def test_what_is_owed_leaves_until_the_instant_that_the_table_has(
+    event: Event, link: str, fresh_ms: float
+) -> None:
+    world, config = from_floor(
+        *prepare(SCENARIOS["paper"], ["takeoff.height_m=2"], link=link), None
+    )
     left: list[tuple[float, float]] = []
     module = config.link if isinstance(config.link, DsmLinkConfig) else DsmLinkConfig()
     codec = module.codec()
-    decoder, channels = codec.decoder(), Channels(module.map, count=codec.channels, thrust_max_n=1.0)
+    decoder, channels = (
+        codec.decoder(),
+        Channels(module.map, count=codec.channels, thrust_max_n=1.0),
+    )
 
     def tap(time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
         if link == "mavlink" and source[1] == 14540:
@@ -194,12 +219,20 @@ def test_what_is_owed_leaves_until_the_instant_that_the_table_has(event: Event, 
 
     last, period_s, _ = struck(world, config, tap, event)
     assert last.deadline_s - last.pose_time_s == pytest.approx(1e-3 * fresh_ms)
-    owed_s = last.deadline_s + sum(part.duration_s for part in last.bring_down if part.thrust_n > 0.0)
+    owed_s = last.deadline_s + sum(
+        part.duration_s for part in last.bring_down if part.thrust_n > 0.0
+    )
     lifting = max(time_s for time_s, thrust in left if thrust > 0.0)
     assert lifting <= owed_s + 1e-6
-    # A pacer holds what came before it died, while commands go on until that is known; and a bridge's clock may be late
-    # by what the network takes, never early.
-    earlier_s = 0.15 if event is _pacer_stops else 0.05 if event is _pacer_dies or link == "rf_bridge" else 1e-6
+    # A pacer holds what came before it died, while commands go on until that is known; and a
+    # bridge's clock may be late by what the network takes, never early.
+    earlier_s = (
+        0.15
+        if event is _pacer_stops
+        else 0.05
+        if event is _pacer_dies or link == "rf_bridge"
+        else 1e-6
+    )
     assert lifting > owed_s - period_s - earlier_s
     after = [thrust for time_s, thrust in left if time_s > owed_s + 1e-6]
     assert all(thrust == 0.0 for thrust in after)

@@ -1,4 +1,6 @@
-"""The simulated vehicle flown in real time over TCP and over a serial port: its datagrams as a stream of bytes."""
+"""The simulated vehicle flown in real time over TCP and over a serial port: its datagrams as a
+stream of bytes.
+"""
 
 import asyncio
 import contextlib
@@ -40,7 +42,9 @@ class Relay(asyncio.DatagramProtocol):
 
     async def open(self, address: str) -> "Relay":
         loop = asyncio.get_running_loop()
-        self.transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=parse_address(address))
+        self.transport, _ = await loop.create_datagram_endpoint(
+            lambda: self, local_addr=parse_address(address)
+        )
         return self
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
@@ -52,7 +56,9 @@ class Relay(asyncio.DatagramProtocol):
         self.rest += data
         while self.rest and (end := frame_end(self.rest, 0)) <= len(self.rest):
             assert end, "what the link writes is frame after frame"
-            if self.autopilot is not None:  # who speaks to an autopilot that hasn't started isn't heard
+            if (
+                self.autopilot is not None
+            ):  # who speaks to an autopilot that hasn't started isn't heard
                 self.transport.sendto(self.rest[:end], self.autopilot)
             self.rest = self.rest[end:]
 
@@ -104,8 +110,12 @@ def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> lis
                 [f"link.listen={udp}", *([f"pose.listen={cameras}"] if source == "vicon" else [])],
                 source=source,
             )
-            stage = await stack.enter_async_context(running(Stage(world, config, 0, autopilot=autopilot)))
-            config = msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, listen=None, **way))
+            stage = await stack.enter_async_context(
+                running(Stage(world, config, 0, autopilot=autopilot))
+            )
+            config = msgspec.structs.replace(
+                config, link=msgspec.structs.replace(config.link, listen=None, **way)
+            )
             ticks: list[Tick] = []
 
             def hear(event: FlightEvent) -> None:
@@ -114,9 +124,13 @@ def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> lis
                     if event.tick.flight_time_s > FLOWN_S:
                         flight.ask(Request(Ask.KILL, "enough"))
 
-            log = FlightLog(folder / "flight.mcap", about(config), epoch_ns=0, tell=lambda text, *_: print(text))
+            log = FlightLog(
+                folder / "flight.mcap", about(config), epoch_ns=0, tell=lambda text, *_: print(text)
+            )
             stack.callback(log.close)
-            flight: Flight = make_flight(config, confirm=confirm_at(0.0), subscribers=(hear,), give=log.write)
+            flight: Flight = make_flight(
+                config, confirm=confirm_at(0.0), subscribers=(hear,), give=log.write
+            )
             outcome = await flight.run()
             assert outcome.reason == "motors off: enough"
             assert not stage.autopilot.armed
@@ -132,7 +146,9 @@ def test_the_vehicle_is_flown_over_a_stream(autopilot: str, over: Any, tmp_path:
     off = [a - b for a, b in zip(last.pose.position_ned, last.reference.position_ned, strict=True)]
     assert max(map(abs, off)) < 0.3
     assert len(ticks) > 0.5 * FLOWN_S / 0.0225
-    names = Counter(record.message.get_type() for record in TlogReader((tmp_path / "flight.tlog").read_bytes()))
+    names = Counter(
+        record.message.get_type() for record in TlogReader((tmp_path / "flight.tlog").read_bytes())
+    )
     assert names["SET_ATTITUDE_TARGET"] >= len(ticks)
     assert names["HEARTBEAT"] > 2
 

@@ -53,7 +53,10 @@ def flown(
     sets: tuple[str, ...] = (),
     link: str = "mavlink",
 ) -> Told:
-    """A mission with 10 s of figure; ``lie`` of the attitude shown last begins ``after_s`` into ``state`` [s]."""
+    """A mission with 10 s of figure.
+
+    ``lie`` of the attitude shown last begins ``after_s`` into ``state`` [s].
+    """
     world, config = prepare(SCENARIOS[scenario], list(sets), link=link)
     world, config = from_floor(world, config, 10.0)
     told = Told()
@@ -85,7 +88,10 @@ def flown(
         await asyncio.sleep(after_s)
         assert lie is not None and meddler.shown is not None
         told.struck_s, lies = asyncio.get_running_loop().time(), lie(meddler.shown.attitude)
-        meddler.picture = lambda _, bodies: [bodies[0]._replace(attitude=lies(bodies[0].attitude)), *bodies[1:]]
+        meddler.picture = lambda _, bodies: [
+            bodies[0]._replace(attitude=lies(bodies[0].attitude)),
+            *bodies[1:],
+        ]
 
     told.mission = fly_mission(
         world, config, seed=seed, autopilot=autopilot, script=script,
@@ -102,12 +108,17 @@ def test_true_poses_are_not_doubted_in_any_air(scenario: str, autopilot: str) ->
     assert told.mission is not None and told.mission.landed
     assert told.share < 0.9
     assert told.silent_s < 0.5
-    assert not any("second witness" in line or "disagrees with the autopilot's own" in line for line in told.events)
+    assert not any(
+        "second witness" in line or "disagrees with the autopilot's own" in line
+        for line in told.events
+    )
 
 
 def frozen(held: Quat) -> Lie:
     rng = random.Random(1)
-    return lambda _: so3.rotate(held, (rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3)))
+    return lambda _: so3.rotate(
+        held, (rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3))
+    )
 
 
 def mirrored(roll: float, pitch: float) -> Begin:
@@ -128,8 +139,12 @@ def body_turned(roll_deg: float, yaw_deg: float) -> Begin:
 
 @pytest.mark.tried(2)  # lies, in either air
 @pytest.mark.parametrize("scenario", ["paper", "storm"])
-@pytest.mark.parametrize("lie", [frozen, mirrored(-1.0, 1.0), mirrored(1.0, -1.0)], ids=["frozen", "roll", "pitch"])
-def test_attitudes_that_begin_to_lie_in_flight_are_doubted_once_it_leans(scenario: str, lie: Begin) -> None:
+@pytest.mark.parametrize(
+    "lie", [frozen, mirrored(-1.0, 1.0), mirrored(1.0, -1.0)], ids=["frozen", "roll", "pitch"]
+)
+def test_attitudes_that_begin_to_lie_in_flight_are_doubted_once_it_leans(
+    scenario: str, lie: Begin
+) -> None:
     told = flown(scenario, lie=lie)
     # In a storm it leans all the time: what was frozen comes out by how it turns.
     in_s = IN_S if scenario == "paper" else 2.0 * IN_S
@@ -146,16 +161,23 @@ TOLD_BY_RADIO = ("sim.telemetry_hz=10",)
     [(frozen, 1), (mirrored(-1.0, 1.0), 1), (mirrored(1.0, -1.0), 0)],
     ids=["frozen", "roll", "pitch"],
 )
-def test_attitudes_of_poses_that_lie_are_told_by_the_attitude_over_crsf(lie: Begin, seed: int) -> None:
-    told, alone = (flown("paper", seed=seed, lie=lie, link="crsf", sets=sets) for sets in (TOLD_BY_RADIO, ()))
-    # Ten times a second are slower than MAVLink's fifty, and of the turning only the slow window counts.
+def test_attitudes_of_poses_that_lie_are_told_by_the_attitude_over_crsf(
+    lie: Begin, seed: int
+) -> None:
+    told, alone = (
+        flown("paper", seed=seed, lie=lie, link="crsf", sets=sets) for sets in (TOLD_BY_RADIO, ())
+    )
+    # Ten times a second are slower than MAVLink's fifty, and of the turning only the slow window
+    # counts.
     assert told.struck_s < told.doubted_s < max(told.struck_s, told.leans_s) + 1.5 * IN_S
     assert alone.share == 0.0 and alone.doubted_s == math.inf
     assert told.mission is not None and alone.mission is not None
     assert told.mission.states[-1].state == alone.mission.states[-1].state == State.ABORTED
 
 
-def test_where_the_model_sides_with_the_poses_what_a_radio_tells_otherwise_convicts_nobody() -> None:
+def test_where_the_model_sides_with_the_poses_what_a_radio_tells_otherwise_convicts_nobody() -> (
+    None
+):
     """Pitch that is told to count the wrong way."""
     told = flown("paper", link="crsf", sets=(*TOLD_BY_RADIO, "link.attitude_pitch=nose_up"))
     assert told.share > 2.0
@@ -165,8 +187,12 @@ def test_where_the_model_sides_with_the_poses_what_a_radio_tells_otherwise_convi
 
 @pytest.mark.tried(1)  # links
 @pytest.mark.parametrize(("link", "sets"), [("mavlink", ()), ("crsf", TOLD_BY_RADIO)])
-def test_a_tilt_that_is_askew_in_flight_is_told_and_ends_nothing(link: str, sets: tuple[str, ...]) -> None:
-    """A tracked body that is knocked by 9°: the law flies on, as the model finds no more than wind in it."""
+def test_a_tilt_that_is_askew_in_flight_is_told_and_ends_nothing(
+    link: str, sets: tuple[str, ...]
+) -> None:
+    """A tracked body that is knocked by 9°: the law flies on, as the model finds no more than wind
+    in it.
+    """
     told = flown("paper", lie=body_turned(9.0, 0.0), link=link, sets=sets)
     assert told.mission is not None and told.mission.landed
     assert sum("disagrees with the autopilot's own" in line for line in told.events) <= 1
@@ -179,7 +205,9 @@ def test_a_tilt_that_is_askew_in_flight_is_told_and_ends_nothing(link: str, sets
     [body_turned(0.0, 90.0), body_turned(0.0, 180.0), mirrored(-1.0, 1.0), mirrored(1.0, -1.0)],
     ids=["yaw 90°", "yaw 180°", "roll", "pitch"],
 )
-def test_axes_that_were_never_right_are_doubted_as_soon_as_it_leans(lie: Begin, autopilot: str) -> None:
+def test_axes_that_were_never_right_are_doubted_as_soon_as_it_leans(
+    lie: Begin, autopilot: str
+) -> None:
     told = flown("paper", lie=lie, state=None, after_s=0.1, autopilot=autopilot)
     assert told.doubted_s < told.leans_s + 1.5 * IN_S
 
@@ -188,18 +216,31 @@ def test_a_body_that_lies_otherwise_than_the_vehicle_stands_is_refused_before_ar
     told = flown("paper", lie=body_turned(12.0, 0.0), state=None, after_s=0.1)
     assert told.mission is not None
     assert "second witness: tilt by the poses and by the autopilot is 1" in told.mission.why or any(
-        "second witness: tilt by the poses and by the autopilot is 1" in line for line in told.events
+        "second witness: tilt by the poses and by the autopilot is 1" in line
+        for line in told.events
     )
-    assert {entered.state for entered in told.mission.states} <= {"connecting", "ready", "aborted", "init"}
+    assert {entered.state for entered in told.mission.states} <= {
+        "connecting",
+        "ready",
+        "aborted",
+        "init",
+    }
 
 
-def test_an_autopilot_that_keeps_its_attitude_to_itself_is_warned_of_and_flown_all_the_same() -> None:
+def test_an_autopilot_that_keeps_its_attitude_to_itself_is_warned_of_and_flown_all_the_same() -> (
+    None
+):
     from sim.autopilots import Px4Autopilot
 
-    silent: Any = {name: rate for name, rate in Px4Autopilot.rates_hz.items() if name != "ATTITUDE_QUATERNION"}
+    silent: Any = {
+        name: rate for name, rate in Px4Autopilot.rates_hz.items() if name != "ATTITUDE_QUATERNION"
+    }
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Px4Autopilot, "rates_hz", silent)
         told = flown("paper")
     assert told.mission is not None and told.mission.landed
-    assert any("pre-flight WARN: second witness: the autopilot does not send" in line for line in told.events)
+    assert any(
+        "pre-flight WARN: second witness: the autopilot does not send" in line
+        for line in told.events
+    )
     assert told.share == 0.0

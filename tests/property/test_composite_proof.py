@@ -1,7 +1,9 @@
-"""The proof of docs/explanation/law-proof.md against the code: each step of it, on random states and in flight.
+"""The proof of docs/explanation/law-proof.md against the code: each step of it, on random states
+and in flight.
 
 Here e = (p̃, ṽ, d̃, c̃), three axes each, is what the observer does not know; the rows of A e are
-p̃˙ = ṽ - l1 p̃, ṽ˙ = d̃ - l2 p̃, d̃˙ = c̃ - l3 p̃ = N e, c̃˙ = -l4 p̃, with l the code's own steady Kalman gains.
+p̃˙ = ṽ - l1 p̃, ṽ˙ = d̃ - l2 p̃, d̃˙ = c̃ - l3 p̃ = N e, c̃˙ = -l4 p̃, with l the code's own steady
+Kalman gains.
 """
 
 import math
@@ -14,7 +16,14 @@ import pytest
 from hypothesis import given, strategies as st
 
 from groundstation.core.control import Gains, LawState, backstep
-from groundstation.core.control.backstepping import BacksteppingAxis, LawOutput, axis, growth, project, within
+from groundstation.core.control.backstepping import (
+    BacksteppingAxis,
+    LawOutput,
+    axis,
+    growth,
+    project,
+    within,
+)
 from groundstation.core.estimation import (
     Covariance,
     Densities,
@@ -63,7 +72,11 @@ def damped(law: Gains, z3: Any) -> float:
 @st.composite
 def laws(draw: st.DrawFn) -> Gains:
     """Gains for which the proof holds: κ follows from a θ < 1."""
-    k3, k3_down, kb = draw(st.floats(0.5, 8.0)), draw(st.floats(0.5, 20.0)), draw(st.floats(0.2, 4.0))
+    k3, k3_down, kb = (
+        draw(st.floats(0.5, 8.0)),
+        draw(st.floats(0.5, 20.0)),
+        draw(st.floats(0.2, 4.0)),
+    )
     bound, epsilon = draw(st.floats(1.0, 6.0)), draw(st.floats(0.1, 3.0))
     stretch = max(1.0, (1.0 + epsilon / bound) ** 2 - 1.0)
     return Gains(
@@ -106,12 +119,16 @@ def steady(h: float, noise: float, densities: Densities) -> tuple[KalmanGain, Co
     covariance = initial_covariance(noise * noise)
     gain = (0.0, 0.0, 0.0, 0.0)
     for _ in range(5000):
-        gain, covariance = update_covariance(predict_covariance(covariance, h, densities), noise * noise)
+        gain, covariance = update_covariance(
+            predict_covariance(covariance, h, densities), noise * noise
+        )
     return gain, covariance
 
 
 def observer(h: float, noise: float, densities: Densities) -> Observer:
-    """The filter in continuous time: K/h at 1 kHz, with as much noise in all as ``noise`` at intervals ``h``."""
+    """The filter in continuous time: K/h at 1 kHz, with as much noise in all as ``noise`` at
+    intervals ``h``.
+    """
     dense = 0.001
     gain, _ = steady(dense, noise * math.sqrt(h / dense), densities)
     l = ObserverGain(*(k / dense for k in gain))  # noqa: E741  # the law document's letter
@@ -121,7 +138,9 @@ def observer(h: float, noise: float, densities: Densities) -> Observer:
     return Observer(l, a, 0.5 * (p + p.T))
 
 
-DEFAULT = Densities(0.0, Gains().acceleration_noise ** 2, Gains().wind_noise ** 2, Gains().wind_rate_noise ** 2)
+DEFAULT = Densities(
+    0.0, Gains().acceleration_noise ** 2, Gains().wind_noise ** 2, Gains().wind_rate_noise ** 2
+)
 OBSERVERS = [
     observer(0.02, 0.0003, DEFAULT),
     observer(0.01, 0.001, DEFAULT),
@@ -160,7 +179,9 @@ class Loop(NamedTuple):
         acceleration, jerk = self.reference(time)
         z1, z1_dot = self.fed(s)
         state = LawState(z1, z1_dot, z1_dot, s.attitude, s.thrust, s.b_hat, acceleration, jerk)
-        return backstep(FLOATS, self.law, state, mass=MASS, witness=vec3(self.law.kappa * self.w(s)))
+        return backstep(
+            FLOATS, self.law, state, mass=MASS, witness=vec3(self.law.kappa * self.w(s))
+        )
 
     def b_tilde(self, s: State) -> Array:
         return np.subtract(self.b, s.b_hat)
@@ -264,17 +285,25 @@ def margins(loop: Loop) -> tuple[float, float, float]:
     law, n = loop.law, loop.observer.n
     a = law.kappa + n / law.kb
     c = law.kb * law.kappa * lipschitz(law) + n
-    return a, c, 1.0 + (a * a / law.kappa + c * c / min(law.k3, law.k3_down)) / (2.0 * (1.0 - theta(law)))
+    return (
+        a,
+        c,
+        1.0 + (a * a / law.kappa + c * c / min(law.k3, law.k3_down)) / (2.0 * (1.0 - theta(law))),
+    )
 
 
 @st.composite
 def loops(draw: st.DrawFn) -> tuple[Loop, State]:
-    """A closed loop in a random state: b anywhere within B, b̂ anywhere within B + ε, its surface included."""
+    """A closed loop in a random state: b anywhere within B, b̂ anywhere within B + ε, its surface
+    included.
+    """
     law = draw(laws())
     b = within(FLOATS, vec3(2.0 * np.asarray(draw(vec))), law.b_bound)
     b_hat = within(FLOATS, vec3(4.0 * np.asarray(draw(vec))), radius(law))
     acceleration, jerk = draw(vec), draw(vec)
-    attitude = so3.from_euler_zyx(draw(st.floats(-1.2, 1.2)), draw(st.floats(-1.2, 1.2)), draw(small))
+    attitude = so3.from_euler_zyx(
+        draw(st.floats(-1.2, 1.2)), draw(st.floats(-1.2, 1.2)), draw(small)
+    )
 
     def reference(time: float) -> tuple[Vec3, Vec3]:
         return vec3(np.add(acceleration, time * np.asarray(jerk))), jerk
@@ -286,12 +315,16 @@ def loops(draw: st.DrawFn) -> tuple[Loop, State]:
     if draw(st.booleans()):
         # Where ν works against both b̃ and z3 with all its weight.
         worst = loop.b_tilde(s) / law.kb - np.asarray(loop.step(s).z3)
-        e = np.outer([-loop.observer.l.d, 0.0, 0.0, 1.0], worst) / (loop.observer.n * (1.0 + np.linalg.norm(worst)))
+        e = np.outer([-loop.observer.l.d, 0.0, 0.0, 1.0], worst) / (
+            loop.observer.n * (1.0 + np.linalg.norm(worst))
+        )
     return loop, s._replace(e=draw(st.sampled_from([0.0, 1e-4, 1e-2, 1.0])) * e)
 
 
 @pytest.mark.parametrize("one", OBSERVERS)
-def test_the_observers_error_dynamics_are_hurwitz_and_have_a_lyapunov_function(one: Observer) -> None:
+def test_the_observers_error_dynamics_are_hurwitz_and_have_a_lyapunov_function(
+    one: Observer,
+) -> None:
     assert max(np.linalg.eigvals(one.a).real) < 0.0
     assert min(np.linalg.eigvalsh(one.p)) > 0.0
     assert np.allclose(one.a.T @ one.p + one.p @ one.a, -np.eye(4), atol=1e-6)
@@ -307,7 +340,9 @@ def test_the_derivative_of_v_has_the_stated_terms(case: tuple[Loop, State]) -> N
     slope = (loop.v(moved(s, rate, h), h) - loop.v(moved(s, rate, -h), -h)) / (2.0 * h)
     p = parts(loop, s)
     size = abs(p.adaptation) + abs(p.observation) + p.w0 + damped(loop.law, p.z3)
-    assert slope == pytest.approx(v_dot(p, loop.law), abs=1e-4 * (1.0 + size) + 1e-9 * speed * loop.v(s))
+    assert slope == pytest.approx(
+        v_dot(p, loop.law), abs=1e-4 * (1.0 + size) + 1e-9 * speed * loop.v(s)
+    )
 
 
 @given(loops())
@@ -321,7 +356,9 @@ def test_v_and_the_observers_error_together_fall_by_a_share_of_w(case: tuple[Loo
     damping = damped(law, p.z3) + law.kappa * b_tilde * b_tilde
     rounding = 1e-9 * (1.0 + damping + abs(p.adaptation) + (a * b_tilde + c * z3) * e)
     # Before Young's inequality, and after it with μ eᵀPe added, whose derivative is -μ|e|².
-    assert p.adaptation - damped(law, p.z3) <= -share * damping + (a * b_tilde + c * z3) * e + rounding
+    assert (
+        p.adaptation - damped(law, p.z3) <= -share * damping + (a * b_tilde + c * z3) * e + rounding
+    )
     composite = v_dot(p, law) - p.observation - mu * e * e
     assert composite <= -p.w0 - 0.5 * share * damping - e * e + rounding + 1e-9 * mu * e * e
 
@@ -331,7 +368,9 @@ def test_projection_stretches_no_difference_beyond_its_lipschitz_constant(
     law: Gains, one: Vec3, other: Vec3, direction: Vec3
 ) -> None:
     b_hat = within(FLOATS, vec3(4.0 * np.asarray(direction)), radius(law))
-    first, second = (project(FLOATS, x, b_hat, order=law.projection_order, **ball(law)) for x in (one, other))
+    first, second = (
+        project(FLOATS, x, b_hat, order=law.projection_order, **ball(law)) for x in (one, other)
+    )
     assert math.dist(first, second) <= lipschitz(law) * math.dist(one, other) * (1.0 + 1e-9) + 1e-9
 
 
@@ -343,18 +382,26 @@ def size_in(covariance: Covariance, e: Array) -> float:
 
 
 @given(
-    st.lists(st.tuples(st.floats(0.004, 0.25), st.floats(1e-4, 1e-2), st.booleans()), min_size=1, max_size=20),
+    st.lists(
+        st.tuples(st.floats(0.004, 0.25), st.floats(1e-4, 1e-2), st.booleans()),
+        min_size=1,
+        max_size=20,
+    ),
     st.tuples(small, small, small, small),
 )
 def test_the_inverse_covariance_is_a_lyapunov_function_for_any_intervals_and_any_noise(
     poses: list[tuple[float, float, bool]], error: tuple[float, ...]
 ) -> None:
-    """So neither gaps nor a gain that follows the measured noise, nor a source with velocity, break the argument."""
+    """So neither gaps nor a gain that follows the measured noise, nor a source with velocity, break
+    the argument.
+    """
     e = np.array(error) * np.array([0.01, 0.3, 1.0, 0.1])
     covariance = initial_covariance(0.0003**2)
     for h, noise, moving in poses:
         before = size_in(covariance, e)
-        covariance = predict_covariance(covariance, h, DEFAULT._replace(position=0.04 if moving else 0.0))
+        covariance = predict_covariance(
+            covariance, h, DEFAULT._replace(position=0.04 if moving else 0.0)
+        )
         e = transition(h)[:4, :4] @ e
         gain, covariance = update_covariance(covariance, noise * noise)
         e = e - np.array(gain) * e[0]
@@ -373,7 +420,9 @@ def on_the_figure_eight(time: float) -> tuple[Vec3, Vec3]:
 
 
 def flown(loop: Loop, s: State, duration: float, h: float = 0.005) -> list[tuple[float, State]]:
-    """The closed loop integrated by Runge and Kutta's method, b̂ kept in its ball as the code does."""
+    """The closed loop integrated by Runge and Kutta's method, b̂ kept in its ball as the code
+    does.
+    """
     states = [(0.0, s)]
     for i in range(round(duration / h)):
         t = i * h
@@ -397,7 +446,14 @@ def test_a_whole_flight_on_the_ideal_plant_keeps_the_inequality_and_finds_the_di
     law = Gains()
     loop = Loop(law, OBSERVERS[0], b, on_the_figure_eight, by_observer)
     unknown = np.array([(0.0, 0.0, 0.0), (0.1, 0.0, -0.1), b, (0.0, 0.0, 0.0)])
-    start = State((0.1, -1.5, 1.0), (-0.3, 0.3, 0.0), so3.IDENTITY, 0.6 * MASS * GRAVITY, (0.0, 0.0, 0.0), unknown)
+    start = State(
+        (0.1, -1.5, 1.0),
+        (-0.3, 0.3, 0.0),
+        so3.IDENTITY,
+        0.6 * MASS * GRAVITY,
+        (0.0, 0.0, 0.0),
+        unknown,
+    )
     states = flown(loop, start, 8.0)
     share, (_, _, mu) = 1.0 - theta(law), margins(loop)
     values = []
@@ -410,7 +466,10 @@ def test_a_whole_flight_on_the_ideal_plant_keeps_the_inequality_and_finds_the_di
         assert falls <= -p.w0 - 0.5 * share * damping - e2 + p.observation + 1e-9 * (1.0 + mu * e2)
         values.append(loop.v(s, t) + mu * float(np.sum(s.e * (loop.observer.p @ s.e))))
     if not by_observer:
-        assert all(b <= a * (1.0 + 1e-9) + 1e-14 * values[0] for a, b in zip(values, values[1:], strict=False))
+        assert all(
+            b <= a * (1.0 + 1e-9) + 1e-14 * values[0]
+            for a, b in zip(values, values[1:], strict=False)
+        )
     _, end = states[-1]
     assert math.hypot(*end.z1) < 1e-4
     assert float(np.linalg.norm(loop.b_tilde(end))) < 1e-3

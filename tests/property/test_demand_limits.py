@@ -1,4 +1,6 @@
-"""Limits on the law's demands: the vertical axis keeps its reserve, nothing jumps, and inside nothing changes."""
+"""Limits on the law's demands: the vertical axis keeps its reserve, nothing jumps, and inside
+nothing changes.
+"""
 
 import math
 from typing import Any
@@ -24,7 +26,9 @@ cosine = st.floats(LEAST_COSINE, 0.999)
 
 
 @given(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
-def test_the_yaw_rate_goes_towards_what_is_wanted_no_faster_than_rotors_can_spare(now: float, wanted: float) -> None:
+def test_the_yaw_rate_goes_towards_what_is_wanted_no_faster_than_rotors_can_spare(
+    now: float, wanted: float
+) -> None:
     told = LIMITS.limit_yaw(now, wanted)
     assert min(now, wanted) <= told <= max(now, wanted)
     step = YAW_RAD_S2 * max(VEHICLE.rate_lag_s, VEHICLE.frame_period_s)
@@ -36,7 +40,9 @@ def test_the_yaw_rate_goes_towards_what_is_wanted_no_faster_than_rotors_can_spar
 def test_no_demand_whatever_takes_the_tilt_beyond_its_limit(
     roll: float, pitch: float, yaw: float, rate_x: float, rate_y: float, least: float
 ) -> None:
-    """From any attitude inside, with rates that follow as the law's rate loop has it, 0.75 s of one demand."""
+    """From any attitude inside, with rates that follow as the law's rate loop has it, 0.75 s of one
+    demand.
+    """
     attitude, turns = from_euler_zyx(roll, pitch, yaw), (0.0, 0.0, 0.0)
     assume(third_column(attitude)[2] > least)
     h, frame = 0.0005, VEHICLE.frame_period_s
@@ -66,7 +72,9 @@ def test_at_rest_full_thrust_at_the_limit_carries_the_weight_and_its_reserve(
 
 
 @given(st.floats(0.4, 0.7), st.floats(-10.0, 10.0))
-def test_a_climb_moves_the_limit_by_half_of_what_is_left_at_most(share: float, vertical: float) -> None:
+def test_a_climb_moves_the_limit_by_half_of_what_is_left_at_most(
+    share: float, vertical: float
+) -> None:
     attitude = (1.0, 0.0, 0.0, 0.0)
     level = LIMITS.find_least_cosine(attitude, 0.8, 1.0, share * MOST, 0.0)
     least = LIMITS.find_least_cosine(attitude, 0.8, 1.0, share * MOST, vertical)
@@ -76,7 +84,12 @@ def test_a_climb_moves_the_limit_by_half_of_what_is_left_at_most(share: float, v
 
 @given(angle, angle, turning, rate, rate, cosine)
 def test_inside_nothing_changes_to_the_bit_and_beyond_the_change_is_the_smallest(
-    roll: float, pitch: float, turns: tuple[float, float, float], rate_x: float, rate_y: float, least: float
+    roll: float,
+    pitch: float,
+    turns: tuple[float, float, float],
+    rate_x: float,
+    rate_y: float,
+    least: float,
 ) -> None:
     attitude = from_euler_zyx(roll, pitch, -0.7)
     x, y, limited = LIMITS.limit_tilt(attitude, turns, (rate_x, rate_y), least, K_OMEGA)
@@ -85,7 +98,8 @@ def test_inside_nothing_changes_to_the_bit_and_beyond_the_change_is_the_smallest
         return
     w, a, b, c = attitude
     r31, r32 = 2.0 * (a * c - w * b), 2.0 * (b * c + w * a)
-    # Along the gradient of c alone, and by as much as brings c˙ to its bound, where the tilt is large enough.
+    # Along the gradient of c alone, and by as much as brings c˙ to its bound, where the tilt is
+    # large enough.
     assert math.isclose((x - rate_x) * r31, (y - rate_y) * -r32, abs_tol=1e-6, rel_tol=1e-6)
     if r31 * r31 + r32 * r32 > 0.04:
         stopped = third_column(attitude)[2] + (r31 * turns[1] - r32 * turns[0]) / K_OMEGA
@@ -95,7 +109,12 @@ def test_inside_nothing_changes_to_the_bit_and_beyond_the_change_is_the_smallest
 
 @given(angle, angle, turning, st.tuples(rate, rate), st.tuples(little, little), cosine)
 def test_a_small_change_of_the_demand_changes_the_outcome_little(
-    roll: float, pitch: float, turns: Vec3, rates: tuple[float, float], change: tuple[float, float], least: float
+    roll: float,
+    pitch: float,
+    turns: Vec3,
+    rates: tuple[float, float],
+    change: tuple[float, float],
+    least: float,
 ) -> None:
     attitude, other = from_euler_zyx(roll, pitch, 0.0), (rates[0] + change[0], rates[1] + change[1])
     x, y, _ = LIMITS.limit_tilt(attitude, turns, rates, least, K_OMEGA)
@@ -120,13 +139,17 @@ def test_every_command_is_clamped_to_the_vehicles_limits_axis_by_axis_and_says_s
     (inside, turns), cut = LIMITS.clamp(thrust, rates)
     most = tuple(math.radians(limit) for limit in VEHICLE.rate_limits_deg_s)
     assert inside == min(max(thrust, VEHICLE.thrust_min_n), VEHICLE.thrust_max_n)
-    assert turns == tuple(min(max(turn, -limit), limit) for turn, limit in zip(rates, most, strict=True))
+    assert turns == tuple(
+        min(max(turn, -limit), limit) for turn, limit in zip(rates, most, strict=True)
+    )
     assert cut == ((inside, turns) != (thrust, rates))
     assert not cut or LIMITS.is_at_limit(ActuatorCommand(inside, turns))
 
 
 @given(st.lists(st.tuples(angle, angle, rate, rate, cosine), min_size=1, max_size=5))
-def test_arrays_are_limited_as_floats_are(rows: list[tuple[float, float, float, float, float]]) -> None:
+def test_arrays_are_limited_as_floats_are(
+    rows: list[tuple[float, float, float, float, float]],
+) -> None:
     attitudes = [from_euler_zyx(roll, pitch, 0.2) for roll, pitch, *_ in rows]
     together: Any = DemandLimits(arrays(), VEHICLE)
     columns = tuple(np.array(part) for part in zip(*attitudes, strict=True))

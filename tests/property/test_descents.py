@@ -1,4 +1,6 @@
-"""Bring-down, and descent on the model: within their limits from any state, and gentle where they can be."""
+"""Bring-down, and descent on the model: within their limits from any state, and gentle where they
+can be.
+"""
 
 import math
 from collections.abc import Callable
@@ -29,9 +31,20 @@ Plan = Callable[..., tuple[Segment, ...]]
 
 
 def parts(
-    motion: Motion, height_m: float, vehicle: Vehicle = MQX, disturbance: Vec3 = ZERO, plan: Plan = plan_bring_down
+    motion: Motion,
+    height_m: float,
+    vehicle: Vehicle = MQX,
+    disturbance: Vec3 = ZERO,
+    plan: Plan = plan_bring_down,
 ) -> tuple[Segment, ...]:
-    return plan(motion, vehicle, mass_kg=vehicle.mass_kg, gravity=G, disturbance=disturbance, height_m=height_m)
+    return plan(
+        motion,
+        vehicle,
+        mass_kg=vehicle.mass_kg,
+        gravity=G,
+        disturbance=disturbance,
+        height_m=height_m,
+    )
 
 
 def descent(motion: Motion, height_m: float, disturbance: Vec3 = ZERO) -> tuple[Segment, ...]:
@@ -39,14 +52,23 @@ def descent(motion: Motion, height_m: float, disturbance: Vec3 = ZERO) -> tuple[
 
 
 def hovering(
-    vehicle: Vehicle = MQX, share: float = 1.0, *, velocity: Vec3 = ZERO, euler: Vec3 = ZERO, rates: Vec3 = ZERO
+    vehicle: Vehicle = MQX,
+    share: float = 1.0,
+    *,
+    velocity: Vec3 = ZERO,
+    euler: Vec3 = ZERO,
+    rates: Vec3 = ZERO,
 ) -> Motion:
     """A vehicle whose rotors give a share of its weight."""
     return Motion(ZERO, velocity, so3.from_euler_zyx(*euler), share * G * vehicle.mass_kg, rates)
 
 
 def flown(
-    motion: Motion, segments: tuple[Segment, ...], height_m: float, vehicle: Vehicle = MQX, steps: int = 1
+    motion: Motion,
+    segments: tuple[Segment, ...],
+    height_m: float,
+    vehicle: Vehicle = MQX,
+    steps: int = 1,
 ) -> list[Motion]:
     """The motion after each step until the floor, by the controller's own model in calm air."""
     path = [motion]
@@ -70,7 +92,9 @@ wild = st.builds(
     Motion,
     st.just(ZERO),
     st.tuples(anything, anything, anything),
-    st.tuples(unit, unit, unit, unit).filter(lambda q: sum(x * x for x in q) > 0.1).map(so3.normalize),
+    st.tuples(unit, unit, unit, unit)
+    .filter(lambda q: sum(x * x for x in q) > 0.1)
+    .map(so3.normalize),
     st.floats(0.0, 30.0),
     st.tuples(*[st.floats(-10.0, 10.0)] * 3),
 )
@@ -101,10 +125,13 @@ def test_any_state_gives_a_descent_within_the_limits_that_ends_with_the_motors_o
         assert part.duration_s > 0.0
         assert 0.0 <= part.thrust_n <= vehicle.thrust_max_n
         for rate, limit in zip(part.rates_rad_s, vehicle.rate_limits_deg_s, strict=True):
-            assert abs(rate) <= math.radians(limit) * (1.0 + 1e-9) or part.duration_s > 0.99 * SINK_S
+            assert (
+                abs(rate) <= math.radians(limit) * (1.0 + 1e-9) or part.duration_s > 0.99 * SINK_S
+            )
 
 
-PROFILES: list[tuple[Vehicle, dict[str, Any], float, Vec3, list[tuple[float, float, float, float]]]] = [
+PROFILES: list[tuple[Vehicle, dict[str, Any], float, Vec3, list[tuple[float, float, float,
+    float]]]] = [
     # hovering at 1 m
     (MQX, {}, 1.0, ZERO,
      [(0.15, 0.7738, 0.0, 0.0), (0.5854, 0.7738, 0.0, 0.0), (0.421, 1.1462, 0.0, 0.0),
@@ -158,8 +185,9 @@ PROFILES: list[tuple[Vehicle, dict[str, Any], float, Vec3, list[tuple[float, flo
     (WEAK, {}, 1.5, ZERO,
      [(0.15, 0.9355, 0.0, 0.0), (1.3, 0.9355, 0.0, 0.0), (0.4, 0.8928, 0.0, 0.0)]),
 ]  # fmt: skip
-"""Vehicle, its state where it is not at hover, height [m], disturbance [m/s²]; and the segments before zero thrust:
-duration [s], thrust as a share of the weight [-], body rates of roll and pitch [rad/s]."""
+"""Vehicle, its state where it is not at hover, height [m], disturbance [m/s²]; and the segments
+before zero thrust: duration [s], thrust as a share of the weight [-], body rates of roll and pitch
+[rad/s]."""
 
 
 @pytest.mark.parametrize(("vehicle", "state", "height_m", "disturbance", "profile"), PROFILES)
@@ -172,7 +200,11 @@ def test_the_bring_down_is_to_fall_to_sink_to_brake_and_to_settle_in_these_numbe
 ) -> None:
     *found, off = parts(hovering(vehicle, **state), height_m, vehicle, disturbance)
     weight_n = G * vehicle.mass_kg
-    rows = [(s.duration_s, s.thrust_n / weight_n, *s.rates_rad_s[:2]) for s in found if s.duration_s > 1e-3]
+    rows = [
+        (s.duration_s, s.thrust_n / weight_n, *s.rates_rad_s[:2])
+        for s in found
+        if s.duration_s > 1e-3
+    ]
     assert rows == [pytest.approx(row, abs=1e-4) for row in profile]
     assert (off.duration_s, off.thrust_n, off.rates_rad_s) == (0.15, 0.0, ZERO)
 
@@ -206,7 +238,9 @@ def test_on_the_floor_only_the_motors_stop() -> None:
 
 
 @pytest.mark.parametrize("vehicle", [MQX, BIG], ids=["mqx", "big"])
-def test_who_sinks_already_by_what_its_rotors_do_is_let_fall_for_a_shorter_time(vehicle: Vehicle) -> None:
+def test_who_sinks_already_by_what_its_rotors_do_is_let_fall_for_a_shorter_time(
+    vehicle: Vehicle,
+) -> None:
     def falls_s(share: float) -> float:
         found = parts(hovering(vehicle, share), 2.0, vehicle)
         assert found[0].thrust_n < G * vehicle.mass_kg
@@ -238,7 +272,9 @@ def test_from_a_room_s_height_it_meets_the_floor_slowly_and_without_going_far(
     assert math.hypot(end.position[0], end.position[1]) < 1.5
 
 
-def test_what_seems_to_lie_on_the_floor_may_hang_above_it_and_sinks_before_its_motors_stop() -> None:
+def test_what_seems_to_lie_on_the_floor_may_hang_above_it_and_sinks_before_its_motors_stop() -> (
+    None
+):
     *found, off = descent(hovering(share=0.0), 0.0)
     assert off.thrust_n == 0.0
     assert all(part.thrust_n <= HOVER_N for part in found)
@@ -271,16 +307,24 @@ PLANS: list[tuple[dict[str, Any], float, Vec3, int, list[float], list[Vec3]]] = 
     ({}, 0.1, ZERO, 9,
      [0.4], [ZERO, ZERO]),
 ]  # fmt: skip
-"""State where it is not at hover, height [m], disturbance [m/s²]; and of the plan: the number of its parts, the thrust
-of each eighth as a share of what hovers [-], and the rates of the first and of the ninth [rad/s]."""
+"""State where it is not at hover, height [m], disturbance [m/s²]; and of the plan: the number of
+its parts, the thrust of each eighth as a share of what hovers [-], and the rates of the first and
+of the ninth [rad/s]."""
 
 
 @pytest.mark.parametrize(("state", "height_m", "disturbance", "count", "thrusts", "rates"), PLANS)
 def test_the_descent_on_the_model_has_these_numbers(
-    state: dict[str, Any], height_m: float, disturbance: Vec3, count: int, thrusts: list[float], rates: list[Vec3]
+    state: dict[str, Any],
+    height_m: float,
+    disturbance: Vec3,
+    count: int,
+    thrusts: list[float],
+    rates: list[Vec3],
 ) -> None:
     *found, off = descent(hovering(**state), height_m, disturbance)
     assert (len(found) + 1, {part.duration_s for part in found}) == (count, {0.05})
     assert [part.thrust_n / HOVER_N for part in found[::8]] == pytest.approx(thrusts, abs=6e-4)
-    assert [part.rates_rad_s for part in [*found, off][:9:8]] == [pytest.approx(rate, abs=6e-4) for rate in rates]
+    assert [part.rates_rad_s for part in [*found, off][:9:8]] == [
+        pytest.approx(rate, abs=6e-4) for rate in rates
+    ]
     assert (off.duration_s, off.thrust_n) == (0.15, 0.0)

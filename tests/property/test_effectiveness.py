@@ -1,4 +1,6 @@
-"""Thrust effectiveness: the second stage is the Kalman filter of the whole problem, and tells thrust from wind."""
+"""Thrust effectiveness: the second stage is the Kalman filter of the whole problem, and tells
+thrust from wind.
+"""
 
 import math
 import random
@@ -39,7 +41,9 @@ ACCELERATION = st.floats(-15.0, 15.0)
 
 
 def transition(h: float) -> np.ndarray:
-    chain = np.array([[1, h, h * h / 2, h**3 / 6], [0, 1, h, h * h / 2], [0, 0, 1, h], [0, 0, 0, 1.0]])
+    chain = np.array(
+        [[1, h, h * h / 2, h**3 / 6], [0, 1, h, h * h / 2], [0, 0, 1, h], [0, 0, 0, 1.0]]
+    )
     f = np.eye(13)
     for i in range(3):
         f[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = chain
@@ -47,7 +51,9 @@ def transition(h: float) -> np.ndarray:
 
 
 def thrust_gives(velocity: Sequence[float], place: Sequence[float]) -> ActuatorResponse:
-    """Commands that give that velocity [m/s] and place [m], NED, to one kilogram: thrust pushes against R e3."""
+    """Commands that give that velocity [m/s] and place [m], NED, to one kilogram: thrust pushes
+    against R e3.
+    """
     (a, b, c), (x, y, z) = velocity, place
     return ActuatorResponse((1.0, 0.0, 0.0, 0.0), 0.0, ZERO, (-a, -b, -c), (-x, -y, -z))
 
@@ -60,7 +66,11 @@ def dense(s: Covariance) -> np.ndarray:
 @settings(deadline=None)
 @given(
     st.lists(
-        st.tuples(st.floats(0.004, 0.2), st.tuples(ACCELERATION, ACCELERATION, ACCELERATION), st.booleans()),
+        st.tuples(
+            st.floats(0.004, 0.2),
+            st.tuples(ACCELERATION, ACCELERATION, ACCELERATION),
+            st.booleans(),
+        ),
         min_size=1,
         max_size=25,
     ),
@@ -69,9 +79,11 @@ def dense(s: Covariance) -> np.ndarray:
 def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
     poses: list[tuple[float, Vec3, bool]], seed: int
 ) -> None:
-    """Without a walk of λ: three chains and λ in one covariance give the same estimates, to rounding.
+    """Without a walk of λ: three chains and λ in one covariance give the same estimates, to
+    rounding.
 
-    λ̂ moves with every pose here, and the noise that shows is that of the chains: so its variance is the filter's.
+    λ̂ moves with every pose here, and the noise that shows is that of the chains: so its variance
+    is the filter's.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(estimator, "EXCITED_INFORMATION", -1.0)
@@ -87,8 +99,13 @@ def compare_with_thirteen_states(poses: list[tuple[float, Vec3, bool]], seed: in
     for i in range(3):
         big[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = dense(small)
     big[12, 12] = 0.15**2
-    # What the chains believe; λ's estimate is x[12] = e.value - 1. Thrust accelerates by a per unit of λ.
-    e, state, clipped = initial_effectiveness(0.15)._replace(noise=1.0, frozen_s=-1.0), np.zeros((3, 4)), False
+    # What the chains believe; λ's estimate is x[12] = e.value - 1. Thrust accelerates by a per unit
+    # of λ.
+    e, state, clipped = (
+        initial_effectiveness(0.15)._replace(noise=1.0, frozen_s=-1.0),
+        np.zeros((3, 4)),
+        False,
+    )
     for h, a, with_velocity in poses:
         f = transition(h)
         push = ([0.5 * h * h * k for k in a], [h * k for k in a])
@@ -111,7 +128,9 @@ def compare_with_thirteen_states(poses: list[tuple[float, Vec3, bool]], seed: in
             step = tuple(measured[i] - state[i, of] for i in range(3))
             variance = small[4 if of else 0] + r
             gain, small = update_covariance(small, r, of)
-            e, moved = update_effectiveness(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
+            e, moved = update_effectiveness(
+                FLOATS, e, (step[0], step[1], step[2]), gain, variance, of
+            )
             for i, chain in enumerate(zip(e.p, e.v, e.d, e.c, strict=True)):
                 state[i] += np.array(gain) * step[i] + moved * np.array(chain)
             clipped |= not EFFECTIVENESS_LIMITS[0] < e.value < EFFECTIVENESS_LIMITS[1]
@@ -123,7 +142,9 @@ def compare_with_thirteen_states(poses: list[tuple[float, Vec3, bool]], seed: in
         assert np.abs(state.ravel() - x[:12]).max() < 1e-6 * scale
 
 
-def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Effectiveness, list[float]]:
+def flown(
+    true: float, wind: Vec3, seconds: float, *, shaken: bool
+) -> tuple[Effectiveness, list[float]]:
     """λ̂ and d̂ after a flight of exact poses, with thrust and tilt at rest or shaken at 1 Hz."""
     h, mass, lag = 0.02, 1.0, 0.05
     still = Motion(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), 9.81, ZERO)
@@ -137,7 +158,9 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
             motion: Motion, share: float, wind: Vec3, rate: Vec3, drive: ActuatorCommand = drive
         ) -> tuple[Motion, ActuatorResponse]:
             push = integrate_actuators(FLOATS, begin_response(motion), drive, h, lag, lag)
-            return integrate_motion(motion, push, h, mass / share, (wind[0], wind[1], wind[2] + 9.81), rate), push
+            return integrate_motion(
+                motion, push, h, mass / share, (wind[0], wind[1], wind[2] + 9.81), rate
+            ), push
 
         truth, _ = roll(truth, true, wind, ZERO)
         model, push = roll(believed, e.value, d, c)
@@ -172,7 +195,9 @@ def test_what_is_broken_is_not_taken_for_worn() -> None:
 
 def test_told_exactly_it_never_moves() -> None:
     e = initial_effectiveness(0.0)
-    e = predict_effectiveness(FLOATS, e, 0.02, thrust_gives((0.0, 0.0, -0.2), (0.0, 0.0, -2e-3)), 1.0, 0.0)
+    e = predict_effectiveness(
+        FLOATS, e, 0.02, thrust_gives((0.0, 0.0, -0.2), (0.0, 0.0, -2e-3)), 1.0, 0.0
+    )
     gain, _ = update_covariance(initial_covariance(1e-6), 1e-6)
     after, moved = update_effectiveness(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
     assert (after.value, moved) == (1.0, 0.0)

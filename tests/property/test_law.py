@@ -1,4 +1,6 @@
-"""The law's theory as properties: shaping, projection (P1-P4), the Lyapunov identity, bounds, finiteness."""
+"""The law's theory as properties: shaping, projection (P1-P4), the Lyapunov identity, bounds,
+finiteness.
+"""
 
 import math
 from typing import Any
@@ -61,7 +63,9 @@ def dot(a: Vec3, b: Vec3) -> float:
 
 
 @given(st.floats(-50.0, 50.0), st.floats(0.1, 5.0), st.floats(0.1, 5.0))
-def test_sigma_is_odd_bounded_and_has_the_stated_slope_and_derivatives(s: float, bound: float, slope: float) -> None:
+def test_sigma_is_odd_bounded_and_has_the_stated_slope_and_derivatives(
+    s: float, bound: float, slope: float
+) -> None:
     by = saturation(bound, slope)
 
     def at(s: float) -> tuple[float, float, float]:
@@ -81,7 +85,9 @@ def test_sigma_is_odd_bounded_and_has_the_stated_slope_and_derivatives(s: float,
 
 
 @given(st.floats(-50.0, 50.0), st.floats(0.1, 5.0), st.floats(0.2, 5.0))
-def test_omega_is_the_identity_inside_and_smooth_outside(s: float, bound: float, scale: float) -> None:
+def test_omega_is_the_identity_inside_and_smooth_outside(
+    s: float, bound: float, scale: float
+) -> None:
     excess, first, second = growth(FLOATS, s, bound, scale)
     if abs(s) <= bound:
         assert (excess, first, second) == (0.0, 1.0, 0.0)
@@ -92,7 +98,9 @@ def test_omega_is_the_identity_inside_and_smooth_outside(s: float, bound: float,
 
 
 @given(small, small, gains)
-def test_partial_derivatives_of_the_virtual_control_match_differences(z1: float, z1_dot: float, law: Law) -> None:
+def test_partial_derivatives_of_the_virtual_control_match_differences(
+    z1: float, z1_dot: float, law: Law
+) -> None:
     def at(first: float, second: float) -> BacksteppingAxis:
         """The axis as a function of (z1, z2)."""
         shape = law.shape
@@ -106,7 +114,9 @@ def test_partial_derivatives_of_the_virtual_control_match_differences(z1: float,
     by_z2 = (at(z1, here.z2 + h).u_star - at(z1, here.z2 - h).u_star) / (2 * h)
     assert here.du_dz1 == pytest.approx(by_z1, **close)
     assert here.du_dz2 == pytest.approx(by_z2, **close)
-    v_by_z2 = (0.5 * at(z1, here.z2 + h).omega ** 2 - 0.5 * at(z1, here.z2 - h).omega ** 2) / (2 * h)
+    v_by_z2 = (0.5 * at(z1, here.z2 + h).omega ** 2 - 0.5 * at(z1, here.z2 - h).omega ** 2) / (
+        2 * h
+    )
     assert here.dv_dz2 == pytest.approx(v_by_z2, **close)
 
 
@@ -114,18 +124,32 @@ def test_partial_derivatives_of_the_virtual_control_match_differences(z1: float,
 def test_projection_p1_to_p4(direction: Vec3, share: float, xi: Vec3, law: Law) -> None:
     bound, epsilon, delta = law.b_bound, law.epsilon, law.delta
     length = math.hypot(*direction) or 1.0
-    b_hat = within(FLOATS, tuple(x / length * share * (bound + epsilon) for x in direction), bound + epsilon)  # type: ignore[arg-type]  # three components
-    keys: dict[str, Any] = {"bound": bound, "epsilon": epsilon, "delta": delta, "order": law.projection_order}
+    x, y, z = (each / length * share * (bound + epsilon) for each in direction)
+    b_hat = within(FLOATS, (x, y, z), bound + epsilon)
+    keys: dict[str, Any] = {
+        "bound": bound,
+        "epsilon": epsilon,
+        "delta": delta,
+        "order": law.projection_order,
+    }
     proj = project(FLOATS, xi, b_hat, **keys)
     # P1: on the outer sphere it never points outward.
     if math.hypot(*b_hat) >= (bound + epsilon) * (1 - 1e-12):
         assert dot(b_hat, proj) <= 1e-9 * (1 + math.hypot(*xi))
     # P2: b̃ᵀ Proj >= b̃ᵀ ξ for every |b| <= B.
-    for b in ((bound, 0.0, 0.0), (0.0, -bound, 0.0), (0.0, 0.0, 0.3 * bound), (-0.5 * bound, 0.5 * bound, 0.5 * bound)):
+    for b in (
+        (bound, 0.0, 0.0),
+        (0.0, -bound, 0.0),
+        (0.0, 0.0, 0.3 * bound),
+        (-0.5 * bound, 0.5 * bound, 0.5 * bound),
+    ):
         error = (b[0] - b_hat[0], b[1] - b_hat[1], b[2] - b_hat[2])
         assert dot(error, proj) >= dot(error, xi) - 1e-9 * (1 + math.hypot(*xi))
     # P3: the norm is bounded.
-    limit = math.hypot(*xi) * (1 + ((bound + epsilon) / bound) ** 2) + (bound + epsilon) / (2 * bound**2) * delta
+    limit = (
+        math.hypot(*xi) * (1 + ((bound + epsilon) / bound) ** 2)
+        + (bound + epsilon) / (2 * bound**2) * delta
+    )
     assert math.hypot(*proj) <= limit * (1 + 1e-12)
     # It does nothing inside.
     if math.hypot(*b_hat) <= bound:
@@ -133,13 +157,19 @@ def test_projection_p1_to_p4(direction: Vec3, share: float, xi: Vec3, law: Law) 
 
 
 @given(vec, vec, st.integers(1, 3))
-def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(direction: Vec3, xi: Vec3, order: int) -> None:
+def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(
+    direction: Vec3, xi: Vec3, order: int
+) -> None:
     length = math.hypot(*direction)
     if length < 1e-3:
         return
 
     def at(radius: float) -> Vec3:
-        b: Vec3 = (direction[0] / length * radius, direction[1] / length * radius, direction[2] / length * radius)
+        b: Vec3 = (
+            direction[0] / length * radius,
+            direction[1] / length * radius,
+            direction[2] / length * radius,
+        )
         return project(FLOATS, xi, b, bound=2.0, epsilon=0.5, delta=0.1, order=order)
 
     h = 1e-3
@@ -148,11 +178,20 @@ def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(direction: Vec3
     assert deviation <= 20.0 * (1 + math.hypot(*xi)) * (4.1 * h / 2.25) ** (order + 1)
 
 
-@given(gains, st.tuples(*[vec] * 7), angle, st.floats(0.3, 3.0), st.floats(0.05, 2.0), st.floats(0.0, 2.0))
+@given(
+    gains,
+    st.tuples(*[vec] * 7),
+    angle,
+    st.floats(0.3, 3.0),
+    st.floats(0.05, 2.0),
+    st.floats(0.0, 2.0),
+)
 def test_v_falls_exactly_by_w_on_the_ideal_plant(
     law: Law, vectors: tuple[Vec3, ...], angles: Vec3, lift: float, mass: float, drag: float
 ) -> None:
-    """V˙ = -W + b̃ᵀ(ξ - Proj): the derivative of V along the plant, by differences, against the law's own W."""
+    """V˙ = -W + b̃ᵀ(ξ - Proj): the derivative of V along the plant, by differences, against the
+    law's own W.
+    """
     z1, z1_dot, b_hat, b, acceleration, jerk, speed_d = vectors
     b_hat = within(FLOATS, b_hat, law.b_bound)
     thrust = lift * mass * law.gravity
@@ -181,7 +220,13 @@ def test_v_falls_exactly_by_w_on_the_ideal_plant(
         error = [b[i] - b_hat[i] - h * step.b_hat_dot[i] for i in range(3)]
         return later.v_known + 0.5 / law.kb * sum(x * x for x in error)
 
-    speed = 1.0 + abs(step.rate_x) + abs(step.rate_y) + abs(step.thrust_rate) / thrust + max(map(abs, z1_dot))
+    speed = (
+        1.0
+        + abs(step.rate_x)
+        + abs(step.rate_y)
+        + abs(step.thrust_rate) / thrust
+        + max(map(abs, z1_dot))
+    )
     h = 1e-5 / speed
     slope = (v_after(h) - v_after(-h)) / (2.0 * h)
     # b̂ lies within B, so Proj = ξ and the last term vanishes.
@@ -203,7 +248,11 @@ def test_the_estimate_stays_within_b_plus_epsilon_for_any_input_sequence(
 
 
 def numbers(step: LawOutput) -> list[float]:
-    return [x for field in msgspec.structs.astuple(step) for x in (field if isinstance(field, tuple) else (field,))]
+    return [
+        x
+        for field in msgspec.structs.astuple(step)
+        for x in (field if isinstance(field, tuple) else (field,))
+    ]
 
 
 @given(any_vec, any_vec, angle, anything, vec, any_vec, any_vec)
@@ -218,7 +267,9 @@ def test_outputs_are_finite_for_any_finite_input(
 def test_what_is_suspended_learns_nothing() -> None:
     def learns(suspended: bool) -> Vec3:
         speed, level, b_hat = (0.0, 0.1, 0.0), quaternion((0.1, 0.0, 0.0)), (0.1, 0.2, 0.3)
-        state = LawState((0.1, -0.2, 0.1), speed, speed, level, 0.8, b_hat, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        state = LawState(
+            (0.1, -0.2, 0.1), speed, speed, level, 0.8, b_hat, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        )
         step = backstep(FLOATS, LAW, state, mass=0.08, witness=(0.3, 0.3, 0.3), suspended=suspended)
         return step.b_hat_dot
 

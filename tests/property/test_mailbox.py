@@ -45,7 +45,10 @@ def test_the_newest_value_is_got_once() -> None:
 
 
 def test_records_have_these_bytes() -> None:
-    """Number at byte 0; slots of 24 + 16,384 bytes from byte 64 on: number, size, CRC-32 of number and value, value."""
+    """Number at byte 0.
+
+    Slots of 24 + 16,384 bytes from byte 64 on: number, size, CRC-32 of number and value, value.
+    """
     writer = Mailbox()
     writer.put(b"first")
     writer.put(b"second!")
@@ -69,7 +72,9 @@ values = st.binary(max_size=40)
 def test_a_writer_that_stops_anywhere_leaves_the_value_before_or_none(
     before: list[bytes], value: bytes, data: st.DataObject
 ) -> None:
-    """Any mixture of the memory before and after, as a processor that reorders its stores may show it."""
+    """Any mixture of the memory before and after, as a processor that reorders its stores may show
+    it.
+    """
     writer = Mailbox()
     for each in before:
         writer.put(each)
@@ -93,7 +98,9 @@ def test_two_processes_at_full_speed_never_show_each_other_half_a_value() -> Non
     box = Mailbox()
     seen = 0
     newest = 0
-    with subprocess.Popen([sys.executable, "-c", WRITER, str(box.fd), "0.4"], pass_fds=[box.fd]) as writer:
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(box.fd), "0.4"], pass_fds=[box.fd]
+    ) as writer:
         while True:
             value = box.get()
             if value == b"the last":

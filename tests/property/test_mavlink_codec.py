@@ -52,7 +52,10 @@ def test_the_reader_keeps_less_than_one_frame(chunks: list[bytes]) -> None:
         assert sum(map(len, codec._unfinished.values())) <= 293
 
 
-@given(st.lists(frames, min_size=1, max_size=4), st.binary(max_size=20).filter(lambda b: not {0xFD, 0xFE} & set(b)))
+@given(
+    st.lists(frames, min_size=1, max_size=4),
+    st.binary(max_size=20).filter(lambda b: not {0xFD, 0xFE} & set(b)),
+)
 def test_whole_frames_are_all_found_between_garbage(real: list[bytes], garbage: bytes) -> None:
     codec = MavlinkCodec(245, 190)
     assert len(codec.feed(garbage + garbage.join(real))) == len(real)
@@ -60,7 +63,9 @@ def test_whole_frames_are_all_found_between_garbage(real: list[bytes], garbage: 
 
 
 @given(st.lists(st.one_of(frames, damaged()), max_size=6), st.floats(0.0, 1e6))
-def test_no_message_makes_a_pose_decoder_or_the_words_raise(datagrams: list[bytes], now_s: float) -> None:
+def test_no_message_makes_a_pose_decoder_or_the_words_raise(
+    datagrams: list[bytes], now_s: float
+) -> None:
     codec, words = MavlinkCodec(245, 190), Words()
     decoders = (OdometryDecoder(0.0), LocalPositionDecoder(0.0))
     for data in datagrams:
@@ -96,11 +101,15 @@ def test_no_command_and_no_set_point_makes_the_simulated_autopilot_raise(
         autopilot.receive(sender.command(1, 1, number, *mode), 0.0)
     for n, (first, *rest) in enumerate(requests):
         if len(rest) == 1:
-            frame = sender.parameter_set(1, 1, first, rest[0], 6) + sender.parameter_request(1, 1, first)
+            frame = sender.parameter_set(1, 1, first, rest[0], 6) + sender.parameter_request(
+                1, 1, first
+            )
         elif len(rest) == 3:
             frame = sender.command(1, 1, first, *rest)
         else:
-            message = sender.dialect.MAVLink_set_attitude_target_message(0, 1, 1, first, [rest[3]] * 4, *rest)
+            message = sender.dialect.MAVLink_set_attitude_target_message(
+                0, 1, 1, first, [rest[3]] * 4, *rest
+            )
             frame = sender.pack(message)
         autopilot.receive(frame, 0.1 * n)
         autopilot.poll(0.1 * n)

@@ -4,7 +4,14 @@ from hypothesis import given, strategies as st
 
 from groundstation.core.messages import Ask, Reply, Request
 from groundstation.interfaces.mqtt.messages import SealedRequest
-from groundstation.interfaces.mqtt.requests import ClientKey, Gatekeeper, Place, decode_request, is_sealed, seal_request
+from groundstation.interfaces.mqtt.requests import (
+    ClientKey,
+    Gatekeeper,
+    Place,
+    decode_request,
+    is_sealed,
+    seal_request,
+)
 
 PLACE, KEY, NOW_MS = Place("lab", "mqx"), bytes(range(32)), 1_700_000_000_000
 GOOD = seal_request(KEY, PLACE, "0" * 32, "tablet", 1, "land", NOW_MS + 3000, "too windy")
@@ -52,14 +59,21 @@ def test_a_cut_request_does_nothing(length: int) -> None:
     st.integers(0, 1 << 53),
     st.sampled_from(["hold", "return", "track", "land", "descend", "abort", "kill"]),
 )
-def test_what_is_sealed_opens_and_only_for_its_vehicle(why: str, number: int, expires_ms: int, ask: str) -> None:
+def test_what_is_sealed_opens_and_only_for_its_vehicle(
+    why: str, number: int, expires_ms: int, ask: str
+) -> None:
     data = seal_request(KEY, PLACE, "0" * 32, "tablet", number, ask, expires_ms, why)  # type: ignore[arg-type]  # one of them
     request = decode_request(data)
     if len(data) > 1024:
         assert request == "oversized"
         return
     assert isinstance(request, SealedRequest)
-    assert (request.why, request.id, request.expires_ms, request.ask) == (why, number, expires_ms, ask)
+    assert (request.why, request.id, request.expires_ms, request.ask) == (
+        why,
+        number,
+        expires_ms,
+        ask,
+    )
     assert is_sealed(request, KEY, PLACE)
     assert not is_sealed(request, KEY, Place("lab", "mqx2"))
     assert not is_sealed(request, KEY[::-1], PLACE)

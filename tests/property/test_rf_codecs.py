@@ -30,10 +30,18 @@ def test_positions_come_back_within_half_a_count_and_are_written_again_to_the_la
     assert codec.encode(back) == frame
 
 
-@given(st.lists(st.integers(0, 1023), min_size=6, max_size=6), st.integers(0, 1022), st.integers(1, 1023))
-def test_every_dsm_count_is_reached_with_every_range(counts: list[int], low: int, span: int) -> None:
+@given(
+    st.lists(st.integers(0, 1023), min_size=6, max_size=6),
+    st.integers(0, 1022),
+    st.integers(1, 1023),
+)
+def test_every_dsm_count_is_reached_with_every_range(
+    counts: list[int], low: int, span: int
+) -> None:
     codec = DsmLinkConfig(low=low, high=min(low + span, 1023)).codec()
-    raw = bytes((0x18, 0)) + b"".join(bytes((i << 2 | count >> 8, count & 255)) for i, count in enumerate(counts))
+    raw = bytes((0x18, 0)) + b"".join(
+        bytes((i << 2 | count >> 8, count & 255)) for i, count in enumerate(counts)
+    )
     assert codec.encode(decoded(codec, raw)) == raw
 
 
@@ -47,10 +55,14 @@ def test_every_crsf_count_is_reached(counts: list[int]) -> None:
 
 @kind
 @given(st.data())
-def test_a_damaged_frame_does_not_keep_the_next_ones_from_being_found(kind: str, draw: st.DataObject) -> None:
+def test_a_damaged_frame_does_not_keep_the_next_ones_from_being_found(
+    kind: str, draw: st.DataObject
+) -> None:
     frames = [row.frame for row in of_kind(kind)]
     broken = bytearray(draw.draw(st.sampled_from(frames)))
-    for at, value in draw.draw(st.lists(st.tuples(st.integers(0, 13), st.integers(0, 255)), min_size=1, max_size=4)):
+    for at, value in draw.draw(
+        st.lists(st.tuples(st.integers(0, 13), st.integers(0, 255)), min_size=1, max_size=4)
+    ):
         broken[at % len(broken)] = value
     good = next(row for row in ROWS if row.codec is of_kind(kind)[0].codec)
     heard = CODECS[kind].decoder().feed(bytes(broken) + 4 * good.frame)

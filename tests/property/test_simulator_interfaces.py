@@ -31,7 +31,12 @@ def test_no_bytes_from_px4_turn_a_rotor_beyond_its_limits(chunks: list[bytes], c
             assert all(0.0 <= motor <= 1.0 for motor in one.motors)
 
 
-@given(st.one_of(st.binary(max_size=80), st.binary(min_size=38, max_size=38).map(lambda tail: b"\x1a\x48" + tail)))
+@given(
+    st.one_of(
+        st.binary(max_size=80),
+        st.binary(min_size=38, max_size=38).map(lambda tail: b"\x1a\x48" + tail),
+    )
+)
 def test_no_packet_from_ardupilot_turns_a_rotor_beyond_its_limits(packet: bytes) -> None:
     servos = read_servos(packet)
     if servos is not None:
@@ -58,8 +63,12 @@ def test_a_state_for_ardupilot_loses_nothing(
 
 @given(vectors, st.integers(0, 2**40))
 def test_a_state_for_px4_comes_through(force: tuple[float, float, float], time_us: int) -> None:
-    state = TrueState(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), force, 0.0, on_ground=False)
-    (read,) = MavlinkCodec(1, 1).feed(SimulatorCodec().pack_sensors(time_us, state, force, (0.0,) * 10, 0))
+    state = TrueState(
+        0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), force, 0.0, on_ground=False
+    )
+    (read,) = MavlinkCodec(1, 1).feed(
+        SimulatorCodec().pack_sensors(time_us, state, force, (0.0,) * 10, 0)
+    )
     assert read.time_usec == time_us
     assert [read.xacc, read.yacc, read.zacc] == list(map(as_float32, force))
 

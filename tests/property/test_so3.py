@@ -14,7 +14,9 @@ component = st.floats(-1.0, 1.0)
 vector = st.tuples(component, component, component)
 unit = vector.filter(lambda v: math.hypot(*v) > 1e-3).map(lambda v: scaled(v, 1.0 / math.hypot(*v)))
 quaternion = (
-    st.tuples(component, component, component, component).filter(lambda q: math.hypot(*q) > 1e-3).map(so3.normalize)
+    st.tuples(component, component, component, component)
+    .filter(lambda q: math.hypot(*q) > 1e-3)
+    .map(so3.normalize)
 )
 
 
@@ -69,7 +71,9 @@ def test_a_matrix_gives_its_quaternion_back(q: Quat) -> None:
 @given(unit, st.sampled_from([math.pi, math.pi - 1e-9, math.pi - 1e-6]))
 def test_a_matrix_of_half_a_turn_gives_its_axis(axis: Vec3, angle: float) -> None:
     q = so3.from_matrix(so3.matrix(about(axis, angle)))
-    assert math.isclose(abs(sum(a * b for a, b in zip(q, about(axis, angle), strict=True))), 1.0, abs_tol=1e-13)
+    assert math.isclose(
+        abs(sum(a * b for a, b in zip(q, about(axis, angle), strict=True))), 1.0, abs_tol=1e-13
+    )
 
 
 @given(unit, st.floats(0.0, math.pi * (1.0 - 1e-9)))
@@ -81,7 +85,9 @@ def test_the_rotation_vector_is_axis_times_angle_for_either_sign(axis: Vec3, ang
 
 @given(unit, st.floats(0.0, 1e-6))
 def test_the_smallest_rotation_vector_keeps_its_digits(axis: Vec3, angle: float) -> None:
-    assert near(so3.rotation_vector(about(axis, angle)), scaled(axis, angle), angle * 1e-14 + 1e-300)
+    assert near(
+        so3.rotation_vector(about(axis, angle)), scaled(axis, angle), angle * 1e-14 + 1e-300
+    )
 
 
 @given(quaternion, unit, st.floats(0.0, 0.3))
@@ -93,7 +99,9 @@ def test_a_small_turn_is_the_exponential_to_a_nanoradian(q: Quat, axis: Vec3, an
 
 
 @given(st.floats(-3.1, 3.1), st.floats(-1.57, 1.57), st.floats(-3.1, 3.1))
-def test_roll_pitch_and_yaw_are_turns_about_z_then_y_then_x(roll: float, pitch: float, yaw: float) -> None:
+def test_roll_pitch_and_yaw_are_turns_about_z_then_y_then_x(
+    roll: float, pitch: float, yaw: float
+) -> None:
     q = so3.from_euler_zyx(roll, pitch, yaw)
     z, y, x = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
     assert near(matrix(q), rodrigues(z, yaw) @ rodrigues(y, pitch) @ rodrigues(x, roll))
@@ -102,7 +110,9 @@ def test_roll_pitch_and_yaw_are_turns_about_z_then_y_then_x(roll: float, pitch: 
 
 
 @given(st.lists(st.tuples(quaternion, vector), min_size=1, max_size=5))
-def test_arrays_of_vehicles_get_the_numbers_of_each_alone(vehicles: list[tuple[Quat, Vec3]]) -> None:
+def test_arrays_of_vehicles_get_the_numbers_of_each_alone(
+    vehicles: list[tuple[Quat, Vec3]],
+) -> None:
     ops = arrays()
     w, x, y, z = np.array([q for q, _ in vehicles]).T
     a, b, c = np.array([v for _, v in vehicles]).T

@@ -1,4 +1,5 @@
-"""Streams of every kind against the source's clock: what is late is never young for long, what is honest never old.
+"""Streams of every kind against the source's clock: what is late is never young for long, what is
+honest never old.
 
 Errors are against the instant at which each message left, which the synthetic stream knows.
 """
@@ -30,7 +31,9 @@ class Source(NamedTuple):
     seed: int
 
     def errors(self, lasts_s: float, delay: Delay) -> list[tuple[float, float]]:
-        """(when it left, by how much our time for it is later than that) for each message taken [s]."""
+        """(when it left, by how much our time for it is later than that) for each message taken
+        [s].
+        """
         chance = random.Random(self.seed)
         period = (1.0 + self.drift) / self.rate_hz
         sent = []
@@ -55,7 +58,11 @@ SOURCES = st.builds(
     jitter_s=st.floats(1e-5, 5e-3),
     seed=st.integers(0, 2**32 - 1),
 )
-SOME = settings(max_examples=15, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate, Phase.shrink))
+SOME = settings(
+    max_examples=15,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate, Phase.shrink),
+)
 LASTS_S = 45.0
 KNOWN_S = 15.0
 """The slope of the source's clock is known by then [s]."""
@@ -65,7 +72,9 @@ ROUNDING_S = 1e-3
 
 @SOME
 @given(SOURCES, st.floats(KNOWN_S, 30.0), st.floats(0.05, 0.5))
-def test_after_a_step_poses_are_as_late_for_ever_as_the_step_was(source: Source, at_s: float, step_s: float) -> None:
+def test_after_a_step_poses_are_as_late_for_ever_as_the_step_was(
+    source: Source, at_s: float, step_s: float
+) -> None:
     errors = source.errors(LASTS_S, lambda t: step_s if t >= at_s else 0.0)
     assert max(error for left, error in errors if left >= at_s) < source.jitter_s + ROUNDING_S
 
@@ -75,18 +84,30 @@ def test_after_a_step_poses_are_as_late_for_ever_as_the_step_was(source: Source,
 def test_a_step_in_the_first_seconds_is_forgotten_no_faster_than_clocks_drift(
     source: Source, at_s: float, step_s: float
 ) -> None:
-    at_s = max(at_s, 10.0 if source.numbers else 0.0)  # a rate of frames is what they have come with
+    at_s = max(
+        at_s, 10.0 if source.numbers else 0.0
+    )  # a rate of frames is what they have come with
     errors = source.errors(LASTS_S, lambda t: step_s if t >= at_s else 0.0)
     drifts = MAX_DRIFT + abs(source.drift)
-    assert all(error < source.jitter_s + ROUNDING_S + drifts * (left - at_s) for left, error in errors if left >= at_s)
+    assert all(
+        error < source.jitter_s + ROUNDING_S + drifts * (left - at_s)
+        for left, error in errors
+        if left >= at_s
+    )
 
 
 @SOME
 @given(SOURCES, st.floats(KNOWN_S, 30.0), st.floats(0.005, 0.2))
-def test_a_queue_that_fills_is_forgotten_no_faster_than_clocks_drift(source: Source, at_s: float, share: float) -> None:
+def test_a_queue_that_fills_is_forgotten_no_faster_than_clocks_drift(
+    source: Source, at_s: float, share: float
+) -> None:
     errors = source.errors(at_s + 15.0, lambda t: share * max(0.0, t - at_s))
     drifts = MAX_DRIFT + abs(source.drift)
-    assert all(error < source.jitter_s + ROUNDING_S + drifts * (left - at_s) for left, error in errors if left >= at_s)
+    assert all(
+        error < source.jitter_s + ROUNDING_S + drifts * (left - at_s)
+        for left, error in errors
+        if left >= at_s
+    )
 
 
 @SOME
@@ -94,9 +115,12 @@ def test_a_queue_that_fills_is_forgotten_no_faster_than_clocks_drift(source: Sou
 def test_of_an_honest_source_nothing_is_called_older_than_it_is(
     source: Source, stalls: list[tuple[float, float]]
 ) -> None:
-    """Jitter, drift, a rate told wrongly, and a network that holds all back for a while, from the start or later."""
+    """Jitter, drift, a rate told wrongly, and a network that holds all back for a while, from the
+    start or later.
+    """
     errors = source.errors(
-        LASTS_S, lambda t: max((at + long - t for at, long in stalls if at <= t < at + long), default=0.0)
+        LASTS_S,
+        lambda t: max((at + long - t for at, long in stalls if at <= t < at + long), default=0.0),
     )
     assert min(error for left, error in errors if left >= KNOWN_S) > -5.0 * ROUNDING_S
     if not source.numbers:

@@ -15,10 +15,13 @@ from groundstation.pose.sources.vicon_codec import (
 )
 from tests.pose_tables import OURS, VICON
 
-any_double = st.binary(min_size=8, max_size=8).map(lambda bits: float(struct.unpack("<d", bits)[0])) | st.floats()
-any_name = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=24).filter(
-    lambda name: len(name.encode()) <= 24
+any_double = (
+    st.binary(min_size=8, max_size=8).map(lambda bits: float(struct.unpack("<d", bits)[0]))
+    | st.floats()
 )
+any_name = st.text(
+    st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=24
+).filter(lambda name: len(name.encode()) <= 24)
 any_object = st.builds(
     ViconObject,
     any_name,
@@ -34,7 +37,9 @@ def packed(item: ViconObject) -> tuple[str, bytes]:
 
 
 @given(st.integers(0, 2**32 - 1), st.lists(any_object, max_size=13))
-def test_every_double_survives_the_wire_to_the_last_bit(frame_number: int, objects: list[ViconObject]) -> None:
+def test_every_double_survives_the_wire_to_the_last_bit(
+    frame_number: int, objects: list[ViconObject]
+) -> None:
     frame = decode(encode(frame_number, objects, 1024))
     assert not isinstance(frame, str)
     number, read = frame
@@ -50,7 +55,11 @@ def assert_counted_or_sound(datagram: bytes) -> None:
         assert math.isclose(math.hypot(*pose.attitude), 1.0, abs_tol=1e-14)
 
 
-@given(golden, st.lists(st.tuples(st.integers(0, 1100), st.integers(0, 255)), max_size=8), st.integers(0, 1100))
+@given(
+    golden,
+    st.lists(st.tuples(st.integers(0, 1100), st.integers(0, 255)), max_size=8),
+    st.integers(0, 1100),
+)
 def test_a_damaged_datagram_is_dropped_or_still_sound(
     datagram: bytes, damage: list[tuple[int, int]], size: int
 ) -> None:
@@ -65,16 +74,30 @@ def test_a_damaged_datagram_is_dropped_or_still_sound(
 def test_the_rotation_is_the_product_of_three_turns_about_x_then_new_y_then_new_z(
     rx: float, ry: float, rz: float
 ) -> None:
-    x = so3.from_matrix(((1.0, 0.0, 0.0), (0.0, math.cos(rx), -math.sin(rx)), (0.0, math.sin(rx), math.cos(rx))))
-    y = so3.from_matrix(((math.cos(ry), 0.0, math.sin(ry)), (0.0, 1.0, 0.0), (-math.sin(ry), 0.0, math.cos(ry))))
-    z = so3.from_matrix(((math.cos(rz), -math.sin(rz), 0.0), (math.sin(rz), math.cos(rz), 0.0), (0.0, 0.0, 1.0)))
+    x = so3.from_matrix(
+        ((1.0, 0.0, 0.0), (0.0, math.cos(rx), -math.sin(rx)), (0.0, math.sin(rx), math.cos(rx)))
+    )
+    y = so3.from_matrix(
+        ((math.cos(ry), 0.0, math.sin(ry)), (0.0, 1.0, 0.0), (-math.sin(ry), 0.0, math.cos(ry)))
+    )
+    z = so3.from_matrix(
+        ((math.cos(rz), -math.sin(rz), 0.0), (math.sin(rz), math.cos(rz), 0.0), (0.0, 0.0, 1.0))
+    )
     expected = so3.multiply(x, so3.multiply(y, z))
     got = quaternion_from_euler_xyz((rx, ry, rz))
-    assert math.isclose(abs(sum(a * b for a, b in zip(got, expected, strict=True))), 1.0, abs_tol=1e-14)
+    assert math.isclose(
+        abs(sum(a * b for a, b in zip(got, expected, strict=True))), 1.0, abs_tol=1e-14
+    )
 
 
-@given(angle, st.one_of(angle, st.sampled_from([math.pi / 2, -math.pi / 2, 1.5707963, -1.5707963])), angle)
-def test_a_quaternion_survives_its_angles_even_where_y_is_a_quarter_turn(rx: float, ry: float, rz: float) -> None:
+@given(
+    angle,
+    st.one_of(angle, st.sampled_from([math.pi / 2, -math.pi / 2, 1.5707963, -1.5707963])),
+    angle,
+)
+def test_a_quaternion_survives_its_angles_even_where_y_is_a_quarter_turn(
+    rx: float, ry: float, rz: float
+) -> None:
     attitude = quaternion_from_euler_xyz((rx, ry, rz))
     angles = euler_xyz_from_quaternion(attitude)
     assert abs(angles[0]) <= math.pi

@@ -1,7 +1,8 @@
-"""False alarms, ``groundstation-sim dev alarms``: true flights from the floor with the monitor of the poses.
+"""False alarms, ``groundstation-sim dev alarms``: true flights from the floor with the monitor of
+the poses.
 
-How many its poses end, how many are suspected, and how near the monitor came to failing them: in bad air,
-at the floors where vehicle or delay is configured wrong, and with noise.
+How many its poses end, how many are suspected, and how near the monitor came to failing them: in
+bad air, at the floors where vehicle or delay is configured wrong, and with noise.
 """
 
 import argparse
@@ -138,7 +139,9 @@ def watch_flight(work: tuple[Watch, int]) -> WatchedFlight:
     async def keep(flight: Flight, _: Stage) -> None:
         flights.append(flight)
 
-    flown = fly_mission(world, config, seed=seed, script=keep, monitors=Monitors(health=WatchedHealth))
+    flown = fly_mission(
+        world, config, seed=seed, script=keep, monitors=Monitors(health=WatchedHealth)
+    )
     health, failure = flights[0]._pilot.state.health, flights[0].failure
     assert isinstance(health, WatchedHealth), "made by these monitors"
     return WatchedFlight(
@@ -164,7 +167,10 @@ def watch_all(
     with Flyers(min(workers, len(work))) as flyers:
         flown = flyers.each(watch_flight, work, on_done)
     each = len(seeds)
-    return [Alarms(name=watch.name, flights=tuple(flown[i * each : (i + 1) * each])) for i, watch in enumerate(watches)]
+    return [
+        Alarms(name=watch.name, flights=tuple(flown[i * each : (i + 1) * each]))
+        for i, watch in enumerate(watches)
+    ]
 
 
 def plan_floors(watch: Watch) -> list[Watch]:
@@ -189,7 +195,9 @@ def alarms(args: argparse.Namespace) -> Exit:
         ensure_flyable(one.prepare()[1])
     seeds = range(args.seed, args.seed + args.flights)
     with ProgressBar("flights", len(watches) * len(seeds), quiet=args.json) as counter:
-        found = watch_all(watches, seeds, workers=args.workers or os.cpu_count() or 1, on_done=counter.at)
+        found = watch_all(
+            watches, seeds, workers=args.workers or os.cpu_count() or 1, on_done=counter.at
+        )
     print(json.dumps([facts(one) for one in found]) if args.json else "\n".join(map(text, found)))
     bad = any(one.ended or one.grounded for one in found)
     return Exit.FAILED if bad else Exit.DONE

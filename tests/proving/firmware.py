@@ -24,7 +24,12 @@ from sim.time import in_virtual_time
 from sim.world import FourRotors
 from tests.proving.takeoff_start import HEAD, SEEDS, TakeOff, describe, fly_take_off
 
-SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
+SHORT = (
+    "takeoff.height_m=0.5",
+    "takeoff.hold_s=1.0",
+    "trajectory.altitude_m=-0.5",
+    "takeoff.climb_m_s=1.0",
+)
 WATCHED_S = 5.0
 """Time that the world goes on after a strike [s]."""
 TAKE_OFFS = {"paper": range(20), "adverse": range(10)}
@@ -88,7 +93,10 @@ def cut_bridge_off(stage: Stage) -> None:
 
 
 def cut_wire(stage: Stage, failsafe: Failsafe = "cut") -> None:
-    """No frame leaves any more: the port is gone, or pacer and stand-by are; the receiver does as ``failsafe`` says."""
+    """No frame leaves any more: the port is gone, or pacer and stand-by are.
+
+    The receiver does as ``failsafe`` says.
+    """
     assert stage.radio is not None, "there is a radio"
     assert isinstance(stage.radio.receiver, PulseReceiver), "before Betaflight"
     stage.radio.receiver.failsafe_gives = failsafe
@@ -116,22 +124,35 @@ FLIGHTS: tuple[tuple[str, str, Sequence[str], float, str], ...] = (
     ("eight, 0.5 m/s", "paper", ["sim.speed_m_s=0.5"], 40.0, "0.35"),
     ("eight, 1.0 m/s", "paper", ["sim.speed_m_s=1.0"], 40.0, "0.60"),
     ("adverse, 0.5 m/s", "adverse", [], 60.0, "2.0"),
-    ("hover, rotors 15 % weak", "paper", ["trajectory.kind=hold", "sim.thrust_gain=0.85"], 30.0, "–"),
+    (
+        "hover, rotors 15 % weak",
+        "paper",
+        ["trajectory.kind=hold", "sim.thrust_gain=0.85"],
+        30.0,
+        "–",
+    ),
 )
 """Flights, and their limits [cm RMS]."""
 
 
 def gust(seed: int) -> tuple[float, float]:
-    """The largest error in `gust_front`'s hover [cm], and how long it then takes to get under 5 cm [s]."""
+    """The largest error in `gust_front`'s hover [cm], and how long it then takes to get under 5 cm
+    [s].
+    """
     told = ["trajectory.kind=hold", "sim.wind_step_time_s=16.0"]
     world, config = prepare(by_betaflight(SCENARIOS["gust_front"]), told, link="dsm")
     verdict = fly(world, config, seed=seed, duration_s=22.0, autopilot=BETAFLIGHT).verdict
-    return verdict.gust_peak_cm or math.inf, math.inf if verdict.gust_back_s is None else verdict.gust_back_s
+    return (
+        verdict.gust_peak_cm or math.inf,
+        math.inf if verdict.gust_back_s is None else verdict.gust_back_s,
+    )
 
 
 def take_off(scenario: str, seed: int) -> TakeOff:
     """One whole flight from the floor and back."""
-    world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=("dsm", "crsf")[seed % 2])
+    world, config = prepare(
+        by_betaflight(SCENARIOS[scenario]), list(SHORT), link=("dsm", "crsf")[seed % 2]
+    )
     return fly_take_off(*from_floor(world, config, 1.0), seed, BETAFLIGHT)
 
 
@@ -143,14 +164,20 @@ def firmware(args: argparse.Namespace) -> Exit:
     for name, scenario, told, lasts_s, must in FLIGHTS:
         world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(told), link="dsm")
         verdicts = [
-            fly(world, config, seed=seed, duration_s=lasts_s, autopilot=BETAFLIGHT).verdict.rms_cm for seed in SEEDS
+            fly(world, config, seed=seed, duration_s=lasts_s, autopilot=BETAFLIGHT).verdict.rms_cm
+            for seed in SEEDS
         ]
-        facts["flights"][name] = {"rms_cm": [v if v is not None else math.inf for v in verdicts], "must": must}
+        facts["flights"][name] = {
+            "rms_cm": [v if v is not None else math.inf for v in verdicts],
+            "must": must,
+        }
     facts["gust"] = [gust(seed) for seed in SEEDS]
     for name, strike, link in STRIKES:
         struck = strike_down(strike, link)
         facts["strikes"][name] = {"link": link, "off_s": struck.off_s, "hit_m_s": struck.hit_m_s}
-    facts["take_offs"] = {name: [take_off(name, seed) for seed in seeds] for name, seeds in TAKE_OFFS.items()}
+    facts["take_offs"] = {
+        name: [take_off(name, seed) for seed in seeds] for name, seeds in TAKE_OFFS.items()
+    }
     text = tables(facts)
     print(msgspec.json.encode(facts).decode() if args.json else text)
     if args.write is not None:
@@ -160,15 +187,29 @@ def firmware(args: argparse.Namespace) -> Exit:
 
 def tables(facts: dict[str, Any]) -> str:
     """The facts as Markdown."""
-    lines = ["| flown over DSM, 50 Hz poses, 20 ms | RMS cm, median of 3 seeds (worst) | must |", "|---|---|---|"]
+    lines = [
+        "| flown over DSM, 50 Hz poses, 20 ms | RMS cm, median of 3 seeds (worst) | must |",
+        "|---|---|---|",
+    ]
     for name, row in facts["flights"].items():
-        lines.append(f"| {name} | {median(row['rms_cm']):.2f} ({max(row['rms_cm']):.2f}) | {row['must']} |")
+        lines.append(
+            f"| {name} | {median(row['rms_cm']):.2f} ({max(row['rms_cm']):.2f}) | {row['must']} |"
+        )
     peak, back = max(p for p, _ in facts["gust"]), max(b for _, b in facts["gust"])
     lines.append(
-        f"| a step of wind of 1.5 m/s² in the hover | {peak:.1f} cm at most, under 5 cm after {back:.2f} s | 8, 1.5 s |"
+        f"| a step of wind of 1.5 m/s² in the hover | {peak:.1f} cm at most, under 5 cm after "
+        f"{back:.2f} s | 8, 1.5 s |"
     )
-    lines += ["", *HEAD, *(describe(f"`{name}`", flown) for name, flown in facts["take_offs"].items())]
-    lines += ["", "| struck in flight | over | firmware's motors off after | met the floor at |", "|---|---|---|---|"]
+    lines += [
+        "",
+        *HEAD,
+        *(describe(f"`{name}`", flown) for name, flown in facts["take_offs"].items()),
+    ]
+    lines += [
+        "",
+        "| struck in flight | over | firmware's motors off after | met the floor at |",
+        "|---|---|---|---|",
+    ]
     for name, row in facts["strikes"].items():
         off = "never" if row["off_s"] > WATCHED_S - 0.1 else f"{row['off_s']:.2f} s"
         hit = "–" if row["hit_m_s"] is None else f"{row['hit_m_s']:.2f} m/s"

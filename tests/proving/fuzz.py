@@ -22,7 +22,14 @@ from links import rf
 from links.bridge import codec as bridge_codec
 from links.core import Command
 from links.mavlink.protocol import MavlinkCodec, Message, load_dialect
-from sim.trackers import NatNetServer, QtmServer, TrackedBody, json_encoder, vicon_encoder, vision_encoder
+from sim.trackers import (
+    NatNetServer,
+    QtmServer,
+    TrackedBody,
+    json_encoder,
+    vicon_encoder,
+    vision_encoder,
+)
 
 PERIOD_S = 0.01
 """Time from one datagram to the next [s]."""
@@ -39,15 +46,22 @@ class PoseFlight(NamedTuple):
 def _bodies(frame: int) -> list[TrackedBody]:
     """Ours among two others; it moves, and turns a little."""
     t = frame * PERIOD_S
-    ours = TrackedBody("quad", (0.5 * t, 1.0, -1.0), so3.from_euler_zyx(0.1, -0.05, 0.3 + 0.01 * t), True)
-    return [ours, *(TrackedBody(f"other{n}", (2.0, float(n), -1.0), so3.IDENTITY, True) for n in range(2))]
+    ours = TrackedBody(
+        "quad", (0.5 * t, 1.0, -1.0), so3.from_euler_zyx(0.1, -0.05, 0.3 + 0.01 * t), True
+    )
+    return [
+        ours,
+        *(TrackedBody(f"other{n}", (2.0, float(n), -1.0), so3.IDENTITY, True) for n in range(2)),
+    ]
 
 
 def vicon(frames: int) -> PoseFlight:
     """Vicon's UDP Object Stream."""
     config = sources.ViconConfig()
     encode = vicon_encoder(config)
-    reader = sources.ViconReader(config.object, sources.Intake(0.0, frames_of(config), frame_s=PERIOD_S))
+    reader = sources.ViconReader(
+        config.object, sources.Intake(0.0, frames_of(config), frame_s=PERIOD_S)
+    )
     return PoseFlight(reader, [encode(n, 0.0, _bodies(n)) for n in range(frames)])
 
 
@@ -75,7 +89,9 @@ def qualisys(frames: int) -> PoseFlight:
     server = QtmServer(config)
     reader = sources.QualisysReader(config.name, sources.Intake(0.0, frames_of(config)))
     reader.names = tuple(seen.name for seen in _bodies(0))
-    return PoseFlight(reader, [server.encode(n, n * PERIOD_S, _bodies(n))[8:] for n in range(frames)])
+    return PoseFlight(
+        reader, [server.encode(n, n * PERIOD_S, _bodies(n))[8:] for n in range(frames)]
+    )
 
 
 def json(frames: int) -> PoseFlight:
@@ -106,7 +122,9 @@ class MessageReader(sources.PoseReader):
 
     def read(self, data: bytes, arrival_s: float) -> Sequence[Pose]:
         """Return the poses that ``data`` completes."""
-        made = (self._decoder.decode(message, arrival_s) for message in self._codec.feed(data, "sender"))
+        made = (
+            self._decoder.decode(message, arrival_s) for message in self._codec.feed(data, "sender")
+        )
         return [pose for pose in made if pose is not None]
 
 
@@ -122,7 +140,9 @@ def odometry(frames: int) -> PoseFlight:
             stamp_us, 1, 1, *position, attitude, *motion, nothing, nothing, 0, 8, 0
         )
 
-    return PoseFlight(MessageReader(sources.OdometryDecoder(0.0)), [codec.pack(message(n)) for n in range(frames)])
+    return PoseFlight(
+        MessageReader(sources.OdometryDecoder(0.0)), [codec.pack(message(n)) for n in range(frames)]
+    )
 
 
 def local_position(frames: int) -> PoseFlight:
@@ -174,15 +194,23 @@ def read_poses(
     """The reader and the datagrams of the source ``name``."""
     reader, seeds = FLIGHTS[name](50)
     return Subject(
-        seeds, lambda data, now: len(reader.read(data, now)), lambda: reader.status.dropped, repair, decode_stream
+        seeds,
+        lambda data, now: len(reader.read(data, now)),
+        lambda: reader.status.dropped,
+        repair,
+        decode_stream,
     )
 
 
 def read_natnet(name: str, version: sources.natnet_codec.Version) -> Subject:
-    """Messages of the handshake among the frames: damaged ones are believed, and good ones must come again."""
+    """Messages of the handshake among the frames: damaged ones are believed, and good ones must
+    come again.
+    """
 
     def repair(datagram: bytes) -> bytes:
-        return datagram[:2] + struct.pack("<H", min(max(len(datagram) - 4, 0), 0xFFFF)) + datagram[4:]
+        return (
+            datagram[:2] + struct.pack("<H", min(max(len(datagram) - 4, 0), 0xFFFF)) + datagram[4:]
+        )
 
     subject = read_poses(name, repair)
     return subject._replace(seeds=[*natnet_handshake(version) * 5, *subject.seeds])
@@ -204,7 +232,9 @@ def read_tlog() -> Subject:
         drops.update(reader.dropped)
         return count
 
-    seeds = [(n * 10_000).to_bytes(8, "big") + data for n, data in enumerate(FLIGHTS["odometry"](50)[1])]
+    seeds = [
+        (n * 10_000).to_bytes(8, "big") + data for n, data in enumerate(FLIGHTS["odometry"](50)[1])
+    ]
     return Subject(seeds, feed, lambda: drops, lambda data: data[:8] + repair_mavlink(data[8:]))
 
 
@@ -222,7 +252,10 @@ def repair_mavlink(frame: bytes) -> bytes:
 
 SOURCES: dict[str, Callable[[], Subject]] = {
     **{name: partial(read_poses, name) for name in ("vicon", "json")},
-    **{name: partial(read_poses, name, repair_mavlink) for name in ("odometry", "local_position", "vision")},
+    **{
+        name: partial(read_poses, name, repair_mavlink)
+        for name in ("odometry", "local_position", "vision")
+    },
     "natnet": partial(read_natnet, "natnet", (4, 1)),
     "natnet 3.0": partial(read_natnet, "natnet 3.0", (3, 0)),
     "qualisys": partial(read_poses, "qualisys", decode_stream=_frame),
@@ -235,14 +268,20 @@ LONGEST = 2000
 STREAM_PACKETS = 6
 """Datagrams in one stream, which is fed whole and in pieces."""
 _AWKWARD = (
-    bytes(8), b"\xff" * 8, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", struct.pack("<d", float("nan")),
-    struct.pack("<f", float("inf")), struct.pack("<f", float("nan")), struct.pack("<d", -1e308), b"1e999", b"null",
+    bytes(8), b"\xff" * 8, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", struct.pack("<d",
+        float("nan")),
+    struct.pack("<f", float("inf")), struct.pack("<f", float("nan")), struct.pack("<d", -1e308),
+    b"1e999", b"null",
     b'"',
 )  # fmt: skip
 
 
-def try_damaged(make: Callable[[], Subject], count: int, seed: int = 0) -> tuple[int, Mapping[str, int]]:
-    """Feed ``count`` damaged datagrams to one decoder; return how many events came of them, and its drops.
+def try_damaged(
+    make: Callable[[], Subject], count: int, seed: int = 0
+) -> tuple[int, Mapping[str, int]]:
+    """Feed ``count`` damaged datagrams to one decoder.
+
+    Return how many events came of them, and its drops.
 
     Raises:
         Exception: what the decoder raises, with the datagram as a note.
@@ -269,12 +308,17 @@ def try_damaged(make: Callable[[], Subject], count: int, seed: int = 0) -> tuple
 
 
 def _damage_some(subject: Subject, chance: random.Random, count: int) -> Iterator[bytes]:
-    """Random bytes, good datagrams, and good ones with damage of every kind; some with their checksums put right."""
+    """Random bytes, good datagrams, and good ones with damage of every kind.
+
+    Some with their checksums put right.
+    """
     seeds = subject.seeds
     for _ in range(count):
         draw = chance.random()
         if draw < 0.1:
-            yield chance.randbytes(chance.randrange(LONGEST) if draw < 0.05 else chance.randrange(40))
+            yield chance.randbytes(
+                chance.randrange(LONGEST) if draw < 0.05 else chance.randrange(40)
+            )
             continue
         data = bytearray(chance.choice(seeds))
         if draw > 0.15:
@@ -306,12 +350,22 @@ def _damage(data: bytearray, chance: random.Random, seeds: Sequence[bytes]) -> N
 
 
 def read_mavlink() -> Subject:
-    """The link's own codec, on every message that the simulated autopilot sends to a ground station."""
+    """The link's own codec, on every message that the simulated autopilot sends to a ground
+    station.
+    """
     codec, theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
-    seeds = [datagram for name in ("odometry", "local_position", "vision") for datagram in FLIGHTS[name](15)[1]]
+    seeds = [
+        datagram
+        for name in ("odometry", "local_position", "vision")
+        for datagram in FLIGHTS[name](15)[1]
+    ]
     seeds += [theirs.heartbeat(), theirs.command(1, 1, 400, 1.0)]
     return Subject(
-        seeds, lambda data, now: len(codec.feed(data, "sender")), lambda: codec.dropped, repair_mavlink, _decode_mavlink
+        seeds,
+        lambda data, now: len(codec.feed(data, "sender")),
+        lambda: codec.dropped,
+        repair_mavlink,
+        _decode_mavlink,
     )
 
 
@@ -331,7 +385,9 @@ CRSF_TELLS = (
 
 
 def read_rf(kind: str) -> Subject:
-    """Frames of a serial RF module with every channel, from end to end, and each service, as a module takes them."""
+    """Frames of a serial RF module with every channel, from end to end, and each service, as a
+    module takes them.
+    """
     codec = rf.RF_CODECS[kind]().codec()
     decoder = codec.decoder()
     seeds = [codec.encode([0.1 * n - 1.0] * codec.channels) for n in range(21)]
@@ -352,7 +408,10 @@ def read_rf(kind: str) -> Subject:
 
 
 def repair_crsf(frame: bytes) -> bytes:
-    """A damaged frame of CRSF with its length and its checksum; other modules' frames have neither."""
+    """A damaged frame of CRSF with its length and its checksum.
+
+    Other modules' frames have neither.
+    """
     if frame[:1] not in (b"\xee", b"\xc8", b"\xea") or not 4 <= len(frame) <= 64:
         return frame
     body = frame[2:-1]
@@ -361,8 +420,14 @@ def repair_crsf(frame: bytes) -> bytes:
 
 def read_board() -> Subject:
     """A flight controller's own port: answers of MSP and of its command line, by the documents."""
-    seeds = [b"$M>" + rf.encode_request(command, bytes(range(command % 40)))[3:] for command in range(1, 200)]
-    seeds += [b"get thr_expo\r\nthr_expo = 0\r\nAllowed range: 0 - 100\r\n\r\n# ", b"aux 0 0 0 1700 2100 0 0\r\n"]
+    seeds = [
+        b"$M>" + rf.encode_request(command, bytes(range(command % 40)))[3:]
+        for command in range(1, 200)
+    ]
+    seeds += [
+        b"get thr_expo\r\nthr_expo = 0\r\nAllowed range: 0 - 100\r\n\r\n# ",
+        b"aux 0 0 0 1700 2100 0 0\r\n",
+    ]
     reader = rf.MspReader()
 
     def feed(datagram: bytes, now_s: float) -> int:
@@ -372,10 +437,15 @@ def read_board() -> Subject:
                 rf.is_armed(answer.payload)
         said = datagram.decode("ascii", "replace")
         rf.find_refusal(said)
-        return len(answers) + len([rf.describe_change(name, value) for name, value in rf.find_settings(said).items()])
+        return len(answers) + len(
+            [rf.describe_change(name, value) for name, value in rf.find_settings(said).items()]
+        )
 
     def repair(datagram: bytes) -> bytes:
-        return b"$M>" + rf.encode_request(datagram[4] if len(datagram) > 4 else 0, datagram[5:-1][:255])[3:]
+        return (
+            b"$M>"
+            + rf.encode_request(datagram[4] if len(datagram) > 4 else 0, datagram[5:-1][:255])[3:]
+        )
 
     def decode_stream(pieces: Sequence[bytes]) -> object:
         fresh = rf.MspReader()
@@ -395,7 +465,9 @@ def read_bridge() -> Subject:
     ups += [bridge_codec.Up(1.0, 1.0, 5.0, serve=(1, service, 2.0)) for service in rf.Service]
 
     def repair(datagram: bytes) -> bytes:
-        payload: Any = msgspec.Raw(datagram[21 : -bridge_codec.TAG_BYTES])  # in the next datagram of the session
+        payload: Any = msgspec.Raw(
+            datagram[21 : -bridge_codec.TAG_BYTES]
+        )  # in the next datagram of the session
         return seal.close(payload)
 
     return Subject(

@@ -1,8 +1,10 @@
-"""PX4's and ArduCopter's own firmware on our rotors, in a lab's own wiring: ``groundstation-sim dev autopilots``.
+"""PX4's and ArduCopter's own firmware on our rotors, in a lab's own wiring:
+``groundstation-sim dev autopilots``.
 
-The rotor-level plant of ``rotors_quad1kg`` is the firmware's simulator. Poses come from the simulated tracker alone,
-and go on to the autopilot by ``link.forward``; there is no GPS. Parameters that are not in sim/autopilots/px4.params
-or ardupilot.parm are what ``groundstation doctor`` asks for. Time is the plant's; errors are the truth's.
+The rotor-level plant of ``rotors_quad1kg`` is the firmware's simulator. Poses come from the
+simulated tracker alone, and go on to the autopilot by ``link.forward``; there is no GPS. Parameters
+that are not in sim/autopilots/px4.params or ardupilot.parm are what ``groundstation doctor`` asks
+for. Time is the plant's; errors are the truth's.
 """
 
 import argparse
@@ -34,7 +36,16 @@ from sim.text import notice
 from sim.time import in_virtual_time
 from sim.world import FourRotors, World
 from tests.loops import SuspendableLoop, in_suspendable_time
-from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Scene, Strike, comes_late, shows, stand_between, still
+from tests.proving.faults import (
+    STRICT,
+    TOUCHDOWN_M_S,
+    Scene,
+    Strike,
+    comes_late,
+    shows,
+    stand_between,
+    still,
+)
 from tests.proving.takeoff_start import HEAD, SEEDS, TakeOff, describe, fly_take_off
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduCopter"}
@@ -57,14 +68,21 @@ class Change(msgspec.Struct, frozen=True):
     now: float
 
 
-def set_up(overrides: Sequence[str], figure_s: float | None, source: str = "vicon") -> tuple[World, Config]:
+def set_up(
+    overrides: Sequence[str], figure_s: float | None, source: str = "vicon"
+) -> tuple[World, Config]:
     """The vehicle on the floor, and what is told of it."""
-    return from_floor(*prepare(SCENARIOS["rotors_quad1kg"], [*WIRED, *overrides], source=source), figure_s)
+    return from_floor(
+        *prepare(SCENARIOS["rotors_quad1kg"], [*WIRED, *overrides], source=source), figure_s
+    )
 
 
 @in_virtual_time
 async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
-    """Have the doctor set what it finds wrong on one firmware, and switch it off; return the changes and its folder."""
+    """Have the doctor set what it finds wrong on one firmware, and switch it off.
+
+    Return the changes and its folder.
+    """
     world, config = set_up((), 1.0)
     stage = Stage(world, config, 0, autopilot=airworthy)
     assert stage.onboard is not None, "real firmware"
@@ -78,7 +96,9 @@ async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
         if wrong:
             await run_doctor(config, orders._replace(fix=wrong), None, said.append)
             await asyncio.sleep(SAVED_S)
-        return [Change(one["name"], one["old"], one["new"]) for one in json.loads(said[-1])["fixed"]], folder
+        return [
+            Change(one["name"], one["old"], one["new"]) for one in json.loads(said[-1])["fixed"]
+        ], folder
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
@@ -86,7 +106,9 @@ async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
 
 @contextmanager
 def set_parameters(make: Make) -> Iterator[tuple[Airworthy, list[Change]]]:
-    """A firmware whose parameters are as the doctor wants them, and the doctor's changes in their order."""
+    """A firmware whose parameters are as the doctor wants them, and the doctor's changes in their
+    order.
+    """
     changes, folder = list[Change](), None
     with ExitStack() as kept:
         for _ in range(VISITS):
@@ -131,7 +153,8 @@ TOLD: Mapping[str, tuple[str, ...]] = {
         "vehicle.rate_delay_s=0.0345",
     ),
 }
-"""Figures that `identify` found on one flight of `trajectory.kind=excitation` of each, 42 s, seed 0."""
+"""Figures that `identify` found on one flight of `trajectory.kind=excitation` of each, 42 s, seed
+0."""
 FLIGHTS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "hover": (HOLD, "0.3"),
     "eight, 0.5 m/s": (("sim.speed_m_s=0.5",), "0.5"),
@@ -152,7 +175,9 @@ def take_off(airworthy: Airworthy, told: Sequence[str], seed: int) -> TakeOff:
     return fly_take_off(world, config, seed, airworthy, ALIGNED_S)
 
 
-def fly_figure(airworthy: Airworthy, told: Sequence[str], figure: Sequence[str], seed: int) -> MissionResult:
+def fly_figure(
+    airworthy: Airworthy, told: Sequence[str], figure: Sequence[str], seed: int
+) -> MissionResult:
     """One figure, from the floor and back."""
     world, config = set_up((*told, *figure), FIGURE_S, SOURCES[seed % len(SOURCES)])
     return fly_mission(world, config, seed=seed, autopilot=airworthy, confirm_s=ALIGNED_S)
@@ -164,7 +189,8 @@ class StrikeResult(msgspec.Struct, frozen=True):
     state: str
     """Last state of the flight; empty where its process was killed."""
     off_s: float | None
-    """When the rotors last turned faster than they idle [s since the strike]; None where they still do."""
+    """When the rotors last turned faster than they idle [s since the strike]; None where they still
+    do."""
     up_m: float
     """Largest rise above the place of the strike [m]."""
     aside_m: float
@@ -235,7 +261,9 @@ def _loop() -> SuspendableLoop:
 
 
 async def take_over(scene: Scene) -> None:
-    """A pilot's ground station sets a mode in which the autopilot stops (PX4: hold, ArduCopter: BRAKE)."""
+    """A pilot's ground station sets a mode in which the autopilot stops (PX4: hold, ArduCopter:
+    BRAKE).
+    """
     codec = MavlinkCodec(250, 190)
     firmware = _firmware(scene).firmware
     modes = (4.0, 3.0) if isinstance(firmware, Px4) else (17.0, 0.0)
@@ -262,11 +290,19 @@ STRUCK_FIGURE = ("sim.speed_m_s=1.0",)
 
 
 @in_suspendable_time
-async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike, seed: int) -> StrikeResult:
+async def strike_down(
+    airworthy: Airworthy, told: Sequence[str], strike: Strike, seed: int
+) -> StrikeResult:
     """Fly the figure, have ``strike`` fall, and look on."""
     world, config = set_up((*told, *STRUCK_FIGURE), 60.0, SOURCES[seed % len(SOURCES)])
-    loop, path, motors = asyncio.get_running_loop(), list[tuple[float, Vec3]](), list[tuple[float, FourRotors]]()
-    stage = Stage(world, config, seed, lambda time_s, at: path.append((time_s, at)), autopilot=airworthy)
+    loop, path, motors = (
+        asyncio.get_running_loop(),
+        list[tuple[float, Vec3]](),
+        list[tuple[float, FourRotors]](),
+    )
+    stage = Stage(
+        world, config, seed, lambda time_s, at: path.append((time_s, at)), autopilot=airworthy
+    )
     assert stage.onboard is not None
     between = stand_between(stage)
     flight = make_flight(config, confirm=confirm_at(ALIGNED_S), wires=stage.wires)
@@ -274,10 +310,15 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     context.run(PROCESS.set, True)
     flying = asyncio.create_task(flight.run(), context=context)
     turning = asyncio.create_task(stage.run())
-    while flight.state is not State.TRACKING or loop.time() < (flight.started_s or math.inf) + STRUCK_S:
+    while (
+        flight.state is not State.TRACKING
+        or loop.time() < (flight.started_s or math.inf) + STRUCK_S
+    ):
         await asyncio.sleep(0.001)
         if flying.done() or turning.done():
-            raise AssertionError(f"it never flew the figure: {flying if flying.done() else turning}")
+            raise AssertionError(
+                f"it never flew the figure: {flying if flying.done() else turning}"
+            )
     struck_s, at = loop.time(), stage.plant.truth(loop.time()).position_ned
     stage.onboard.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
     path.clear()
@@ -291,7 +332,9 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     await asyncio.gather(flying, turning, return_exceptions=True)
     lifting = [time_s for time_s, signals in motors if sum(signals) > 4.0 * IDLES]
     last_s = max(lifting, default=0.0)
-    speeds = [math.dist(a, b) / (t - s) for (s, a), (t, b) in zip(path, path[10:], strict=False) if t > s]
+    speeds = [
+        math.dist(a, b) / (t - s) for (s, a), (t, b) in zip(path, path[10:], strict=False) if t > s
+    ]
     return StrikeResult(
         "" if strike is kill else state,
         None if last_s > motors[-1][0] - 0.5 else last_s,
@@ -336,16 +379,25 @@ def fly_all(kind: str, make: Make, take_offs: int) -> Facts:
 def tables(facts: Mapping[str, Facts]) -> str:
     """The facts as Markdown."""
     lines = [
-        "| flown by tracker poses, on our rotors | RMS cm, median (worst) | largest, cm | aim, RMS cm |",
+        "| flown by tracker poses, on our rotors | RMS cm, median (worst) | largest, cm | aim, "
+        "RMS cm |",
         "|---|---|---|---|",
     ]
     for name, flown in facts.items():
         for figure, flights in flown.figures.items():
             rms = [one.rms_cm for one in flights if one.rms_cm is not None and one.landed]
-            largest = max((one.max_cm for one in flights if one.max_cm is not None), default=math.nan)
-            lost = f", {len(flights) - len(rms)} of {len(flights)} lost" if len(rms) < len(flights) else ""
+            largest = max(
+                (one.max_cm for one in flights if one.max_cm is not None), default=math.nan
+            )
+            lost = (
+                f", {len(flights) - len(rms)} of {len(flights)} lost"
+                if len(rms) < len(flights)
+                else ""
+            )
             told = f"{median(rms):.2f} ({max(rms):.2f})" if rms else "–"
-            lines.append(f"| {name}, {figure} | {told}{lost} | {largest:.1f} | {FLIGHTS[figure][1]} |")
+            lines.append(
+                f"| {name}, {figure} | {told}{lost} | {largest:.1f} | {FLIGHTS[figure][1]} |"
+            )
     lines += ["", *HEAD, *(describe(name, flown.take_offs) for name, flown in facts.items())]
     lines += [
         "",
@@ -357,15 +409,18 @@ def tables(facts: Mapping[str, Facts]) -> str:
     ]
     for name, flown in facts.items():
         for strike, struck in flown.strikes.items():
-            beyond = sorted({limit for one in struck for limit in one.beyond(ends=STRIKES[strike][1])})
+            beyond = sorted(
+                {limit for one in struck for limit in one.beyond(ends=STRIKES[strike][1])}
+            )
             hits = [one.hit_m_s for one in struck if one.hit_m_s is not None]
             offs = [one.off_s for one in struck if one.off_s is not None]
             lines.append(
-                f"| {name}, {strike} | {max(0.0, *(one.up_m for one in struck)):.2f} m "
-                f"| {max(one.aside_m for one in struck):.2f} m | {max(one.speed_m_s for one in struck):.1f} m/s "
-                f"| {f'{max(hits):.2f} m/s' if hits else '–'} "
-                f"| {f'{max(offs):.1f} s' if len(offs) == len(struck) else 'flies on'} "
-                f"| {'no: ' + ', '.join(beyond) if beyond else 'yes'} |"
+                f"| {name}, {strike} | {max(0.0, *(one.up_m for one in struck)):.2f} m | "
+                f"{max(one.aside_m for one in struck):.2f} m | "
+                f"{max(one.speed_m_s for one in struck):.1f} m/s | "
+                f"{f'{max(hits):.2f} m/s' if hits else '–'} | "
+                f"{f'{max(offs):.1f} s' if len(offs) == len(struck) else 'flies on'} | "
+                f"{'no: ' + ', '.join(beyond) if beyond else 'yes'} |"
             )
     for name, flown in facts.items():
         told = ", ".join(f"`{one.name}` {one.before:g} → {one.now:g}" for one in flown.changes)
@@ -380,7 +435,9 @@ def autopilots(args: argparse.Namespace) -> Exit:
     if args.take_offs < 1:
         raise ConfigError("--take-offs", notice("dev.take_offs", count=args.take_offs))
     # A folder in which nothing was built is refused here, before minutes go by.
-    makers = {kind: MAKERS[kind](folder) for kind in NAMES if (folder := getattr(args, kind)) is not None}
+    makers = {
+        kind: MAKERS[kind](folder) for kind in NAMES if (folder := getattr(args, kind)) is not None
+    }
     if args.write is not None:
         fill_markers(args.write, {"onboard": ""})
     facts = {NAMES[kind]: fly_all(kind, make, args.take_offs) for kind, make in makers.items()}

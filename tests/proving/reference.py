@@ -1,4 +1,5 @@
-"""Pages of docs/reference from the code: ``groundstation-sim dev reference --write docs/reference``.
+"""Pages of docs/reference from the code:
+``groundstation-sim dev reference --write docs/reference``.
 
 The words of a page stand in the page, and between its markers what is made here.
 """
@@ -54,12 +55,21 @@ ROLE = re.compile(r":\w+:`~?([^`]+)`")
 
 
 def remarks(cls: type[Any]) -> dict[str, str]:
-    """Field → its description, or the docstring below it, as one line; a base class's where that only points there."""
+    """Field → its description, or the docstring below it, as one line.
+
+    A base class's where that only points there.
+    """
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         if base.__module__.split(".")[0] in HOUSES:
             own = _below(base)
-            found.update({field: text for field, text in own.items() if field not in found or text[:4] != "See "})
+            found.update(
+                {
+                    field: text
+                    for field, text in own.items()
+                    if field not in found or text[:4] != "See "
+                }
+            )
     if issubclass(cls, msgspec.Struct):
         found |= {key: one_line(text) for key, text in field_descriptions(cls).items()}
     return found
@@ -105,12 +115,20 @@ def _commands(parser: Program, help_: str = "", level: int = 2) -> Iterator[str]
     # argparse has no public way to ask what it knows.
     inner = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     yield f"{'#' * level} `{parser.prog}`\n\n{_sentence(parser.description or help_)}".rstrip()
-    rows = [_argument_row(action) for action in parser._actions if action not in inner and action.dest != "help"]
+    rows = [
+        _argument_row(action)
+        for action in parser._actions
+        if action not in inner and action.dest != "help"
+    ]
     rows = [row for row in rows if row]
     if rows:
         yield "\n".join(["| argument | |", "|---|---|", *rows])
-    commands = parser.below | {name: one for action in inner for name, one in action.choices.items()}
-    helps = {choice.dest: choice.help or "" for action in inner for choice in action._choices_actions}
+    commands = parser.below | {
+        name: one for action in inner for name, one in action.choices.items()
+    }
+    helps = {
+        choice.dest: choice.help or "" for action in inner for choice in action._choices_actions
+    }
     helps |= {name: does for group in parser.groups.values() for name, (does, _) in group.items()}
     for name, command in commands.items():
         yield from _commands(command, helps.get(name, ""), level + 1)
@@ -119,7 +137,9 @@ def _commands(parser: Program, help_: str = "", level: int = 2) -> Iterator[str]
 def _argument_row(action: argparse.Action) -> str:
     if action.help == argparse.SUPPRESS:
         return ""
-    value: Any = action.metavar or (f"{{{','.join(map(str, action.choices))}}}" if action.choices else "")
+    value: Any = action.metavar or (
+        f"{{{','.join(map(str, action.choices))}}}" if action.choices else ""
+    )
     if not value and action.nargs != 0:
         value = action.dest.upper()
     names = ", ".join(f"{name} {value}".strip() for name in action.option_strings) or str(value)
@@ -127,7 +147,11 @@ def _argument_row(action: argparse.Action) -> str:
 
 
 def _sentence(text: str) -> str:
-    return f"{text[0].upper()}{text[1:].removesuffix('.')}.".replace("|", "\\|").replace("%%", "%") if text else ""
+    return (
+        f"{text[0].upper()}{text[1:].removesuffix('.')}.".replace("|", "\\|").replace("%%", "%")
+        if text
+        else ""
+    )
 
 
 TABLE = "| key | accepts | default | |\n|---|---|---|---|"
@@ -141,10 +165,16 @@ def describe_keys(root: type[Any], path: str = "", without: tuple[str, ...] = ()
     return "\n\n".join(_tables(mi.type_info(root), path, None, set(), without))
 
 
-def _tables(info: Any, path: str, default: Any, told: Told, without: tuple[str, ...] = ()) -> Iterator[str]:
+def _tables(
+    info: Any, path: str, default: Any, told: Told, without: tuple[str, ...] = ()
+) -> Iterator[str]:
     """The plain keys of the struct ``info`` as one table, then each of its sections."""
     fields = [field for field in info.fields if field.encode_name not in without]
-    rows = [_row(path, field, _default(field, default), info.cls) for field in fields if not structs(field.type)]
+    rows = [
+        _row(path, field, _default(field, default), info.cls)
+        for field in fields
+        if not structs(field.type)
+    ]
     if rows:
         yield "\n".join([TABLE, *rows])
     for field in fields:
@@ -174,18 +204,27 @@ def _default(field: mi.Field, of: Any) -> Any:
 
 def _row(path: str, field: mi.Field, default: Any, cls: type[Any]) -> str:
     accepts = describe_type(field.type).replace("|", "\\|")
-    return f"| `{path}{field.encode_name}` | {accepts} | {_show(default)} | {remarks(cls).get(field.name, '')} |"
+    return (
+        f"| `{path}{field.encode_name}` | {accepts} | {_show(default)} | "
+        f"{remarks(cls).get(field.name, '')} |"
+    )
 
 
 def _show(default: Any) -> str:
     if default is msgspec.NODEFAULT:
         return "required"
-    return "none" if default is None else f"`{msgspec.json.encode(msgspec.to_builtins(default)).decode()}`"
+    return (
+        "none"
+        if default is None
+        else f"`{msgspec.json.encode(msgspec.to_builtins(default)).decode()}`"
+    )
 
 
 def describe_channels() -> str:
     """Every channel of a recording."""
-    return "\n\n".join(_channel(topic, name, message) for topic, (name, message) in CHANNELS.items())
+    return "\n\n".join(
+        _channel(topic, name, message) for topic, (name, message) in CHANNELS.items()
+    )
 
 
 def _channel(topic: str, name: str, message: type) -> str:
@@ -200,8 +239,14 @@ def describe_messages() -> str:
     parts = []
     every = sorted((*NOTICES.values(), *SIM_NOTICES), key=lambda row: row.id)
     for room, rows in groupby(every, key=lambda row: row.id.split(".")[0]):
-        lines = [f"| `{row.id}` | {row.severity} | {_cell(row.sentence)} | {_cell(row.remedy)} |" for row in rows]
-        parts.append(f"## {room}\n\n| id | severity | sentence | what to do |\n|---|---|---|---|\n" + "\n".join(lines))
+        lines = [
+            f"| `{row.id}` | {row.severity} | {_cell(row.sentence)} | {_cell(row.remedy)} |"
+            for row in rows
+        ]
+        parts.append(
+            f"## {room}\n\n| id | severity | sentence | what to do |\n|---|---|---|---|\n"
+            + "\n".join(lines)
+        )
     return "\n\n".join(parts)
 
 
@@ -213,18 +258,23 @@ def _cell(text: str) -> str:
 def describe_columns() -> str:
     """Every column of a campaign's table."""
     said = remarks(World) | remarks(CampaignRow)
-    return "\n".join(["| column | |", "|---|---|", *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)])
+    return "\n".join(
+        ["| column | |", "|---|---|", *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)]
+    )
 
 
 def describe_guards() -> str:
     """Every limit in flight, as a configuration has it that says nothing else."""
     config = Config()
     rows = [
-        f"| {one.says} | `{one.key}`{'' if one.limit is None else f' {_show(one.limit)}'} | {one.lasts_s:g} "
-        f"| {one.step} | {one.most} | {_sentence(one.remedy)} |"
+        f"| {one.says} | `{one.key}`{'' if one.limit is None else f' {_show(one.limit)}'} | "
+        f"{one.lasts_s:g} | {one.step} | {one.most} | {_sentence(one.remedy)} |"
         for one in list_limits(config, config.guards)
     ]
-    head = ["| guard | limit | for, s | what follows | at most | what to do |", "|---|---|---:|---|---|---|"]
+    head = [
+        "| guard | limit | for, s | what follows | at most | what to do |",
+        "|---|---|---:|---|---|---|",
+    ]
     return "\n".join([*head, *rows])
 
 
@@ -237,7 +287,15 @@ def describe_calls() -> str:
     """Describe the first calls of Python code, and their results."""
     gs = groundstation
     calls: tuple[Callable[..., Any], ...] = (gs.simulate, gs.compare, gs.load, gs.error_budget)
-    results = (gs.Run, gs.FlightData, Track, Channel, gs.ControllerComparison, gs.ErrorBudget, Contribution)
+    results = (
+        gs.Run,
+        gs.FlightData,
+        Track,
+        Channel,
+        gs.ControllerComparison,
+        gs.ErrorBudget,
+        Contribution,
+    )
     return "\n\n".join([*map(_call, calls), *map(_result, results)])
 
 
@@ -249,14 +307,28 @@ def describe_structs(*classes: type[Any]) -> str:
 def describe_helpers() -> str:
     """Describe the helpers of a controller."""
     gs = groundstation
-    helpers = (gs.push, gs.half_angle_error, gs.sine_error, gs.turning, gs.clamp_command, gs.make_decision)
-    return "\n\n".join([*(_call(one, 3) for one in helpers), *(_result(one, 3) for one in (gs.Baseline, gs.InnerLoop))])
+    helpers = (
+        gs.push,
+        gs.half_angle_error,
+        gs.sine_error,
+        gs.turning,
+        gs.clamp_command,
+        gs.make_decision,
+    )
+    return "\n\n".join(
+        [
+            *(_call(one, 3) for one in helpers),
+            *(_result(one, 3) for one in (gs.Baseline, gs.InnerLoop)),
+        ]
+    )
 
 
 def describe_asking() -> str:
     """Describe requests to a vehicle in flight."""
     gs = groundstation
-    return "\n\n".join([_call(gs.ask_station, 3), describe_structs(gs.Request, gs.Waypoint, gs.OrderAnswer)])
+    return "\n\n".join(
+        [_call(gs.ask_station, 3), describe_structs(gs.Request, gs.Waypoint, gs.OrderAnswer)]
+    )
 
 
 def _call(function: Callable[..., Any], level: int = 2) -> str:
@@ -275,7 +347,11 @@ def _result(cls: type[Any], level: int = 2) -> str:
         if not callable(function) or (name.startswith("_") and name != "__getitem__"):
             continue
         told = ", ".join(map(str, list(inspect.signature(function).parameters)[1:]))
-        shown = f"[{told}]" if name == "__getitem__" else f".{name}" + (f"({told})" if function is member else "")
+        shown = (
+            f"[{told}]"
+            if name == "__getitem__"
+            else f".{name}" + (f"({told})" if function is member else "")
+        )
         parts.append(f"**`{shown}`** {_words(function)}")
     return "\n\n".join(parts)
 
@@ -297,9 +373,16 @@ def _fields(cls: type[Any], level: int) -> str:
     """The class, and a table of its fields."""
     said = remarks(cls)
     fields = [one for one in ast.walk(_definition(cls)) if isinstance(one, ast.AnnAssign)]
-    types = {ast.unparse(one.target): ast.unparse(Plain().visit(one.annotation)).strip("'") for one in fields}
+    types = {
+        ast.unparse(one.target): ast.unparse(Plain().visit(one.annotation)).strip("'")
+        for one in fields
+    }
     types = {name: kind for name, kind in types.items() if "ClassVar" not in kind}
-    rows = [f"| `{name}` | {kind.replace('|', BAR)} | {said[name]} |" for name, kind in types.items() if name in said]
+    rows = [
+        f"| `{name}` | {kind.replace('|', BAR)} | {said[name]} |"
+        for name, kind in types.items()
+        if name in said
+    ]
     table = "\n".join(["", "", "| field | type | |", "|---|---|---|", *rows]) if rows else ""
     return f"{'#' * level} `{cls.__name__}`\n\n{one_line(cls.__doc__ or '')}{table}"
 
@@ -309,7 +392,11 @@ def _words(function: Callable[..., Any]) -> str:
     first, *rest = SECTION.split(inspect.cleandoc(function.__doc__ or ""))
     parts = [one_line(paragraph) for paragraph in first.strip().split("\n\n")]
     for title, body in zip(rest[::2], rest[1::2], strict=True):
-        items = [one_line(item) for item in re.split(r"\n(?=    \S)", f"\n{body.rstrip()}") if item.strip()]
+        items = [
+            one_line(item)
+            for item in re.split(r"\n(?=    \S)", f"\n{body.rstrip()}")
+            if item.strip()
+        ]
         shown = [re.sub(r"^(\w[\w, ]*): ", r"`\1`: ", item) for item in items]
         parts.append(f"{title}:\n\n" + "\n".join(f"- {item}" for item in shown))
     return "\n\n".join(parts)
@@ -320,13 +407,19 @@ EVERYWHERE = (Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL, Event.TAKEN_OV
 
 
 def mermaid() -> str:
-    """The way of a flight as a Mermaid state diagram; what works everywhere is left to :func:`everywhere`."""
+    """The way of a flight as a Mermaid state diagram.
+
+    What works everywhere is left to :func:`everywhere`.
+    """
     lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE}"]
     arrows: dict[tuple[State, State], list[str]] = {}
     for (state, event), target in TRANSITIONS.items():
         if event not in EVERYWHERE:
             arrows.setdefault((state, target), []).append(event.value)
-    lines += [f"    {state} --> {target}: {', '.join(events)}" for (state, target), events in arrows.items()]
+    lines += [
+        f"    {state} --> {target}: {', '.join(events)}"
+        for (state, target), events in arrows.items()
+    ]
     lines += [f"    {state} --> [*]" for state in State if state in FINAL]
     return "\n".join(lines)
 
@@ -337,7 +430,9 @@ def everywhere() -> str:
     lines = [f"| in | {heads} |", "|---|" + "---|" * len(EVERYWHERE)]
     for state in State:
         targets = (TRANSITIONS.get((state, event)) for event in EVERYWHERE)
-        cells = " | ".join("" if target is None else "stays" if target is state else target for target in targets)
+        cells = " | ".join(
+            "" if target is None else "stays" if target is state else target for target in targets
+        )
         lines.append(f"| `{state}` | {cells} |")
     return "\n".join(lines)
 
@@ -377,11 +472,14 @@ SCHEMAS = "mqtt-schemas"
 
 def page(name: str) -> str:
     """The whole text of that page: its own words, and what is made from the code now."""
-    return fill_markers(ROOT / "docs" / "reference" / name, {part: make() for part, make in PAGES[name].items()})
+    return fill_markers(
+        ROOT / "docs" / "reference" / name, {part: make() for part, make in PAGES[name].items()}
+    )
 
 
 def reference_command(folder: Path | None) -> str:
-    """Write all pages and schemas into ``folder``, and the states beside it, or return the pages as one text.
+    """Write all pages and schemas into ``folder``, and the states beside it, or return the pages as
+    one text.
 
     Raises:
         ConfigError: a page can't be written.

@@ -80,21 +80,31 @@ class TakeOff(msgspec.Struct, frozen=True):
 
 
 def fly_take_off(
-    world: World, config: Config, seed: int, autopilot: str | Airworthy, confirm_s: float = MISSION_CONFIRM_S
+    world: World,
+    config: Config,
+    seed: int,
+    autopilot: str | Airworthy,
+    confirm_s: float = MISSION_CONFIRM_S,
 ) -> TakeOff:
-    """Fly a mission that begins on the floor of ``world``; arming is confirmed at ``confirm_s`` [s]."""
+    """Fly a mission that begins on the floor of ``world``.
+
+    Arming is confirmed at ``confirm_s`` [s].
+    """
     start = TakeoffStart()
 
     async def script(flight: Flight, stage: Stage) -> None:
         start.watch(flight, stage, world)
 
-    mission = fly_mission(world, config, seed=seed, autopilot=autopilot, script=script, confirm_s=confirm_s)
+    mission = fly_mission(
+        world, config, seed=seed, autopilot=autopilot, script=script, confirm_s=confirm_s
+    )
     return TakeOff(mission, start)
 
 
 HEAD = (
-    "| from the floor and back | landed | within all limits at lift-off | rotors, share of the weight "
-    "| climb off by | tilt | b̂ of its bound | worst touchdown | off the place of take-off |",
+    "| from the floor and back | landed | within all limits at lift-off | rotors, share of the "
+    "weight | climb off by | tilt | b̂ of its bound | worst touchdown | off the place of take-off "
+    "|",
     "|---" * 9 + "|",
     "| must | all | all | 0.75 to 1.25 | 0.3 m/s | 8° | 0.5 | – | – |",
 )
@@ -102,17 +112,19 @@ HEAD = (
 
 
 def describe(name: str, flown: Sequence[TakeOff]) -> str:
-    """The line of the table for ``flown``: how many landed and began smoothly, and the worst of each figure."""
+    """The line of the table for ``flown``: how many landed and began smoothly, and the worst of
+    each figure.
+    """
     missions, starts = [one.mission for one in flown], [one.start for one in flown]
     landed = f"| {name} | {sum(one.landed for one in missions)} of {len(missions)} "
     seen = [one for one in starts if one.thrust]
     if not seen:  # none left the floor
         return f"{landed}| 0 of {len(missions)} " + "| – " * 6 + "|"
     return (
-        f"{landed}| {sum(one.smooth for one in starts)} of {len(starts)} "
-        f"| {min(min(one.thrust) for one in seen):.2f} to {max(max(one.thrust) for one in seen):.2f} "
-        f"| {max(max(one.climb) for one in seen):.2f} m/s | {max(max(one.tilt_deg) for one in seen):.1f}° "
-        f"| {max(max(one.b) for one in seen):.2f} "
-        f"| {max(one.touchdown_m_s or 0.0 for one in missions):.2f} m/s "
-        f"| {100.0 * max(one.home_m for one in missions):.1f} cm |"
+        f"{landed}| {sum(one.smooth for one in starts)} of {len(starts)} | "
+        f"{min(min(one.thrust) for one in seen):.2f} to {max(max(one.thrust) for one in seen):.2f} "
+        f"| {max(max(one.climb) for one in seen):.2f} m/s | "
+        f"{max(max(one.tilt_deg) for one in seen):.1f}° | {max(max(one.b) for one in seen):.2f} | "
+        f"{max(one.touchdown_m_s or 0.0 for one in missions):.2f} m/s | "
+        f"{100.0 * max(one.home_m for one in missions):.1f} cm |"
     )

@@ -16,7 +16,9 @@ def test_no_key_is_added_to_the_repository(needs_program: Callable[..., str], na
     git = needs_program("git")
     if subprocess.run([git, "-C", ROOT, "rev-parse"], capture_output=True, check=False).returncode:
         pytest.skip("no clone")
-    assert subprocess.run([git, "-C", ROOT, "check-ignore", "-q", name], check=False).returncode == 0
+    assert (
+        subprocess.run([git, "-C", ROOT, "check-ignore", "-q", name], check=False).returncode == 0
+    )
 
 
 class BrokerFolder:
@@ -24,18 +26,30 @@ class BrokerFolder:
 
     def __init__(self, folder: Path, program: str) -> None:
         self.folder = folder
-        self._path = os.pathsep.join([str(Path(program).parent), os.environ.get("PATH", os.defpath)])
+        self._path = os.pathsep.join(
+            [str(Path(program).parent), os.environ.get("PATH", os.defpath)]
+        )
 
     def set_up(self, *words: str, vehicles: str = "") -> str:
         environment = {**os.environ, "PATH": self._path, "VEHICLES": vehicles}
         command = ["sh", str(SET_UP), str(self.folder), *words]
-        return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+        return subprocess.run(
+            command, env=environment, check=True, capture_output=True, text=True
+        ).stdout
 
     def read(self, name: str) -> str:
         return (self.folder / name).read_text()
 
     def names(self) -> str:
-        words = ["openssl", "x509", "-in", str(self.folder / "broker.crt"), "-noout", "-ext", "subjectAltName"]
+        words = [
+            "openssl",
+            "x509",
+            "-in",
+            str(self.folder / "broker.crt"),
+            "-noout",
+            "-ext",
+            "subjectAltName",
+        ]
         return subprocess.run(words, check=True, capture_output=True, text=True).stdout
 
 
@@ -46,7 +60,10 @@ def test_a_broker_gets_a_certificate_for_another_name_and_passwords_of_further_v
     broker = BrokerFolder(tmp_path / "broker", needs_program("mosquitto_passwd"))
     broker.set_up()
     assert "listener 8883 127.0.0.1\n" in broker.read("mosquitto.conf")
-    kept = {name: broker.read(name) for name in ("ca.crt", "ca.key", "password-mqx", "password-operator", "access")}
+    kept = {
+        name: broker.read(name)
+        for name in ("ca.crt", "ca.key", "password-mqx", "password-operator", "access")
+    }
     old = broker.read("broker.crt")
     broker.set_up()
     assert broker.read("broker.crt") == old
@@ -62,7 +79,13 @@ def test_a_broker_gets_a_certificate_for_another_name_and_passwords_of_further_v
         "operator",
         "quad2",
     ]
-    verified = ["openssl", "verify", "-CAfile", str(broker.folder / "ca.crt"), str(broker.folder / "broker.crt")]
+    verified = [
+        "openssl",
+        "verify",
+        "-CAfile",
+        str(broker.folder / "ca.crt"),
+        str(broker.folder / "broker.crt"),
+    ]
     subprocess.run(verified, check=True, capture_output=True)
 
     new = broker.read("broker.crt")
@@ -72,7 +95,9 @@ def test_a_broker_gets_a_certificate_for_another_name_and_passwords_of_further_v
     assert "IP Address:10.0.0.7" in (broker.set_up("10.0.0.7") and broker.names())
 
 
-def test_a_folder_of_something_else_is_no_place_for_a_broker(needs_program: Callable[..., str], tmp_path: Path) -> None:
+def test_a_folder_of_something_else_is_no_place_for_a_broker(
+    needs_program: Callable[..., str], tmp_path: Path
+) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(subprocess.CalledProcessError) as caught:
         BrokerFolder(tmp_path, needs_program("mosquitto_passwd")).set_up()

@@ -18,7 +18,12 @@ def test_a_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch) -> 
     links = facts["links"]
     assert links["fifo"] in (True, False)
     assert links["latency_ratios"].keys() == links["echo"].keys() == {"100"}
-    for figures in (links["pacer"], links["floor"], links["idle"]["pacer"], *links["pose_to_command"].values()):
+    for figures in (
+        links["pacer"],
+        links["floor"],
+        links["idle"]["pacer"],
+        *links["pose_to_command"].values(),
+    ):
         assert 0 < figures["p50_us"] <= figures["p99_us"] <= figures["p999_us"]
     assert "\nlinks:" in bench_links.text(facts)
 
@@ -34,7 +39,11 @@ Moments = Sequence[tuple[float, int | None]]
         ([(10.0021, None), (10.0023, 10_001), (10.0045, 10_004)], [0.0024], 0),
         ([(10.0, None), (10.004, None), (10.005, 10_004)], [0.005, 0.001], 1),
     ],
-    ids=["the pose that had left", "a command from before the pose is no answer", "overtaken by a newer pose"],
+    ids=[
+        "the pose that had left",
+        "a command from before the pose is no answer",
+        "overtaken by a newer pose",
+    ],
 )
 def test_a_command_answers_the_poses_that_had_left_when_it_was_computed(
     moments: Moments, latencies_s: list[float], overtaken: int

@@ -1,4 +1,6 @@
-"""The judge of the fault table can find fault: each limit is broken by a made-up flight, and kept just below it."""
+"""The judge of the fault table can find fault: each limit is broken by a made-up flight, and kept
+just below it.
+"""
 
 from collections.abc import Callable
 
@@ -33,16 +35,25 @@ STRUCK_S = 0.1
 
 
 def moved(
-    place: Callable[[float], Vec3], *, speed_m_s: float = 0.0, lean_rad: float = 0.0, course: bool = False
+    place: Callable[[float], Vec3],
+    *,
+    speed_m_s: float = 0.0,
+    lean_rad: float = 0.0,
+    course: bool = False,
 ) -> Truth:
-    """The truth of a vehicle that a hand leads along ``place`` for 1 s, struck at 0.1 s; ``course``: as it is told."""
+    """The truth of a vehicle that a hand leads along ``place`` for 1 s, struck at 0.1 s.
+
+    ``course``: as it is told.
+    """
     world, _ = prepare(SCENARIOS["paper"], [])
     truth = Truth(world.floor_z_m)
     plant = Quadrotor(world, Wind(world, iter(())), truth.step)
     truth.plant = plant
     plant.release(0.0)
     attitude = so3.from_euler_zyx(lean_rad, 0.0, 0.0)
-    plant.lead = lambda time_s, thrust: Body(place(time_s), (0.0, speed_m_s, 0.0), attitude, thrust, (0.0, 0.0, 0.0))
+    plant.lead = lambda time_s, thrust: Body(
+        place(time_s), (0.0, speed_m_s, 0.0), attitude, thrust, (0.0, 0.0, 0.0)
+    )
     for k in range(1, 101):
         if k == 10:
             plant.advance(STRUCK_S)
@@ -66,8 +77,10 @@ def verdict(
 ) -> Row:
     """The row of a made-up flight; of one that stood still where nothing else is told."""
     return judge(
-        "made up", fault, state, moved(lambda t: (0.0, 0.0, -1.0)) if truth is None else truth, answers,
-        wrong="", exemption=exemption, begun_s=0.0, drift_m=0.0, touchdown_m_s=touchdown_m_s, thrust=thrust,
+        "made up", fault, state, moved(lambda t: (0.0, 0.0, -1.0)) if truth is None else truth,
+        answers,
+        wrong="", exemption=exemption, begun_s=0.0, drift_m=0.0, touchdown_m_s=touchdown_m_s,
+        thrust=thrust,
         land_s=land_s, failure=failure,
     )  # fmt: skip
 
@@ -91,7 +104,11 @@ def test_a_vehicle_that_stays_where_it_is_is_safe() -> None:
 
 def along(rise_m: float = 0.0, aside_m: float = 0.0) -> Callable[[float], Vec3]:
     """A way up and sideways from a hover, done at an even speed from the strike on."""
-    return lambda t: (0.0, aside_m * max(t - STRUCK_S, 0.0) / 0.9, -1.0 - rise_m * max(t - STRUCK_S, 0.0) / 0.9)
+    return lambda t: (
+        0.0,
+        aside_m * max(t - STRUCK_S, 0.0) / 0.9,
+        -1.0 - rise_m * max(t - STRUCK_S, 0.0) / 0.9,
+    )
 
 
 @pytest.mark.parametrize(
@@ -119,7 +136,9 @@ def test_a_motion_has_its_limit_but_for_whom_it_is_lifted(
     assert verdict(TRUE, within).safe
     for exemption in Exemption:
         row = verdict(TRUE, beyond, exemption=exemption)
-        assert (row.safe, says in row.why) == ((True, False) if exemption in exempt else (False, True)), exemption
+        assert (row.safe, says in row.why) == (
+            (True, False) if exemption in exempt else (False, True)
+        ), exemption
 
 
 def test_where_no_lift_off_is_seen_it_may_rise_less_and_fall_from_there() -> None:
@@ -150,7 +169,9 @@ def test_what_follows_its_course_goes_neither_up_nor_sideways() -> None:
         ("dsm", Poses.FALSE, 2.5),
     ],
 )
-def test_how_hard_it_may_meet_the_floor_depends_on_who_brings_it_down(link: str, poses: Poses, most_m_s: float) -> None:
+def test_how_hard_it_may_meet_the_floor_depends_on_who_brings_it_down(
+    link: str, poses: Poses, most_m_s: float
+) -> None:
     fault = Fault(dropout, link=link, poses=poses)
     assert verdict(fault, None, ANSWER, touchdown_m_s=most_m_s - 0.01).safe
     hard = verdict(fault, None, ANSWER, touchdown_m_s=most_m_s + 0.01)
@@ -195,7 +216,9 @@ def test_who_flies_on_with_false_poses_stays_near_the_course() -> None:
     assert verdict(FALSE, off, exemption=Exemption.NOT_OBSERVABLE).safe
     off.off_m = 0.49
     assert verdict(FALSE, off).safe
-    coming_down = moved(lambda t: (0.0, 0.0, -1.0))  # by attitude and speed alone: there is no course
+    coming_down = moved(
+        lambda t: (0.0, 0.0, -1.0)
+    )  # by attitude and speed alone: there is no course
     coming_down.off_m = 0.6
     assert verdict(FALSE, coming_down, state="descent").safe
 
@@ -203,7 +226,9 @@ def test_who_flies_on_with_false_poses_stays_near_the_course() -> None:
 def test_true_poses_of_a_vehicle_that_obeys_must_not_fail() -> None:
     pushed = TRUE._replace(obeys=True)
     failed, late = (Failure(id, Sentence(id, id)) for id in ("pose.stopped_dead", "link.late"))
-    assert verdict(pushed, None, ANSWER, failure=failed).why == "true poses failed: pose.stopped_dead"
+    assert (
+        verdict(pushed, None, ANSWER, failure=failed).why == "true poses failed: pose.stopped_dead"
+    )
     assert verdict(pushed, None, ANSWER, failure=late).safe
     assert verdict(TRUE, None, ANSWER, failure=failed).safe
 
@@ -231,7 +256,9 @@ def test_the_table_has_at_most_seventy_faults_and_every_cell_once() -> None:
     cells = deal_cells()
     assert len(set(cells)) == len(cells) >= 1050
     assert {cell.link for cell in cells} == {"mavlink", "dsm"}
-    assert set(OBEYING) <= {name for name, fault in CASES.items() if fault.obeys and fault.poses is Poses.TRUE}
+    assert set(OBEYING) <= {
+        name for name, fault in CASES.items() if fault.obeys and fault.poses is Poses.TRUE
+    }
     for name, fault in CASES.items():
         assert set(fault.states) <= set(MOMENTS), name
         assert set(fault.flies_on) <= set(fault.states), name

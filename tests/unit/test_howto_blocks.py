@@ -1,7 +1,7 @@
 """Every configuration that the documents show is one.
 
-Beside configurations there are the fleet file of several-vehicles.md, the bridge's file of rf.md, and what
-is preceded by ``<!-- not tested: where it is read -->``.
+Beside configurations there are the fleet file of several-vehicles.md, the bridge's file of rf.md,
+and what is preceded by ``<!-- not tested: where it is read -->``.
 """
 
 import re
@@ -23,7 +23,9 @@ BLOCK = re.compile(r"(?<! -->\n)^```toml\n(.*?)^```$", re.M | re.S)
 BLOCKS = [(page.name, block) for page in PAGES for block in BLOCK.findall(page.read_text("utf-8"))]
 
 
-@pytest.mark.parametrize(("page", "block"), BLOCKS, ids=[f"{page}, block {i}" for i, (page, _) in enumerate(BLOCKS)])
+@pytest.mark.parametrize(
+    ("page", "block"), BLOCKS, ids=[f"{page}, block {i}" for i, (page, _) in enumerate(BLOCKS)]
+)
 def test_a_block_is_a_configuration_that_may_fly(page: str, block: str, tmp_path: Path) -> None:
     lab = tmp_path / "lab"
     shutil.copytree(ROOT / "examples", lab)
@@ -43,7 +45,9 @@ def test_the_course_that_is_shown_is_one() -> None:
     assert len(parse_course(course)["points_ned"]) == 2
 
 
-@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.toml")), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "example", sorted((ROOT / "examples").glob("*.toml")), ids=lambda path: path.name
+)
 def test_an_example_is_a_configuration_that_may_fly(example: Path) -> None:
     if example.name == "fleet.toml":
         assert all(examine_trajectory(member.lab).ok for member in read_fleet(example).members)

@@ -1,4 +1,6 @@
-"""docs/explanation/law.md says what the code has: every gain, commands that work, and the figures they give."""
+"""docs/explanation/law.md says what the code has: every gain, commands that work, and the figures
+they give.
+"""
 
 import json
 import shlex
@@ -25,7 +27,10 @@ def rows(table: str) -> list[list[str]]:
 
 def test_the_table_of_gains_has_each_default() -> None:
     told = {row[0].strip("`"): row[2] for row in rows("gains")}
-    assert {name: one if isinstance(FIELDS.get(name), str) else json.loads(one) for name, one in told.items()} == FIELDS
+    assert {
+        name: one if isinstance(FIELDS.get(name), str) else json.loads(one)
+        for name, one in told.items()
+    } == FIELDS
 
 
 def test_the_condition_on_kappa_is_met_by_the_defaults_and_said_so() -> None:

@@ -1,4 +1,6 @@
-"""What may be a name: it becomes part of a path, a topic, a command line, and must not be anything else there."""
+"""What may be a name: it becomes part of a path, a topic, a command line, and must not be anything
+else there.
+"""
 
 from typing import Any
 
@@ -12,11 +14,30 @@ from groundstation.lab.fleet import Name
 from groundstation.machine.recordings import RECORDING
 from groundstation.settings import Config
 
-NO_NAMES = ["", "mqx\n", "..", ".", "-rf", "_x", "a/b", "a b", "ä", "x\x00", "\nmqx", "mqx\r", "+", "#"]
+NO_NAMES = [
+    "",
+    "mqx\n",
+    "..",
+    ".",
+    "-rf",
+    "_x",
+    "a/b",
+    "a b",
+    "ä",
+    "x\x00",
+    "\nmqx",
+    "mqx\r",
+    "+",
+    "#",
+]
 
 
 def with_client(name: str) -> dict[str, Any]:
-    return {"mqtt": {"requests": {"enabled": True, "clients": {name: {"key_file": "key", "may": ["land"]}}}}}
+    return {
+        "mqtt": {
+            "requests": {"enabled": True, "clients": {name: {"key_file": "key", "may": ["land"]}}}
+        }
+    }
 
 
 KEYS = {
@@ -28,7 +49,8 @@ KEYS = {
 
 
 @pytest.mark.parametrize(
-    ("key", "name"), [(key, name) for key in KEYS for name in NO_NAMES if not ("prefix" in key and name == "a/b")]
+    ("key", "name"),
+    [(key, name) for key in KEYS for name in NO_NAMES if not ("prefix" in key and name == "a/b")],
 )
 def test_no_key_takes_what_is_no_name(key: str, name: str) -> None:
     with pytest.raises(ConfigError) as error:
@@ -54,7 +76,14 @@ def test_no_file_topic_or_message_takes_it_either(name: str) -> None:
     fleet = FleetMonitor("lab")
     fleet.hear(f"lab/{name}/state", b"landed", 0.0)
     assert list(fleet) == []
-    request = {"session": "0" * 32, "client": name, "id": 1, "ask": "land", "expires_ms": 1, "mac": "0" * 64}
+    request = {
+        "session": "0" * 32,
+        "client": name,
+        "id": 1,
+        "ask": "land",
+        "expires_ms": 1,
+        "mac": "0" * 64,
+    }
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(request, SealedRequest)
 

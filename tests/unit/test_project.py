@@ -44,15 +44,22 @@ def test_the_lock_resolves_on_any_machine() -> None:
 
 
 def test_the_lock_knows_every_dependency_in_pyproject() -> None:
-    own = next(package for package in lock()["package"] if package["name"] == PROJECT["project"]["name"])
-    names = {re.split(r"[<>=!~\[; ]", dependency)[0] for dependency in PROJECT["project"]["dependencies"]}
+    own = next(
+        package for package in lock()["package"] if package["name"] == PROJECT["project"]["name"]
+    )
+    names = {
+        re.split(r"[<>=!~\[; ]", dependency)[0] for dependency in PROJECT["project"]["dependencies"]
+    }
     assert {dependency["name"] for dependency in own["dependencies"]} == names
 
 
 def test_every_dependency_has_a_stated_reason() -> None:
     decision = (ROOT / "docs/decisions/0001-dependencies.md").read_text("utf-8")
     groups = PROJECT["dependency-groups"].values()
-    dependencies = [*PROJECT["project"]["dependencies"], *(d for group in groups for d in group if isinstance(d, str))]
+    dependencies = [
+        *PROJECT["project"]["dependencies"],
+        *(d for group in groups for d in group if isinstance(d, str)),
+    ]
     names = [re.split(r"[<>=!~\[; ]", dependency)[0] for dependency in dependencies]
     assert [name for name in names if f"| {name} |" not in decision] == []
 
@@ -64,12 +71,21 @@ def test_the_changelog_has_this_version() -> None:
 def test_every_codec_is_under_the_purity_contract() -> None:
     contracts = PROJECT["tool"]["importlinter"]["contracts"]
     pure = {
-        module for contract in contracts if contract["type"] == "forbidden" for module in contract["source_modules"]
+        module
+        for contract in contracts
+        if contract["type"] == "forbidden"
+        for module in contract["source_modules"]
     }
-    files = [file for package in ("links", "groundstation", "sim") for file in (ROOT / package).rglob("*_codec.py")]
+    files = [
+        file
+        for package in ("links", "groundstation", "sim")
+        for file in (ROOT / package).rglob("*_codec.py")
+    ]
     codecs = {".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files}
     assert codecs != set()
-    assert {codec for codec in codecs if not any(f"{codec}.".startswith(f"{name}.") for name in pure)} == set()
+    assert {
+        codec for codec in codecs if not any(f"{codec}.".startswith(f"{name}.") for name in pure)
+    } == set()
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -84,7 +100,13 @@ def test_each_seeded_fault_has_its_line_in_a_copy_that_lacks_no_module(tmp_path:
     copy = tmp_path / "checkout"
     copy_checkout(copy)
     for package in (*PACKAGES, "tests"):
-        ours, theirs = ({path.relative_to(at) for path in (at / package).rglob("*.py")} for at in (ROOT, copy))
+        ours, theirs = (
+            {path.relative_to(at) for path in (at / package).rglob("*.py")} for at in (ROOT, copy)
+        )
         assert ours == theirs
-    assert {file_of(copy, fault).name for fault in FAULTS} == {Path(name).name for name in CONCERNED}
-    assert all((copy / "tests" / test).exists() for tests in CONCERNED.values() for test in tests.split())
+    assert {file_of(copy, fault).name for fault in FAULTS} == {
+        Path(name).name for name in CONCERNED
+    }
+    assert all(
+        (copy / "tests" / test).exists() for tests in CONCERNED.values() for test in tests.split()
+    )

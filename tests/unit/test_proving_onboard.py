@@ -1,17 +1,14 @@
-"""What ``groundstation-sim dev autopilots`` makes of what it sees; the firmware is somebody's own."""
+"""What ``groundstation-sim dev autopilots`` makes of what it sees.
+
+The firmware is somebody's own.
+"""
 
 from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
-from tests.proving.onboard import (
-    FLIGHTS,
-    NAMES,
-    TOLD,
-    StrikeResult,
-    set_up,
-)
+from tests.proving.onboard import FLIGHTS, NAMES, TOLD, StrikeResult, set_up
 
 SAFE = StrikeResult("aborted", 5.0, 0.1, 1.0, 1.2, 0.5, 2.0)
 

@@ -1,4 +1,6 @@
-"""The faces that users import from: what they may ask for is there and told of, and asking costs little."""
+"""The faces that users import from: what they may ask for is there and told of, and asking costs
+little.
+"""
 
 import subprocess
 import sys
@@ -12,14 +14,20 @@ import sim
 
 def test_a_name_that_is_not_handed_on_is_named() -> None:
     for face in (groundstation, links, sim):
-        with pytest.raises(AttributeError, match=f"module '{face.__name__}' has no attribute 'simulat'"):
+        with pytest.raises(
+            AttributeError, match=f"module '{face.__name__}' has no attribute 'simulat'"
+        ):
             face.simulat  # noqa: B018
 
 
 def test_without_the_simulator_what_flies_in_it_says_so_in_a_sentence() -> None:
     code = "import sys; sys.modules['sim'] = None\nfrom groundstation import simulate"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert said.stderr.strip().splitlines()[-1].startswith("ImportError: groundstation.simulate flies in the simulator")
+    assert (
+        said.stderr.strip()
+        .splitlines()[-1]
+        .startswith("ImportError: groundstation.simulate flies in the simulator")
+    )
 
 
 HEAVY = {"asyncio", "matplotlib", "msgspec", "numpy", "pandas", "pymavlink", "scipy", "textual"}

@@ -1,4 +1,6 @@
-"""Rooms: a folder is a room, and its ``__init__`` the face through which all others ask for what is in it."""
+"""Rooms: a folder is a room, and its ``__init__`` the face through which all others ask for what is
+in it.
+"""
 
 import ast
 import tomllib
@@ -19,7 +21,8 @@ ROOTS = ("groundstation", "links", "sim")
 PAST_A_FACE = {
     # The pages of the reference show the options of both programs, which their entry points hold.
     "tests.proving.reference": {"groundstation.__main__", "sim.__main__"},
-    # The face would load it with every flight. One worker, too, must be a process here: flights are copied.
+    # The face would load it with every flight. One worker, too, must be a process here: flights are
+    # copied.
     "tests.proving.faults.deal": {"sim.runs.pool"},
 }
 
@@ -45,7 +48,9 @@ def imports(module: str, *, typing: bool) -> tuple[tuple[str, str], ...]:
 
 
 def tree_imports(tree: ast.AST, *, typing: bool = False) -> Iterator[tuple[str, str]]:
-    """Modules and the names that are asked of them ("" for the module itself), with or without what only types need."""
+    """Modules and the names that are asked of them ("" for the module itself), with or without what
+    only types need.
+    """
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Import):
             yield from ((alias.name, "") for alias in node.names)
@@ -58,7 +63,11 @@ def tree_imports(tree: ast.AST, *, typing: bool = False) -> Iterator[tuple[str, 
 
 def is_for_types(node: ast.AST) -> bool:
     """Whether that is what only types need."""
-    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+    return (
+        isinstance(node, ast.If)
+        and isinstance(node.test, ast.Name)
+        and node.test.id == "TYPE_CHECKING"
+    )
 
 
 def module_of(module: str, name: str) -> str:
@@ -78,7 +87,9 @@ def test_a_face_holds_no_code() -> None:
 def test_a_root_loads_what_it_imports_for_types_and_only_when_it_is_asked() -> None:
     for root in ROOTS:
         (block,) = (
-            ast.Module(node.body, []) for node in parse(root).body if isinstance(node, ast.If) and is_for_types(node)
+            ast.Module(node.body, [])
+            for node in parse(root).body
+            if isinstance(node, ast.If) and is_for_types(node)
         )
         (modules,) = (
             ast.literal_eval(node.value)
@@ -98,12 +109,19 @@ def test_a_room_is_asked_through_its_face() -> None:
             handed = asked in FACES and name in table(asked)
             if target in FILES.keys() - FACES and outside and not handed:
                 past.add((module, target))
-    assert past == {(module, target) for module, targets in PAST_A_FACE.items() for target in targets}
+    assert past == {
+        (module, target) for module, targets in PAST_A_FACE.items() for target in targets
+    }
 
 
 def test_a_name_is_handed_on_only_where_somebody_asks_for_it() -> None:
     asked = {pair for module in FILES.keys() - FACES for pair in imports(module, typing=True)}
-    idle = {(face, name) for face in FACES - set(ROOTS) for name in table(face) if (face, name) not in asked}
+    idle = {
+        (face, name)
+        for face in FACES - set(ROOTS)
+        for name in table(face)
+        if (face, name) not in asked
+    }
     outside = "\n".join(
         path.read_text("utf-8")
         for top in ("tests", "examples", "docs")
@@ -114,8 +132,12 @@ def test_a_name_is_handed_on_only_where_somebody_asks_for_it() -> None:
 
 
 def test_what_does_no_io_does_none_through_the_faces_that_it_asks() -> None:
-    """The contract of pyproject.toml sees what a module imports, but not what a face loads for a name."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    """The contract of pyproject.toml sees what a module imports, but not what a face loads for a
+    name.
+    """
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
     (contract,) = [contract for contract in contracts if contract["type"] == "forbidden"]
     pure = tuple(contract["source_modules"])
     todo = [module for module in FILES if any(f"{module}.".startswith(f"{name}.") for name in pure)]
@@ -124,7 +146,9 @@ def test_what_does_no_io_does_none_through_the_faces_that_it_asks() -> None:
     while todo:
         module = todo.pop()
         for asked, name in imports(module, typing=False):
-            assert asked.partition(".")[0] not in contract["forbidden_modules"], f"{way[module]} -> {asked}"
+            assert asked.partition(".")[0] not in contract["forbidden_modules"], (
+                f"{way[module]} -> {asked}"
+            )
             target = module_of(asked, name)
             if target in FILES and target not in way:
                 way[target] = f"{way[module]} -> {target}"

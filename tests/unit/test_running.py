@@ -1,4 +1,6 @@
-"""What runs the tests: which cases are tried (tests/matrix.py), and what failing twice means (tests/busy.py)."""
+"""What runs the tests: which cases are tried (tests/matrix.py), and what failing twice means
+(tests/busy.py).
+"""
 
 import pytest
 
@@ -8,7 +10,14 @@ from tests.matrix import spread
 
 @pytest.mark.parametrize(
     ("tried", "cases", "numbers"),
-    [(0, 5, set()), (1, 5, {0}), (2, 5, {0, 4}), (3, 5, {0, 2, 4}), (5, 5, {0, 1, 2, 3, 4}), (9, 3, {0, 1, 2})],
+    [
+        (0, 5, set()),
+        (1, 5, {0}),
+        (2, 5, {0, 4}),
+        (3, 5, {0, 2, 4}),
+        (5, 5, {0, 1, 2, 3, 4}),
+        (9, 3, {0, 1, 2}),
+    ],
 )
 def test_the_cases_that_are_tried_are_spread(tried: int, cases: int, numbers: set[int]) -> None:
     assert spread(tried, cases) == numbers
@@ -23,11 +32,36 @@ BAD_OTHERWISE = "test_it.py:9: TimeoutError"
     ("attempts", "counts", "waits", "says"),
     [
         ([(PASS, 0.9)], True, False, ""),
-        ([(BAD, 0.0), (PASS, 0.9)], True, False, "2.8 < 2.0; machine late 0% of the time), passed when tried again"),
-        ([(BAD, GROSS), (BAD, GROSS)], True, False, "(at the same line; machine late 5% of the time)"),
-        ([(BAD, 0.9), ("test_it.py:7: assert 3 < 2.0", 0.0)], True, True, "failed when tried again (at the same line;"),
-        ([(BAD, 0.9), (BAD_OTHERWISE, 0.04)], True, True, "(test_it.py:9: TimeoutError; machine late 4% of the time)"),
-        ([(BAD, 0.0), (BAD, 0.06)], False, False, "failed when tried again (at the same line; machine late 6%"),
+        (
+            [(BAD, 0.0), (PASS, 0.9)],
+            True,
+            False,
+            "2.8 < 2.0; machine late 0% of the time), passed when tried again",
+        ),
+        (
+            [(BAD, GROSS), (BAD, GROSS)],
+            True,
+            False,
+            "(at the same line; machine late 5% of the time)",
+        ),
+        (
+            [(BAD, 0.9), ("test_it.py:7: assert 3 < 2.0", 0.0)],
+            True,
+            True,
+            "failed when tried again (at the same line;",
+        ),
+        (
+            [(BAD, 0.9), (BAD_OTHERWISE, 0.04)],
+            True,
+            True,
+            "(test_it.py:9: TimeoutError; machine late 4% of the time)",
+        ),
+        (
+            [(BAD, 0.0), (BAD, 0.06)],
+            False,
+            False,
+            "failed when tried again (at the same line; machine late 6%",
+        ),
     ],
     ids=[
         "passes",

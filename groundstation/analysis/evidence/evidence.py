@@ -1,13 +1,15 @@
-"""Evidence, ``groundstation replay evidence FLIGHT…``: how well our estimator predicts a recorded flight.
+"""Evidence, ``groundstation replay evidence FLIGHT…``: how well our estimator predicts a recorded
+flight.
 
-At each pose of the part that flies, the estimator has seen the poses up to then and the commands that had been sent; it
-says where the vehicle will be, and the pose that is measured then is the judge. Beside it stand constant velocity (over
-50 ms) and constant acceleration (over 100 ms). Positions alone are judged, and a velocity that the source tells is held
-against them.
+At each pose of the part that flies, the estimator has seen the poses up to then and the commands
+that had been sent; it says where the vehicle will be, and the pose that is measured then is the
+judge. Beside it stand constant velocity (over 50 ms) and constant acceleration (over 100 ms).
+Positions alone are judged, and a velocity that the source tells is held against them.
 
-The filter's noise is that of the source: the likeliest of what its positions show beside the thrust that was commanded,
-or, without commands, beside the thrust that carries the weight as the vehicle leans. An attitude set-point becomes body
-rates by the gain of the autopilot's attitude loop (mapping), about the measured attitude.
+The filter's noise is that of the source: the likeliest of what its positions show beside the thrust
+that was commanded, or, without commands, beside the thrust that carries the weight as the vehicle
+leans. An attitude set-point becomes body rates by the gain of the autopilot's attitude loop
+(mapping), about the measured attitude.
 """
 
 import json
@@ -43,7 +45,13 @@ from groundstation.analysis.identify import (
     respond_with_lag,
 )
 from groundstation.config import ConfigError, from_dict
-from groundstation.core.estimation import NOISE_FLOOR_M2, Estimation, ModelEstimator, fourth_difference, split_noise
+from groundstation.core.estimation import (
+    NOISE_FLOOR_M2,
+    Estimation,
+    ModelEstimator,
+    fourth_difference,
+    split_noise,
+)
 from groundstation.core.geometry import arrays, so3
 from groundstation.core.messages import Pose, notice
 from groundstation.core.vehicle import GRAVITY, ActuatorCommand
@@ -93,7 +101,8 @@ class EvidenceFlight:
     """Thrust signal that hovers, where the source told."""
     told: MappedVehicle
     config: Config | None
-    """Configuration of our own controller, or the one that was given; None for other flights of others."""
+    """Configuration of our own controller, or the one that was given; None for other flights of
+    others."""
     left_out: dict[str, int]
     """Number of entries changed or left out at the import, by reason."""
     own: bool
@@ -122,7 +131,12 @@ def load_flight(path: Path, config: Config | None = None) -> EvidenceFlight:
         imported = read_flight(mapping, [path])
         about = describe_import(imported, mapping, "ardupilot-tlog", [path])
         messages = [message for _, _, message in imported.messages]
-    poses, flags, sent, may_fly = list[Pose](), list[bool](), list[ImportedSetpoint](), "imported" in about
+    poses, flags, sent, may_fly = (
+        list[Pose](),
+        list[bool](),
+        list[ImportedSetpoint](),
+        "imported" in about,
+    )
     for message in messages:
         match message:
             case MeasuredMessage():
@@ -133,9 +147,13 @@ def load_flight(path: Path, config: Config | None = None) -> EvidenceFlight:
             case ImportedState():
                 may_fly = message.may_fly
     if len(poses) < LEAST_POSES:
-        raise ConfigError("FLIGHT", notice("evidence.few_poses", count=len(poses), least=LEAST_POSES), str(path))
+        raise ConfigError(
+            "FLIGHT", notice("evidence.few_poses", count=len(poses), least=LEAST_POSES), str(path)
+        )
     told = (
-        MappedVehicle() if "imported" not in about else msgspec.json.decode(about["vehicle_told"], type=MappedVehicle)
+        MappedVehicle()
+        if "imported" not in about
+        else msgspec.json.decode(about["vehicle_told"], type=MappedVehicle)
     )
     source = about.get("source", "simulation" if about.get("scenario") else "our own")
     left_out = msgspec.json.decode(about.get("notes", "{}"), type=dict[str, int])
@@ -181,13 +199,17 @@ def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
     variance, along, way2 = fourth_difference(times, fives)
     span_s = times[4] - times[0]
     whole = span_s < GAP * np.median(span_s)
-    noise2, along2, speed2 = (float(np.mean(of, where=whole)) for of in (variance, along, way2 / span_s**2))
+    noise2, along2, speed2 = (
+        float(np.mean(of, where=whole)) for of in (variance, along, way2 / span_s**2)
+    )
     across2, jitter2 = split_noise(arrays(), noise2, (along2, speed2), NOISE_FLOOR_M2, None)
     return PoseNoise(math.sqrt(along2), math.sqrt(float(across2)), math.sqrt(float(jitter2)))
 
 
 def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice:
-    """The poses from the first to the last that fly: not those that stand on the floor before and after."""
+    """The poses from the first to the last that fly: not those that stand on the floor before and
+    after.
+    """
     first, end = 0, len(at_s)
     if any(may_fly):
         first, end = may_fly.index(True), len(may_fly) - list(may_fly)[::-1].index(True)
@@ -205,7 +227,10 @@ def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice
 
 
 def why_not_judged(flight: EvidenceFlight, at_s: Column, place: Column) -> str:
-    """Why nothing can be said of the part that should fly, at ``place`` (N, 3) [m]; empty where it can."""
+    """Why nothing can be said of the part that should fly, at ``place`` (N, 3) [m].
+
+    Empty where it can.
+    """
     if not any(flight.may_fly):
         return notice("evidence.grounded").text
     window = max(1, int(STANDS_S / float(np.median(np.diff(at_s)))))
@@ -213,7 +238,11 @@ def why_not_judged(flight: EvidenceFlight, at_s: Column, place: Column) -> str:
     if len(means) > 1 and float(np.ptp(means, axis=0).max()) < STILL_M:
         return notice("evidence.stands").text
     flown_s = float(at_s[-1] - at_s[0])
-    return "" if flown_s >= LEAST_FLOWN_S else notice("evidence.short", flown_s=flown_s, least_s=LEAST_FLOWN_S).text
+    return (
+        ""
+        if flown_s >= LEAST_FLOWN_S
+        else notice("evidence.short", flown_s=flown_s, least_s=LEAST_FLOWN_S).text
+    )
 
 
 @dataclass(frozen=True)
@@ -222,21 +251,24 @@ class DrivenFlight:
 
     flight: EvidenceFlight
     poses: list[Pose]
-    """Without their velocity: it may not be that of their positions, by which the filter is judged."""
+    """Without their velocity: it may not be that of their positions, by which the filter is
+    judged."""
     air: slice
     """Poses that fly."""
     at_s: Column
     place: Column
     """Positions [m], as they would have been had their origin never moved."""
     commands: list[tuple[float, ActuatorCommand]]
-    """When each left [s], and its thrust [N] and rates [rad/s]; where none are known, what carries and turns the
-    vehicle as it leaned and turned."""
+    """When each left [s], and its thrust [N] and rates [rad/s]; where none are known, what carries
+    and turns the vehicle as it leaned and turned."""
     config: Config
     """Configuration of the filter."""
 
 
 def join_origins(at_s: Column, place: Column, resets: Sequence[int]) -> Column:
-    """Positions (N, 3) [m] as they would have been, had their origin never moved: where it did, velocity goes on."""
+    """Positions (N, 3) [m] as they would have been, had their origin never moved: where it did,
+    velocity goes on.
+    """
     step, joined = np.diff(place, axis=0), np.zeros_like(place)
     for k in (np.flatnonzero(np.diff(resets)) + 1).tolist():
         before = step[k - 2] / (at_s[k - 1] - at_s[k - 2]) if k > 1 else 0.0
@@ -245,7 +277,9 @@ def join_origins(at_s: Column, place: Column, resets: Sequence[int]) -> Column:
 
 
 def drive_flight(flight: EvidenceFlight, overrides: Sequence[str] = ()) -> DrivenFlight:
-    """Find the part that flies, and what drives it there; ``overrides`` (``--set``) are of a vehicle of others.
+    """Find the part that flies, and what drives it there.
+
+    ``overrides`` (``--set``) are of a vehicle of others.
 
     Raises:
         ConfigError: hardly anything of it flies, or an override is bad.
@@ -256,12 +290,24 @@ def drive_flight(flight: EvidenceFlight, overrides: Sequence[str] = ()) -> Drive
     air = find_airborne(at_s, place, flight.may_fly)
     count = air.stop - air.start
     if count < LEAST_POSES:
-        raise ConfigError("FLIGHT", notice("evidence.few_flown", count=count, least=LEAST_POSES), str(flight.path))
-    upright = np.array([max(so3.third_column(pose.attitude)[2], LEAST_UPRIGHT) for pose in flight.poses])
+        raise ConfigError(
+            "FLIGHT", notice("evidence.few_flown", count=count, least=LEAST_POSES), str(flight.path)
+        )
+    upright = np.array(
+        [max(so3.third_column(pose.attitude)[2], LEAST_UPRIGHT) for pose in flight.poses]
+    )
     sent_s, signals, rates = _turn_commands(flight, at_s)
     curve = flight.config.thrust_curve if flight.config else flight.told.thrust_curve
-    shares = NOMINAL_HOVER / upright if signals is None else np.array([thrust(u, curve) for u in signals.tolist()])
-    hover = thrust(flight.hover, curve) if flight.hover is not None else _find_hover(sent_s, shares, at_s[air])
+    shares = (
+        NOMINAL_HOVER / upright
+        if signals is None
+        else np.array([thrust(u, curve) for u in signals.tolist()])
+    )
+    hover = (
+        thrust(flight.hover, curve)
+        if flight.hover is not None
+        else _find_hover(sent_s, shares, at_s[air])
+    )
     if flight.sent and not flight.own:
         carried = np.flatnonzero(_average(sent_s, shares, at_s[air]) >= CARRIES * hover)
         if len(carried) >= LEAST_POSES:
@@ -269,22 +315,29 @@ def drive_flight(flight: EvidenceFlight, overrides: Sequence[str] = ()) -> Drive
     config = flight.config or _configure(flight.told, hover, sent_s, overrides)
     commands = [
         (time_s, ActuatorCommand(config.full_thrust_n * share, (x, y, z)))
-        for time_s, share, (x, y, z) in zip(sent_s.tolist(), shares.tolist(), rates.tolist(), strict=True)
+        for time_s, share, (x, y, z) in zip(
+            sent_s.tolist(), shares.tolist(), rates.tolist(), strict=True
+        )
     ]
     poses = [msgspec.structs.replace(pose, velocity_ned=None) for pose in flight.poses]
     return DrivenFlight(flight, poses, air, at_s, place, commands, config)
 
 
 CARRIES = 0.85
-"""A vehicle in the air carries its weight: over one second the mean thrust is at least this share of hover [-].
-With less it would gain 1.5 m/s downwards in that second; one that stands on the ground is far below."""
+"""A vehicle in the air carries its weight: over one second the mean thrust is at least this share
+of hover [-]. With less it would gain 1.5 m/s downwards in that second; one that stands on the
+ground is far below."""
 
 
 def _average(sent_s: Column, shares: Column, at_s: Column) -> Column:
-    """Mean of the thrust ``shares`` that left at ``sent_s`` over the second around each time ``at_s`` [s]."""
+    """Mean of the thrust ``shares`` that left at ``sent_s`` over the second around each time
+    ``at_s`` [s].
+    """
     total = np.concatenate([[0.0], np.cumsum(shares[:-1] * np.diff(sent_s))])
     begin, end = (np.clip(at_s + part, sent_s[0], sent_s[-1]) for part in (-0.5, 0.5))
-    mean: Column = (np.interp(end, sent_s, total) - np.interp(begin, sent_s, total)) / np.maximum(end - begin, 1e-3)
+    mean: Column = (np.interp(end, sent_s, total) - np.interp(begin, sent_s, total)) / np.maximum(
+        end - begin, 1e-3
+    )
     return mean
 
 
@@ -300,8 +353,12 @@ LEAST_HOVER = 0.05
 """Below this share of full thrust no vehicle flies [-]."""
 
 
-def _configure(told: MappedVehicle, hover: float, sent_s: Column, overrides: Sequence[str]) -> Config:
-    """A configuration for a vehicle of others that is carried by the share ``hover`` of its full thrust."""
+def _configure(
+    told: MappedVehicle, hover: float, sent_s: Column, overrides: Sequence[str]
+) -> Config:
+    """A configuration for a vehicle of others that is carried by the share ``hover`` of its full
+    thrust.
+    """
     period_s = float(np.median(np.diff(sent_s))) if len(sent_s) > 1 else 0.01
     vehicle = {
         "name": "recorded",
@@ -320,8 +377,8 @@ def _configure(told: MappedVehicle, hover: float, sent_s: Column, overrides: Seq
 def _turn_commands(flight: EvidenceFlight, at_s: Column) -> tuple[Column, Column | None, Column]:
     """Times (M,) [s], thrust signals (M,) and body rates (M, 3) of the commands.
 
-    Where no rates were commanded, there is a command at each pose: rates by the attitude that was commanded, or as the
-    vehicle turned last. The signals are None where no thrust is known either.
+    Where no rates were commanded, there is a command at each pose: rates by the attitude that was
+    commanded, or as the vehicle turned last. The signals are None where no thrust is known either.
     """
     sent, attitudes = flight.sent, [pose.attitude for pose in flight.poses]
     sent_s = np.array([one.time_s for one in sent])
@@ -347,8 +404,12 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
     sent_s = np.array([time_s for time_s, _ in driven.commands])
     thrust_n = np.array([command.thrust for _, command in driven.commands])
     rates = np.array([command.rates for _, command in driven.commands])
-    on = (driven.at_s >= driven.at_s[driven.air.start]) & (driven.at_s <= driven.at_s[driven.air.stop - 1])
-    poses = np.array([(p.time_s, p.reset_count, 0.0, *p.position_ned, *p.attitude) for p in driven.poses])
+    on = (driven.at_s >= driven.at_s[driven.air.start]) & (
+        driven.at_s <= driven.at_s[driven.air.stop - 1]
+    )
+    poses = np.array(
+        [(p.time_s, p.reset_count, 0.0, *p.position_ned, *p.attitude) for p in driven.poses]
+    )
     poses[on, 2] = 1.0
     chosen = poses[find_stretch(sent_s, poses)]
     chosen = chosen[: int(np.searchsorted(chosen[:, 0], chosen[:1, 0].sum() + IDENTIFIED_S))]
@@ -359,7 +420,9 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
         found = identify(FlightStretch(flight.path, driven.config, *parts))
     except (StretchTooShort, np.linalg.LinAlgError, ValueError, ZeroDivisionError) as error:
         return {"note": f"not identifiable: {error}"}
-    own_rates = flight.sent[0].attitude is msgspec.UNSET  # else they are ours, made of set-points of the attitude
+    own_rates = (
+        flight.sent[0].attitude is msgspec.UNSET
+    )  # else they are ours, made of set-points of the attitude
     return {
         one.name: {"value": one.value, "interval": one.interval, "unit": one.unit, "note": one.note}
         for one in found.parameters.values()
@@ -374,13 +437,22 @@ class Judged(NamedTuple):
     prediction: dict[str, dict[str, float] | None]
 
 
-def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[int] = HORIZONS_MS) -> Judged:
-    """Fly the filter over the part that flies, and hold what it predicts against the poses measured then."""
+def judge_filter(
+    driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[int] = HORIZONS_MS
+) -> Judged:
+    """Fly the filter over the part that flies, and hold what it predicts against the poses measured
+    then.
+    """
     air, at_s, place, config = driven.air, driven.at_s, driven.place, driven.config
     resets, delay_s = [pose.reset_count for pose in driven.poses], config.vehicle.command_delay_s
     period_s = float(np.median(np.diff(at_s[air])))
-    base, ahead = max(1, round(BASE_S / period_s)), {h: max(1, round(1e-3 * h / period_s)) for h in horizons_ms}
-    errors: dict[int, array[float]] = {h: array("d") for h in horizons_ms}  # a flight may have a million poses
+    base, ahead = (
+        max(1, round(BASE_S / period_s)),
+        {h: max(1, round(1e-3 * h / period_s)) for h in horizons_ms},
+    )
+    errors: dict[int, array[float]] = {
+        h: array("d") for h in horizons_ms
+    }  # a flight may have a million poses
     consistency: list[float] = []
     estimator, newest_s, begun_s, k = ModelEstimator(config.vehicle, gains), -math.inf, -math.inf, 0
     for i in range(air.start, air.stop):
@@ -395,7 +467,11 @@ def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[
             consistency.append(estimator.consistency(pose))
         estimator.update(pose)
         older = i - 2 * base
-        if now < begun_s + SETTLING_S or older < air.start or now - at_s[older] > GAP * 2.0 * base * period_s:
+        if (
+            now < begun_s + SETTLING_S
+            or older < air.start
+            or now - at_s[older] > GAP * 2.0 * base * period_s
+        ):
             continue
         velocity = (place[i] - place[i - base]) / (now - at_s[i - base])
         before = (place[i - base] - place[older]) / (at_s[i - base] - at_s[older])
@@ -408,14 +484,19 @@ def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[
             h_s = float(at_s[j]) - now
             if abs(h_s - 1e-3 * h) > NEAR * 1e-3 * h:
                 continue
-            predicted = np.array(estimator.predict(float(at_s[j])).motion.position) - pose.position_ned
+            predicted = (
+                np.array(estimator.predict(float(at_s[j])).motion.position) - pose.position_ned
+            )
             true = place[j] - place[i]
             constant = tangent * h_s + 0.5 * acceleration * h_s**2
             for off in (predicted - true, velocity * h_s - true, constant - true):
                 errors[h].append(float(off @ off))
     return Judged(
         float(np.mean(consistency)) / 3.0 if consistency else None,
-        {str(h): _measure_errors(np.array(squares).reshape(-1, 3)) for h, squares in errors.items()},
+        {
+            str(h): _measure_errors(np.array(squares).reshape(-1, 3))
+            for h, squares in errors.items()
+        },
     )
 
 
@@ -423,21 +504,33 @@ def _measure_errors(squares: Column) -> dict[str, float] | None:
     """RMS [mm] over all predictions (N, 3) [m²]; None where no pose judges them."""
     if not len(squares):
         return None
-    ours, velocity, acceleration = (round(1e3 * math.sqrt(one), 3) for one in squares.mean(axis=0).tolist())
+    ours, velocity, acceleration = (
+        round(1e3 * math.sqrt(one), 3) for one in squares.mean(axis=0).tolist()
+    )
     return {"rms_mm": ours, "pvt_rms_mm": velocity, "ca_rms_mm": acceleration}
 
 
-TOLD = ("pose_noise_m", "pose_jitter_s", "pose_wander", "acceleration_noise", "wind_noise", "wind_rate_noise")
+TOLD = (
+    "pose_noise_m",
+    "pose_jitter_s",
+    "pose_wander",
+    "acceleration_noise",
+    "wind_noise",
+    "wind_rate_noise",
+)
 """Noise keys of ``[controller]`` for the filter."""
 
 
 def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> list[Estimation]:
-    """Configure the filter's noise by that of the source: as configured but for the poses, and twice the likeliest.
+    """Configure the filter's noise by that of the source: as configured but for the poses, and
+    twice the likeliest.
 
     Of these the second lets the positions wander: errors of a source may last from pose to pose.
     """
     noise_m = max(noise.across_m, math.sqrt(NOISE_FLOOR_M2))
-    told = msgspec.structs.replace(driven.config.controller, pose_noise_m=noise_m, pose_jitter_s=noise.jitter_s)
+    told = msgspec.structs.replace(
+        driven.config.controller, pose_noise_m=noise_m, pose_jitter_s=noise.jitter_s
+    )
     tried = [told]
     at_s, left = driven.at_s[driven.air], driven.place[driven.air] - integrate_thrust(driven)
     for wanders in (False, True):
@@ -448,27 +541,43 @@ def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> list[Estimation]:
             "pose_wander": wander,
             "acceleration_noise": max(acceleration, LEAST_DENSITY),
             "wind_noise": max(wind, LEAST_DENSITY),
-            "wind_rate_noise": told.wind_rate_noise * min(1.0, max(wind, LEAST_DENSITY) / told.wind_noise),
+            "wind_rate_noise": told.wind_rate_noise
+            * min(1.0, max(wind, LEAST_DENSITY) / told.wind_noise),
         }
         tried.append(msgspec.structs.replace(told, **found))
-    # As it is printed, so that a configuration with these lines flies the very filter that is judged.
-    return [msgspec.structs.replace(one, **{key: float(f"{getattr(one, key):.3g}") for key in TOLD}) for one in tried]
+    # As it is printed, so that a configuration with these lines flies the very filter that is
+    # judged.
+    return [
+        msgspec.structs.replace(one, **{key: float(f"{getattr(one, key):.3g}") for key in TOLD})
+        for one in tried
+    ]
 
 
 LEAST_DENSITY = 1e-3
-"""Density assumed for a noise that does not show [m/s² or m/s³ per √Hz]: the filter's noise is never nought."""
+"""Density assumed for a noise that does not show [m/s² or m/s³ per √Hz]: the filter's noise is
+never nought."""
 
 
 def integrate_thrust(driven: DrivenFlight) -> Column:
-    """Motion of the poses that fly, from rest, under commanded thrust along the measured attitudes (N, 3) [m]."""
+    """Motion of the poses that fly, from rest, under commanded thrust along the measured attitudes
+    (N, 3) [m].
+    """
     at_s, poses = driven.at_s[driven.air], driven.poses[driven.air]
     sent_s = np.array([time_s for time_s, _ in driven.commands])
     thrust_n = np.array([command.thrust for _, command in driven.commands])
     vehicle = driven.config.vehicle
-    acting = respond_with_lag(sent_s, thrust_n, vehicle.command_delay_s + vehicle.thrust_delay_s, vehicle.thrust_lag_s)
+    acting = respond_with_lag(
+        sent_s, thrust_n, vehicle.command_delay_s + vehicle.thrust_delay_s, vehicle.thrust_lag_s
+    )
     h = np.diff(at_s)[:, None]
     along = np.array([so3.third_column(pose.attitude) for pose in poses])
-    push = -np.diff(acting.integral(at_s))[:, None] / h / vehicle.mass_kg * 0.5 * (along[1:] + along[:-1])
+    push = (
+        -np.diff(acting.integral(at_s))[:, None]
+        / h
+        / vehicle.mass_kg
+        * 0.5
+        * (along[1:] + along[:-1])
+    )
     push[:, 2] += driven.config.controller.gravity
     speed = np.cumsum(h * push, axis=0) - h * push
     return np.concatenate([np.zeros((1, 3)), np.cumsum(h * speed + 0.5 * h * h * push, axis=0)])
@@ -479,13 +588,17 @@ LEANS_S = 0.1
 LEANS_M_S2 = 0.5
 """Least such acceleration to a side [m/s²]."""
 LEANS = (0.2, 5.0)
-"""On at least one axis the acceleration is between these shares of what the tilt gives, wind and drag included [-]."""
+"""On at least one axis the acceleration is between these shares of what the tilt gives, wind and
+drag included [-]."""
 AGAINST = -0.4
 """On no axis is that share below this, wind and drag included [-]."""
 
 
 def doubt_attitude(driven: DrivenFlight) -> str:
-    """Why its attitudes can't be those of its positions; empty where they can, or where hardly anything moves."""
+    """Why its attitudes can't be those of its positions.
+
+    Empty where they can, or where hardly anything moves.
+    """
     at_s, place = driven.at_s[driven.air], driven.place[driven.air]
     k = max(1, round(LEANS_S / float(np.median(np.diff(at_s)))))
     if len(at_s) < 4 * k:
@@ -494,18 +607,28 @@ def doubt_attitude(driven: DrivenFlight) -> str:
     whole = spans.max(axis=0)[:, 0] < GAP * np.median(spans)
     shares = []
     went, leant = (
-        (2.0 * ((of[2 * k :] - of[k:-k]) / spans[1] - (of[k:-k] - of[: -2 * k]) / spans[0]) / spans.sum(axis=0))[whole]
+        (
+            2.0
+            * ((of[2 * k :] - of[k:-k]) / spans[1] - (of[k:-k] - of[: -2 * k]) / spans[0])
+            / spans.sum(axis=0)
+        )[whole]
         for of in (place, integrate_thrust(driven))
     )
-    for seen, given in zip((went - went.mean(axis=0)).T[:2], (leant - leant.mean(axis=0)).T[:2], strict=True):
+    for seen, given in zip(
+        (went - went.mean(axis=0)).T[:2], (leant - leant.mean(axis=0)).T[:2], strict=True
+    ):
         if float(seen.std()) > LEANS_M_S2:
             shares.append(float((seen @ given) / max(given @ given, 1e-12 * (seen @ seen))))
-    if not shares or (any(LEANS[0] < share < LEANS[1] for share in shares) and min(shares) > AGAINST):
+    if not shares or (
+        any(LEANS[0] < share < LEANS[1] for share in shares) and min(shares) > AGAINST
+    ):
         return ""
     return notice("evidence.leans", shares=" and ".join(f"{share:.2g}" for share in shares)).text
 
 
-def examine_flight(path: Path, config: Config | None = None, overrides: Sequence[str] = ()) -> dict[str, Any]:
+def examine_flight(
+    path: Path, config: Config | None = None, overrides: Sequence[str] = ()
+) -> dict[str, Any]:
     """All that one recorded flight tells, as ``--json`` prints it.
 
     Raises:
@@ -541,7 +664,9 @@ def examine_flight(path: Path, config: Config | None = None, overrides: Sequence
         return facts
     tried = [(gains, judge_filter(driven, gains)) for gains in tell_noise(driven, noise)]
     # Of these the filter that is as sure as it is good.
-    gains, judged = min(tried, key=lambda one: abs(math.log(max(one[1].nis3 or 1.0, LEAST_DENSITY))))
+    gains, judged = min(
+        tried, key=lambda one: abs(math.log(max(one[1].nis3 or 1.0, LEAST_DENSITY)))
+    )
     facts |= {"doubt": doubt_attitude(driven), "told": {key: getattr(gains, key) for key in TOLD}}
     facts |= judged._asdict()
     facts["untold"] = judge_filter(driven, driven.config.controller, (AT_MS,))._asdict()
@@ -551,7 +676,10 @@ def examine_flight(path: Path, config: Config | None = None, overrides: Sequence
 
 
 def _measure_velocity(poses: Sequence[Pose], at_s: Column, place: Column) -> float | None:
-    """RMS of the source's own velocity less that of its positions [m/s]; None where it tells none."""
+    """RMS of the source's own velocity less that of its positions [m/s].
+
+    None where it tells none.
+    """
     if any(pose.velocity_ned is None for pose in poses):
         return None
     off = np.array([pose.velocity_ned for pose in poses]) - np.gradient(place, at_s, axis=0)
@@ -573,7 +701,9 @@ def evidence_command(
         ConfigError: one of them is no recording of a flight.
     """
     flights = [examine_flight(path, config, overrides) for path in paths]
-    print(json.dumps({"flights": flights}) if as_json else "\n\n".join(map(describe_flight, flights)))
+    print(
+        json.dumps({"flights": flights}) if as_json else "\n\n".join(map(describe_flight, flights))
+    )
     return Exit.DONE
 
 
@@ -586,28 +716,40 @@ def describe_flight(facts: dict[str, Any]) -> str:
     lines = [
         f"{facts['name']} ({facts['source']}): {facts['flown_s']:.1f} s in the air, "
         f"{facts['pose_hz']:.1f} poses/s, longest gap {facts['gap_max_ms']:.0f} ms",
-        f"  noise {facts['noise_across_mm']:.3f} mm across the motion, {facts['noise_along_mm']:.3f} mm along it; "
-        f"stamps off by {facts['jitter_ms']:.2f} ms; NIS/3 {_text(facts['nis3'])}",
+        f"  noise {facts['noise_across_mm']:.3f} mm across the motion, "
+        f"{facts['noise_along_mm']:.3f} mm along it; stamps off by {facts['jitter_ms']:.2f} ms; "
+        f"NIS/3 {_text(facts['nis3'])}",
     ]
     if facts["velocity_off_m_s"] is not None:
-        lines.append(f"  its own velocity is {facts['velocity_off_m_s']:.3f} m/s RMS from that of its positions")
+        lines.append(
+            f"  its own velocity is {facts['velocity_off_m_s']:.3f} m/s RMS from that of its "
+            "positions"
+        )
     lines += [f"  {facts[key]}" for key in ("note", "doubt") if facts[key]]
     if not facts["note"]:
         lines.append(f"  {'prediction, RMS mm':22}{'ours':>9}{'p + v t':>9}{'const. a':>9}")
         rows = {f"{horizon} ms": row for horizon, row in facts["prediction"].items()}
         rows[f"{AT_MS} ms, told nothing"] = facts["untold"]["prediction"][str(AT_MS)]
         for name, row in rows.items():
-            cells = "".join(f"{row[key]:>9.2f}" for key in ERRORS) if row else "  no pose to judge by"
+            cells = (
+                "".join(f"{row[key]:>9.2f}" for key in ERRORS) if row else "  no pose to judge by"
+            )
             lines.append(f"  {name:22}{cells}")
         told = ", ".join(f"{key} = {value:g}" for key, value in facts["told"].items())
-        lines.append(f"  NIS/3 {_text(facts['untold']['nis3'])}, told nothing; told in [controller]: {told}")
+        lines.append(
+            f"  NIS/3 {_text(facts['untold']['nis3'])}, told nothing; told in [controller]: {told}"
+        )
     for name, one in facts["identified"].items():
         if name == "note":
             lines.append(f"  {one}")
         elif one["value"] is not None:
             low, high = one["interval"]
-            lines.append(f"  {name:22}{one['value']:.3g} ({low:.3g} to {high:.3g}) {one['unit']}".rstrip())
-    lines += [f"  not used as it stands, {reason}: {count}" for reason, count in facts["left_out"].items()]
+            lines.append(
+                f"  {name:22}{one['value']:.3g} ({low:.3g} to {high:.3g}) {one['unit']}".rstrip()
+            )
+    lines += [
+        f"  not used as it stands, {reason}: {count}" for reason, count in facts["left_out"].items()
+    ]
     return "\n".join(lines)
 
 

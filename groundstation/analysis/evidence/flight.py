@@ -1,7 +1,8 @@
-"""Flight of others, as an import makes it: messages by topic, and what was changed or left out of them.
+"""Flight of others, as an import makes it: messages by topic, and what was changed or left out of
+them.
 
-Poses stand where those of our own flights do (``/measured``); commands have a channel of their own (``/imported/…``),
-so that nobody takes them for ours.
+Poses stand where those of our own flights do (``/measured``); commands have a channel of their own
+(``/imported/…``), so that nobody takes them for ours.
 """
 
 from collections import Counter
@@ -33,7 +34,8 @@ class MappedVehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     """f of thrust = f u² + (1 - f) u, from signal to thrust [-]."""
     attitude_p: Positive = 6.5
-    """Gain of the autopilot's attitude loop [1/s]: by it an attitude set-point becomes body rates."""
+    """Gain of the autopilot's attitude loop [1/s]: by it an attitude set-point becomes body
+    rates."""
 
 
 class ImportedSetpoint(msgspec.Struct, frozen=True, gc=False):
@@ -88,5 +90,7 @@ class ImportedFlight:
         """Add a pose, at its arrival."""
         velocity = msgspec.UNSET if pose.velocity_ned is None else Vector3(*pose.velocity_ned)
         at, attitude = Vector3(*pose.position_ned), quaternion(pose.attitude)
-        message = MeasuredMessage(pose.time_s, pose.arrival_s, number, at, attitude, pose.reset_count, velocity)
+        message = MeasuredMessage(
+            pose.time_s, pose.arrival_s, number, at, attitude, pose.reset_count, velocity
+        )
         self.messages.append((pose.arrival_s, MEASURED, message))

@@ -1,11 +1,13 @@
-"""Import, ``groundstation logs import FILE… --map MAP --out FLIGHT.mcap``: a recording made of a flight of others.
+"""Import, ``groundstation logs import FILE… --map MAP --out FLIGHT.mcap``: a recording made of a
+flight of others.
 
-Poses stand where those of our own flights do (``/measured``); commands have a channel of their own (``/imported/…``),
-so that nobody takes them for ours. Such a recording has no configuration.
+Poses stand where those of our own flights do (``/measured``); commands have a channel of their own
+(``/imported/…``), so that nobody takes them for ours. Such a recording has no configuration.
 
-A mapping is TOML, one that comes along (``groundstation/mappings``) or a file: it names columns, units, axes, order of
-quaternions and time base; nothing is guessed. Tables are what the form of the file has: of CSV the file itself, of a
-ULog its topics, of an ArduPilot .bin its message types, of a recording of ours its channels.
+A mapping is TOML, one that comes along (``groundstation/mappings``) or a file: it names columns,
+units, axes, order of quaternions and time base; nothing is guessed. Tables are what the form of the
+file has: of CSV the file itself, of a ULog its topics, of an ArduPilot .bin its message types, of a
+recording of ours its channels.
 """
 
 import json
@@ -86,7 +88,8 @@ class MappedPose(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=T
     attitude: tuple[str, ...] = ()
     """Four columns of a quaternion, or roll, pitch and yaw (turned yaw first)."""
     attitude_table: str = ""
-    """Where the attitude stands in another table: it is then interpolated at the positions' times."""
+    """Where the attitude stands in another table: it is then interpolated at the positions'
+    times."""
     order: Literal["wxyz", "xyzw"] = "wxyz"
     """Order of the quaternion's columns."""
     angle_unit: Literal["rad", "deg"] = "rad"
@@ -111,7 +114,8 @@ class MappedCommand(MappedTable, frozen=True, kw_only=True, forbid_unknown_field
     order: Literal["wxyz", "xyzw"] = "wxyz"
     angle_unit: Literal["rad", "deg"] = "rad"
     signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Signs of roll, pitch and yaw (or their rates), where the autopilot counts one the other way than the axes say."""
+    """Signs of roll, pitch and yaw (or their rates), where the autopilot counts one the other way
+    than the axes say."""
 
 
 class MappedState(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -135,7 +139,8 @@ class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     time_ns: str = ""
     """Column of nanoseconds that count beside ``time``, as in a stamp of ROS."""
     frames_hz: Positive | None = None
-    """Frames per second, where ``time`` counts frames, as in a file of Vicon; ``time_unit`` is then not used."""
+    """Frames per second, where ``time`` counts frames, as in a file of Vicon; ``time_unit`` is then
+    not used."""
     csv: CsvLayout = CsvLayout()
     """Layout of the text, for CSV."""
     world: World = "ned"
@@ -143,7 +148,8 @@ class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     body: Body = "frd"
     """Axes of the body, as in ``pose.body``."""
     latency_s: Annotated[float, msgspec.Meta(ge=0.0)] = 0.0
-    """Least latency between a pose's instant and its arrival in the log, where stamps are of the arrival [s]."""
+    """Least latency between a pose's instant and its arrival in the log, where stamps are of the
+    arrival [s]."""
     pose: tuple[MappedPose, ...] = ()
     """The first that the file holds is taken; so with all parts."""
     command: tuple[MappedCommand, ...] = ()
@@ -165,7 +171,9 @@ def load_mapping(name: str) -> FlightMapping:
         except UnicodeDecodeError as error:
             raise ConfigError("--map", notice("file.not_utf8", at=error.start), name) from None
         except (OSError, ValueError):
-            raise ConfigError("--map", notice("import.no_mapping", known=list(known), found=name)) from None
+            raise ConfigError(
+                "--map", notice("import.no_mapping", known=list(known), found=name)
+            ) from None
     try:
         return from_dict(parse_toml(text), FlightMapping)
     except ValueError as error:
@@ -203,14 +211,20 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
             raise ConfigError("FILE", notice("file.not_utf8", at=error.start), str(path)) from None
         except (ValueError, TypeError, KeyError, IndexError, zlib.error) as error:
             why = " ".join(str(error).split())
-            raise ConfigError("FILE", notice("import.damaged", form=form, why=why), str(path)) from None
+            raise ConfigError(
+                "FILE", notice("import.damaged", form=form, why=why), str(path)
+            ) from None
     return tables
 
 
 @contextmanager
 def _silence() -> Iterator[None]:
     """Discard the output of libraries, in Python or in C."""
-    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+    with (
+        Path(os.devnull).open("w", encoding="utf-8") as nowhere,
+        redirect_stdout(nowhere),
+        redirect_stderr(nowhere),
+    ):
         kept = os.dup(2)
         os.dup2(nowhere.fileno(), 2)
         try:
@@ -235,7 +249,10 @@ def _ulog_tables(path: Path) -> Iterator[tuple[str, Table]]:
         raise ValueError(error) from None
     for topic in topics:
         if topic.multi_id == 0:
-            yield topic.name, {name: np.asarray(column, np.float64) for name, column in topic.data.items()}
+            yield (
+                topic.name,
+                {name: np.asarray(column, np.float64) for name, column in topic.data.items()},
+            )
 
 
 def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
@@ -252,7 +269,11 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
         except Exception as error:  # noqa: BLE001  # as such it is raised where a format is damaged
             raise ValueError(error) from None
         while (message := log.recv_msg()) is not None:
-            fields = [(name, value) for name, value in message.to_dict().items() if isinstance(value, int | float)]
+            fields = [
+                (name, value)
+                for name, value in message.to_dict().items()
+                if isinstance(value, int | float)
+            ]
             kind = message.get_type()
             known = names.setdefault(kind, [name for name, _ in fields])
             if known == [name for name, _ in fields]:
@@ -277,7 +298,8 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
     ``body`` names the vehicle, where the file of a tracker holds several bodies.
 
     Raises:
-        ConfigError: the mapping or a file can't be read, holds no poses, or ``out`` is there already.
+        ConfigError: the mapping or a file can't be read, holds no poses, or ``out`` is there
+            already.
     """
     if out.exists():
         raise ConfigError("--out", notice("file.exists", path=out))
@@ -298,7 +320,8 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
 
 
 PLAUSIBLE_S = (3e-4, 0.5)
-"""Poses are no closer, and no further apart [s]; in milliseconds those of a tracker of 1000 Hz are 1 apart."""
+"""Poses are no closer, and no further apart [s]; in milliseconds those of a tracker of 1000 Hz are
+1 apart."""
 FASTEST_M_S = 50.0
 """Fastest usual speed of a multirotor indoors [m/s]: what is faster is in millimetres."""
 BELIEVED_M = 1e5
@@ -306,23 +329,31 @@ BELIEVED_M = 1e5
 LATEST_S = 1e10
 """Largest believable time [s]."""
 MOST_BACKS = 0.3
-"""Share of poses that may be older than the one before [-]: of rows in no order every second one is."""
+"""Share of poses that may be older than the one before [-]: of rows in no order every second one
+is."""
 
 
 def find_usual(time: Column) -> float:
-    """The usual interval of rows at ``time`` (N,) [s], of those whose stamps differ; 0 where none do."""
+    """The usual interval of rows at ``time`` (N,) [s], of those whose stamps differ.
+
+    0 where none do.
+    """
     steps = np.abs(np.diff(time))
     return float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
 
 
 def find_rising(time: Column) -> NDArray[np.bool_]:
-    """Which rows at ``time`` (N,) [s] are newer than all before: not those after their clock was set back."""
+    """Which rows at ``time`` (N,) [s] are newer than all before: not those after their clock was
+    set back.
+    """
     newest = np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
     return np.asarray(time > newest)
 
 
 def find_repeats(place: Column) -> NDArray[np.bool_]:
-    """Which positions (N, 3) [m] repeat the one before to the last bit: the log is faster than its source."""
+    """Which positions (N, 3) [m] repeat the one before to the last bit: the log is faster than its
+    source.
+    """
     return np.asarray(np.all(np.diff(place, axis=0, prepend=place[:1] - 1.0) == 0.0, axis=1))
 
 
@@ -334,9 +365,13 @@ def choose_body(tables: Tables, body: str, path: Path) -> Tables:
     """
     names = ", ".join(tables)
     if body and body not in tables:
-        raise ConfigError("--body", notice("value.choice", choices=list(tables), found=body), str(path))
+        raise ConfigError(
+            "--body", notice("value.choice", choices=list(tables), found=body), str(path)
+        )
     if not body and len(tables) > 1:
-        raise ConfigError("FILE", notice("import.bodies", count=len(tables), names=names), str(path))
+        raise ConfigError(
+            "FILE", notice("import.bodies", count=len(tables), names=names), str(path)
+        )
     return {name: table for name, table in tables.items() if body in ("", name)}
 
 
@@ -372,16 +407,21 @@ def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) ->
     """The poses, in the order of the file.
 
     Raises:
-        ConfigError: there are none, or by their stamps they come at a rate, or move at a speed, that no tracker sees.
+        ConfigError: there are none, or by their stamps they come at a rate, or move at a speed,
+            that no tracker sees.
     """
     poses: PoseColumns | None = reader.first(mapping.pose, reader.poses)
     if poses is None:
-        raise ConfigError("FILE", notice("import.no_poses", why=reader.lacks(mapping.pose)), str(file))
+        raise ConfigError(
+            "FILE", notice("import.no_poses", why=reader.lacks(mapping.pose)), str(file)
+        )
     time = poses[0]
     backs = int(np.count_nonzero(np.diff(time) < 0.0))
     if backs > MOST_BACKS * len(time):
         raise ConfigError(
-            "FILE", notice("import.no_order", backs=backs, poses=len(time), limit=MOST_BACKS * len(time)), str(file)
+            "FILE",
+            notice("import.no_order", backs=backs, poses=len(time), limit=MOST_BACKS * len(time)),
+            str(file),
         )
     apart_s = find_usual(time) if len(time) > 1 else PLAUSIBLE_S[1]
     if not PLAUSIBLE_S[0] <= apart_s <= PLAUSIBLE_S[1]:
@@ -396,8 +436,11 @@ def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) ->
     return poses
 
 
-GATE = GateConfig(acceleration_m_s2=150.0, speed_m_s=100.0, tilt_deg=180.0, drop_frozen=False, settle_s=1.0)
-"""Gate of recorded poses: it drops what another body or none was taken for, and believes all that a vehicle can fly."""
+GATE = GateConfig(
+    acceleration_m_s2=150.0, speed_m_s=100.0, tilt_deg=180.0, drop_frozen=False, settle_s=1.0
+)
+"""Gate of recorded poses: it drops what another body or none was taken for, and believes all that a
+vehicle can fly."""
 
 
 def _add_poses(flight: ImportedFlight, poses: "PoseColumns") -> None:
@@ -411,10 +454,14 @@ def _add_poses(flight: ImportedFlight, poses: "PoseColumns") -> None:
     for k in np.flatnonzero(~(late | repeats)).tolist():
         at = float(time[k] - time[0])
         velocity_ned = None if velocity is None else _three(velocity[k])
-        pose, _ = gate.filter_pose(Pose(0, at, at, _three(place[k]), _four(attitude[k]), velocity_ned, int(resets[k])))
+        pose, _ = gate.filter_pose(
+            Pose(0, at, at, _three(place[k]), _four(attitude[k]), velocity_ned, int(resets[k]))
+        )
         if pose is not None:
             flight.add_pose(pose, k)
-    flight.notes.update({f"poses dropped by the gate, {why}": count for why, count in gate.dropped.items()})
+    flight.notes.update(
+        {f"poses dropped by the gate, {why}": count for why, count in gate.dropped.items()}
+    )
 
 
 def _add_states(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
@@ -422,7 +469,9 @@ def _add_states(flight: ImportedFlight, reader: "_MappingReader", mapping: Fligh
     times, flies = reader.first(mapping.state, reader.state) or ((), ())
     since = [max(0.0, float(at) - flight.begun_s) for at in times]
     since[:1] = [0.0] * len(since[:1])  # the first tells of what was before, too
-    states = [(at, STATE, ImportedState(at, bool(may))) for at, may in zip(since, flies, strict=True)]
+    states = [
+        (at, STATE, ImportedState(at, bool(may))) for at, may in zip(since, flies, strict=True)
+    ]
     flight.messages[:0] = states  # before the poses of the same instant
 
 
@@ -437,7 +486,9 @@ def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: Fli
     if beyond:
         flight.notes["thrust beyond 0 or full, cut off there"] += beyond
     if rates is None and attitude is None:
-        flight.missing.append("neither body rates nor an attitude were commanded in it: only thrust is known")
+        flight.missing.append(
+            "neither body rates nor an attitude were commanded in it: only thrust is known"
+        )
     for k in np.flatnonzero(find_rising(time)).tolist():
         at = float(time[k]) - flight.begun_s
         turn = msgspec.UNSET if rates is None else Vector3(*_three(rates[k]))
@@ -476,7 +527,10 @@ def write_flight(
     stamp_ns = max(0, round(flight.begun_s * 1e9))
     with open(out, "wb", opener=open_private) as file:  # Path.open has no opener
         writer = begin_mcap(file, "groundstation import", about)
-        ids = {topic: add_channel(writer, channel_form(topic, *kind)) for topic, kind in IMPORTED.items()}
+        ids = {
+            topic: add_channel(writer, channel_form(topic, *kind))
+            for topic, kind in IMPORTED.items()
+        }
         for at, topic, message in sorted(flight.messages, key=lambda one: one[0]):
             at_ns = max(0, stamp_ns + round(at * 1e9))
             writer.add_message(ids[topic], at_ns, msgspec.json.encode(message), at_ns)
@@ -516,7 +570,11 @@ class _MappingReader:
         """Describe the missing columns of the part that lacks the fewest, as a sentence."""
         missing = [
             (
-                [column for column in [part.time or self._mapping.time, *self._columns(part)] if column not in table],
+                [
+                    column
+                    for column in [part.time or self._mapping.time, *self._columns(part)]
+                    if column not in table
+                ],
                 name,
             )
             for part in parts
@@ -528,9 +586,17 @@ class _MappingReader:
             return notice("import.no_table", found=list_few(sorted(self._tables))).text
         table = self._tables[name]
         if fewest:
-            return notice("import.no_column", columns=", ".join(fewest), table=name, found=list_few(table)).text
-        named = {column for part in parts for column in [part.time or self._mapping.time, *self._columns(part)]}
-        empty = [column for column in table if column in named and not np.isfinite(table[column]).any()]
+            return notice(
+                "import.no_column", columns=", ".join(fewest), table=name, found=list_few(table)
+            ).text
+        named = {
+            column
+            for part in parts
+            for column in [part.time or self._mapping.time, *self._columns(part)]
+        }
+        empty = [
+            column for column in table if column in named and not np.isfinite(table[column]).any()
+        ]
         if empty and len(table[empty[0]]):
             return notice("import.no_numbers", columns=", ".join(empty), table=name).text
         return notice("import.no_row", table=name).text
@@ -553,7 +619,9 @@ class _MappingReader:
         place = np.stack(self._frames.place(tuple(place.T)), axis=1)
         velocity = None
         if part.velocity is not None:
-            velocity = np.stack(self._frames.place(tuple(table[name][rows] for name in part.velocity)), axis=1)
+            velocity = np.stack(
+                self._frames.place(tuple(table[name][rows] for name in part.velocity)), axis=1
+            )
         resets = table[part.resets][rows] if part.resets else np.zeros(len(time))
         attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
         if part.attitude and lean:
@@ -562,13 +630,25 @@ class _MappingReader:
             other = find_table(self._tables, part.attitude_table, part.attitude)
             if other is None:
                 return None
-            attitude = self._between(self._time(part, other), self._attitudes(part, other, slice(None)), time)
-        good = (np.abs(place) < BELIEVED_M).all(axis=1) & np.isfinite(attitude).all(axis=1) & np.isfinite(time)
+            attitude = self._between(
+                self._time(part, other), self._attitudes(part, other, slice(None)), time
+            )
+        good = (
+            (np.abs(place) < BELIEVED_M).all(axis=1)
+            & np.isfinite(attitude).all(axis=1)
+            & np.isfinite(time)
+        )
         if not good.any():
             return None
         if not good.all():
             self.notes["rows without a number"] += int(np.count_nonzero(~good))
-        return time[good], place[good], attitude[good], None if velocity is None else velocity[good], resets[good]
+        return (
+            time[good],
+            place[good],
+            attitude[good],
+            None if velocity is None else velocity[good],
+            resets[good],
+        )
 
     def state(self, part: MappedState) -> tuple[Column, Column] | None:
         """When it said so, and whether it flies; None where it is not there."""
@@ -595,14 +675,19 @@ class _MappingReader:
         rates = attitude = None
         if part.rates is not None:
             unit_rad_s = UNITS[part.rate_unit]
-            turn = [sign * table[name][rows] * unit_rad_s for sign, name in zip(part.signs, part.rates, strict=True)]
+            turn = [
+                sign * table[name][rows] * unit_rad_s
+                for sign, name in zip(part.signs, part.rates, strict=True)
+            ]
             rates = np.stack(turn, axis=1) @ np.array(axes(self._mapping.body))
         if part.attitude:
             attitude = self._attitudes(part, table, rows)
         good = np.isfinite(signal) & np.isfinite(time)
         for more in (rates, attitude):
             if more is not None:
-                good &= (np.abs(more) <= FASTEST_RAD_S).all(axis=1)  # no NaN either; of an attitude each is 1 at most
+                good &= (np.abs(more) <= FASTEST_RAD_S).all(
+                    axis=1
+                )  # no NaN either; of an attitude each is 1 at most
         if not good.any():
             return None
         asked = signal[good] if attitude is None else np.ptp(attitude[good], axis=0)
@@ -626,12 +711,18 @@ class _MappingReader:
 
     def _time(self, part: MappedTable, table: Table) -> Column:
         name = part.time or self._mapping.time
-        unit_s = UNITS[self._mapping.time_unit] if self._mapping.frames_hz is None else 1.0 / self._mapping.frames_hz
+        unit_s = (
+            UNITS[self._mapping.time_unit]
+            if self._mapping.frames_hz is None
+            else 1.0 / self._mapping.frames_hz
+        )
         time: Column = table[name if name in table else self._mapping.time] * unit_s
         if self._mapping.time_ns:
             time = time + 1e-9 * table[self._mapping.time_ns]
         far = np.abs(time) >= LATEST_S
-        return time if far.mean() > 0.5 else np.where(far, np.nan, time)  # all of them: of another unit
+        return (
+            time if far.mean() > 0.5 else np.where(far, np.nan, time)
+        )  # all of them: of another unit
 
     def _attitudes(self, part: MappedPose | MappedCommand, table: Table, rows: Any) -> Column:
         """Body FRD to world NED, (N, 4); NaN where there is none."""
@@ -652,7 +743,9 @@ class _MappingReader:
         """Attitudes (N, 4) ``known`` at ``known_s``, interpolated; NaN outside."""
         signs = np.cumprod(np.where((known[1:] * known[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
         smooth = known * np.concatenate([[1.0], signs])[:, None]
-        parts = [np.interp(time_s, known_s, column, left=np.nan, right=np.nan) for column in smooth.T]
+        parts = [
+            np.interp(time_s, known_s, column, left=np.nan, right=np.nan) for column in smooth.T
+        ]
         between = np.stack(parts, axis=1)
         unit: Column = between / np.linalg.norm(between, axis=1, keepdims=True)
         return unit

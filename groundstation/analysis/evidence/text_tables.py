@@ -1,11 +1,14 @@
-"""Tables in text files: CSV by its mapping, and what Motive and QTM export, one table for each body.
+"""Tables in text files: CSV by its mapping, and what Motive and QTM export, one table for each
+body.
 
 Motive, Export Tracking Data: a line of keys and values; rows Type, Name, ID and, since Motive 2.2,
-Parent; a row of Rotation and Position; the head; a row for each frame, empty where the body is not seen.
+Parent; a row of Rotation and Position; the head; a row for each frame, empty where the body is not
+seen.
 
-QTM, 6D TSV: lines of a key and its values; the head, ``NAME X``, ``Y``, ``Z``, three angles, ``Residual``
-and ``Rot[0]`` to ``Rot[8]`` for each body; a row for each frame. The matrix is written column by column,
-body to lab: in QTM's files a roll of -0.656° stands beside ``Rot[5]`` = -0.01145 = sin(roll).
+QTM, 6D TSV: lines of a key and its values; the head, ``NAME X``, ``Y``, ``Z``, three angles,
+``Residual`` and ``Rot[0]`` to ``Rot[8]`` for each body; a row for each frame. The matrix is written
+column by column, body to lab: in QTM's files a roll of -0.656° stands beside ``Rot[5]`` = -0.01145
+= sin(roll).
 """
 
 import csv
@@ -51,7 +54,8 @@ class CsvLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     head_rows: Annotated[int, msgspec.Meta(ge=0, le=10)] = 1
     """The head consists of so many lines: a column is named by its cells in them, joined by blanks,
-    or by the last of them alone where that is unique. 0: there is no head; columns are "1", "2", …"""
+    or by the last of them alone where that is unique. 0: there is no head; columns are "1", "2",
+    …"""
 
 
 @contextmanager
@@ -59,7 +63,9 @@ def open_text(path: Path) -> Iterator[TextIO]:
     """Open a text file in UTF-8, packed by gzip or not."""
     with path.open("rb") as raw:
         begin = raw.read(2)
-    with (gzip.open if begin == GZIP_BEGIN else open)(path, "rt", encoding="utf-8-sig", newline="") as text:
+    with (gzip.open if begin == GZIP_BEGIN else open)(
+        path, "rt", encoding="utf-8-sig", newline=""
+    ) as text:
         assert not isinstance(text, gzip.GzipFile)
         yield text
 
@@ -67,11 +73,14 @@ def open_text(path: Path) -> Iterator[TextIO]:
 def read_csv_table(
     path: Path, layout: CsvLayout, times: Sequence[str], notes: Counter[str]
 ) -> Iterator[tuple[str, Table]]:
-    """Read one table, by the file's name; a cell that is a list ("[1, 2]") becomes columns NAME.0, NAME.1.
+    """Read one table, by the file's name.
 
-    The head is the first line that holds one of ``times``, the columns of the time; lines before it are
-    no part of the table. It may be a comment (#) above the numbers. The separator of cells is a comma, unless the
-    head has more semicolons or tabs (numbers then may have decimal commas), or nothing but blanks.
+    A cell that is a list ("[1, 2]") becomes columns NAME.0, NAME.1.
+
+    The head is the first line that holds one of ``times``, the columns of the time; lines before it
+    are no part of the table. It may be a comment (#) above the numbers. The separator of cells is a
+    comma, unless the head has more semicolons or tabs (numbers then may have decimal commas), or
+    nothing but blanks.
 
     Raises:
         ConfigError: no head is found, or several columns have the same name.
@@ -117,7 +126,9 @@ def _find_head(
     if layout.head_rows == 0:
         first = next((k for k, line in enumerate(lines) if not line.startswith("#")), len(lines))
         # A program may write a warning among the rows: most of them say how the table is laid out.
-        separator = next((one for one in SEPARATORS if 2 * sum(one in row for row in lines) > len(lines)), ",")
+        separator = next(
+            (one for one in SEPARATORS if 2 * sum(one in row for row in lines) > len(lines)), ","
+        )
         counts = Counter(len(row) for row in _split(lines, separator))
         return separator, [str(k + 1) for k in range(counts.most_common(1)[0][0])], lines[first:]
     for k, line in enumerate(lines):
@@ -129,14 +140,18 @@ def _find_head(
         above = lines[max(0, k - layout.head_rows + 1) : k]
         names = _join_heads([*above, line], separator)
         if twice := [name for name in names if name and names.count(name) > 1]:
-            raise ConfigError("FILE", notice("import.same_names", name=twice[0], hint=_hint(lines)), str(path))
+            raise ConfigError(
+                "FILE", notice("import.same_names", name=twice[0], hint=_hint(lines)), str(path)
+            )
         return separator, names, lines[k + 1 :]
     problem = notice("import.no_head", rows=len(lines), names=", ".join(times), hint=_hint(lines))
     raise ConfigError("FILE", problem, str(path))
 
 
 def _join_heads(lines: Sequence[str], separator: str) -> list[str]:
-    """Name the columns by the last of the ``lines`` of the head, or by all where that is not unique."""
+    """Name the columns by the last of the ``lines`` of the head, or by all where that is not
+    unique.
+    """
     rows = [_names(line, separator) for line in lines]
     last = rows[-1]
     names = []
@@ -176,7 +191,9 @@ def _number(cell: str) -> float:
 
 def _read_numbers(rows: Iterable[list[str]], width: int) -> Column:
     """The cells of ``rows`` as numbers, (N, ``width``); NaN where there is none."""
-    return np.array([[_number(cell) for cell in (row + [""] * width)[:width]] for row in rows]).reshape(-1, width)
+    return np.array(
+        [[_number(cell) for cell in (row + [""] * width)[:width]] for row in rows]
+    ).reshape(-1, width)
 
 
 def _cells(name: str, cell: str) -> Iterator[tuple[str, float]]:
@@ -236,21 +253,35 @@ def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
         stated = dict(zip(first[0::2], first[1::2], strict=False))
         labels, kinds, axes = _read_motive_head(rows)
         unit = stated.get("Length Units", "").lower()
-        _expect(path, "Length Units", stated, unit in LENGTHS_M, "Meters, Centimeters or Millimeters")
+        _expect(
+            path, "Length Units", stated, unit in LENGTHS_M, "Meters, Centimeters or Millimeters"
+        )
         turns = stated.get("Rotation Type") == "Quaternion"
         _expect(path, "Rotation Type", stated, turns, "Quaternion")
         is_global = stated.get("Coordinate Space", "Global") == "Global"
         _expect(path, "Coordinate Space", stated, is_global, "Global")
         whole = _find_motive_bodies(labels, kinds, axes)
         if not whole:
-            raise ConfigError("FILE", notice("import.no_body", found=list_few(labels.get("Type", [])[2:])), str(path))
+            raise ConfigError(
+                "FILE",
+                notice("import.no_body", found=list_few(labels.get("Type", [])[2:])),
+                str(path),
+            )
         cells = _read_numbers((row for row in rows if len(row) > 1), len(axes))
     scales = dict.fromkeys("xyz", LENGTHS_M[unit])
     for name, at in whole.items():
-        yield name, {"t": cells[:, 1], **{key: cells[:, at[key]] * scales.get(key, 1.0) for key in MOTIVE_COLUMNS}}
+        yield (
+            name,
+            {
+                "t": cells[:, 1],
+                **{key: cells[:, at[key]] * scales.get(key, 1.0) for key in MOTIVE_COLUMNS},
+            },
+        )
 
 
-def _read_motive_head(rows: Iterator[list[str]]) -> tuple[dict[str, list[str]], list[str], list[str]]:
+def _read_motive_head(
+    rows: Iterator[list[str]],
+) -> tuple[dict[str, list[str]], list[str], list[str]]:
     """Read the rows by their labels, the row of kinds (Rotation, Position), and that of the axes.
 
     Raises:
@@ -275,7 +306,9 @@ def _read_motive_head(rows: Iterator[list[str]]) -> tuple[dict[str, list[str]], 
 def _expect(path: Path, key: str, stated: Mapping[str, str], good: bool, wanted: str) -> None:
     if not good:
         found = stated.get(key, "") or "nothing"
-        raise ConfigError("FILE", notice("import.stated", key=key, found=found, wanted=wanted), str(path))
+        raise ConfigError(
+            "FILE", notice("import.stated", key=key, found=found, wanted=wanted), str(path)
+        )
 
 
 def read_qtm_tables(path: Path) -> Iterator[tuple[str, Table]]:
@@ -304,11 +337,15 @@ def read_qtm_tables(path: Path) -> Iterator[tuple[str, Table]]:
         frequency = _number(stated.get("FREQUENCY", "").replace(",", "."))
         if "Time" not in head and not frequency > 0.0:
             _expect(path, "FREQUENCY", stated, False, "the frames per second, or a column Time")
-        rows = _read_numbers((line.replace(",", ".").split("\t") for line in text if line.strip()), len(head))
+        rows = _read_numbers(
+            (line.replace(",", ".").split("\t") for line in text if line.strip()), len(head)
+        )
     if "Time" in head:
         time = rows[:, head.index("Time")]
     else:  # one row a frame, none left out
-        time = (rows[:, head.index("Frame")] if "Frame" in head else np.arange(len(rows))) / frequency
+        time = (
+            rows[:, head.index("Frame")] if "Frame" in head else np.arange(len(rows))
+        ) / frequency
     for name, at in whole.items():
         place = 1e-3 * rows[:, [at[key] for key in "XYZ"]]
         turn = rows[:, [at[f"Rot[{k}]"] for k in range(9)]].reshape(-1, 3, 3).transpose(0, 2, 1)
@@ -337,7 +374,10 @@ def _read_qtm_head(text: TextIO) -> tuple[dict[str, str], list[str]]:
 
 
 def _quaternion(matrix: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """Quaternion of a rotation; NaN where it is none: QTM writes zeros for a body that it does not see."""
+    """Quaternion of a rotation.
+
+    NaN where it is none: QTM writes zeros for a body that it does not see.
+    """
     off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
     if not (off < ORTHOGONAL and np.linalg.det(matrix) > 0.0):
         return (math.nan, math.nan, math.nan, math.nan)

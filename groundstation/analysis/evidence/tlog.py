@@ -1,4 +1,5 @@
-"""MAVLink .tlog as an imported flight: the poses of one autopilot, and the set-points that were sent to it.
+"""MAVLink .tlog as an imported flight: the poses of one autopilot, and the set-points that were
+sent to it.
 
 A sender is a system and a component: a companion or a bridge may have the vehicle's system id.
 """
@@ -34,9 +35,11 @@ from links.mavlink.protocol import ARMED, AttitudeTargetMask, MavCommand, Messag
 ON_GROUND = 1
 """EXTENDED_SYS_STATE.landed_state (MAV_LANDED_STATE_ON_GROUND)."""
 JITTER_S = 0.1
-"""Loggers write messages of several wires out of order by this much at most [s]: no reason to drop one."""
+"""Loggers write messages of several wires out of order by this much at most [s]: no reason to drop
+one."""
 LEAP_S = 60.0
-"""A log time further than this from the one before is damaged, or its clock was set: that time did not pass [s]."""
+"""A log time further than this from the one before is damaged, or its clock was set: that time did
+not pass [s]."""
 
 
 def read_tlog(path: Path, latency_s: float) -> ImportedFlight:
@@ -65,7 +68,9 @@ def read_tlog(path: Path, latency_s: float) -> ImportedFlight:
         beside = Counter(
             f"poses of {record.sender}"
             for record in records
-            if record.sender != vehicle and record.sender in vehicles and record.message.get_type() in decoder.messages
+            if record.sender != vehicle
+            and record.sender in vehicles
+            and record.message.get_type() in decoder.messages
         )
         flight.notes += decoder.intake.dropped + leaps + reader.dropped + beside
         return flight
@@ -87,8 +92,8 @@ def _find_time_fault(records: Sequence[TlogRecord], dropped: Counter[str]) -> st
 def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[TlogRecord]:
     """``records`` with time counted from the first and never running back.
 
-    A log time has no checksum, and a log's clock may be set: time goes on without a leap, which is counted as
-    ``log_time``.
+    A log time has no checksum, and a log's clock may be set: time goes on without a leap, which is
+    counted as ``log_time``.
     """
     origin_s: float | None = None
     last_s = 0.0
@@ -104,7 +109,9 @@ def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[T
         yield TlogRecord(last_s, record.message)
 
 
-def _read_vehicle(records: Sequence[TlogRecord], vehicle: Sender, decoder: PoseDecoder) -> ImportedFlight:
+def _read_vehicle(
+    records: Sequence[TlogRecord], vehicle: Sender, decoder: PoseDecoder
+) -> ImportedFlight:
     flight = ImportedFlight(0.0)
     asked = armed = told = on_ground = False
     may_fly: bool | None = None
@@ -118,14 +125,20 @@ def _read_vehicle(records: Sequence[TlogRecord], vehicle: Sender, decoder: PoseD
             if name == "COMMAND_LONG" and message.command == MavCommand.ARM_DISARM:
                 asked = message.param1 == 1.0
             elif name == "SET_ATTITUDE_TARGET" and _is_rates_and_thrust(message):
-                rates = Vector3(message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+                rates = Vector3(
+                    message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate
+                )
                 thrust = min(max(message.thrust, 0.0), 1.0)
                 flight.messages.append((time_s, SETPOINT, ImportedSetpoint(time_s, thrust, rates)))
             elif name == "SET_ATTITUDE_TARGET":
                 flight.notes["other_set_point"] += 1
         elif name == "HEARTBEAT" and is_autopilot(message):
             armed, told = bool(message.base_mode & ARMED), True
-        elif name == "COMMAND_ACK" and message.command == MavCommand.ARM_DISARM and message.result == 0:
+        elif (
+            name == "COMMAND_ACK"
+            and message.command == MavCommand.ARM_DISARM
+            and message.result == 0
+        ):
             armed, told = asked, True
         elif name == "EXTENDED_SYS_STATE":
             on_ground = message.landed_state == ON_GROUND
@@ -145,7 +158,12 @@ def _read_vehicle(records: Sequence[TlogRecord], vehicle: Sender, decoder: PoseD
 
 
 def _is_rates_and_thrust(message: Message) -> bool:
-    numbers = (message.thrust, message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    numbers = (
+        message.thrust,
+        message.body_roll_rate,
+        message.body_pitch_rate,
+        message.body_yaw_rate,
+    )
     # Where the attitude is not left out, it wins over the rates.
     parts = message.type_mask & AttitudeTargetMask.IGNORE_EVERYTHING
     return parts == AttitudeTargetMask.IGNORE_ATTITUDE and all(

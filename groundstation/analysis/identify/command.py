@@ -1,9 +1,12 @@
-"""Identification command, ``groundstation identify LOG``: its answer as text, JSON, HTML page and vehicle file.
+"""Identification command, ``groundstation identify LOG``: its answer as text, JSON, HTML page and
+vehicle file.
 
-The page holds its pictures and needs nothing else, as a report's does. The vehicle file has every key of ``[vehicle]``,
-each with its interval, or why it stays as told. Figures show how well the vehicle fits the flight, in a report's style.
+The page holds its pictures and needs nothing else, as a report's does. The vehicle file has every
+key of ``[vehicle]``, each with its interval, or why it stays as told. Figures show how well the
+vehicle fits the flight, in a report's style.
 
-The identified vehicle is what a recording tells of it, each parameter with its interval, or why it tells nothing.
+The identified vehicle is what a recording tells of it, each parameter with its interval, or why it
+tells nothing.
 """
 
 import json
@@ -33,7 +36,13 @@ from groundstation.analysis.identify.fit import (
     most_n,
     thrust_n,
 )
-from groundstation.analysis.identify.stretch import Column, FlightStretch, StretchTooShort, components, read_stretch
+from groundstation.analysis.identify.stretch import (
+    Column,
+    FlightStretch,
+    StretchTooShort,
+    components,
+    read_stretch,
+)
 from groundstation.analysis.report import (
     BLUE,
     GREEN,
@@ -60,7 +69,8 @@ WIDE = 1.96
 """Deviations to either side of a 95 % interval."""
 FLY = "not identifiable from this flight: fly trajectory.kind = 'excitation'"
 AGAIN = (
-    "not identifiable from this flight: fly it for longer (trajectory.laps), or harder (trajectory.acceleration_m_s2)"
+    "not identifiable from this flight: fly it for longer (trajectory.laps), or harder "
+    "(trajectory.acceleration_m_s2)"
 )
 
 
@@ -98,7 +108,9 @@ def judge_parameter(
     most: float = math.inf,
     note: str = "",
 ) -> IdentifiedParameter:
-    """The parameter; without a value where half its interval is more than ``enough``, or where nothing ``moved``."""
+    """The parameter; without a value where half its interval is more than ``enough``, or where
+    nothing ``moved``.
+    """
     half = WIDE * deviation
     if not (moved and half <= enough):
         return IdentifiedParameter(name=name, title=title, unit=unit, told=told, note=FLY)
@@ -110,21 +122,31 @@ def judge_parameter(
 
 
 UNSEEN_FRAMES = 0.02
-"""The recording does not know which frames were lost: so many would make every command this share of a period late."""
+"""The recording does not know which frames were lost: so many would make every command this share
+of a period late."""
 MODEL = 0.005
-"""No lag is quite of first order, no scale quite constant: nothing is known better than this share."""
+"""No lag is quite of first order, no scale quite constant: nothing is known better than this
+share."""
 LAG_SPREAD = 1.5
-"""Factor on the deviations of a lag with its delay [-], counted over 200 flights in gusts and 100 on rotors: both stand
-for one another, gusts are no random walk, and a rotor's loop is no lag behind a delay."""
+"""Factor on the deviations of a lag with its delay [-], counted over 200 flights in gusts and 100
+on rotors: both stand for one another, gusts are no random walk, and a rotor's loop is no lag behind
+a delay."""
 DRAG_MODEL = 0.01
 """Model error of drag as a share of it [-]: drag acts along the measured attitude."""
 DRAG_LEAST = 0.0007
-"""Least deviation of drag, even where there is none [1/s]: of 94 flights on rotors 8 lay outside without it."""
-DELAY = "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
-RESPONSE = "lag + delay, from a command's leaving: known better than either, as one may stand for the other"
+"""Least deviation of drag, even where there is none [1/s]: of 94 flights on rotors 8 lay outside
+without it."""
+DELAY = (
+    "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
+)
+RESPONSE = (
+    "lag + delay, from a command's leaving: known better than either, as one may stand for the "
+    "other"
+)
 DRAG_NOTE = "deceleration per speed; the controller is told one for all axes"
 TURNED_RAD_S = 0.05
-"""Body rates of less than this (RMS about each axis) tell of nothing but noise, whatever the statistics say."""
+"""Body rates of less than this (RMS about each axis) tell of nothing but noise, whatever the
+statistics say."""
 PUSHED_M_S2 = 0.2
 """Least acceleration by thrust, and by tilt, that excites [m/s²]."""
 
@@ -151,7 +173,8 @@ class IdentifiedVehicle:
 
 
 def accelerations(found: IdentifiedVehicle) -> tuple[Column, Column, Column]:
-    """Times [s], and second differences over 0.2 s of the measured positions and of the model's path, (n, 3) [m/s²].
+    """Times [s], and second differences over 0.2 s of the measured positions and of the model's
+    path, (n, 3) [m/s²].
 
     Both are NaN where two poses in a row are missing within that time.
     """
@@ -164,7 +187,10 @@ def accelerations(found: IdentifiedVehicle) -> tuple[Column, Column, Column]:
         whole &= (at < at[hole] - h) | (at > at[hole + 1] + h)
 
     def second(values: Column) -> Column:
-        parts = [np.stack([np.interp(at + k * h, at, axis) for axis in values.T], axis=1) for k in (-1, 0, 1)]
+        parts = [
+            np.stack([np.interp(at + k * h, at, axis) for axis in values.T], axis=1)
+            for k in (-1, 0, 1)
+        ]
         difference: Column = (parts[0] - 2.0 * parts[1] + parts[2]) / h**2
         difference[~whole] = np.nan
         return difference
@@ -183,22 +209,31 @@ def identify(seen: FlightStretch) -> IdentifiedVehicle:
         *_rest(seen, pushed, moved),
     ]
     if isinstance(seen.config.trajectory, ExcitationConfig):
-        parameters = [msgspec.structs.replace(one, note=AGAIN) if one.note == FLY else one for one in parameters]
+        parameters = [
+            msgspec.structs.replace(one, note=AGAIN) if one.note == FLY else one
+            for one in parameters
+        ]
     return IdentifiedVehicle(seen, turned, pushed, {one.name: one for one in parameters})
 
 
 def judge_excitation(seen: FlightStretch, turned: TurnFit) -> MotionExcitation:
     """Judge the stretch that was ``seen`` by how it moved."""
     rates = turned.modelled / np.diff(seen.at_s)[:, None]
-    roll, pitch, yaw = (bool(rms > TURNED_RAD_S) for rms in np.sqrt((rates**2).mean(axis=0)).tolist())
+    roll, pitch, yaw = (
+        bool(rms > TURNED_RAD_S) for rms in np.sqrt((rates**2).mean(axis=0)).tolist()
+    )
     flown = (seen.sent_s >= seen.at_s[0]) & (seen.sent_s <= seen.at_s[-1])
     thrust = float(seen.thrust_n[flown].std()) / seen.config.vehicle.mass_kg
     down = np.stack(so3.third_column(components(seen.attitude)), axis=1)
     tilt = seen.config.controller.gravity * float(np.sqrt(down[:, :2].var(axis=0).max()))
-    return MotionExcitation((roll, pitch, yaw), thrust > PUSHED_M_S2, max(thrust, tilt) > PUSHED_M_S2)
+    return MotionExcitation(
+        (roll, pitch, yaw), thrust > PUSHED_M_S2, max(thrust, tilt) > PUSHED_M_S2
+    )
 
 
-def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> list[IdentifiedParameter]:
+def _thrust(
+    seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation
+) -> list[IdentifiedParameter]:
     config, vehicle = seen.config, seen.config.vehicle
     values, deviations = pushed.fit.values, pushed.fit.deviations
     scale, sag, curve = (THRUST_NAMES.index(name) for name in ("scale", "sag", "curve"))
@@ -230,10 +265,18 @@ def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> 
             told=config.thrust_curve,
             least=0.0,
             most=1.0,
-            note="" if config.link.thrust_curve is None else "link.thrust_curve stands in its place",
+            note=""
+            if config.link.thrust_curve is None
+            else "link.thrust_curve stands in its place",
         ),
         judge_parameter(
-            "thrust_sag", "thrust lost to the battery", "1/min", values[sag], sag_spread, 0.08, moved=moved.pushed
+            "thrust_sag",
+            "thrust lost to the battery",
+            "1/min",
+            values[sag],
+            sag_spread,
+            0.08,
+            moved=moved.pushed,
         ),
     ]
 
@@ -241,11 +284,15 @@ def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> 
 def _spread(figure: Callable[[Column], float], pushed: ThrustFit) -> float:
     """One deviation of a ``figure`` that follows from the parameters."""
     values, steps = pushed.fit.values, 1e-4
-    slope = np.array([(figure(values + move) - figure(values)) / steps for move in steps * np.eye(len(values))])
+    slope = np.array(
+        [(figure(values + move) - figure(values)) / steps for move in steps * np.eye(len(values))]
+    )
     return math.sqrt(max(float(slope @ pushed.fit.covariance @ slope), 0.0))
 
 
-def _hover_thrust(config: Config, pushed: ThrustFit, moved: bool, *, scaled: bool) -> IdentifiedParameter:
+def _hover_thrust(
+    config: Config, pushed: ThrustFit, moved: bool, *, scaled: bool
+) -> IdentifiedParameter:
     """The signal that carries the vehicle; identified where the thrust scale is (``scaled``)."""
     scale, curve = (THRUST_NAMES.index(name) for name in ("scale", "curve"))
 
@@ -272,18 +319,30 @@ def _judge_lag(
     """A lag of ``value`` [s], 1σ ``deviation``; ``seen`` where the flight shows it."""
     enough = max(0.01, 0.25 * value)
     spread = math.hypot(deviation, MODEL * value)
-    return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note)
+    return judge_parameter(
+        name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note
+    )
 
 
 def _judge_delay(
-    frames_s: float, name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
+    frames_s: float,
+    name: str,
+    title: str,
+    value: float,
+    deviation: float,
+    told: float,
+    seen: bool,
+    note: str = "",
 ) -> IdentifiedParameter:
-    """A delay of ``value`` [s], 1σ ``deviation`` beside ``frames_s``; ``seen`` where the flight shows it."""
+    """A delay of ``value`` [s], 1σ ``deviation`` beside ``frames_s``.
+
+    ``seen`` where the flight shows it.
+    """
     spread = math.hypot(deviation, frames_s)
     if value + WIDE * spread < 0.0:
         note = (
-            f"it seems to obey before commands leave: poses are stamped {-1e3 * value:.0f} ms early or more, so "
-            "pose.latency_s is too large by as much"
+            f"it seems to obey before commands leave: poses are stamped {-1e3 * value:.0f} ms "
+            "early or more, so pose.latency_s is too large by as much"
         )
     return judge_parameter(name, title, "s", value, spread, 0.015, moved=seen, told=told, note=note)
 
@@ -305,21 +364,42 @@ def _lags(
     turned_at_all, one = rolled or pitched, "the controller is told one for all three"
     delay_of = partial(_judge_delay, frames)
 
-    def response_of(name: str, title: str, sums: Sequence[tuple[str, str]], seen: bool) -> IdentifiedParameter:
+    def response_of(
+        name: str, title: str, sums: Sequence[tuple[str, str]], seen: bool
+    ) -> IdentifiedParameter:
         """Identify lag + delay from ``sums`` of the fit's parameters, by their names."""
         of = np.array([[float(one in pair) for one in TURN_NAMES] for pair in sums])
         value, deviation = _combine(of @ turned.fit.values, of @ turned.fit.covariance @ of.T)
         spread = math.hypot(LAG_SPREAD * deviation, frames, MODEL * value)
         enough, whole = max(0.01, 0.25 * value), told + rates_told
-        return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=whole, note=RESPONSE)
+        return judge_parameter(
+            name, title, "s", value, spread, enough, moved=seen, told=whole, note=RESPONSE
+        )
 
-    # Of yaw a longer delay with a shorter lag may fit as well, 30 ms apart: where one is open, so is the other.
+    # Of yaw a longer delay with a shorter lag may fit as well, 30 ms apart: where one is open, so
+    # is the other.
     yaw_lag = _judge_lag("yaw_rate_lag", "yaw rate lag", yaw, spreads["yaw_lag"], told, yawed, one)
     return [
         _judge_lag("thrust_lag", "thrust lag", lag, lag_spread, vehicle.thrust_lag_s, moved.thrust),
-        delay_of("thrust_delay", "thrust delay", thrust_delay, thrust_spread, thrust_told, moved.thrust, DELAY),
+        delay_of(
+            "thrust_delay",
+            "thrust delay",
+            thrust_delay,
+            thrust_spread,
+            thrust_told,
+            moved.thrust,
+            DELAY,
+        ),
         _judge_lag("rate_lag", "rate lag, roll and pitch", both, both_spread, told, turned_at_all),
-        delay_of("rate_delay", "rate delay, roll and pitch", delay, spreads["delay"], rates_told, turned_at_all, DELAY),
+        delay_of(
+            "rate_delay",
+            "rate delay, roll and pitch",
+            delay,
+            spreads["delay"],
+            rates_told,
+            turned_at_all,
+            DELAY,
+        ),
         _judge_lag("roll_rate_lag", "roll rate lag", roll, spreads["roll_lag"], told, rolled),
         _judge_lag("pitch_rate_lag", "pitch rate lag", pitch, spreads["pitch_lag"], told, pitched),
         yaw_lag,
@@ -343,7 +423,10 @@ def _lags(
 
 
 def _combine(values: Column, cover: Column) -> tuple[float, float]:
-    """One figure that was found several times, each by its information, and its deviation; correlations count."""
+    """One figure that was found several times, each by its information, and its deviation.
+
+    Correlations count.
+    """
     weights = np.linalg.solve(cover, np.ones(len(values)))
     weights = np.clip(weights / weights.sum(), 0.0, 1.0)
     weights /= weights.sum()
@@ -351,26 +434,38 @@ def _combine(values: Column, cover: Column) -> tuple[float, float]:
 
 
 LOOP_S = 0.002
-"""An autopilot tells the attitude of its last loop, which is older than its stamp by about so much, one deviation."""
+"""An autopilot tells the attitude of its last loop, which is older than its stamp by about so much,
+one deviation."""
 
 
 def _latency(seen: FlightStretch) -> IdentifiedParameter:
     told = seen.config.pose.latency_s or 0.0
-    name, title, note = "pose_latency", "latency of poses", "no key of a vehicle, but pose.latency_s"
+    name, title, note = (
+        "pose_latency",
+        "latency of poses",
+        "no key of a vehicle, but pose.latency_s",
+    )
     if seen.late_s is None:
         note = "the vehicle told no attitude of its own"
         return IdentifiedParameter(name=name, title=title, unit="s", told=told, note=note)
     late, spread = seen.late_s
-    return judge_parameter(name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.015, told=told, note=note)
+    return judge_parameter(
+        name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.015, told=told, note=note
+    )
 
 
-def _rest(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> list[IdentifiedParameter]:
+def _rest(
+    seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation
+) -> list[IdentifiedParameter]:
     drags = slice(DRAG, DRAG + len(DRAGS))
     each, cover = pushed.fit.values[drags], pushed.fit.covariance[drags, drags]
     drag, drag_spread = _combine(each, cover)
-    # Axes that differ by more than their deviations are not one drag: its deviation grows by as much (Birge 1932).
+    # Axes that differ by more than their deviations are not one drag: its deviation grows by as
+    # much (Birge 1932).
     apart = each - drag
-    drag_spread *= math.sqrt(max(1.0, float(apart @ np.linalg.solve(cover, apart)) / (len(each) - 1)))
+    drag_spread *= math.sqrt(
+        max(1.0, float(apart @ np.linalg.solve(cover, apart)) / (len(each) - 1))
+    )
 
     return [
         judge_parameter(
@@ -404,7 +499,8 @@ def _busiest(at_s: Column, values: Column) -> tuple[float, float]:
 
 
 def turns(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """Commanded, measured (from one pose to the next) and modelled, over the 5 s in which they move most.
+    """Commanded, measured (from one pose to the next) and modelled, over the 5 s in which they move
+    most.
 
     Dots that lie beside the line all to one side speak of another lag or delay.
     """
@@ -425,7 +521,10 @@ def turns(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
         )
         near = (middle >= start) & (middle <= end)
         t = middle[near] - begun
-        measured, model = turned.turns[near, axis] / spans[near, 0], turned.modelled[near, axis] / spans[near, 0]
+        measured, model = (
+            turned.turns[near, axis] / spans[near, 0],
+            turned.modelled[near, axis] / spans[near, 0],
+        )
         panel.plot(t, measured, ".", color=ORANGE, markersize=3.5, label="measured")
         panel.plot(t, model, color=BLUE, linewidth=1.4, label="model")
         panel.set_ylabel(f"{name} rate\n[rad/s]")
@@ -433,7 +532,8 @@ def turns(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
 
 
 def pushes(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """Second differences over 0.2 s of the measured positions and of the model's, each less its mean.
+    """Second differences over 0.2 s of the measured positions and of the model's, each less its
+    mean.
 
     What differs slowly is wind.
     """
@@ -447,13 +547,23 @@ def pushes(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
             (model, "-", BLUE, 1.4, "model, without wind"),
         ):
             one = values[near, axis]
-            panel.plot(t, one - np.nanmean(one), style, color=colour, linewidth=width, markersize=3.5, label=label)
+            panel.plot(
+                t,
+                one - np.nanmean(one),
+                style,
+                color=colour,
+                linewidth=width,
+                markersize=3.5,
+                label=label,
+            )
         panel.set_ylabel(f"{name}\n[m/s²]")
     finish_panels(panels, below=TIME)
 
 
 def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """Thrust by the signal that is sent, as told and as found; below, which signals this flight used.
+    """Thrust by the signal that is sent, as told and as found.
+
+    Below, which signals this flight used.
 
     Beyond these the curve is a guess.
     """
@@ -461,7 +571,9 @@ def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     config, pushed = found.seen.config, found.pushed
     scale, f = (float(pushed.fit.values[THRUST_NAMES.index(name)]) for name in ("scale", "curve"))
     signals = np.linspace(0.0, 1.0, 101)
-    told = config.full_thrust_n * (config.thrust_curve * signals**2 + (1.0 - config.thrust_curve) * signals)
+    told = config.full_thrust_n * (
+        config.thrust_curve * signals**2 + (1.0 - config.thrust_curve) * signals
+    )
 
     def at(scale: float, f: float) -> Column:
         thrust: Column = scale * thrust_n(config, pushed.about, f, signals)
@@ -471,7 +583,9 @@ def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     which = [THRUST_NAMES.index("scale"), THRUST_NAMES.index("curve")]
     cover = pushed.fit.covariance[np.ix_(which, which)]
     spread = WIDE * np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, cover, slopes), 0.0))
-    over.fill_between(signals, at(scale, f) - spread, at(scale, f) + spread, color=BLUE, alpha=0.25, linewidth=0)
+    over.fill_between(
+        signals, at(scale, f) - spread, at(scale, f) + spread, color=BLUE, alpha=0.25, linewidth=0
+    )
     over.plot(signals, at(scale, f), color=BLUE, label="found; band: 95 %")
     over.plot(signals, told, "--", color="black", linewidth=0.9, label="told")
     over.axhline(config.weight_n, color=GREEN, linestyle=":", linewidth=1.2, label="weight")
@@ -479,8 +593,18 @@ def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     over.set_ylim(0.0, 1.08 * max(told[-1], full_n(config, pushed.about, scale, f)))
     seen = found.seen
     flown = (seen.sent_s >= seen.at_s[0]) & (seen.sent_s <= seen.at_s[-1])
-    sent = [signal(newtons / config.full_thrust_n, config.thrust_curve) for newtons in seen.thrust_n[flown].tolist()]
-    often.hist(sent, bins=60, range=(0.0, 1.0), weights=np.full(len(sent), 100.0 / len(sent)), color=BLUE, alpha=0.75)
+    sent = [
+        signal(newtons / config.full_thrust_n, config.thrust_curve)
+        for newtons in seen.thrust_n[flown].tolist()
+    ]
+    often.hist(
+        sent,
+        bins=60,
+        range=(0.0, 1.0),
+        weights=np.full(len(sent), 100.0 / len(sent)),
+        color=BLUE,
+        alpha=0.75,
+    )
     often.set_ylabel("share of\ncommands [%]")
     finish_panels(panels, below="signal as sent, 0 to 1")
 
@@ -497,13 +621,15 @@ NEEDED = ("thrust_scale", "thrust_lag", "thrust_delay", "rate_lag", "rate_delay"
 
 
 def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json: bool) -> Exit:
-    """Print what the recording at ``path`` tells; write a vehicle file ``out`` and the fits into the folder ``page``.
+    """Print what the recording at ``path`` tells.
+
+    Write a vehicle file ``out`` and the fits into the folder ``page``.
 
     Returns 1 where it tells nothing of thrust, lags and delay, else 0.
 
     Raises:
-        ConfigError: the file is no recording, holds too little flight or tells nothing to write, matplotlib is
-            missing, or a file can't be written or is there already.
+        ConfigError: the file is no recording, holds too little flight or tells nothing to write,
+            matplotlib is missing, or a file can't be written or is there already.
     """
     if page is not None:
         require_package("matplotlib", "--page", "plot")
@@ -541,7 +667,9 @@ def number(value: float | None) -> str:
 
 def describe_figures(one: IdentifiedParameter) -> tuple[str, str, str]:
     """Value, interval, and what was told."""
-    interval = "" if one.interval is None else f"{number(one.interval[0])} to {number(one.interval[1])}"
+    interval = (
+        "" if one.interval is None else f"{number(one.interval[0])} to {number(one.interval[1])}"
+    )
     return number(one.value), interval, number(one.told)
 
 
@@ -549,7 +677,10 @@ def remarks(found: IdentifiedVehicle) -> list[str]:
     """Describe the conditions of the identification."""
     seen = found.seen
     flown = seen.config.trajectory.__struct_config__.tag
-    lines = [f"{seen.length_s:.1f} s of {flown}, {len(seen.at_s)} poses. Intervals hold the truth in 95 % of flights."]
+    lines = [
+        f"{seen.length_s:.1f} s of {flown}, {len(seen.at_s)} poses. Intervals hold the truth in 95 "
+        "% of flights."
+    ]
     if seen.trouble:
         lines.append(f"The recording {seen.trouble}. This is from what is in it before.")
     return lines
@@ -561,7 +692,9 @@ def table(found: IdentifiedVehicle) -> str:
     for one in found.parameters.values():
         value, interval, told = describe_figures(one)
         unit = f" {one.unit}" if one.unit else ""
-        lines.append(f"{one.title:30}{value:>12}{interval:>26}{told:>12}{unit:<7} {one.note}".rstrip())
+        lines.append(
+            f"{one.title:30}{value:>12}{interval:>26}{told:>12}{unit:<7} {one.note}".rstrip()
+        )
     return "\n".join(lines)
 
 
@@ -575,21 +708,29 @@ def facts(found: IdentifiedVehicle) -> dict[str, Any]:
     return {
         "file": str(seen.path),
         "whole": not seen.trouble,
-        "flight": {key: seen.about.get(key, "") for key in ("vehicle", "controller", "trajectory", "scenario", "seed")},
+        "flight": {
+            key: seen.about.get(key, "")
+            for key in ("vehicle", "controller", "trajectory", "scenario", "seed")
+        },
         "length_s": seen.length_s,
         "poses": len(seen.at_s),
-        "parameters": {one.name: {key: getattr(one, key) for key in TOLD} for one in found.parameters.values()},
+        "parameters": {
+            one.name: {key: getattr(one, key) for key in TOLD} for one in found.parameters.values()
+        },
     }
 
 
 COMPARED = (*NEEDED, "drag", "pose_latency")
-"""Parameters that a flight's summary compares with the configuration: others repeat these, or are no keys."""
+"""Parameters that a flight's summary compares with the configuration: others repeat these, or are
+no keys."""
 APART = 2.0
-"""Widening of the intervals before a difference is reported [-]: of many figures some lie outside their 95 %."""
+"""Widening of the intervals before a difference is reported [-]: of many figures some lie outside
+their 95 %."""
 
 
 def find_outside(path: Path) -> list[str]:
-    """Find the configured values outside of their identified intervals in the flight at ``path``, one line each.
+    """Find the configured values outside of their identified intervals in the flight at ``path``,
+    one line each.
 
     Nothing where it is too short, or shows nothing.
 
@@ -604,12 +745,15 @@ def find_outside(path: Path) -> list[str]:
     for one in (found.parameters[name] for name in COMPARED):
         if one.value is None or one.interval is None or one.told is None:
             continue
-        if abs(one.told - one.value) > APART * max(one.interval[1] - one.value, one.value - one.interval[0]):
+        if abs(one.told - one.value) > APART * max(
+            one.interval[1] - one.value, one.value - one.interval[0]
+        ):
             unit = f" {one.unit}" if one.unit else ""
             low, high = one.interval
             lines.append(
-                f"{one.title}: told {number(one.told)}{unit}, and this flight shows {number(one.value)}{unit} "
-                f"({number(low)} to {number(high)}): look at groundstation identify"
+                f"{one.title}: told {number(one.told)}{unit}, and this flight shows "
+                f"{number(one.value)}{unit} ({number(low)} to {number(high)}): look at "
+                "groundstation identify"
             )
     return lines
 
@@ -617,7 +761,9 @@ def find_outside(path: Path) -> list[str]:
 PAGE = "identification.html"
 
 
-def write_page(folder: Path, found: IdentifiedVehicle, figures: Sequence[tuple[ReportFigure, Path]]) -> Path:
+def write_page(
+    folder: Path, found: IdentifiedVehicle, figures: Sequence[tuple[ReportFigure, Path]]
+) -> Path:
     """Write the page into ``folder``; returns its path.
 
     Raises:
@@ -679,23 +825,33 @@ def file_text(found: IdentifiedVehicle) -> str:
     _split_delays(found, values, notes)
     if told.link.thrust_curve is not None:
         values["thrust_curve"] = told.vehicle.thrust_curve
-        notes["thrust_curve"] = f"as told: link.thrust_curve stands in its place; found: {notes['thrust_curve']}"
+        notes["thrust_curve"] = (
+            f"as told: link.thrust_curve stands in its place; found: {notes['thrust_curve']}"
+        )
     scale = parameters["thrust_scale"]
     notes["hover_thrust"] = describe_parameter(parameters["hover_thrust"])
     if scale.value is not None:
         _scale_thrust(found, values)
-        notes["thrust_max_n"] = f"what the signal gives of which {told.vehicle.thrust_max_n:g} N were told"
+        notes["thrust_max_n"] = (
+            f"what the signal gives of which {told.vehicle.thrust_max_n:g} N were told"
+        )
         values["hover_n"] = _round(told.weight_n)
         notes["hover_n"] = "measured: with these figures the thrust that hovers is the weight"
     lines = [
-        f"# {told.vehicle.name}, identified from {found.seen.path.name}: {found.seen.length_s:.0f} s of flight",
-        "# Each interval holds the truth in about 95 % of flights. Look at the fits before you fly it.",
+        f"# {told.vehicle.name}, identified from {found.seen.path.name}: "
+        f"{found.seen.length_s:.0f} s of flight",
+        "# Each interval holds the truth in about 95 % of flights. Look at the fits before you "
+        "fly it.",
         *(f"# {parameters[name].title}: {describe_parameter(parameters[name])}" for name in BESIDE),
     ]
     for key, value in values.items():
         if key in ("preset", "file") or value is None:
             continue
-        shown = f"[{', '.join(map(str, value))}]" if isinstance(value, list | tuple) else json.dumps(value)
+        shown = (
+            f"[{', '.join(map(str, value))}]"
+            if isinstance(value, list | tuple)
+            else json.dumps(value)
+        )
         lines.append(f"{f'{key} = {shown}':42} # {notes.get(key, 'as told')}")
     text = "\n".join(lines) + "\n"
     try:
@@ -709,11 +865,16 @@ def file_text(found: IdentifiedVehicle) -> str:
 def _split_delays(found: IdentifiedVehicle, values: dict[str, Any], notes: dict[str, str]) -> None:
     """Split the found delays into the one common to thrust and rates, and the rest of each."""
     ones = {key: found.parameters[name] for key, name in DELAYS.items()}
-    whole = {key: values["command_delay_s"] + values[key] if x.value is None else x.value for key, x in ones.items()}
+    whole = {
+        key: values["command_delay_s"] + values[key] if x.value is None else x.value
+        for key, x in ones.items()
+    }
     common = max(0.0, min(values["command_delay_s"], *whole.values()))
     notes["command_delay_s"] = "as told: the part of both delays below that is the link's"
     if common < values["command_delay_s"]:
-        notes["command_delay_s"] = f"told {number(values['command_delay_s'])}, and no more of it was found"
+        notes["command_delay_s"] = (
+            f"told {number(values['command_delay_s'])}, and no more of it was found"
+        )
     values["command_delay_s"] = _round(common)
     for key, one in ones.items():
         values[key] = _round(max(whole[key] - common, 0.0))
@@ -724,7 +885,9 @@ def _scale_thrust(found: IdentifiedVehicle, values: dict[str, Any]) -> None:
     """Hover thrust and largest thrust by the scale, on the curve that the file has."""
     config, pushed, link = found.seen.config, found.pushed, found.seen.config.link
     curve = float(values["thrust_curve"] if link.thrust_curve is None else link.thrust_curve)
-    scale = float(pushed.fit.condition_on(THRUST_NAMES.index("curve"), curve)[THRUST_NAMES.index("scale")])
+    scale = float(
+        pushed.fit.condition_on(THRUST_NAMES.index("curve"), curve)[THRUST_NAMES.index("scale")]
+    )
     values["hover_thrust"] = _round(hover_signal(config, pushed.about, scale, curve))
     values["thrust_max_n"] = _round(most_n(config, pushed.about, scale, curve))
 

@@ -1,23 +1,30 @@
-"""Fit: how a vehicle turns and is lifted after what was commanded, by least squares, and how far that may be off.
+"""Fit: how a vehicle turns and is lifted after what was commanded, by least squares, and how far
+that may be off.
 
-Innovations are what a model left unexplained, made white by the Kalman filter of core/estimation/estimator.py. What is
-measured is x0 + noise, where x0 is the integral of x1, and x1 that of x2; white noise drives each. An error that comes
-in at a derivative (wind on an acceleration, a lost frame on a body rate) then counts as what it is, and a fit weighs
-every frequency as it should: prediction errors (L. Ljung, System Identification, 2nd ed., chapter 7).
+Innovations are what a model left unexplained, made white by the Kalman filter of
+core/estimation/estimator.py. What is measured is x0 + noise, where x0 is the integral of x1, and x1
+that of x2; white noise drives each. An error that comes in at a derivative (wind on an
+acceleration, a lost frame on a body rate) then counts as what it is, and a fit weighs every
+frequency as it should: prediction errors (L. Ljung, System Identification, 2nd ed., chapter 7).
 
-The turn between two poses, in the body's frame, is the integral of the body rates. Summed up, the measured turns and
-those of the commands through lag and delay differ by the attitude's noise and by whatever else turned the vehicle.
+The turn between two poses, in the body's frame, is the integral of the body rates. Summed up, the
+measured turns and those of the commands through lag and delay differ by the attitude's noise and by
+whatever else turned the vehicle.
 
-Thrust fit: scale, curve and lag of thrust, and drag, from how position follows thrust along the measured attitude.
+Thrust fit: scale, curve and lag of thrust, and drag, from how position follows thrust along the
+measured attitude.
 
-    p¨ = -(1 - s t) λ T/m · R e3 - k v + R (l ω2, -l ω1, 0) + g e3 + wind        measured: p + R c + noise
+    p¨ = -(1 - s t) λ T/m · R e3 - k v + R (l ω2, -l ω1, 0) + g e3 + wind        measured: p + R c +
+                                                                                 noise
 
-T is the told thrust through curve, delay and lag; λ its scale at mid-flight, s how it sags in time. The wind is white
-noise's integral, so that only what is faster than it tells of thrust. Two things are found only so that
-they pass for nothing else: c, how far the tracked point is from the centre of mass (2 cm pass for 8 % of thrust at
-1 Hz), and l, which takes up rotors that are not centred and attitudes that are not of the positions' instant.
+T is the told thrust through curve, delay and lag; λ its scale at mid-flight, s how it sags in time.
+The wind is white noise's integral, so that only what is faster than it tells of thrust. Two things
+are found only so that they pass for nothing else: c, how far the tracked point is from the centre
+of mass (2 cm pass for 8 % of thrust at 1 Hz), and l, which takes up rotors that are not centred and
+attitudes that are not of the positions' instant.
 
-Thrust goes by its signal, where curve and scale are not as told. The curve is links/core/deadman.py's.
+Thrust goes by its signal, where curve and scale are not as told. The curve is
+links/core/deadman.py's.
 """
 
 import math
@@ -27,7 +34,13 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from groundstation.analysis.identify.stretch import Column, FlightStretch, components
-from groundstation.core.estimation import PP, Covariance, Densities, predict_covariance, update_covariance
+from groundstation.core.estimation import (
+    PP,
+    Covariance,
+    Densities,
+    predict_covariance,
+    update_covariance,
+)
 from groundstation.core.geometry import arrays, so3
 from groundstation.settings import Config
 from links.core import signal, thrust
@@ -64,7 +77,8 @@ class Bounds(NamedTuple):
     """Step of each for its derivative."""
     expected: Column
     spread: Column
-    """An independent estimate ``expected`` ± ``spread`` (one deviation) counts like a measurement; infinite: none."""
+    """An independent estimate ``expected`` ± ``spread`` (one deviation) counts like a measurement;
+    infinite: none."""
 
     @classmethod
     def of(cls, parameters: Iterable[Parameter], expected: Column, spread: Column) -> "Bounds":
@@ -79,7 +93,8 @@ class Fit(NamedTuple):
     values: Column
     """(P,)"""
     covariance: Column
-    """(P, P): the larger, in each deviation, of what the noise model says and what the innovations show."""
+    """(P, P): the larger, in each deviation, of what the noise model says and what the innovations
+    show."""
     news: Column
     """Innovations that are left, (N, k)."""
 
@@ -90,7 +105,8 @@ class Fit(NamedTuple):
         return spread
 
     def widen(self, other: "Fit") -> "Fit":
-        """Widen the covariance by the difference from an ``other`` fit that weighs frequencies otherwise.
+        """Widen the covariance by the difference from an ``other`` fit that weighs frequencies
+        otherwise.
 
         A model that lacks nothing finds the same both times.
         """
@@ -107,9 +123,9 @@ class Fit(NamedTuple):
 def minimize(whitened: Whiten, start: Column, bounds: Bounds, interval_s: float) -> Fit:
     """The parameters of least innovations, from ``start``; samples are ``interval_s`` [s] apart.
 
-    Intervals that rest on white innovations alone are too short where these hang together. So both are computed: the
-    inverse information, and the same with the scores' own covariance over a second (Newey and West, Econometrica 55,
-    1987); the larger deviation is kept.
+    Intervals that rest on white innovations alone are too short where these hang together. So both
+    are computed: the inverse information, and the same with the scores' own covariance over a
+    second (Newey and West, Econometrica 55, 1987); the larger deviation is kept.
     """
     values = np.clip(start, bounds.least, bounds.most)
     sure = 1.0 / bounds.spread**2
@@ -136,17 +152,22 @@ def minimize(whitened: Whiten, start: Column, bounds: Bounds, interval_s: float)
 
 
 def _linearize(whitened: Whiten, values: Column, bounds: Bounds) -> tuple[Column, Column, Column]:
-    """Information (P, P), how innovations move with each parameter (N, k, P), and the innovations (N, k)."""
+    """Information (P, P), how innovations move with each parameter (N, k, P), and the innovations
+    (N, k).
+    """
     moved = [values + step for step in np.diag(bounds.steps)]
     news = whitened([values, *moved])
     slopes = (news[:, :, 1:] - news[:, :, :1]) / bounds.steps
     information = np.einsum("nap,naq->pq", slopes, slopes) + np.diag(1.0 / bounds.spread**2)
-    # What nothing shows has no information at all: it then stays where it is, and its deviation says so.
+    # What nothing shows has no information at all: it then stays where it is, and its deviation
+    # says so.
     information[np.diag_indices(len(values))] += NOTHING / bounds.steps**2
     return information, slopes, news[:, :, 0]
 
 
-def _down(whitened: Whiten, values: Column, step: Column, news: Column, bounds: Bounds) -> tuple[Column, Column]:
+def _down(
+    whitened: Whiten, values: Column, step: Column, news: Column, bounds: Bounds
+) -> tuple[Column, Column]:
     """The values after the longest of the steps ``step``/2ⁿ that leaves less than ``news``."""
 
     def cost(values: Column, news: Column) -> float:
@@ -170,7 +191,8 @@ UNSURE = 3
 LOOKS = 800
 """Number of samples, in the middle of the flight, for the noise levels [-]."""
 COARSE = np.arange(-4.0, 4.1, 1.0)
-"""Powers of ten that are tried first, about where the search begins; the next ones fill in between."""
+"""Powers of ten that are tried first, about where the search begins; the next ones fill in
+between."""
 FINE = np.arange(-0.75, 0.76, 0.25)
 """Finer grid of the noises' decimal powers, about the best of the coarse one."""
 
@@ -203,13 +225,15 @@ class InnovationFilter(NamedTuple):
     """Variances of the innovations, in units of the measurement's, (N,); infinite at the start."""
 
     def innovations(self, measured: Column, pushes: Column | None = None) -> tuple[Column, Column]:
-        """Compute the innovations of ``measured`` (N, k) over their deviations, and x1 halfway to the next (N, k).
+        """Compute the innovations of ``measured`` (N, k) over their deviations, and x1 halfway to
+        the next (N, k).
 
-        Both rest on the samples up to then only. ``pushes`` (N, 2, k) are known inputs: what is added to x0 and x1 over
-        the span before each sample.
+        Both rest on the samples up to then only. ``pushes`` (N, 2, k) are known inputs: what is
+        added to x0 and x1 over the span before each sample.
         """
         count, width = measured.shape
-        # The filter is linear: all blocks of samples run at once from nothing, and beside them from each of its states.
+        # The filter is linear: all blocks of samples run at once from nothing, and beside them from
+        # each of its states.
         length = max(1, math.isqrt(count))
         blocks = -(-count // length)
 
@@ -217,7 +241,11 @@ class InnovationFilter(NamedTuple):
             """(N, …) as (length, blocks, …), with so many columns of zeros more."""
             spare = [(0, blocks * length - count)] + [(0, 0)] * (values.ndim - 1)
             spare[-1] = spare[-1] if values.ndim == 1 else (0, more)
-            laid: Column = np.pad(values, spare).reshape(blocks, length, *values.shape[1:-1], -1).swapaxes(0, 1)
+            laid: Column = (
+                np.pad(values, spare)
+                .reshape(blocks, length, *values.shape[1:-1], -1)
+                .swapaxes(0, 1)
+            )
             return laid
 
         spans, gains, seen = lay(self.spans_s[:, None]), lay(self.gains), lay(measured, 3)
@@ -252,7 +280,10 @@ class InnovationFilter(NamedTuple):
 
 
 def design_filter(at_s: Column, ratios: Ratios, gap_s: float) -> InnovationFilter:
-    """The filter for samples at ``at_s`` (N,) [s]; after a span longer than ``gap_s`` it begins anew."""
+    """The filter for samples at ``at_s`` (N,) [s].
+
+    After a span longer than ``gap_s`` it begins anew.
+    """
     spans = np.diff(at_s, prepend=at_s[0])
     gains, variances = np.zeros((len(at_s), 3)), np.full(len(at_s), np.inf)
     densities, cover, known = Densities(*ratios, 0.0), _unknown(ratios), -UNSURE
@@ -275,12 +306,17 @@ def _unknown(ratios: tuple[Any, Any, Any]) -> Covariance:
 
 
 def fit_noise(
-    at_s: Column, left: Column, about: Ratios, gap_s: float, powers: Sequence[Column] = (COARSE, FINE)
+    at_s: Column,
+    left: Column,
+    about: Ratios,
+    gap_s: float,
+    powers: Sequence[Column] = (COARSE, FINE),
 ) -> tuple[Noise, InnovationFilter]:
-    """The likeliest noise of what a model has ``left`` unexplained (N, k), and its filter for all samples.
+    """The likeliest noise of what a model has ``left`` unexplained (N, k), and its filter for all
+    samples.
 
-    The search goes from the ratios ``about`` by these ``powers`` of ten, in turn; a ratio of 0 stays so. The variance
-    has a closed form.
+    The search goes from the ratios ``about`` by these ``powers`` of ten, in turn; a ratio of 0
+    stays so. The variance has a closed form.
     """
     first = max(0, (len(at_s) - LOOKS) // 2)
     few = slice(first, first + LOOKS)
@@ -291,23 +327,30 @@ def fit_noise(
         tried = [ratio * part.ravel() for ratio, part in zip(best, grid, strict=True)]
         unlikely, variances = _unlikely(at_s[few], left[few], (tried[0], tried[1], tried[2]), gap_s)
         i = int(unlikely.argmin())
-        best, variance = (float(tried[0][i]), float(tried[1][i]), float(tried[2][i])), float(variances[i])
+        best, variance = (
+            (float(tried[0][i]), float(tried[1][i]), float(tried[2][i])),
+            float(variances[i]),
+        )
     return Noise(variance, best), design_filter(at_s, best, gap_s)
 
 
 def find_noise(at_s: Column, left: Column, *, wanders: bool) -> Ratios:
     """The likeliest noise of positions of which a model has ``left`` (N, 3) [m] unexplained.
 
-    ``wanders``: their errors may last from pose to pose. Returns densities of what drives position [m/√s],
-    acceleration [m/s² per √Hz] and its change [m/s³ per √Hz].
+    ``wanders``: their errors may last from pose to pose. Returns densities of what drives position
+    [m/√s], acceleration [m/s² per √Hz] and its change [m/s³ per √Hz].
     """
     noise, _ = fit_noise(at_s, left, ABOUT_POSES if wanders else ABOUT_THRUST, GAP_S)
     a, b, c = (math.sqrt(noise.variance * ratio) for ratio in noise.ratios)
     return a, b, c
 
 
-def _unlikely(at_s: Column, left: Column, ratios: tuple[Column, Column, Column], gap_s: float) -> tuple[Column, Column]:
-    """Minus the mean log likelihood of ``left`` for each of G sets of ratios, and the measurement's variance, (G,)."""
+def _unlikely(
+    at_s: Column, left: Column, ratios: tuple[Column, Column, Column], gap_s: float
+) -> tuple[Column, Column]:
+    """Minus the mean log likelihood of ``left`` for each of G sets of ratios, and the measurement's
+    variance, (G,).
+    """
     # Elementwise: what flies one vehicle in floats takes G of them in arrays.
     elements: tuple[Any, Any, Any] = ratios
     rates = Densities(*elements, 0.0)
@@ -324,7 +367,9 @@ def _unlikely(at_s: Column, left: Column, ratios: tuple[Column, Column, Column],
         x0 = x0 + h * (x1 + (0.5 * h) * x2)
         x1 = x1 + h * x2
         new = left[k] - x0
-        x0, x1, x2 = (x + np.asarray(g)[..., None] * new for x, g in zip((x0, x1, x2), gain, strict=False))
+        x0, x1, x2 = (
+            x + np.asarray(g)[..., None] * new for x, g in zip((x0, x1, x2), gain, strict=False)
+        )
         known += 1
         if known > 0:
             squares = squares + (new * new).sum(axis=1) / total
@@ -361,10 +406,16 @@ class LagResponse(NamedTuple):
         """∫x from the first command to ``time_s`` (…,) [s]."""
         index, since, left = self._since(time_s)
         held = self.held[index]
-        area: Column = self.area[index] + held * since + (self.before[index] - held) * (self.lag_s * (1.0 - left))
+        area: Column = (
+            self.area[index]
+            + held * since
+            + (self.before[index] - held) * (self.lag_s * (1.0 - left))
+        )
         return area
 
-    def _since(self, time_s: Column) -> tuple["np.ndarray[tuple[int, ...], np.dtype[np.int64]]", Column, Column]:
+    def _since(
+        self, time_s: Column
+    ) -> tuple["np.ndarray[tuple[int, ...], np.dtype[np.int64]]", Column, Column]:
         """Which command is held, for how long, and how much of the start is left then."""
         index = np.clip(np.searchsorted(self.at_s, time_s, side="right") - 1, 0, None)
         since = np.maximum(time_s - self.at_s[index], 0.0)
@@ -374,7 +425,10 @@ class LagResponse(NamedTuple):
 
 
 def _follow(held: Column, left: Column, first: Column) -> Column:
-    """Iterate x ← u + (x - u) ``left`` with each u of ``held`` (M, …) from ``first``; return all x (M, …)."""
+    """Iterate x ← u + (x - u) ``left`` with each u of ``held`` (M, …) from ``first``.
+
+    Return all x (M, …).
+    """
     count, length = len(held), max(1, math.isqrt(len(held)))
     blocks = -(-count // length)
     spare = [(0, blocks * length - count)] + [(0, 0)] * (held.ndim - 1)
@@ -393,11 +447,15 @@ def _follow(held: Column, left: Column, first: Column) -> Column:
 
 
 def respond_with_lag(sent_s: Column, held: Column, delay_s: float, lag_s: float) -> LagResponse:
-    """The response to commands ``held`` (M, …) that left at ``sent_s`` (M,) [s], begun at rest on the first."""
+    """The response to commands ``held`` (M, …) that left at ``sent_s`` (M,) [s], begun at rest on
+    the first.
+    """
     spans = np.diff(sent_s)
     left = np.exp(-spans / lag_s) if lag_s > LEAST_LAG_S else np.zeros_like(spans)
     wide = (slice(None),) + (None,) * (held.ndim - 1)
-    start = np.concatenate([held[:1], _follow(held[:-1], np.broadcast_to(left[wide], held[:-1].shape), held[0])])
+    start = np.concatenate(
+        [held[:1], _follow(held[:-1], np.broadcast_to(left[wide], held[:-1].shape), held[0])]
+    )
     grown = held[:-1] * spans[wide] + (start[:-1] - held[:-1]) * (lag_s * (1.0 - left))[wide]
     area = np.concatenate([np.zeros_like(held[:1]), np.cumsum(grown, axis=0)])
     return LagResponse(sent_s + delay_s, held, lag_s, start, area)
@@ -406,7 +464,8 @@ def respond_with_lag(sent_s: Column, held: Column, delay_s: float, lag_s: float)
 GAP_POSES = 3.5
 """After so many missing poses the turns begin anew: a long turn is no sum of its parts."""
 ABOUT = (0.1, 10.0, 0.0)
-"""Where the search for the noises begins: white noise on body rates [1/s], and on their change [1/s³]."""
+"""Where the search for the noises begins: white noise on body rates [1/s], and on their change
+[1/s³]."""
 DELAYS_S = (-0.01, 0.0, 0.015, 0.03, 0.06, 0.1, 0.15)
 LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
 """Where the fits of rates and thrust may begin [s]."""
@@ -436,13 +495,17 @@ class TurnFit(NamedTuple):
 
 
 def turns(attitude: Column) -> Column:
-    """Rotation vector from each of the attitudes (N, 4) to the next, in the body's frame, (N-1, 3) [rad]."""
+    """Rotation vector from each of the attitudes (N, 4) to the next, in the body's frame, (N-1, 3)
+    [rad].
+    """
     before, after = components(attitude[:-1]), components(attitude[1:])
     return np.stack(so3.turn_between(before, after, arrays()), axis=1)
 
 
 def angles(seen: FlightStretch, values: Column, time_s: Column) -> Column:
-    """Integral of each body rate of the model from the first command to ``time_s`` (…,), (…, 3) [rad]."""
+    """Integral of each body rate of the model from the first command to ``time_s`` (…,), (…, 3)
+    [rad].
+    """
     delay, roll, pitch, yaw_delay, yaw = values.tolist()
     parts = [
         respond_with_lag(seen.sent_s, seen.rates_rad_s[:, axis], late, lag).integral(time_s)
@@ -481,23 +544,34 @@ def fit_turns(seen: FlightStretch) -> TurnFit:
     bounds = Bounds.of(TURN.values(), values, np.full(len(TURN), np.inf))
     fit = None
     for about, powers in ((ABOUT, (COARSE, FINE)), (None, (FINE,))):
-        noise, filter_ = fit_noise(seen.at_s, left([values])[:, :, 0], about or noise.ratios, gap, powers)
+        noise, filter_ = fit_noise(
+            seen.at_s, left([values])[:, :, 0], about or noise.ratios, gap, powers
+        )
         fit = minimize(whiten_by(filter_, noise.variance), values, bounds, interval)
         values = fit.values
     assert fit is not None, "fitted twice"
     fit = fit.widen(
-        minimize(whiten_by(design_filter(seen.at_s, noise.reweigh(), gap), noise.variance), values, bounds, interval)
+        minimize(
+            whiten_by(design_filter(seen.at_s, noise.reweigh(), gap), noise.variance),
+            values,
+            bounds,
+            interval,
+        )
     )
     return TurnFit(fit, measured, np.diff(angles(seen, values, seen.at_s), axis=0))
 
 
 def thrust_n(config: Config, about: float, curve: float, signals: Column) -> Column:
-    """Thrust at ``signals`` 0..1 on the curve with f = ``curve`` that agrees with ``config`` at the one ``about`` [N].
+    """Thrust at ``signals`` 0..1 on the curve with f = ``curve`` that agrees with ``config`` at the
+    one ``about`` [N].
 
-    So the scale, which multiplies it, is of the thrust about which the vehicle flew, whatever the curve.
+    So the scale, which multiplies it, is of the thrust about which the vehicle flew, whatever the
+    curve.
     """
     told = config.full_thrust_n * thrust(about, config.thrust_curve)
-    pushed: Column = told / thrust(about, curve) * (curve * signals * signals + (1.0 - curve) * signals)
+    pushed: Column = (
+        told / thrust(about, curve) * (curve * signals * signals + (1.0 - curve) * signals)
+    )
     return pushed
 
 
@@ -530,14 +604,14 @@ THRUST = {
     "leak": Parameter(-1.0, 1.0, 1e-3),
     **dict.fromkeys(("c_x", "c_y", "c_z"), Parameter(-0.5, 0.5, 1e-3)),
 }
-"""Parameters: delay, lag [s], scale [-], sag [1/min], curve [-], drag along each axis of the body [1/s], leak l
-[m/s² per rad/s], c [m, FRD]."""
+"""Parameters: delay, lag [s], scale [-], sag [1/min], curve [-], drag along each axis of the body
+[1/s], leak l [m/s² per rad/s], c [m, FRD]."""
 THRUST_NAMES = tuple(THRUST)
 DRAG, LEVER = THRUST_NAMES.index("drag_x"), THRUST_NAMES.index("c_x")
 """Drag and c are three each."""
 SMOOTH_S = 0.06
-"""Attitudes are smoothed over this time to either side [s]: their noise, which the controller answers, would pass for
-thrust."""
+"""Attitudes are smoothed over this time to either side [s]: their noise, which the controller
+answers, would pass for thrust."""
 
 
 Strength: TypeAlias = tuple[Noise, InnovationFilter]
@@ -545,14 +619,21 @@ Strength: TypeAlias = tuple[Noise, InnovationFilter]
 
 
 class ThrustModel:
-    """Motion of the vehicle under the sent commands; holds what is constant while thrust is fitted."""
+    """Motion of the vehicle under the sent commands.
+
+    Holds what is constant while thrust is fitted.
+    """
 
     def __init__(self, seen: FlightStretch, turned: TurnFit) -> None:
-        """Attitudes between the poses, from the fitted turns pinned to the measured ones at both ends."""
+        """Attitudes between the poses, from the fitted turns pinned to the measured ones at both
+        ends.
+        """
         self.seen = seen
         self.mass = seen.config.vehicle.mass_kg
         full, told = seen.config.full_thrust_n, seen.config.thrust_curve
-        self.signals = np.array([signal(newtons / full, told) for newtons in seen.thrust_n.tolist()])
+        self.signals = np.array(
+            [signal(newtons / full, told) for newtons in seen.thrust_n.tolist()]
+        )
         flown = (seen.sent_s > seen.at_s[0]) & (seen.sent_s < seen.at_s[-1])
         self.mean = float(self.signals[flown].mean())
         self.spans = np.diff(seen.at_s)
@@ -579,12 +660,18 @@ class ThrustModel:
         """The model's, without wind and gravity, (N-1, STEPS, 3) [m/s²]."""
         delay, lag, scale, sag, curve, *drag, leak = values[:LEVER].tolist()
         fading = 1.0 - sag * (self.seen.sent_s - self.middle_s) / 60.0
-        held = scale / self.mass * fading * thrust_n(self.seen.config, self.mean, curve, self.signals)
+        held = (
+            scale / self.mass * fading * thrust_n(self.seen.config, self.mean, curve, self.signals)
+        )
         # The mean over each step, exact however thrust jumps within it.
-        areas = np.diff(respond_with_lag(self.seen.sent_s, held, delay, lag).integral(self.edges), axis=1)
+        areas = np.diff(
+            respond_with_lag(self.seen.sent_s, held, delay, lag).integral(self.edges), axis=1
+        )
         pushed = areas * STEPS / self.spans[:, None]
         along = np.einsum("nij,ni->nj", self.axes[:-1], self.velocity)  # in the body's axes
-        rest = leak * self.sideways - np.einsum("nij,nj->ni", self.axes[:-1], along * np.array(drag))
+        rest = leak * self.sideways - np.einsum(
+            "nij,nj->ni", self.axes[:-1], along * np.array(drag)
+        )
         acceleration: Column = rest[:, None] - pushed[..., None] * self.down
         return acceleration
 
@@ -606,7 +693,9 @@ class ThrustModel:
     def fit_noises(
         self, values: Column, about: tuple[Ratios, Ratios], powers: Sequence[Column]
     ) -> tuple[Strength, Strength]:
-        """The noises across and along the vertical that are left beside the model, searched ``about`` these ratios."""
+        """The noises across and along the vertical that are left beside the model, searched
+        ``about`` these ratios.
+        """
         left, (level, upright) = self.remove_motion(values), about
         return (
             fit_noise(self.seen.at_s, left[:, :2], level, GAP_S, powers),
@@ -639,7 +728,9 @@ class ThrustModel:
 
 
 def smooth(values: Column, reach: int) -> Column:
-    """Means of ``values`` (N, k) over ``reach`` samples to either side, over fewer towards the ends."""
+    """Means of ``values`` (N, k) over ``reach`` samples to either side, over fewer towards the
+    ends.
+    """
     at = np.arange(len(values))
     near = np.minimum(np.minimum(at, at[::-1]), reach)
     sums = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
@@ -650,12 +741,14 @@ def smooth(values: Column, reach: int) -> Column:
 GAP_S = 0.3
 """After a longer gap between poses the positions begin anew [s]."""
 ABOUT_POSES = (1.0, 1e2, 1e5)
-"""Where the search for the noises of a source begins: its wander [1/s], and the next two, over its variance."""
+"""Where the search for the noises of a source begins: its wander [1/s], and the next two, over its
+variance."""
 ABOUT_THRUST = (0.0, 1e2, 1e5)
-"""Where the search for the noises begins: white noise on acceleration [1/s³], and on the wind's change [1/s⁵], over the
-positions' variance."""
+"""Where the search for the noises begins: white noise on acceleration [1/s³], and on the wind's
+change [1/s⁵], over the positions' variance."""
 THRUST_ROUNDS = 6
-"""Model and noise are fitted in turn, so often at most: the better the model, the weaker the noise that is left."""
+"""Model and noise are fitted in turn, so often at most: the better the model, the weaker the noise
+that is left."""
 SAG_PER_MIN = 0.1
 """A battery's thrust falls by about so much in a minute, one deviation [-]."""
 
@@ -672,14 +765,24 @@ class ThrustFit(NamedTuple):
 
 
 def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
-    """Fit thrust and drag to the positions that were ``seen``; the search for delay begins about that of the turns."""
+    """Fit thrust and drag to the positions that were ``seen``.
+
+    The search for delay begins about that of the turns.
+    """
     scene = ThrustModel(seen, turned)
     vehicle = seen.config.vehicle
     delay = float(turned.fit.values[0])
     spread = np.full(len(THRUST_NAMES), np.inf)
     spread[THRUST_NAMES.index("sag")] = SAG_PER_MIN
     values = np.array(
-        [delay, vehicle.thrust_lag_s, 1.0, 0.0, seen.config.thrust_curve, *[0.0] * (len(THRUST_NAMES) - 5)]
+        [
+            delay,
+            vehicle.thrust_lag_s,
+            1.0,
+            0.0,
+            seen.config.thrust_curve,
+            *[0.0] * (len(THRUST_NAMES) - 5),
+        ]
     )
     bounds = Bounds.of(THRUST.values(), np.array([delay, *[0.0] * (len(THRUST) - 1)]), spread)
     interval = float(np.median(scene.spans))

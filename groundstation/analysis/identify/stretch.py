@@ -1,4 +1,6 @@
-"""Flight stretch: what identification needs of a recording, the commands that left and the poses of steady flight."""
+"""Flight stretch: what identification needs of a recording, the commands that left and the poses of
+steady flight.
+"""
 
 import math
 from base64 import b64decode
@@ -23,9 +25,11 @@ Column = NDArray[np.float64]
 LEAST_S = 8.0
 """Shorter flights tell nothing [s]."""
 SETTLING_S = 0.5
-"""The first instants are left out [s]: what the actuators did before is not known as well, and a filter settles."""
+"""The first instants are left out [s]: what the actuators did before is not known as well, and a
+filter settles."""
 COMMAND_GAP_S = 0.25
-"""Where commands are further apart [s], the link may have brought the vehicle down by its own: the stretch ends."""
+"""Where commands are further apart [s], the link may have brought the vehicle down by its own: the
+stretch ends."""
 POSE_GAP_S = 0.5
 """Largest gap between poses within a stretch [s]; after a longer one a filter begins anew."""
 
@@ -59,8 +63,8 @@ class FlightStretch:
     attitude: Column
     """Body to world, w first, (N, 4)."""
     late_s: tuple[float, float] | None = None
-    """Latency of poses beyond the configured one by the vehicle's own attitude, and one deviation [s]; None
-    without its attitude, or where that serves as the poses."""
+    """Latency of poses beyond the configured one by the vehicle's own attitude, and one deviation
+    [s]; None without its attitude, or where that serves as the poses."""
     about: dict[str, str] = field(default_factory=dict)
     """First record of the recording, which describes it."""
     trouble: str = ""
@@ -73,7 +77,8 @@ class FlightStretch:
 
 
 def read_stretch(path: Path) -> FlightStretch:
-    """The longest stretch on the trajectory in the recording at ``path``, up to its damage where it is cut off.
+    """The longest stretch on the trajectory in the recording at ``path``, up to its damage where it
+    is cut off.
 
     Raises:
         NoRecording, OSError: see :class:`Recording`.
@@ -93,20 +98,32 @@ def read_stretch(path: Path) -> FlightStretch:
                 p, q = value["position_ned"], value["attitude"]
                 place = (p["x"], p["y"], p["z"], q["w"], q["x"], q["y"], q["z"])
                 poses.append((value["time_s"], value["reset_count"], on, *place))
-                vehicle.latency.add_pose(Pose(0, value["time_s"], value["arrival_s"], place[:3], place[3:]))
+                vehicle.latency.add_pose(
+                    Pose(0, value["time_s"], value["arrival_s"], place[:3], place[3:])
+                )
             case "/raw/received":
-                vehicle.receive(value["time_s"], value["wire"], value["peer"] or None, b64decode(value["data"]))
+                vehicle.receive(
+                    value["time_s"], value["wire"], value["peer"] or None, b64decode(value["data"])
+                )
             case _:
-                on = entry.topic == "/command" and state == State.TRACKING and value["flight_time_s"] >= 0.0
+                on = (
+                    entry.topic == "/command"
+                    and state == State.TRACKING
+                    and value["flight_time_s"] >= 0.0
+                )
                 w = value["rates_rad_s"]
                 commands.append((value["time_s"], value["thrust_n"], w["x"], w["y"], w["z"]))
     if not commands or not poses:
-        raise StretchTooShort(notice("identify.no_flight", path=path, what="poses" if commands else "commands"))
+        raise StretchTooShort(
+            notice("identify.no_flight", path=path, what="poses" if commands else "commands")
+        )
     sent, seen = np.array(commands), np.array(poses)
     chosen = seen[find_stretch(sent[:, 0], seen)]
     length_s = float(chosen[-1, 0] - chosen[0, 0]) if len(chosen) else 0.0
     if length_s < LEAST_S:
-        raise StretchTooShort(notice("identify.short", path=path, length_s=length_s, least_s=LEAST_S))
+        raise StretchTooShort(
+            notice("identify.short", path=path, length_s=length_s, least_s=LEAST_S)
+        )
     try:
         config = read_flown_config(recording.about, path).config
     except ConfigError as error:
@@ -129,15 +146,22 @@ class _OwnAttitude:
         self._trips: deque[Trip] = deque(maxlen=TRIPS)
 
     def find_lateness(self) -> tuple[float, float] | None:
-        """See :attr:`FlightStretch.late_s`: the way to the vehicle may take all of a round trip, or nothing."""
+        """See :attr:`FlightStretch.late_s`: the way to the vehicle may take all of a round trip, or
+        nothing.
+        """
         found, trip = self.latency.estimate, min(self._trips, default=None)
         if found is None:
             return None
-        unknown_s = 0.0 if trip is None else trip.rtt_s / math.sqrt(12.0)  # deviation of a uniform number in that width
+        unknown_s = (
+            0.0 if trip is None else trip.rtt_s / math.sqrt(12.0)
+        )  # deviation of a uniform number in that width
         return found[0], math.hypot(found[1], unknown_s)
 
     def receive(self, time_s: float, wire: int, peer: str | None, data: bytes) -> None:
-        """Bytes that came at ``time_s`` [s] by ``wire``; ``peer`` is the sender's address, None on a stream."""
+        """Bytes that came at ``time_s`` [s] by ``wire``.
+
+        ``peer`` is the sender's address, None on a stream.
+        """
         if wire not in self._codecs:
             self._codecs[wire] = MavlinkCodec(255, 190)
         for message in self._codecs[wire].feed(data, peer):
@@ -154,17 +178,25 @@ class _OwnAttitude:
 def find_stretch(sent_s: Column, poses: Column) -> slice:
     """The poses of the longest stretch on the trajectory without a gap.
 
-    Of each of ``poses`` (N, >= 3): its time stamp [s], its count of resets, and above 0 where it is on the trajectory.
+    Of each of ``poses`` (N, >= 3): its time stamp [s], its count of resets, and above 0 where it is
+    on the trajectory.
     """
     at, resets, on = poses[:, 0], poses[:, 1], poses[:, 2] > 0.0
-    # The commands that moved a pose lie before it: the one just before must not be older than a gap.
+    # The commands that moved a pose lie before it: the one just before must not be older than a
+    # gap.
     last = np.searchsorted(sent_s, at) - 1
     gaps = np.flatnonzero(np.diff(sent_s) > COMMAND_GAP_S)
     quiet = np.zeros(len(at), dtype=bool)
     for i in gaps:
         quiet |= (at > sent_s[i] + COMMAND_GAP_S) & (at < sent_s[i + 1] + SETTLING_S)
     good = on & ~quiet & (last >= 0)
-    joined = good[1:] & good[:-1] & (np.diff(at) > 0.0) & (np.diff(at) < POSE_GAP_S) & (np.diff(resets) == 0.0)
+    joined = (
+        good[1:]
+        & good[:-1]
+        & (np.diff(at) > 0.0)
+        & (np.diff(at) < POSE_GAP_S)
+        & (np.diff(resets) == 0.0)
+    )
     best, start = slice(0, 0), 0
     for end in [*np.flatnonzero(~joined).tolist(), len(joined)]:
         if at[end] - at[start] > (at[best][-1] - at[best][0] if best.stop else 0.0):

@@ -1,7 +1,7 @@
 """Figures of a report: one PNG each; of several flights, positions and errors are overlaid.
 
-First those of control, the paper's 3 to 6 and the Lyapunov function with its certificate; then those of the flight as a
-whole: path, error, latency, lateness.
+First those of control, the paper's 3 to 6 and the Lyapunov function with its certificate; then
+those of the flight as a whole: path, error, latency, lateness.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -29,8 +29,16 @@ from groundstation.core.messages import ROUNDING_S, STEADY_S, notice
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# M. Okabe, K. Ito: a palette that the colour-blind can tell apart; dashes differ too, for print without colour.
-BLUE, ORANGE, GREEN, RED, GREY, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#555555", "#CC79A7"
+# M. Okabe, K. Ito: a palette that the colour-blind can tell apart; dashes differ too, for print
+# without colour.
+BLUE, ORANGE, GREEN, RED, GREY, PURPLE = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#D55E00",
+    "#555555",
+    "#CC79A7",
+)
 AXES = (("north", BLUE, "-"), ("east", ORANGE, "--"), ("down", GREEN, "-."))
 TIME = "time [s]"
 V_FLOOR = 1e-8
@@ -38,7 +46,10 @@ V_FLOOR = 1e-8
 
 
 def position(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Estimated position, that of a simulated flight's truth, and reference, world NED; the paper's figure 3."""
+    """Estimated position, that of a simulated flight's truth, and reference, world NED.
+
+    The paper's figure 3.
+    """
     for i, (panel, (name, _, _)) in enumerate(zip(panels, AXES, strict=True)):
         for key, look, label in _curves(flown):
             panel.plot(flown.t, flown.vectors[key][:, i], label=label, **look)
@@ -48,21 +59,29 @@ def position(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def _curves(flown: FlightColumns) -> list[tuple[str, dict[str, Any], str]]:
-    """Reference, estimate and, where it is known, truth: each narrower than the one below, so that all stay visible.
+    """Reference, estimate and, where it is known, truth: each narrower than the one below, so that
+    all stay visible.
 
-    They lie millimetres apart, and lap upon lap, where dashes would close to a line. Colours as in the viewers.
+    They lie millimetres apart, and lap upon lap, where dashes would close to a line. Colours as in
+    the viewers.
     """
     from matplotlib import rcParams
 
     width = rcParams["lines.linewidth"]
-    reference = ("reference_ned", {"color": "0.75", "linewidth": 4.4 * width, "solid_capstyle": "butt"}, "reference")
+    reference = (
+        "reference_ned",
+        {"color": "0.75", "linewidth": 4.4 * width, "solid_capstyle": "butt"},
+        "reference",
+    )
     estimate = ("position_ned", {"color": BLUE, "linewidth": 2.4 * width}, "estimate")
     truth = ("true_position_ned", {"color": ORANGE, "linewidth": 0.9 * width}, "truth")
     return [reference, estimate, truth] if flown.knows_truth else [reference, estimate]
 
 
 def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Adaptive estimate b̂ and the observer's d̂ in time, with the true wind where known; the paper's figure 4.
+    """Adaptive estimate b̂ and the observer's d̂ in time, with the true wind where known.
+
+    The paper's figure 4.
 
     b̂ and d̂ differ from the wind by what thrust scale, mass and drag are off.
     """
@@ -95,7 +114,9 @@ def actuation(panels: Sequence[Any], flown: FlightColumns) -> None:
     for panel, (name, unit, colour, values) in zip(panels, columns, strict=True):
         panel.plot(flown.t, values, color=colour, linewidth=0.9)
         for k, bound in enumerate(bounds.get(name, ())):
-            panel.axhline(bound, color=RED, linestyle=(0, (4, 3)), linewidth=0.9, label=None if k else "limit")
+            panel.axhline(
+                bound, color=RED, linestyle=(0, (4, 3)), linewidth=0.9, label=None if k else "limit"
+            )
         if clamped.any():
             label = "a limit was met (any of the four)"
             panel.plot(flown.t[clamped], values[clamped], "x", color=RED, markersize=4, label=label)
@@ -120,7 +141,9 @@ def backstepping(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """V without its unknown b̃ term, its excess above the bound that the theory gives it, and what the watch said."""
+    """V without its unknown b̃ term, its excess above the bound that the theory gives it, and what
+    the watch said.
+    """
     over, excess, word = panels
     for key, label, colour, dash in (
         ("v_sigma", "position term", BLUE, "--"),
@@ -128,9 +151,21 @@ def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
         ("v_z3", "acceleration term", GREEN, ":"),
         ("v", "V", "black", "-"),
     ):
-        over.plot(flown.t, np.maximum(flown.scalars[key], V_FLOOR), dash, color=colour, linewidth=1.0, label=label)
+        over.plot(
+            flown.t,
+            np.maximum(flown.scalars[key], V_FLOOR),
+            dash,
+            color=colour,
+            linewidth=1.0,
+            label=label,
+        )
     if not np.nanmax(flown.scalars["v"], initial=0.0) > 0.0:
-        over.annotate("this controller has no Lyapunov function", (0.5, 0.5), xycoords="axes fraction", ha="center")
+        over.annotate(
+            "this controller has no Lyapunov function",
+            (0.5, 0.5),
+            xycoords="axes fraction",
+            ha="center",
+        )
     over.set_yscale("log")
     over.set_ylabel("V and its terms\n[m²/s²]")
     excess.plot(flown.t, flown.scalars["excess"], color=RED)
@@ -140,7 +175,13 @@ def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
         at = np.array([state == name for state in flown.certificates])
         share = 100.0 * float(at.mean())
         word.plot(flown.t[at], np.full(int(at.sum()), row), "|", color=colour, markersize=11)
-        word.annotate(f"{share:.2f} %", (1.01, row), xycoords=("axes fraction", "data"), va="center", fontsize="small")
+        word.annotate(
+            f"{share:.2f} %",
+            (1.01, row),
+            xycoords=("axes fraction", "data"),
+            va="center",
+            fontsize="small",
+        )
     word.set_yticks(range(4), names)
     word.set_ylim(3.6, -0.6)
     word.set_ylabel("certificate")
@@ -148,7 +189,10 @@ def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def finish_panels(panels: Sequence[Any], columns: int = 3, below: str = TIME) -> None:
-    """The legend above the first panel, where no curve is; what the horizontal axis is ``below`` the last."""
+    """The legend above the first panel, where no curve is.
+
+    What the horizontal axis is ``below`` the last.
+    """
     _legend_above(panels[0], columns)
     panels[-1].set_xlabel(below)
     for panel in panels:
@@ -176,13 +220,17 @@ def _format_tick(value: float, _: int) -> str:
 
 
 def _linear_near_zero(panel: Any, values: Column) -> None:
-    """Linear up to what 95 % of the flight keeps to, logarithmic above, where the start would dwarf the rest."""
+    """Linear up to what 95 % of the flight keeps to, logarithmic above, where the start would dwarf
+    the rest.
+    """
     known = np.abs(drop_unknown(values))
     usual = float(np.percentile(known, 95)) if len(known) else 0.0
     if usual > 0.0 and known.max() > 10.0 * usual:
         threshold = 10.0 ** np.ceil(np.log10(usual))
         panel.set_yscale("symlog", linthresh=threshold, linscale=2.0)
-        panel.yaxis.get_major_locator().set_params(numticks=4)  # more would write one number over the other
+        panel.yaxis.get_major_locator().set_params(
+            numticks=4
+        )  # more would write one number over the other
         panel.yaxis.set_major_formatter(_format_tick)
 
 
@@ -191,7 +239,10 @@ FLOOR_CM = 0.01
 
 
 def path(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Estimated path, that of a simulated flight's truth, and reference in space; heights count from the floor."""
+    """Estimated path, that of a simulated flight's truth, and reference in space.
+
+    Heights count from the floor.
+    """
     (panel,) = panels
     floor = floor_z_m(flown)
     for key, look, name in _curves(flown):
@@ -212,16 +263,38 @@ def path(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def error(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Distance from the reference in time, and how often it was how large over the steady part (by truth, if known)."""
+    """Distance from the reference in time, and how often it was how large over the steady part (by
+    truth, if known).
+    """
     over, shares = panels
     cm = 100.0 * flown.scalars["error_m"]
-    over.plot(flown.t, np.maximum(cm, FLOOR_CM), color=BLUE, linewidth=0.9, label="against the estimate")
+    over.plot(
+        flown.t, np.maximum(cm, FLOOR_CM), color=BLUE, linewidth=0.9, label="against the estimate"
+    )
     true_cm = 100.0 * flown.scalars["true_error_m"]
     if flown.knows_truth:
-        over.plot(flown.t, np.maximum(true_cm, FLOOR_CM), color=ORANGE, linewidth=0.7, label="against the truth")
+        over.plot(
+            flown.t,
+            np.maximum(true_cm, FLOOR_CM),
+            color=ORANGE,
+            linewidth=0.7,
+            label="against the truth",
+        )
     if flown.is_papers:
-        over.axhline(PAPER["rms_cm"], color=GREY, linestyle="--", linewidth=1.0, label="the paper's RMS, 4.61 cm")
-        over.axhline(PAPER["max_cm"], color=RED, linestyle=":", linewidth=1.2, label="the paper's largest, 7.6 cm")
+        over.axhline(
+            PAPER["rms_cm"],
+            color=GREY,
+            linestyle="--",
+            linewidth=1.0,
+            label="the paper's RMS, 4.61 cm",
+        )
+        over.axhline(
+            PAPER["max_cm"],
+            color=RED,
+            linestyle=":",
+            linewidth=1.2,
+            label="the paper's largest, 7.6 cm",
+        )
     over.set_yscale("log")
     over.yaxis.set_major_formatter(_format_tick)
     over.set_xlabel(TIME)
@@ -234,11 +307,20 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
     shares.set_xlabel(f"error against the {against}, from {STEADY_S:g} s on [cm]")
     shares.set_ylabel("share of commands [%]")
     if not len(steady):
-        shares.annotate("the flight ended before it was steady", (0.5, 0.5), xycoords="axes fraction", ha="center")
+        shares.annotate(
+            "the flight ended before it was steady",
+            (0.5, 0.5),
+            xycoords="axes fraction",
+            ha="center",
+        )
         return
     colour = ORANGE if flown.knows_truth else BLUE
-    shares.hist(steady, bins=50, weights=np.full(len(steady), 100.0 / len(steady)), color=colour, alpha=0.75)
-    told = numbers(flown)["true_error" if flown.knows_truth else "error"]  # the same figures as in the table
+    shares.hist(
+        steady, bins=50, weights=np.full(len(steady), 100.0 / len(steady)), color=colour, alpha=0.75
+    )
+    told = numbers(flown)[
+        "true_error" if flown.knows_truth else "error"
+    ]  # the same figures as in the table
     for value, name, dash in (
         (told["rms_cm"], "RMS", "-"),
         (float(np.percentile(steady, 99)), "99 %", "--"),
@@ -246,29 +328,35 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
     ):
         if value is None:  # a recording that was cut off has no figures of the truth
             continue
-        shares.axvline(value, color="black", linestyle=dash, linewidth=1.1, label=f"{name} {value:.2f} cm")
+        shares.axvline(
+            value, color="black", linestyle=dash, linewidth=1.1, label=f"{name} {value:.2f} cm"
+        )
     _legend_above(shares, 3)
 
 
 def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Latency from a pose to the vehicle.
 
-    Transport: from a pose's instant to its arrival. Pose age: from that to the command, waiting included. Compute:
-    from the command's instant until its bytes left. Link: half a round trip.
+    Transport: from a pose's instant to its arrival. Pose age: from that to the command, waiting
+    included. Compute: from the command's instant until its bytes left. Link: half a round trip.
     """
     bars, over = panels
     parts = latency(flown)
     for row, column in enumerate(parts.values()):
         ms = 1e3 * column
         if not len(ms):
-            bars.annotate(" not in this recording", (0.0, row), va="center", fontsize="small", color=GREY)
+            bars.annotate(
+                " not in this recording", (0.0, row), va="center", fontsize="small", color=GREY
+            )
             continue
         p50, p99, top = float(np.median(ms)), float(np.percentile(ms, 99)), float(ms.max())
         bars.barh(row, p50, height=0.5, color=BLUE, label="median" if row == 0 else None)
         bars.plot([p50, p99], [row, row], color="black", linewidth=1.2)
         bars.plot(p99, row, "|", color="black", markersize=12, label="99 %" if row == 0 else None)
         bars.plot(top, row, "x", color=RED, markersize=6, label="largest" if row == 0 else None)
-        bars.annotate(f"   {p50:.2f} | {p99:.2f} | {top:.2f} ms", (top, row), va="center", fontsize="small")
+        bars.annotate(
+            f"   {p50:.2f} | {p99:.2f} | {top:.2f} ms", (top, row), va="center", fontsize="small"
+        )
     bars.set_yticks(range(len(parts)), [name.replace("_", " ") for name in parts])
     bars.set_ylim(len(parts) - 0.4, -0.6)
     bars.set_xlim(0.0, 1.5 * bars.get_xlim()[1])
@@ -282,9 +370,11 @@ def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def lateness(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Lateness of commands: after their frame was due, or, where they follow the poses, after their pose came.
+    """Lateness of commands: after their frame was due, or, where they follow the poses, after their
+    pose came.
 
-    With a radio also how late its pacer let frames go. Shown from 1 µs: what is sooner is in the first bar.
+    With a radio also how late its pacer let frames go. Shown from 1 µs: what is sooner is in the
+    first bar.
     """
     (panel,) = panels
     late = 1e3 * drop_unknown(flown.scalars["lateness_s"])
@@ -312,7 +402,12 @@ def _octaves(panel: Any, octaves: Sequence[int]) -> None:
     counts = [sum(octaves[:2]), *octaves[2 : max(last, 1) + 1]]
     label = f"the pacer's {sum(octaves)} frames,\nall within {1e-3 * 2**last:g} ms"
     panel.stairs(
-        counts, [1e-3 * 2**k for k in range(len(counts) + 1)], color=ORANGE, linewidth=1.4, zorder=3, label=label
+        counts,
+        [1e-3 * 2**k for k in range(len(counts) + 1)],
+        color=ORANGE,
+        linewidth=1.4,
+        zorder=3,
+        label=label,
     )
 
 
@@ -355,7 +450,8 @@ class ReportFigure(NamedTuple):
     """Panels above each other."""
     height_in: float
     draw: Callable[[Sequence[Any], Any], None]
-    """Draws one flight (:class:`FlightColumns`; of an identification, its vehicle) into its panels."""
+    """Draws one flight (:class:`FlightColumns`; of an identification, its vehicle) into its
+    panels."""
     is_3d: bool = False
     in_time: bool = True
     """Time is below every panel."""
@@ -391,7 +487,14 @@ PRINT_STYLE: Any = {
     "pdf.fonttype": 42,  # letters stay letters: some publishers take no others
     "svg.fonttype": "none",
 }
-OVERLAID = (("-", BLUE), ("--", ORANGE), ("-.", GREEN), (":", RED), ((0, (5, 1, 1, 1, 1, 1)), PURPLE), ("-", GREY))
+OVERLAID = (
+    ("-", BLUE),
+    ("--", ORANGE),
+    ("-.", GREEN),
+    (":", RED),
+    ((0, (5, 1, 1, 1, 1, 1)), PURPLE),
+    ("-", GREY),
+)
 
 
 def flight_letters(count: int) -> list[str]:
@@ -413,9 +516,17 @@ def overlay_position(panels: Sequence[Any], flights: Sequence[FlightColumns]) ->
     truth = all(flown.knows_truth for flown in flights)
     for i, (panel, (name, _, _)) in enumerate(zip(panels, AXES, strict=True)):
         for flown, line in _overlaid(flights):
-            panel.plot(flown.t, flown.vectors["true_position_ned" if truth else "position_ned"][:, i], **line)
-        reference = flights[0].vectors["reference_ned"][:, i]  # drawn below the flights, which lie on it
-        panel.plot(flights[0].t, reference, color="0.75", linewidth=2.5, zorder=1.0, label="reference")
+            panel.plot(
+                flown.t,
+                flown.vectors["true_position_ned" if truth else "position_ned"][:, i],
+                **line,
+            )
+        reference = flights[0].vectors["reference_ned"][
+            :, i
+        ]  # drawn below the flights, which lie on it
+        panel.plot(
+            flights[0].t, reference, color="0.75", linewidth=2.5, zorder=1.0, label="reference"
+        )
         panel.set_ylabel(f"{'true' if truth else 'estimated'}\n{name} [m]")
         _at_least(panel, 0.1)
     finish_panels(panels, columns=3)
@@ -444,7 +555,9 @@ OVERLAYS = (
 def save_figures(
     folder: Path, figures: Iterable[ReportFigure], shown: Any, form: str = ""
 ) -> list[tuple[ReportFigure, Path]]:
-    """Draw ``figures`` of what is ``shown`` into ``folder``; see :func:`draw_figure`. Returns each with its file.
+    """Draw ``figures`` of what is ``shown`` into ``folder``; see :func:`draw_figure`.
+
+    Returns each with its file.
 
     Raises:
         OSError: a file can't be written.
@@ -478,12 +591,15 @@ def find_figure(name: str) -> ReportFigure:
     """
     found = next((one for one in FIGURES if one.name == name), None)
     if found is None:
-        raise ConfigError("plot", notice("value.choice", choices=[one.name for one in FIGURES], found=name))
+        raise ConfigError(
+            "plot", notice("value.choice", choices=[one.name for one in FIGURES], found=name)
+        )
     return found
 
 
 def draw_figure(one: ReportFigure, shown: Any, form: str = "") -> "Figure":
-    """Draw one figure of what is ``shown``: a flight, of an overlay several, of an identification its vehicle.
+    """Draw one figure of what is ``shown``: a flight, of an overlay several, of an identification
+    its vehicle.
 
     Of a printed ``form`` (pdf, svg) it is as wide as a column of a journal.
     """
@@ -493,6 +609,8 @@ def draw_figure(one: ReportFigure, shown: Any, form: str = "") -> "Figure":
         size = (COLUMN_IN, 0.62 * one.height_in) if form else (7.4, one.height_in)
         canvas = figure_class()(figsize=size, layout="constrained")
         subplot: dict[str, Any] = {"projection": "3d"} if one.is_3d else {}
-        panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=one.in_time, subplot_kw=subplot)
+        panels: Any = canvas.subplots(
+            one.rows, 1, squeeze=False, sharex=one.in_time, subplot_kw=subplot
+        )
         one.draw(panels[:, 0], shown)
         return canvas

@@ -1,4 +1,5 @@
-"""Recorded flight, as a report has it: columns with one row a command, and the numbers that follow from them.
+"""Recorded flight, as a report has it: columns with one row a command, and the numbers that follow
+from them.
 
 The numbers are what ``--json`` prints and the tables of the page show.
 """
@@ -72,9 +73,19 @@ VECTORS = {
 _PARTS = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov", "/timing")
 """Channels recorded with each command; in simulation the truth follows."""
 _TRUTH = "/truth"
-_OTHERS = ("/measured", "/mission", "/request", "/lost", "/link", "/source", "/raw/sent", "/lyapunov")
+_OTHERS = (
+    "/measured",
+    "/mission",
+    "/request",
+    "/lost",
+    "/link",
+    "/source",
+    "/raw/sent",
+    "/lyapunov",
+)
 _ATTITUDE_TARGET = (82).to_bytes(3, "little")
-"""MAVLink's SET_ATTITUDE_TARGET, bytes 7 to 9 of a MAVLink 2 frame: other frames leave by the same wire."""
+"""MAVLink's SET_ATTITUDE_TARGET, bytes 7 to 9 of a MAVLink 2 frame: other frames leave by the same
+wire."""
 
 
 class NoCommand(Exception):
@@ -92,11 +103,13 @@ class FlightColumns:
     vectors: dict[str, Column] = field(default_factory=dict)
     """Each of shape (commands, 3), or (commands, 4)."""
     compute_s: Column = field(default_factory=lambda: np.empty(0))
-    """Time between a command's instant and its bytes' leaving [s]; only where its wire was recorded."""
+    """Time between a command's instant and its bytes' leaving [s]; only where its wire was
+    recorded."""
     arrivals_s: Column = field(default_factory=lambda: np.empty((0, 2)))
     """Arrival of each pose, and its latency then [s]."""
     begun_s: float = 0.0
-    """When the trajectory began, on the event loop's clock [s]; the first command where it never did."""
+    """When the trajectory began, on the event loop's clock [s]; the first command where it never
+    did."""
     states: list[str] = field(default_factory=list)
     """The mission's state at each command."""
     certificates: list[str] = field(default_factory=list)
@@ -126,7 +139,9 @@ class FlightColumns:
 
     @property
     def is_papers(self) -> bool:
-        """Whether this is the flight of the paper, its law in its wind: then the paper's figures stand beside it."""
+        """Whether this is the flight of the paper, its law in its wind: then the paper's figures
+        stand beside it.
+        """
         about = self.recording.about
         return (about.get("scenario"), about.get("controller")) == ("paper", "adaptive")
 
@@ -134,7 +149,9 @@ class FlightColumns:
     def name(self) -> str:
         """As a legend has it: its controller and where it flew, or its file."""
         about = self.recording.about
-        controller = about.get("controller", "").removeprefix("__main__:")  # of a script's or a notebook's own
+        controller = about.get("controller", "").removeprefix(
+            "__main__:"
+        )  # of a script's or a notebook's own
         return ", ".join(filter(None, (controller, about.get("scenario")))) or self.path.stem
 
     @property
@@ -145,7 +162,9 @@ class FlightColumns:
     @property
     def tracking(self) -> NDArray[np.bool_]:
         """True for commands on the trajectory: not on the way to it, and before the way back."""
-        return np.array([state == State.TRACKING for state in self.states]) & (self.scalars["flight_time_s"] >= 0.0)
+        return np.array([state == State.TRACKING for state in self.states]) & (
+            self.scalars["flight_time_s"] >= 0.0
+        )
 
 
 def read_columns(path: Path) -> FlightColumns:
@@ -171,7 +190,9 @@ def read_columns(path: Path) -> FlightColumns:
         flown.vectors[name] = np.stack(columns, axis=1)
     _read_others(flown, entries, count)
     on = np.flatnonzero(flown.tracking)
-    flown.begun_s = float(time_s[on[0]] - flown.scalars["flight_time_s"][on[0]] if len(on) else time_s[0])
+    flown.begun_s = float(
+        time_s[on[0]] - flown.scalars["flight_time_s"][on[0]] if len(on) else time_s[0]
+    )
     flown.events = [(time_s - flown.begun_s, kind, text) for time_s, kind, text in flown.events]
     return flown
 
@@ -185,7 +206,9 @@ def _at_commands(table: Mapping[str, Column], key: str, time_s: Column) -> Colum
 
 
 def _read_others(flown: FlightColumns, entries: list[Entry], count: int) -> None:
-    """Read what is no column: states, certificates, events, and when the bytes of ``count`` commands left."""
+    """Read what is no column: states, certificates, events, and when the bytes of ``count``
+    commands left.
+    """
     arrivals: list[tuple[float, float]] = []
     compute: list[float] = []
     by_mavlink = bool(flown.recording.about.get("mavlink"))
@@ -205,10 +228,14 @@ def _read_others(flown: FlightColumns, entries: list[Entry], count: int) -> None
                 state = value["state"]
                 flown.events.append((value["time_s"], state, value["text"]))
             case "/request":
-                flown.events.append((value["time_s"], "request", f"{value['what']}: {value['reason']}"))
+                flown.events.append(
+                    (value["time_s"], "request", f"{value['what']}: {value['reason']}")
+                )
             case "/lost":
                 flown.lost += value["count"]
-                flown.events.append((value["time_s"], "lost", f"{value['count']} records are missing"))
+                flown.events.append(
+                    (value["time_s"], "lost", f"{value['count']} records are missing")
+                )
             case "/link":
                 flown.looks.append({"time_s": value["time_s"], **value["status"]})
             case "/source":
@@ -258,7 +285,11 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
         "certificate": _summarize_certificate(flown),
         "latency_ms": {name: _spread(1e3 * part) for name, part in latency(flown).items()},
         "lateness_ms": _spread(1e3 * drop_unknown(flown.scalars["lateness_s"])),
-        "link": {key: value for key, value in (flown.looks[-1] if flown.looks else {}).items() if key != "time_s"},
+        "link": {
+            key: value
+            for key, value in (flown.looks[-1] if flown.looks else {}).items()
+            if key != "time_s"
+        },
         "source": flown.source,
         "budget": flown.budget or None,
         "events": [
@@ -319,17 +350,33 @@ def _summarize_certificate(flown: FlightColumns) -> dict[str, Any]:
 
 
 def _read_disturbance(flown: FlightColumns) -> dict[str, Any]:
-    """The observable disturbance and its split, as screens showed them when the vehicle last flew."""
+    """The observable disturbance and its split, as screens showed them when the vehicle last
+    flew.
+    """
     keys = ("time_s", "modelled_thrust_n", "effectiveness", "effectiveness_deviation")
     at_s, thrust, scale, deviation = (flown.scalars[key] for key in keys)
-    away = np.flatnonzero(np.isfinite(scale) & np.array([state in FLOWN for state in flown.states], bool))
+    away = np.flatnonzero(
+        np.isfinite(scale) & np.array([state in FLOWN for state in flown.states], bool)
+    )
     mass_kg = flown.config.get("vehicle", {}).get("mass_kg")
     if not len(away) or mass_kg is None:
         return {}
     meter, vectors = DisturbanceMeter(mass_kg), flown.vectors
-    for i in away[at_s[away] > at_s[away[-1]] - MEAN_S].tolist():  # the reading is a mean over so long
-        attitude, disturbance = tuple(vectors["attitude"][i].tolist()), tuple(vectors["d_hat_m_s2"][i].tolist())
-        meter.add_parts(float(at_s[i]), attitude, float(thrust[i]), disturbance, float(scale[i]), float(deviation[i]))
+    for i in away[
+        at_s[away] > at_s[away[-1]] - MEAN_S
+    ].tolist():  # the reading is a mean over so long
+        attitude, disturbance = (
+            tuple(vectors["attitude"][i].tolist()),
+            tuple(vectors["d_hat_m_s2"][i].tolist()),
+        )
+        meter.add_parts(
+            float(at_s[i]),
+            attitude,
+            float(thrust[i]),
+            disturbance,
+            float(scale[i]),
+            float(deviation[i]),
+        )
     reading = meter.reading
     return {} if reading is None else msgspec.to_builtins(reading)
 
@@ -340,22 +387,34 @@ def _cm(metres: str | None) -> float | None:
 
 
 def latency(flown: FlightColumns) -> dict[str, Column]:
-    """The parts of the way from a pose to the vehicle [s], each with all its samples; empty where it is not known.
+    """The parts of the way from a pose to the vehicle [s], each with all its samples.
+
+    Empty where it is not known.
 
     ``pose_age`` is what ``transport`` and the wait for the next command make together.
     """
     trips = np.array([look["rtt_s"] for look in flown.looks if look["rtt_s"] is not None])
     age = drop_unknown(flown.scalars["pose_age_s"])
-    return {"transport": flown.arrivals_s[:, 1], "pose_age": age, "compute": flown.compute_s, "link": 0.5 * trips}
+    return {
+        "transport": flown.arrivals_s[:, 1],
+        "pose_age": age,
+        "compute": flown.compute_s,
+        "link": 0.5 * trips,
+    }
 
 
 def limits(flown: FlightColumns) -> dict[str, tuple[float, float]]:
-    """Least and largest thrust [N] and body rates [rad/s] of the vehicle as told; empty where the config lacks them."""
+    """Least and largest thrust [N] and body rates [rad/s] of the vehicle as told.
+
+    Empty where the config lacks them.
+    """
     vehicle = flown.config.get("vehicle", {})
     if not {"rate_limits_deg_s", "thrust_min_n", "thrust_max_n"} <= vehicle.keys():
         return {}
     rates = np.radians(vehicle["rate_limits_deg_s"]).tolist()
-    turns = {axis: (-rate, rate) for axis, rate in zip(("roll", "pitch", "yaw"), rates, strict=True)}
+    turns = {
+        axis: (-rate, rate) for axis, rate in zip(("roll", "pitch", "yaw"), rates, strict=True)
+    }
     return {"thrust": (vehicle["thrust_min_n"], vehicle["thrust_max_n"]), **turns}
 
 
@@ -365,7 +424,10 @@ def floor_z_m(flown: FlightColumns) -> float:
 
 
 def settled_s(t: Column, error: Column) -> float | None:
-    """The first of the times ``t`` [s] from which on ``error`` [m] stays below 10 cm; None if there is none."""
+    """The first of the times ``t`` [s] from which on ``error`` [m] stays below 10 cm.
+
+    None if there is none.
+    """
     far = np.flatnonzero(~(error < SETTLED_M))
     first = far[-1] + 1 if len(far) else 0
     return _value(t[first]) if first < len(t) else None
@@ -383,7 +445,9 @@ def _spread(column: Column) -> dict[str, float | None]:
 
 
 def _percentiles(column: Column, which: tuple[float, ...], name: str) -> dict[str, float | None]:
-    return {name.format(p): _value(np.percentile(column, p)) if len(column) else None for p in which}
+    return {
+        name.format(p): _value(np.percentile(column, p)) if len(column) else None for p in which
+    }
 
 
 def _value(value: Any) -> float | None:

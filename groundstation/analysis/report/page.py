@@ -1,6 +1,8 @@
-"""Report page, ``groundstation report LOG [LOG2]``: what a recorded flight was like, with its figures.
+"""Report page, ``groundstation report LOG [LOG2]``: what a recorded flight was like, with its
+figures.
 
-One HTML file that holds its pictures and needs nothing else, no network and no script; or the numbers alone.
+One HTML file that holds its pictures and needs nothing else, no network and no script; or the
+numbers alone.
 """
 
 import base64
@@ -27,12 +29,14 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 PAGE_STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; color: #111; background: #fff; max-width: 62rem; margin: 1.5rem auto;
+body { font: 15px/1.45 system-ui, sans-serif; color: #111; background: #fff;
+  max-width: 62rem; margin: 1.5rem auto;
        padding: 0 1rem; }
 h1 { font-size: 1.5rem; margin-bottom: 0.2rem; }
 h2 { font-size: 1.15rem; margin: 2rem 0 0.5rem; }
 table { border-collapse: collapse; margin: 0.5rem 0; }
-th, td { text-align: left; padding: 0.2rem 0.9rem 0.2rem 0; border-bottom: 1px solid #ddd; vertical-align: top;
+th, td { text-align: left; padding: 0.2rem 0.9rem 0.2rem 0; border-bottom: 1px solid #ddd;
+  vertical-align: top;
          overflow-wrap: anywhere; }
 td:first-child, th:first-child { overflow-wrap: normal; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
@@ -42,26 +46,34 @@ img { max-width: 100%; height: auto; }
 figcaption, .note { color: #444; font-size: 0.9rem; }
 .warning { border-left: 4px solid #d55e00; padding-left: 0.7rem; }
 pre { font-size: 0.8rem; white-space: pre-wrap; background: #f5f5f5; padding: 0.7rem; }
-@media print { body { font-size: 10pt; margin: 0; max-width: none; } details { break-before: page; } }
+@media print { body { font-size: 10pt; margin: 0; max-width: none; }
+  details { break-before: page; } }
 @page { size: A4; margin: 15mm; }
 """
 AGAINST = (
-    "Against the estimate: the distance of what the controller went by from the reference, at each command. Where "
-    "poses are wrong, so is the estimate, and a recording can't tell. Against the truth: the same of where a simulated "
-    "vehicle really was, at each step of the simulation; of a real flight nobody knows it. RMS and largest count over "
-    f"the steady part: on the trajectory, from {STEADY_S:g} s on. Time counts from where the trajectory begins; where "
-    "it never did, from the first command."
+    "Against the estimate: the distance of what the controller went by from the reference, at "
+    "each command. Where poses are wrong, so is the estimate, and a recording can't tell. Against "
+    "the truth: the same of where a simulated vehicle really was, at each step of the simulation; "
+    "of a real flight nobody knows it. RMS and largest count over the steady part: on the "
+    f"trajectory, from {STEADY_S:g} s on. Time counts from where the trajectory begins; where it "
+    "never did, from the first command."
 )
-CLOCK = "The clock is the station's: lines of the flight, its dashboard, MQTT and exported tables have the same."
+CLOCK = (
+    "The clock is the station's: lines of the flight, its dashboard, MQTT and exported tables have "
+    "the same."
+)
 NOT_A_SUM = (
-    "Squared contribution: RMS² of the flight less RMS² with that source switched off. They need not add up to RMS²: "
-    "sources act on each other, and what stays without any of them (mean wind, sampling) is none. Negative: it helped."
+    "Squared contribution: RMS² of the flight less RMS² with that source switched off. They need "
+    "not add up to RMS²: sources act on each other, and what stays without any of them (mean wind, "
+    "sampling) is none. Negative: it helped."
 )
 FORMATS = ("html", "pdf", "svg", "csv")
 """Forms of a report: a page, figures a column wide for print, or the table of results."""
 
 
-def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts: Sequence[dict[str, Any]]) -> Path:
+def write_page(
+    folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts: Sequence[dict[str, Any]]
+) -> Path:
     """Write the page of some flights into ``folder``; returns its path.
 
     Raises:
@@ -71,10 +83,21 @@ def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts
     title = " against ".join(_name(one) for one in facts)
     parts = [f"<h1>{escape(title)}</h1>", *(_warnings(one) for one in facts)]
     head, *rows = result_table(names, facts)
-    parts += ["<h2>Result</h2>", html_table(head, rows, numbers=range(1, len(head))), f'<p class="note">{AGAINST}</p>']
-    parts += [_budget(name, one["budget"]) for name, one in zip(names, facts, strict=True) if one["budget"]]
+    parts += [
+        "<h2>Result</h2>",
+        html_table(head, rows, numbers=range(1, len(head))),
+        f'<p class="note">{AGAINST}</p>',
+    ]
+    parts += [
+        _budget(name, one["budget"])
+        for name, one in zip(names, facts, strict=True)
+        if one["budget"]
+    ]
     parts += [frame_picture(one.name, one.title, one.caption, path) for one, path in figures]
-    parts += ["<h2>Events</h2>", *(_events(name, one) for name, one in zip(names, facts, strict=True))]
+    parts += [
+        "<h2>Events</h2>",
+        *(_events(name, one) for name, one in zip(names, facts, strict=True)),
+    ]
     parts += ["<h2>What flew</h2>", html_table(["", *names], _program(facts))]
     parts += [_config(name, one) for name, one in zip(names, facts, strict=True)]
     page = folder / PAGE
@@ -103,7 +126,8 @@ def document(title: str, parts: Sequence[str]) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
         "style-src 'unsafe-inline'\">"
-        f'<link rel="icon" href="data:,"><title>{escape(title)}</title><style>{PAGE_STYLE}</style></head>\n<body>\n'
+        f'<link rel="icon" href="data:,"><title>{escape(title)}</title>'
+        f"<style>{PAGE_STYLE}</style></head>\n<body>\n"
         + "\n".join(part for part in parts if part)
         + "\n</body></html>\n"
     )
@@ -134,14 +158,23 @@ def _warnings(one: dict[str, Any]) -> str:
 
 
 def _flown_name(one: dict[str, Any]) -> str:
-    """Which flight a column of several is: as a legend has it, with its seed where it was simulated."""
+    """Which flight a column of several is: as a legend has it, with its seed where it was
+    simulated.
+    """
     flight = one["flight"]
-    words = [flight["controller"], flight["scenario"], f"seed {flight['seed']}" if flight["scenario"] else ""]
+    words = [
+        flight["controller"],
+        flight["scenario"],
+        f"seed {flight['seed']}" if flight["scenario"] else "",
+    ]
     return ", ".join(filter(None, words)) or str(one["file"])
 
 
 def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[list[str]]:
-    """The results, a column a flight: the head, then a row a figure; the paper's beside its own flight alone."""
+    """The results, a column a flight: the head, then a row a figure.
+
+    The paper's beside its own flight alone.
+    """
     paper: dict[str, float] | None = facts[0]["paper"] if all(f["paper"] for f in facts) else None
 
     def row(label: str, shown: Iterable[str], of_paper: str = "") -> list[str]:
@@ -149,26 +182,47 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
 
     told = f"from {STEADY_S:g} s on"
     rows = [
-        row(f"RMS error against the estimate, {told} [cm]", (_n(f["error"]["rms_cm"]) for f in facts), "rms_cm"),
-        row(f"largest error against the estimate, {told} [cm]", (_n(f["error"]["max_cm"]) for f in facts), "max_cm"),
+        row(
+            f"RMS error against the estimate, {told} [cm]",
+            (_n(f["error"]["rms_cm"]) for f in facts),
+            "rms_cm",
+        ),
+        row(
+            f"largest error against the estimate, {told} [cm]",
+            (_n(f["error"]["max_cm"]) for f in facts),
+            "max_cm",
+        ),
         row(
             "error against the estimate stays below 10 cm after [s]",
             (_n(f["error"]["settle_s"]) for f in facts),
             "settle_s",
         ),
-        row("99 % of errors against the estimate below [cm]", (_n(f["error"]["p99_cm"]) for f in facts)),
+        row(
+            "99 % of errors against the estimate below [cm]",
+            (_n(f["error"]["p99_cm"]) for f in facts),
+        ),
         row("time on the trajectory [s]", (_n(f["flown_s"], 1) for f in facts)),
-        row("disturbance north, east, down, last second [m/s²]", (_disturbance(f["disturbance"]) for f in facts)),
+        row(
+            "disturbance north, east, down, last second [m/s²]",
+            (_disturbance(f["disturbance"]) for f in facts),
+        ),
         row("of which, with 95 % intervals", (_split(f["disturbance"]) for f in facts)),
         row(
             f"commands at a limit, from {SATURATION_FROM_S:g} s on [%]",
             (_p(f["actuation"]["saturated_fraction_steady"]) for f in facts),
         ),
-        *(row(f"certificate {state} [%]", (_p(_share(f, state)) for f in facts)) for state in ("holds", "violated")),
+        *(
+            row(f"certificate {state} [%]", (_p(_share(f, state)) for f in facts))
+            for state in ("holds", "violated")
+        ),
     ]
     if any(f["true_error"]["rms_cm"] is not None for f in facts):
         rows[2:2] = [
-            row(f"RMS error against the truth, {told} [cm]", (_n(f["true_error"]["rms_cm"]) for f in facts), "rms_cm"),
+            row(
+                f"RMS error against the truth, {told} [cm]",
+                (_n(f["true_error"]["rms_cm"]) for f in facts),
+                "rms_cm",
+            ),
             row(
                 f"largest error against the truth, {told} [cm]",
                 (_n(f["true_error"]["max_cm"]) for f in facts),
@@ -177,9 +231,23 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
         ]
     if len(facts) > 1:
         rows.insert(0, row("flight", map(_flown_name, facts)))
-    for part, label in (("transport", "pose transport"), ("pose_age", "pose age"), ("compute", "compute")):
-        rows.append(row(f"{label}, median / 99 % / largest [ms]", (_spread(f["latency_ms"][part]) for f in facts)))
-    rows.append(row("command lateness, median / 99 % / largest [ms]", (_spread(f["lateness_ms"]) for f in facts)))
+    for part, label in (
+        ("transport", "pose transport"),
+        ("pose_age", "pose age"),
+        ("compute", "compute"),
+    ):
+        rows.append(
+            row(
+                f"{label}, median / 99 % / largest [ms]",
+                (_spread(f["latency_ms"][part]) for f in facts),
+            )
+        )
+    rows.append(
+        row(
+            "command lateness, median / 99 % / largest [ms]",
+            (_spread(f["lateness_ms"]) for f in facts),
+        )
+    )
     words = [_last_words(f["link"]) for f in facts]
     if any(words):
         rows.append(row("last telemetry of the vehicle", (one or "–" for one in words)))
@@ -190,7 +258,11 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
 def _last_words(link: dict[str, Any]) -> str:
     """Describe the newest telemetry of the vehicle or its receiver."""
     told = [] if link.get("battery_v") is None else [f"{link['battery_v']:.2f} V"]
-    told += [] if link.get("battery_share") is None else [f"battery {100.0 * link['battery_share']:.0f} %"]
+    told += (
+        []
+        if link.get("battery_share") is None
+        else [f"battery {100.0 * link['battery_share']:.0f} %"]
+    )
     told += [f"mode {link['mode']}"] if link.get("mode") else []
     if link.get("angles_rad"):
         angles = zip(("roll", "pitch", "yaw"), link["angles_rad"], strict=True)
@@ -205,30 +277,55 @@ def _budget(name: str, budget: dict[str, Any]) -> str:
     head, *rows = budget_table(budget)
     note = f"{budget['of']} {NOT_A_SUM}" if rows else budget["of"]
     table = html_table(head, rows, numbers=range(1, 4)) if rows else ""
-    return f'<h2 id="error-budget">Error budget of {escape(name)}</h2>{table}<p class="note">{escape(note)}</p>'
+    return (
+        f'<h2 id="error-budget">Error budget of {escape(name)}</h2>{table}<p '
+        f'class="note">{escape(note)}</p>'
+    )
 
 
 def budget_table(budget: dict[str, Any]) -> list[list[str]]:
-    """An error budget: the head, the flight as it is, then a row a source; the head alone where there is none."""
-    head = ["switched off", "RMS error without [cm]", "squared contribution [cm²]", "of RMS² [%]", "that is"]
+    """An error budget: the head, the flight as it is, then a row a source.
+
+    The head alone where there is none.
+    """
+    head = [
+        "switched off",
+        "RMS error without [cm]",
+        "squared contribution [cm²]",
+        "of RMS² [%]",
+        "that is",
+    ]
     if not budget["duration_s"]:
         return [head]
     whole = (budget["rms_cm"] or math.nan) ** 2
-    rows = [["nothing", _n(budget["rms_cm"], 3), _n(budget["rms_cm"] and whole, 4), "", "the flight as it is"]]
+    rows = [
+        [
+            "nothing",
+            _n(budget["rms_cm"], 3),
+            _n(budget["rms_cm"] and whole, 4),
+            "",
+            "the flight as it is",
+        ]
+    ]
     for one in budget["contributions"]:
         squared = one["squared_cm2"]
         share = None if squared is None else 100.0 * squared / whole
-        rows.append([one["source"], _n(one["rms_cm"], 3), _n(squared, 4), _n(share, 0), one["means"]])
+        rows.append(
+            [one["source"], _n(one["rms_cm"], 3), _n(squared, 4), _n(share, 0), one["means"]]
+        )
     return [head, *rows]
 
 
 def _events(name: str, one: dict[str, Any]) -> str:
     rows = [
-        [f"{event['time_s']:.2f}", f"{event['clock_s']:.3f}", event["kind"], event["text"]] for event in one["events"]
+        [f"{event['time_s']:.2f}", f"{event['clock_s']:.3f}", event["kind"], event["text"]]
+        for event in one["events"]
     ]
     head = ["time [s]", "clock [s]", "what", ""]
     return (
-        f"<h3>{escape(name)}</h3>" + html_table(head, rows, numbers=range(2)) + f'<p class="note">{escape(CLOCK)}</p>'
+        f"<h3>{escape(name)}</h3>"
+        + html_table(head, rows, numbers=range(2))
+        + f'<p class="note">{escape(CLOCK)}</p>'
     )
 
 
@@ -243,14 +340,22 @@ def _program(facts: Sequence[dict[str, Any]]) -> list[list[str]]:
 
 
 def _config(name: str, one: dict[str, Any]) -> str:
-    return f"<details><summary>Configuration of {escape(name)}</summary><pre>{escape(one['config'])}</pre></details>"
+    return (
+        "<details><summary>Configuration of "
+        f"{escape(name)}</summary><pre>{escape(one['config'])}</pre></details>"
+    )
 
 
-def html_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: range = range(0)) -> str:
+def html_table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: range = range(0)
+) -> str:
     """A table in HTML; ``numbers`` are its columns of numbers."""
     kinds = [' class="number"' if i in numbers else "" for i in range(len(head))]
     cells = [[f"<th{kind}>{escape(cell)}</th>" for kind, cell in zip(kinds, head, strict=True)]]
-    cells += [[f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)] for row in rows]
+    cells += [
+        [f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)]
+        for row in rows
+    ]
     return "<table>" + "".join(f"<tr>{''.join(row)}</tr>" for row in cells) + "</table>"
 
 
@@ -273,7 +378,9 @@ def _disturbance(found: dict[str, Any]) -> str:
 
 
 def _split(found: dict[str, Any]) -> str:
-    return msgspec.convert(found, DisturbanceReading).describe_split() if "ned_m_s2" in found else "–"
+    return (
+        msgspec.convert(found, DisturbanceReading).describe_split() if "ned_m_s2" in found else "–"
+    )
 
 
 def _v(values: Sequence[float | None]) -> str:
@@ -284,7 +391,8 @@ def _spread(spread: dict[str, float | None]) -> str:
     if spread["p50"] is None:
         return "–"
     return " / ".join(
-        _n(None if value is None else max(value, 0.0)) for value in map(spread.get, ("p50", "p99", "max"))
+        _n(None if value is None else max(value, 0.0))
+        for value in map(spread.get, ("p50", "p99", "max"))
     )
 
 
@@ -298,20 +406,25 @@ def report_command(
     formats: Sequence[str] = ("html",),
     only_budget: bool = False,
 ) -> Exit:
-    """Report on recordings in ``formats`` into the folder ``out`` (default: beside the first); returns 0.
+    """Report on recordings in ``formats`` into the folder ``out`` (default: beside the first).
 
-    ``find_outside`` says what was told of the vehicle and lies outside of what a recording shows. ``find_budget`` has
-    the error budget of a flight; with ``only_budget`` that alone is printed.
+    Returns 0.
+
+    ``find_outside`` says what was told of the vehicle and lies outside of what a recording shows.
+    ``find_budget`` has the error budget of a flight; with ``only_budget`` that alone is printed.
 
     With ``as_json`` the numbers are printed, and all else is written only where ``out`` is given.
 
     Raises:
-        ConfigError: a file is no recording of commands, matplotlib is missing, or something can't be written.
+        ConfigError: a file is no recording of commands, matplotlib is missing, or something can't
+            be written.
     """
     draw = (out is not None or not as_json) and not only_budget
     for form in formats:
         if form not in FORMATS:
-            raise ConfigError("--format", notice("value.choices", choices=list(FORMATS), found=form))
+            raise ConfigError(
+                "--format", notice("value.choices", choices=list(FORMATS), found=form)
+            )
     if draw and set(formats) - {"csv"}:
         require_package("matplotlib", "report", "plot", "package.needed_for_pictures")
     from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
@@ -324,20 +437,30 @@ def report_command(
         outside = [] if only_budget else [find_outside(path) for path in paths]
     if only_budget:
         print(
-            json.dumps({"budgets": [f.budget for f in flights]}) if as_json else "\n\n".join(map(_say_budget, flights))
+            json.dumps({"budgets": [f.budget for f in flights]})
+            if as_json
+            else "\n\n".join(map(_say_budget, flights))
         )
         return Exit.DONE
-    facts = [{**numbers(flight), "told_outside": lines} for flight, lines in zip(flights, outside, strict=True)]
+    facts = [
+        {**numbers(flight), "told_outside": lines}
+        for flight, lines in zip(flights, outside, strict=True)
+    ]
     written: list[Path] = []
     if draw:
-        written = _write_all(formats, out or paths[0].with_name(f"{paths[0].stem}-report"), flights, facts)
+        written = _write_all(
+            formats, out or paths[0].with_name(f"{paths[0].stem}-report"), flights, facts
+        )
     page = next((str(path) for path in written if path.name == PAGE), None)
     print(json.dumps({"flights": facts, "page": page}) if as_json else "\n".join(map(str, written)))
     return Exit.DONE
 
 
 def _write_all(
-    formats: Sequence[str], folder: Path, flights: "list[FlightColumns]", facts: list[dict[str, Any]]
+    formats: Sequence[str],
+    folder: Path,
+    flights: "list[FlightColumns]",
+    facts: list[dict[str, Any]],
 ) -> list[Path]:
     """Write the report in ``formats`` into ``folder``; returns the files."""
     with refuse_io("--out", "file.unwritten", folder):
@@ -351,20 +474,27 @@ def _say_budget(flown: "FlightColumns") -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
         "  ".join(
-            cell.rjust(w) if 0 < i < 4 else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
+            cell.rjust(w) if 0 < i < 4 else cell.ljust(w)
+            for i, (cell, w) in enumerate(zip(row, widths, strict=True))
         )
         for row in rows[:1] * (len(rows) > 1) + rows[1:]
     ]
     note = [flown.budget["of"], *([NOT_A_SUM] if len(rows) > 1 else [])]
-    return "\n".join([str(flown.path), *map(str.rstrip, lines), *(textwrap.fill(line, 118) for line in note)])
+    return "\n".join(
+        [str(flown.path), *map(str.rstrip, lines), *(textwrap.fill(line, 118) for line in note)]
+    )
 
 
-def _write(form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: Sequence[dict[str, Any]]) -> list[Path]:
+def _write(
+    form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: Sequence[dict[str, Any]]
+) -> list[Path]:
     """The files of one format."""
     if form == "csv":
         path = folder / "results.csv"
         with open_whole(path) as file:
-            csv.writer(file, lineterminator="\n").writerows(result_table(_short_names(facts), facts))
+            csv.writer(file, lineterminator="\n").writerows(
+                result_table(_short_names(facts), facts)
+            )
         return [path]
     from groundstation.analysis.report.figures import FIGURES, OVERLAYS, save_figures
 

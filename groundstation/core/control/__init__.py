@@ -30,7 +30,12 @@ from groundstation.core.control.controllers import ControllerConfig, Custom, mak
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.control.descent import Descent, level
 from groundstation.core.control.excitation import SUSPECT_LEVEL, ExcitationTones
-from groundstation.core.control.limits import FIRST_CLIMB_M, UPLINK_LOST_SHARE, FlightLimits, LimitInput
+from groundstation.core.control.limits import (
+    FIRST_CLIMB_M,
+    UPLINK_LOST_SHARE,
+    FlightLimits,
+    LimitInput,
+)
 from groundstation.core.control.model_descent import plan_model_descent
 from groundstation.core.control.profiles import (
     DESCENT_LIMITS,

@@ -1,6 +1,8 @@
-"""Adaptive controller: the law, fed the modelled actuators, its output led through their lags and limits. Sans-IO.
+"""Adaptive controller: the law, fed the modelled actuators, its output led through their lags and
+limits. Sans-IO.
 
-Its configuration is the section ``[controller]``: every gain and switch with unit, default and reason.
+Its configuration is the section ``[controller]``: every gain and switch with unit, default and
+reason.
 """
 
 from typing import Annotated, Any, Literal
@@ -17,21 +19,16 @@ from groundstation.core.control.backstepping import (
     yaw_rate,
 )
 from groundstation.core.control.demand_limits import DemandLimits
-from groundstation.core.estimation import (
-    Composite,
-    Gain,
-    GainOrOff,
-    Ratio,
-    SpeedBound,
-    WitnessGain,
-)
+from groundstation.core.estimation import Composite, Gain, GainOrOff, Ratio, SpeedBound, WitnessGain
 from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, add_scaled, rotate, third_column
 from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead
 
 
-class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="adaptive"):
+class Gains(
+    Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="adaptive"
+):
     """The law's gains, and those of the blocks around it that make it fly with lag and delay."""
 
     actuator_compensation: Annotated[
@@ -53,23 +50,30 @@ class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_fiel
     kappa: Annotated[
         WitnessGain,
         msgspec.Meta(
-            description="κ: pull of b̂ towards d̂ [1/s per kb], provable form only. The proof needs "
-            "kb² κ < 4 k3 (the smaller k3)."
+            description="κ: pull of b̂ towards d̂ [1/s per kb], provable form only. The proof "
+            "needs kb² κ < 4 k3 (the smaller k3)."
         ),
     ] = 28.0
     k_omega: Annotated[
         Gain,
         msgspec.Meta(
-            description="Decay rate of a body-rate error [1/s]. By default it is the vehicle's own rate response, "
-            "delay included, where that is faster."
+            description="Decay rate of a body-rate error [1/s]. By default it is the vehicle's own "
+            "rate response, delay included, where that is faster."
         ),
     ] = 14.0
 
 
 class Uncompensated(
-    Gains, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="uncompensated"
+    Gains,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="uncompensated",
 ):
-    """The printed law: the same keys with the paper's gains, and every block around it off unless it is switched on."""
+    """The printed law: the same keys with the paper's gains, and every block around it off unless
+    it is switched on.
+    """
 
     k3: Gain = 4.0
     k3_down: Gain = 4.0
@@ -81,7 +85,8 @@ class Uncompensated(
     kappa: Annotated[
         WitnessGain,
         msgspec.Meta(
-            description="κ, provable form: pull of b̂ towards d̂ [1/s per kb]; here the proof allows less than 16."
+            description="κ, provable form: pull of b̂ towards d̂ [1/s per kb]; here the proof "
+            "allows less than 16."
         ),
     ] = 7.0
     actuator_compensation: bool = False
@@ -98,16 +103,12 @@ CALM = {
     "sigma_bound": 3.0,
     "rho_bound": 2.0,
 }
-"""Largest gains in climb and landing, and off the figure while poses are suspect: more is not needed there, and the
-effect of false or late poses grows with them."""
-HOLD = {
-    "k3_down": 10.0,
-    "rho_slope": 2.0,
-    "sigma_bound": 3.0,
-    "rho_bound": 2.0,
-}
-"""In a hold these gains are so large at most: with those of the figure poses that come later and later drive a vehicle
-that has no motion to tell them by (`faults --state hold`), with the calm ones it gives way to gusts (`upsets`)."""
+"""Largest gains in climb and landing, and off the figure while poses are suspect: more is not
+needed there, and the effect of false or late poses grows with them."""
+HOLD = {"k3_down": 10.0, "rho_slope": 2.0, "sigma_bound": 3.0, "rho_bound": 2.0}
+"""In a hold these gains are so large at most: with those of the figure poses that come later and
+later drive a vehicle that has no motion to tell them by (`faults --state hold`), with the calm ones
+it gives way to gusts (`upsets`)."""
 
 
 def calm_gains(gains: Gains) -> Gains:
@@ -121,17 +122,23 @@ def hold_gains(gains: Gains) -> Gains:
 
 
 def _limit(gains: Gains, most: dict[str, float]) -> Gains:
-    return msgspec.structs.replace(gains, **{name: min(value, getattr(gains, name)) for name, value in most.items()})
+    return msgspec.structs.replace(
+        gains, **{name: min(value, getattr(gains, name)) for name, value in most.items()}
+    )
 
 
 AHEAD_S = 0.002
-"""Time along the model after which the law is evaluated again, for the derivative of its rates [s]."""
+"""Time along the model after which the law is evaluated again, for the derivative of its rates
+[s]."""
 
 
 class Adaptive:
-    """Adaptive backstepping with actuator compensation. State: b̂, and what came before: d̂, the reference's jerk.
+    """Adaptive backstepping with actuator compensation.
 
-    With ``ARRAYS`` for ``ops`` one object flies N vehicles of one configuration: all numbers have shape (N,).
+    State: b̂, and what came before: d̂, the reference's jerk.
+
+    With ``ARRAYS`` for ``ops`` one object flies N vehicles of one configuration: all numbers have
+    shape (N,).
     """
 
     def __init__(self, vehicle: Vehicle, gains: Gains, ops: Ops = FLOATS) -> None:
@@ -169,18 +176,30 @@ class Adaptive:
     @property
     def memory(self) -> tuple[Any, ...]:
         """State from one command to the next, as nested tuples; to be set as it was read."""
-        return self.b_hat, self._witnessed, self._jerk, self._slope, self._thrust_sent, self._saturated
+        return (
+            self.b_hat,
+            self._witnessed,
+            self._jerk,
+            self._slope,
+            self._thrust_sent,
+            self._saturated,
+        )
 
     @memory.setter
     def memory(self, memory: tuple[Any, ...]) -> None:
-        self.b_hat, self._witnessed, self._jerk, self._slope, self._thrust_sent, self._saturated = memory
+        self.b_hat, self._witnessed, self._jerk, self._slope, self._thrust_sent, self._saturated = (
+            memory
+        )
 
-    def decide_apart(self, sooner: Estimate, later: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """Compute one command where thrust and rates begin to act at two instants: each by the law at its own.
+    def decide_apart(
+        self, sooner: Estimate, later: Estimate, reference: Reference, interval_s: float
+    ) -> Decision:
+        """Compute one command where thrust and rates begin to act at two instants: each by the law
+        at its own.
 
-        A state predicted beyond that instant contains rates (or thrust) that are still to be computed: the law would
-        take its own output for the vehicle's, and oscillate. ``reference`` is that of the ``later`` instant; the other
-        follows from its derivatives.
+        A state predicted beyond that instant contains rates (or thrust) that are still to be
+        computed: the law would take its own output for the vehicle's, and oscillate. ``reference``
+        is that of the ``later`` instant; the other follows from its derivatives.
         """
         memory, vehicle = self.memory, self._vehicle
         before = move_back(reference, vehicle.sooner_s)
@@ -213,7 +232,12 @@ class Adaptive:
         state = LawState(z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk)
         step = backstep(ops, gains, state, mass, drag, witness=witness, suspended=suspended)
         # The law's rates as the tilt limit leaves them, and the one that turns the heading.
-        k_yaw, most, yaw, yaw_dot = gains.k_yaw, limits.rates[2], reference.yaw_rad, reference.yaw_rate_rad_s
+        k_yaw, most, yaw, yaw_dot = (
+            gains.k_yaw,
+            limits.rates[2],
+            reference.yaw_rad,
+            reference.yaw_rate_rad_s,
+        )
         least = limits.find_least_cosine(
             attitude,
             thrust,
@@ -224,21 +248,29 @@ class Adaptive:
         rate_x, rate_y, self._tilt_limited = limits.limit_tilt(
             attitude, motion.rates, (step.rate_x, step.rate_y), least, gains.k_omega
         )
-        rates = wanted = (rate_x, rate_y, yaw_rate(ops, attitude, yaw, yaw_dot, rate_y, k_yaw, most))
+        rates = wanted = (
+            rate_x,
+            rate_y,
+            yaw_rate(ops, attitude, yaw, yaw_dot, rate_y, k_yaw, most),
+        )
         if compensate:
             thrust_command = thrust + self._thrust_lead * step.thrust_rate
             if vehicle.rate_lag_s > 0.0:
                 thrust_rate = limits.limit_thrust_rate(thrust, step.thrust_rate, self._thrust_lead)
                 ahead = self._look_ahead(state, step, thrust_rate, estimate, mass, interval_s)
                 rates_ahead = turn_rates(ops, gains, ahead, mass, drag, suspended)
-                rate_x, rate_y, _ = limits.limit_tilt(ahead.attitude, motion.rates, rates_ahead, least, gains.k_omega)
+                rate_x, rate_y, _ = limits.limit_tilt(
+                    ahead.attitude, motion.rates, rates_ahead, least, gains.k_omega
+                )
                 yaw = yaw + AHEAD_S * yaw_dot
                 third = yaw_rate(ops, ahead.attitude, yaw, yaw_dot, rate_y, k_yaw, most)
                 rates = self._lead(motion.rates, wanted, (rate_x, rate_y, third))
         else:
             thrust_command = thrust + self._hold * step.thrust_rate
         x, y, turn = rates
-        drive, clamped = limits.clamp(thrust_command, (x, y, limits.limit_yaw(motion.rates[2], turn)))
+        drive, clamped = limits.clamp(
+            thrust_command, (x, y, limits.limit_yaw(motion.rates[2], turn))
+        )
         self._saturated = clamped | self._tilt_limited
         self._thrust_sent = drive.thrust
         dot = step.b_hat_dot
@@ -263,10 +295,12 @@ class Adaptive:
         return Decision(drive, self._saturated, diagnostics)
 
     def _include_witness(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
-        """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂), if any.
+        """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂),
+        if any.
 
-        Provable form: b̂ moves along with d̂, ν = d̂˙ in docs/explanation/law.md. Raw form: innovations are added.
-        With adaptation off b̂ stays; while it is suspended only ν moves b̂, as the clamped commands are modelled.
+        Provable form: b̂ moves along with d̂, ν = d̂˙ in docs/explanation/law.md. Raw form:
+        innovations are added. With adaptation off b̂ stays; while it is suspended only ν moves b̂,
+        as the clamped commands are modelled.
         """
         gains, b = self._gains, self.b_hat
         if gains.composite == "off" or gains.kb == 0.0:
@@ -285,18 +319,29 @@ class Adaptive:
         return b, (k * (p - x), k * (q - y), k * (r - z))
 
     def _look_ahead(
-        self, state: LawState, step: LawOutput, thrust_rate: Real, estimate: Estimate, mass: Real, interval_s: float
+        self,
+        state: LawState,
+        step: LawOutput,
+        thrust_rate: Real,
+        estimate: Estimate,
+        mass: Real,
+        interval_s: float,
     ) -> LawState:
-        """The law's state ``AHEAD_S`` later: the vehicle along its model, the reference along its derivatives.
+        """The law's state ``AHEAD_S`` later: the vehicle along its model, the reference along its
+        derivatives.
 
-        So ω˙_d is the derivative of the law itself. A difference of successive ω_d would have each pose's innovation
-        in it, and a filter on that lags.
+        So ω˙_d is the derivative of the law itself. A difference of successive ω_d would have each
+        pose's innovation in it, and a filter on that lags.
         """
         e, half = AHEAD_S, 0.5 * AHEAD_S * AHEAD_S
         (x, y, z), (ux, uy, uz), (vx, vy, vz), attitude, thrust, b_hat, feed, jerk = state
         (dx, dy, dz), drag, f = estimate.disturbance, self._vehicle.drag_per_s, -thrust / mass
         rx, ry, rz = third_column(attitude)
-        ax, ay, az = f * rx + dx - drag * vx, f * ry + dy - drag * vy, f * rz + dz - drag * vz + self._gains.gravity
+        ax, ay, az = (
+            f * rx + dx - drag * vx,
+            f * ry + dy - drag * vy,
+            f * rz + dz - drag * vz + self._gains.gravity,
+        )
         (fx, fy, fz), (jx, jy, jz) = feed, jerk
         sx, sy, sz = self._find_snap(jerk, interval_s)
         ex, ey, ez = ax - fx, ay - fy, az - fz
@@ -313,7 +358,9 @@ class Adaptive:
         )
 
     def _find_snap(self, jerk: Vec3, interval_s: float) -> Vec3:
-        """The reference's snap now [m/s⁴]: differences of its exact jerk, extrapolated by half an interval."""
+        """The reference's snap now [m/s⁴]: differences of its exact jerk, extrapolated by half an
+        interval.
+        """
         before, self._jerk = self._jerk, jerk
         if before is None or interval_s <= 0.0:
             return self._slope
@@ -323,7 +370,8 @@ class Adaptive:
         return 1.5 * x - 0.5 * a, 1.5 * y - 0.5 * b, 1.5 * z - 0.5 * c
 
     def _lead(self, rates: Vec3, wanted: Vec3, ahead: Vec3) -> Vec3:
-        """Rates to command so that the true ones follow ``wanted``: e = ω_d - ω̂ decays like e^(-k_ω t).
+        """Rates to command so that the true ones follow ``wanted``: e = ω_d - ω̂ decays like
+        e^(-k_ω t).
 
         ``ahead`` is what will be wanted ``AHEAD_S`` later.
         """
@@ -354,7 +402,9 @@ _SUSPENDED = "none: adaptation is suspended while the tilt or a command is at it
 
 
 def bound_decrease(gains: Gains) -> str:
-    """Which bound on V holds for these gains, for a constant wind and no lag (docs/explanation/law-proof.md)."""
+    """Which bound on V holds for these gains, for a constant wind and no lag
+    (docs/explanation/law-proof.md).
+    """
     if gains.kb == 0.0:
         return "none: adaptation is off (controller.kb = 0)"
     if gains.composite == "off":

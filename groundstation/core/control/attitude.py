@@ -1,26 +1,44 @@
-"""Attitude control: from a wanted push to body rates, and to a decision within the vehicle's limits.
+"""Attitude control: from a wanted push to body rates, and to a decision within the vehicle's
+limits.
 
-It serves every controller that does not backstep through the attitude. The push F [m/s², NED] is the specific thrust,
-(T/m) R e3, along the body's z axis; the rotors accelerate the vehicle by -F. With the disturbance d, acceleration =
-g e3 + d - F, so F = g e3 + d - a_wanted, T = m |F|, and R e3 along F. Floats only.
+It serves every controller that does not backstep through the attitude. The push F [m/s², NED] is
+the specific thrust, (T/m) R e3, along the body's z axis; the rotors accelerate the vehicle by -F.
+With the disturbance d, acceleration = g e3 + d - F, so F = g e3 + d - a_wanted, T = m |F|, and R e3
+along F. Floats only.
 """
 
 import math
 
 from groundstation.core.control.demand_limits import DemandLimits
-from groundstation.core.geometry import FLOATS, ZERO, Quat, Vec3, add_scaled, subtract, third_column, to_body
+from groundstation.core.geometry import (
+    FLOATS,
+    ZERO,
+    Quat,
+    Vec3,
+    add_scaled,
+    subtract,
+    third_column,
+    to_body,
+)
 from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 LEAST_DOWN_M_S2 = 1.0
-"""Least downward part of F [m/s²]: the vehicle stays upright, and falls by g - 1 m/s² at most. Chosen."""
+"""Least downward part of F [m/s²]: the vehicle stays upright, and falls by g - 1 m/s² at most.
+Chosen."""
 LEAST_HALF_ANGLE = 1e-6
-"""Least 2 cos² of half the error angle that is divided by [-]: within 0.1 degrees of upside down. Rounding."""
+"""Least 2 cos² of half the error angle that is divided by [-]: within 0.1 degrees of upside down.
+Rounding."""
 
 
-def push(wanted: Vec3, disturbance: Vec3, gravity: float, tilt_limit: float = math.radians(45.0)) -> tuple[Vec3, bool]:
-    """F for a wanted acceleration [m/s², NED], tilted by ``tilt_limit`` [rad] at most; True if it was limited."""
+def push(
+    wanted: Vec3, disturbance: Vec3, gravity: float, tilt_limit: float = math.radians(45.0)
+) -> tuple[Vec3, bool]:
+    """F for a wanted acceleration [m/s², NED], tilted by ``tilt_limit`` [rad] at most.
+
+    True if it was limited.
+    """
     x, y = disturbance[0] - wanted[0], disturbance[1] - wanted[1]
     z = gravity + disturbance[2] - wanted[2]
     down = max(z, LEAST_DOWN_M_S2)
@@ -35,17 +53,23 @@ def length(v: Vec3) -> float:
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-def acceleration(motion: Motion, disturbance: Vec3, mass: float, gravity: float, drag: float = 0.0) -> Vec3:
-    """Return the present acceleration by the model [m/s², NED], ``disturbance`` and linear ``drag`` [1/s] included."""
+def acceleration(
+    motion: Motion, disturbance: Vec3, mass: float, gravity: float, drag: float = 0.0
+) -> Vec3:
+    """Return the present acceleration by the model [m/s², NED], ``disturbance`` and linear ``drag``
+    [1/s] included.
+    """
     x, y, z = disturbance
     pushed = add_scaled((x, y, gravity + z), -motion.thrust / mass, third_column(motion.attitude))
     return add_scaled(pushed, -drag, motion.velocity)
 
 
 def sine_error(attitude: Quat, along: Vec3) -> tuple[float, float]:
-    """Turn about body x and y that brings the body's z axis to ``along``: sin of the angle, along the axis [-].
+    """Turn about body x and y that brings the body's z axis to ``along``: sin of the angle, along
+    the axis [-].
 
-    The attitude error of T. Lee, M. Leok, N. H. McClamroch, CDC 2010, without its heading: largest at 90°, 0 at 180°.
+    The attitude error of T. Lee, M. Leok, N. H. McClamroch, CDC 2010, without its heading: largest
+    at 90°, 0 at 180°.
     """
     x, y, _ = to_body(attitude, along)
     n = 1.0 / length(along)
@@ -80,7 +104,9 @@ def _direction_dot(along: Vec3, dot: Vec3) -> Vec3:
     return (n * (dot[0] - inner * a), n * (dot[1] - inner * b), n * (dot[2] - inner * c))
 
 
-def clamp_command(vehicle: Vehicle, thrust_n: float, rates_rad_s: Vec3) -> tuple[ActuatorCommand, bool]:
+def clamp_command(
+    vehicle: Vehicle, thrust_n: float, rates_rad_s: Vec3
+) -> tuple[ActuatorCommand, bool]:
     """The command within the vehicle's limits, and whether any of the four had to be clamped."""
     return DemandLimits(FLOATS, vehicle).clamp(thrust_n, rates_rad_s)
 
@@ -104,7 +130,8 @@ def make_decision(
         thrust_n: wanted thrust [N].
         rates_rad_s: wanted body rates [rad/s, FRD].
         wanted: acceleration that thrust and rates were computed for [m/s², NED], for records.
-        disturbance: the disturbance the controller works with [m/s², NED]; without it, the observer's.
+        disturbance: the disturbance the controller works with [m/s², NED]; without it, the
+            observer's.
     """
     drive, saturated = clamp_command(vehicle, thrust_n, rates_rad_s)
     motion = estimate.motion

@@ -1,7 +1,8 @@
-"""The law: nonlinear adaptive backstepping, equations (5)-(10) of Cabecinhas, Cunha, Silvestre, ACC 2013.
+"""The law: nonlinear adaptive backstepping, equations (5)-(10) of Cabecinhas, Cunha, Silvestre, ACC
+2013.
 
-A pure function: state in, state rates and commands out; no clock, no I/O. The printed paper is wrong in
-places; docs/explanation/law.md lists them, and this file is the corrected form.
+A pure function: state in, state rates and commands out; no clock, no I/O. The printed paper is
+wrong in places; docs/explanation/law.md lists them, and this file is the corrected form.
 
     symbol      unit    frame   meaning                                       equation
     p, v        m, m/s  NED     position, velocity                            (1)
@@ -17,8 +18,9 @@ places; docs/explanation/law.md lists them, and this file is the corrected form.
 
 On the plant of the paper, V˙ = -W + b̃ᵀ(ξ - Proj) <= -W.
 
-σ and ρ are of one family of odd, smooth functions: M r s/√(M² + r² s²), with bound M and slope r at 0. (The paper
-prints M r s/√(1 + r² s²), whose slope is M·r.) All functions work elementwise: on floats, or on arrays of shape (N,).
+σ and ρ are of one family of odd, smooth functions: M r s/√(M² + r² s²), with bound M and slope r at
+0. (The paper prints M r s/√(1 + r² s²), whose slope is M·r.) All functions work elementwise: on
+floats, or on arrays of shape (N,).
 """
 
 import math
@@ -42,15 +44,16 @@ from groundstation.core.geometry import Ops, Quat, Real, Vec3, add, scale, third
 class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True):
     """Gains of the pure law. docs/explanation/law.md, section 7, gives the origin of each default.
 
-    The base is :class:`Estimation`, as a controller's section also configures its estimator, and a struct has one base
-    only. Of it the law reads ``gravity`` alone.
+    The base is :class:`Estimation`, as a controller's section also configures its estimator, and a
+    struct has one base only. Of it the law reads ``gravity`` alone.
     """
 
     k2: Annotated[
         AccelerationBound,
         msgspec.Meta(
-            description="Gain on ρ(z2) [m/s²]; paper: 2. With calm gains at most 1.75: in climbs and "
-            "descents, with poses more than 0.07 s apart, and in a hold while poses are doubted."
+            description="Gain on ρ(z2) [m/s²]; paper: 2. With calm gains at most 1.75: in climbs "
+            "and descents, with poses more than 0.07 s apart, and in a hold while poses are "
+            "doubted."
         ),
     ] = 2.0
     k3: Annotated[Gain, msgspec.Meta(description="Gain on z3 [1/s]; paper: 4.")] = 5.0
@@ -64,7 +67,8 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
     kb: Annotated[
         GainOrOff,
         msgspec.Meta(
-            description="Adaptation gain [1/s² per m/s² of V's gradient]; paper: 1; 0 switches adaptation off."
+            description="Adaptation gain [1/s² per m/s² of V's gradient]; paper: 1; 0 switches "
+            "adaptation off."
         ),
     ] = 0.4
     k_yaw: Annotated[GainOrOff, msgspec.Meta(description="Heading gain [1/s].")] = 1.0
@@ -76,40 +80,64 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
         ),
     ] = 6.0
     sigma_slope: Annotated[
-        Gain, msgspec.Meta(description="r: slope of σ at 0 [1/s]; paper: 3. With calm gains (see k2) at most 3.")
+        Gain,
+        msgspec.Meta(
+            description="r: slope of σ at 0 [1/s]; paper: 3. With calm gains (see k2) at most 3."
+        ),
     ] = 4.5
     rho_bound: Annotated[
-        Ratio, msgspec.Meta(description="Bound of ρ [-]. In a hold and with calm gains (see k2) at most 2.")
+        Ratio,
+        msgspec.Meta(
+            description="Bound of ρ [-]. In a hold and with calm gains (see k2) at most 2."
+        ),
     ] = 6.0
     rho_slope: Annotated[
-        Ratio, msgspec.Meta(description="Slope of ρ at 0 [s/m]. In a hold at most 2, with calm gains (see k2) 1.")
+        Ratio,
+        msgspec.Meta(
+            description="Slope of ρ at 0 [s/m]. In a hold at most 2, with calm gains (see k2) 1."
+        ),
     ] = 3.0
     velocity_scale: Annotated[
-        SpeedBound, msgspec.Meta(description="c: speed beyond M over which Ω' begins to grow [m/s]; less grows faster.")
+        SpeedBound,
+        msgspec.Meta(
+            description="c: speed beyond M over which Ω' begins to grow [m/s]; less grows faster."
+        ),
     ] = 1.0
     b_bound: Annotated[
         AccelerationBound,
         msgspec.Meta(
-            description="B: largest disturbance to adapt to [m/s²]. The default 14, which the paper's vehicle "
-            "can trim sideways, is replaced by what yours can: `vehicle.wind_share` of "
-            "√((T_max/m)² - g²), but at least 5."
+            description="B: largest disturbance to adapt to [m/s²]. The default 14, which the "
+            "paper's vehicle can trim sideways, is replaced by what yours can: "
+            "`vehicle.wind_share` of √((T_max/m)² - g²), but at least 5."
         ),
     ] = 14.0
-    epsilon: Annotated[AccelerationBound, msgspec.Meta(description="ε: b̂ stays within B + ε [m/s²].")] = 0.5
-    delta: Annotated[Smoothing, msgspec.Meta(description="δ: smooths the projection [m²/s⁴].")] = 0.1
+    epsilon: Annotated[
+        AccelerationBound, msgspec.Meta(description="ε: b̂ stays within B + ε [m/s²].")
+    ] = 0.5
+    delta: Annotated[Smoothing, msgspec.Meta(description="δ: smooths the projection [m²/s⁴].")] = (
+        0.1
+    )
     projection_order: Annotated[
-        int, msgspec.Meta(ge=1, le=6, description="n: the projection is n times continuously differentiable.")
+        int,
+        msgspec.Meta(
+            ge=1, le=6, description="n: the projection is n times continuously differentiable."
+        ),
     ] = 1
 
     @cached_property
     def shape(self) -> "Shape":
         """Gain and functions of one axis."""
-        sigma, rho = saturation(self.sigma_bound, self.sigma_slope), saturation(self.rho_bound, self.rho_slope)
+        sigma, rho = (
+            saturation(self.sigma_bound, self.sigma_slope),
+            saturation(self.rho_bound, self.rho_slope),
+        )
         return Shape(self.k2, sigma, rho, self.velocity_scale)
 
 
 class Saturation(msgspec.Struct, frozen=True, gc=False):
-    """σ or ρ: M r s/root with root = √(M² + r² s²), and the constants of its derivatives and its integral."""
+    """σ or ρ: M r s/root with root = √(M² + r² s²), and the constants of its derivatives and its
+    integral.
+    """
 
     bound: Real
     """M."""
@@ -127,11 +155,14 @@ class Saturation(msgspec.Struct, frozen=True, gc=False):
 
 def saturation(bound: Real, slope: Real) -> Saturation:
     """Make the function of this bound and slope."""
-    return Saturation(bound, slope, bound * bound, slope * bound * bound * bound, -3.0 * slope, bound / slope)
+    return Saturation(
+        bound, slope, bound * bound, slope * bound * bound * bound, -3.0 * slope, bound / slope
+    )
 
 
 def integral(sigma: Saturation, rs: Real, root: Real) -> Real:
-    """φ(s), the integral of σ from 0 to s: (M/r)(root - M), written without the cancellation near 0.
+    """φ(s), the integral of σ from 0 to s: (M/r)(root - M), written without the cancellation near
+    0.
 
     Args:
         sigma: σ.
@@ -174,8 +205,11 @@ def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Rea
     return excess, first, second
 
 
-def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delta: Real, order: int) -> Vec3:
-    """Proj(ξ, b̂) = ξ - η1 η2 / (2 (ε² + 2εB)^(n+1) B²) b̂, with the signs and squares that print lost.
+def project(
+    ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delta: Real, order: int
+) -> Vec3:
+    """Proj(ξ, b̂) = ξ - η1 η2 / (2 (ε² + 2εB)^(n+1) B²) b̂, with the signs and squares that print
+    lost.
 
     Args:
         ops: elementary functions.
@@ -193,12 +227,19 @@ def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delt
     eta1 = ops.clamp(bx * bx + by * by + bz * bz - bound * bound, 0.0, math.inf) ** (order + 1)
     inner = bx * x + by * y + bz * z
     eta2 = inner + ops.sqrt(inner * inner + delta * delta)
-    k = eta1 * eta2 / (2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound)
+    k = (
+        eta1
+        * eta2
+        / (2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound)
+    )
     return (x - k * bx, y - k * by, z - k * bz)
 
 
 def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
-    """Scale b̂ radially into the ball of ``radius``. For a true b in that ball this never increases |b - b̂|."""
+    """Scale b̂ radially into the ball of ``radius``.
+
+    For a true b in that ball this never increases |b - b̂|.
+    """
     bx, by, bz = b_hat
     length = ops.sqrt(bx * bx + by * by + bz * bz + 1e-300)  # not 0 where b̂ is
     k = ops.clamp(radius / length, 0.0, 1.0)
@@ -206,19 +247,22 @@ def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
 
 
 POSITION_LIMIT = 1e6
-"""Limit of each component of position error, acceleration and jerk [m, m/s², m/s³]: no finite input overflows.
+"""Limit of each component of position error, acceleration and jerk [m, m/s², m/s³]: no finite input
+overflows.
 
 Chosen: far beyond any flight.
 """
 VELOCITY_LIMIT = 1e4
-"""Limit of each component of the speed error [m/s]: V grows with its fourth power. Chosen: far beyond any flight."""
+"""Limit of each component of the speed error [m/s]: V grows with its fourth power. Chosen: far
+beyond any flight."""
 THRUST_LIMIT = 1e6
 """Limit of the thrust that the law calculates with [N]. Chosen: far beyond any vehicle."""
 THRUST_SHARE_MIN = 1e-3
-"""Least thrust that the law calculates with, as a share of the weight [-]: it divides by it. Chosen: far below any
-thrust that flies."""
+"""Least thrust that the law calculates with, as a share of the weight [-]: it divides by it.
+Chosen: far below any thrust that flies."""
 COS_ROLL_MIN = 0.2
-"""Least |cos(roll)| that the heading rate is divided by [-]: 0.2 is a roll of 78 deg, beyond the tilt limits in use."""
+"""Least |cos(roll)| that the heading rate is divided by [-]: 0.2 is a roll of 78 deg, beyond the
+tilt limits in use."""
 
 
 class BacksteppingAxis(NamedTuple):
@@ -274,12 +318,20 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
 
 
 def axis(
-    ops: Ops, shape: Shape, z1: Real, z1_dot: Real, u_hat: Real = 0.0, k3: Real = 0.0, drag: float = 0.0
+    ops: Ops,
+    shape: Shape,
+    z1: Real,
+    z1_dot: Real,
+    u_hat: Real = 0.0,
+    k3: Real = 0.0,
+    drag: float = 0.0,
 ) -> BacksteppingAxis:
-    """Evaluate one axis of (5), (6) and (7), the partial derivatives in (z1, z2), and its terms of (8) and (10).
+    """Evaluate one axis of (5), (6) and (7), the partial derivatives in (z1, z2), and its terms of
+    (8) and (10).
 
-    Symbols as in docs/explanation/law.md, section 2: x2 = z1˙, q and M; s, s1, s2 are σ(z1) and its derivatives,
-    o1, o2 are Ω' and Ω'' at x2, a = k2 ρ(z2) + σ(z1). u_x1, u_x2 and u_z1 are partial derivatives of u*.
+    Symbols as in docs/explanation/law.md, section 2: x2 = z1˙, q and M; s, s1, s2 are σ(z1) and its
+    derivatives, o1, o2 are Ω' and Ω'' at x2, a = k2 ρ(z2) + σ(z1). u_x1, u_x2 and u_z1 are partial
+    derivatives of u*.
     """
     k2, sigma, rho_shape, x2, sqrt = shape.k2, shape.sigma, shape.rho, z1_dot, ops.sqrt
     m, rs = sigma.bound, sigma.slope * z1
@@ -370,8 +422,9 @@ def backstep(
         state: errors, vehicle and reference.
         mass: [kg].
         drag: configured linear drag c [1/s]: -c v is a part of the acceleration.
-        witness: κ (d̂ - b̂), added to ξ in b̂˙ (composite adaptation), or None. Ṫ and ω do not see it: they use
-            b̂˙ = kb Proj(ξ, b̂), which follows gusts better (docs/decisions/0005-observer-and-adaptation.md).
+        witness: κ (d̂ - b̂), added to ξ in b̂˙ (composite adaptation), or None. Ṫ and ω do not see
+            it: they use b̂˙ = kb Proj(ξ, b̂), which follows gusts better
+            (docs/decisions/0005-observer-and-adaptation.md).
         suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
     (x, y, z), z1, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
@@ -379,7 +432,11 @@ def backstep(
         b_dot = _adaptation(ops, law, kb, add((x.xi, y.xi, z.xi), witness), state.b_hat)
     level2, down2 = x.z3 * x.z3 + y.z3 * y.z3, z.z3 * z.z3
     k2, sigma = law.k2, law.shape.sigma
-    v_position = integral(sigma, x.rs, x.root) + integral(sigma, y.rs, y.root) + integral(sigma, z.rs, z.root)
+    v_position = (
+        integral(sigma, x.rs, x.root)
+        + integral(sigma, y.rs, y.root)
+        + integral(sigma, z.rs, z.root)
+    )
     v_velocity = 0.5 * x.omega * x.omega + 0.5 * y.omega * y.omega + 0.5 * z.omega * z.omega
     v_third = 0.5 * (level2 + down2)
     w_position = x.sigma * x.sigma + y.sigma * y.sigma + z.sigma * z.sigma
@@ -409,7 +466,9 @@ def turn_rates(
     return -(mass / terms.thrust) * terms.turn[1], (mass / terms.thrust) * terms.turn[0]
 
 
-def _evaluate(ops: Ops, law: Law, state: LawState, mass: Real, drag: float, suspended: bool) -> LawTerms:
+def _evaluate(
+    ops: Ops, law: Law, state: LawState, mass: Real, drag: float, suspended: bool
+) -> LawTerms:
     """Evaluate the three axes and (10)."""
     z1, z1_dot, (vx, vy, vz), attitude, thrust, b_hat, acceleration, jerk = state
     bx, by, bz = b_hat
@@ -441,17 +500,29 @@ def _evaluate(ops: Ops, law: Law, state: LawState, mass: Real, drag: float, susp
 
 def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3) -> Vec3:
     """b̂˙ = kb Proj(ξ, b̂); ``kb`` is 0 where adaptation is suspended."""
-    by = project(ops, xi, b_hat, bound=law.b_bound, epsilon=law.epsilon, delta=law.delta, order=law.projection_order)
+    by = project(
+        ops,
+        xi,
+        b_hat,
+        bound=law.b_bound,
+        epsilon=law.epsilon,
+        delta=law.delta,
+        order=law.projection_order,
+    )
     return scale(kb, by)
 
 
-def yaw_rate(ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real) -> Real:
+def yaw_rate(
+    ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real
+) -> Real:
     """ω3 [rad/s] that turns the heading towards ``yaw`` [rad]; the law leaves ω3 free.
 
-    ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, with |cosφ| >= ``COS_ROLL_MIN``, and within ±``limit`` [rad/s].
+    ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, with |cosφ| >= ``COS_ROLL_MIN``, and within
+    ±``limit`` [rad/s].
     """
     w, x, y, z = attitude
-    # The first column and last row of R give the angles without trigonometry; 1e-12 avoids 0/0 where a norm is 0.
+    # The first column and last row of R give the angles without trigonometry; 1e-12 avoids 0/0
+    # where a norm is 0.
     north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
     cos_pitch = ops.sqrt(north * north + east * east + 1e-12)
     r32, r33 = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)

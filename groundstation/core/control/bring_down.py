@@ -1,15 +1,22 @@
-"""Bring-down: the plan to level, sink, brake and stop the motors when no more commands arrive. Sans-IO.
+"""Bring-down: the plan to level, sink, brake and stop the motors when no more commands arrive.
 
-Every command carries a bring-down. It begins in the state that the vehicle will have when that command must not be
-repeated any longer. The link plays it open loop, so it can't use poses. Four ideas:
+Sans-IO.
 
-- A first-order lag τ turns a pulse of a body rate into an angle as large as the pulse's area, and the present rate ω
-  into τ ω more. So the turn to level is a pulse whose area is the angle that remains after τ ω.
-- Level means the attitude in which thrust cancels the estimated disturbance, leaning by ``WIND_TILT`` at most.
-- The lagged vehicle is a double integrator: with x down, acceleration A, τ A˙ + A = a, the variables w = v + τ A and
-  ζ = x + τ v have ζ˙ = w, w˙ = a. It falls at a = +pull, sinks at constant speed, and brakes at a = -brake. Braking is
-  weak and short, as no pose shows its effect. From a room's height the floor is met at ``TOUCHDOWN_M_S``.
-- An autopilot repeats its last command for 1 to 3 s after the link falls silent: so the last part is zero thrust.
+Every command carries a bring-down. It begins in the state that the vehicle will have when that
+command must not be repeated any longer. The link plays it open loop, so it can't use poses. Four
+ideas:
+
+- A first-order lag τ turns a pulse of a body rate into an angle as large as the pulse's area, and
+  the present rate ω into τ ω more. So the turn to level is a pulse whose area is the angle that
+  remains after τ ω.
+- Level means the attitude in which thrust cancels the estimated disturbance, leaning by
+  ``WIND_TILT`` at most.
+- The lagged vehicle is a double integrator: with x down, acceleration A, τ A˙ + A = a, the
+  variables w = v + τ A and ζ = x + τ v have ζ˙ = w, w˙ = a. It falls at a = +pull, sinks at
+  constant speed, and brakes at a = -brake. Braking is weak and short, as no pose shows its effect.
+  From a room's height the floor is met at ``TOUCHDOWN_M_S``.
+- An autopilot repeats its last command for 1 to 3 s after the link falls silent: so the last part
+  is zero thrust.
 """
 
 import math
@@ -25,9 +32,10 @@ MARGIN_M = 0.15
 SINK_S = 1.45
 """Longest time for falling, sinking and braking together [s].
 
-This value and those down to ``BIAS`` were chosen by flights cut short at 1 and 2 m: smallest worst touchdown over a
-vehicle as modelled, one with other thrust, lags and gusts, and one with strong drag (`groundstation-sim dev faults
-SCENARIO --fault dropout --set link.bring_down=rates` flies them).
+This value and those down to ``BIAS`` were chosen by flights cut short at 1 and 2 m: smallest worst
+touchdown over a vehicle as modelled, one with other thrust, lags and gusts, and one with strong
+drag (`groundstation-sim dev faults SCENARIO --fault dropout --set link.bring_down=rates` flies
+them).
 """
 SETTLE_S = 0.4
 """Time of further sinking after the braking, in case the floor is not reached yet [s]."""
@@ -36,13 +44,15 @@ SETTLE_SHARE = 0.93
 OFF_S = 0.15
 """Duration of zero thrust at the end [s]: long enough to arrive on a link that loses frames."""
 TOUCHDOWN_M_S = 0.8
-"""Speed at the end of the braking [m/s]: not zero, as a vehicle that stops above the floor falls the rest."""
+"""Speed at the end of the braking [m/s]: not zero, as a vehicle that stops above the floor falls
+the rest."""
 SOFTEST = 0.08
 """Smallest acceleration of the fall, as a share of gravity [-]."""
 HARDEST = 0.45
 """Largest acceleration of the fall, as a share of gravity [-]."""
 BRAKES = 0.22
-"""Largest deceleration of the braking, as a share of gravity [-]: without poses, thrust stays little above hover."""
+"""Largest deceleration of the braking, as a share of gravity [-]: without poses, thrust stays
+little above hover."""
 BRAKE_S = 0.45
 """Longest braking [s], for the same reason."""
 PULSE_S = 0.15
@@ -50,26 +60,38 @@ PULSE_S = 0.15
 WIND_TILT = 0.18
 """Largest lean into the wind, as a tangent [-]: 10 degrees."""
 BIAS = 0.96
-"""Share of the estimated hover thrust that is taken as hover thrust [-]: to meet the floor early and a little fast is
-better than to stop above it."""
+"""Share of the estimated hover thrust that is taken as hover thrust [-]: to meet the floor early
+and a little fast is better than to stop above it."""
 WEIGHT_RANGE = (0.5, 1.5)
-"""Range of the estimated gravity (see ``weight``), as shares of gravity [-]. Chosen: beyond any plausible estimate."""
+"""Range of the estimated gravity (see ``weight``), as shares of gravity [-]. Chosen: beyond any
+plausible estimate."""
 LIFTING_COSINE = 0.3
-"""Cosine of the mean tilt of the turn below which thrust is the least one [-]: it would push sideways. Chosen."""
+"""Cosine of the mean tilt of the turn below which thrust is the least one [-]: it would push
+sideways. Chosen."""
 SPARE_SHARE = 0.85
 """Share of the thrust above hover that braking may use [-]: the rest is reserve. Chosen."""
 LEAST_PULL = 0.02
-"""Acceleration of fall and braking of a vehicle without spare thrust, as a share of gravity [-]. Chosen."""
+"""Acceleration of fall and braking of a vehicle without spare thrust, as a share of gravity [-].
+Chosen."""
 ALIGNED = 1e-9
-"""Sine of the angle to level below which its axis is undefined [-]: the vehicle is level, or exactly upside down."""
+"""Sine of the angle to level below which its axis is undefined [-]: the vehicle is level, or
+exactly upside down."""
 OFF = (Segment(OFF_S, 0.0, ZERO),)
 """Bring-down of a vehicle on the floor: motors off."""
 
 
 def plan_bring_down(
-    motion: Motion, vehicle: Vehicle, *, mass_kg: float, gravity: float, disturbance: Vec3, height_m: float
+    motion: Motion,
+    vehicle: Vehicle,
+    *,
+    mass_kg: float,
+    gravity: float,
+    disturbance: Vec3,
+    height_m: float,
 ) -> tuple[Segment, ...]:
-    """Plan the bring-down from the state ``motion``, ``height_m`` above the floor. It takes about 5 µs.
+    """Plan the bring-down from the state ``motion``, ``height_m`` above the floor.
+
+    It takes about 5 µs.
 
     Args:
         motion: state at its beginning.
@@ -84,22 +106,38 @@ def plan_bring_down(
     """
     if height_m < ON_FLOOR_M:
         return OFF
-    # The vertical disturbance is treated as an error of the thrust scale, not as wind: it scales all thrusts.
+    # The vertical disturbance is treated as an error of the thrust scale, not as wind: it scales
+    # all thrusts.
     least, most = WEIGHT_RANGE
     weight = min(max(gravity + disturbance[2], least * gravity), most * gravity)
     turn_s, rates, cosine = _turn(motion, vehicle, weight, disturbance)
-    fall_s, hold_s, brake_s, pull, brake = _descent(motion, vehicle, mass_kg, gravity, weight, height_m)
+    fall_s, hold_s, brake_s, pull, brake = _descent(
+        motion, vehicle, mass_kg, gravity, weight, height_m
+    )
     top = vehicle.thrust_max_n
     hover = mass_kg * weight * BIAS
-    fall_n, brake_n, settle_n = hover * (1.0 - pull / gravity), hover * (1.0 + brake / gravity), hover * SETTLE_SHARE
+    fall_n, brake_n, settle_n = (
+        hover * (1.0 - pull / gravity),
+        hover * (1.0 + brake / gravity),
+        hover * SETTLE_SHARE,
+    )
     segments: list[Segment] = []
-    for duration, thrust in ((fall_s, fall_n), (hold_s, hover), (brake_s, brake_n), (SETTLE_S, settle_n)):
+    for duration, thrust in (
+        (fall_s, fall_n),
+        (hold_s, hover),
+        (brake_s, brake_n),
+        (SETTLE_S, settle_n),
+    ):
         left = duration
         if turn_s > 0.0 and left > 0.0:
             first = min(turn_s, left)
             # Thrust makes up for the tilt, but not above hover; far over it is the least one.
             is_lifting = cosine > LIFTING_COSINE
-            lift = min(thrust / cosine, max(thrust, hover), top) if is_lifting else vehicle.thrust_min_n
+            lift = (
+                min(thrust / cosine, max(thrust, hover), top)
+                if is_lifting
+                else vehicle.thrust_min_n
+            )
             segments.append(Segment(first, lift, rates))
             turn_s -= first
             left -= first
@@ -108,11 +146,14 @@ def plan_bring_down(
     return (*segments, *OFF)
 
 
-def _turn(motion: Motion, vehicle: Vehicle, weight: float, disturbance: Vec3) -> tuple[float, Vec3, float]:
+def _turn(
+    motion: Motion, vehicle: Vehicle, weight: float, disturbance: Vec3
+) -> tuple[float, Vec3, float]:
     """Compute the pulse of body rates that ends level.
 
     Returns:
-        Its duration [s], its rates [rad/s], and the cosine of the mean tilt; -1 for a vehicle upside down.
+        Its duration [s], its rates [rad/s], and the cosine of the mean tilt; -1 for a vehicle
+        upside down.
     """
     lag = vehicle.rate_lag_s
     a, b, c = motion.rates
@@ -132,7 +173,9 @@ def _turn(motion: Motion, vehicle: Vehicle, weight: float, disturbance: Vec3) ->
     else:
         turn_x, turn_y = -v * math.pi, math.pi
     limit_x, limit_y, _ = vehicle.rate_limits_deg_s
-    duration = max(PULSE_S, abs(turn_x) / math.radians(limit_x), abs(turn_y) / math.radians(limit_y))
+    duration = max(
+        PULSE_S, abs(turn_x) / math.radians(limit_x), abs(turn_y) / math.radians(limit_y)
+    )
     duration = min(duration, SINK_S)
     rates = (turn_x / duration, turn_y / duration, 0.0)
     cosine = math.cos(0.5 * angle) if third_column(coasted)[2] > 0.0 else -1.0
@@ -145,8 +188,8 @@ def _descent(
     """Compute the vertical motion.
 
     Returns:
-        Durations of falling, of sinking at constant speed, and of braking [s]; accelerations of falling and of
-        braking, pull and brake [m/s²].
+        Durations of falling, of sinking at constant speed, and of braking [s]; accelerations of
+        falling and of braking, pull and brake [m/s²].
     """
     lag = vehicle.thrust_lag_s
     speed = motion.velocity[2]
@@ -163,7 +206,8 @@ def _descent(
     way = max(height - MARGIN_M, 0.0) + lag * (TOUCHDOWN_M_S - speed)
     if w0 > w1 and w0 * w0 - w1 * w1 >= 2.0 * brake * way:  # too fast already: brake at once
         return 0.0, 0.0, min((w0 - w1) / brake, BRAKE_S), pull, brake
-    # Fall at +pull to the peak, brake at -brake to w1, and keep the peak speed over the rest of the way.
+    # Fall at +pull to the peak, brake at -brake to w1, and keep the peak speed over the rest of the
+    # way.
     square = 2.0 * (way + 0.5 * w0 * w0 / pull + 0.5 * w1 * w1 / brake) / (1.0 / pull + 1.0 / brake)
     peak = max(min(math.sqrt(max(square, 0.0)), w1 + brake * BRAKE_S), w0, w1)
     fall_s, brake_s = (peak - w0) / pull, min((peak - w1) / brake, BRAKE_S)

@@ -1,18 +1,22 @@
-"""Lyapunov certificate: the bound of the theory before a flight, and a monitor of V against it in flight.
+"""Lyapunov certificate: the bound of the theory before a flight, and a monitor of V against it in
+flight.
 
-Before: The paper's bound in consistent units: T/m >= g - (B + ε) - sup|p¨d| - sup|u*| - √(2 V(0)), each sup over time
-of a Euclidean norm. It is conservative (with the paper's own gains it is negative), so it is reported, not refused on:
-in flight the commanded thrust is clamped above ``vehicle.thrust_min_n``.
+Before: The paper's bound in consistent units: T/m >= g - (B + ε) - sup|p¨d| - sup|u*| - √(2 V(0)),
+each sup over time of a Euclidean norm. It is conservative (with the paper's own gains it is
+negative), so it is reported, not refused on: in flight the commanded thrust is clamped above
+``vehicle.thrust_min_n``.
 
-In flight, floats only: The wind is unknown, so b̃ is too; the observer's estimate replaces it: w = d̂ - b̂.
-With V_m = V_known + |w|²/(2 kb), docs/explanation/law-proof.md (5.9) has V_m˙ = -(W + κ|w|²) + terms, each a gradient
-at mid-frame times the change within the frame; and, for the noise and the gusts that it covers,
+In flight, floats only: The wind is unknown, so b̃ is too; the observer's estimate replaces it: w =
+d̂ - b̂. With V_m = V_known + |w|²/(2 kb), docs/explanation/law-proof.md (5.9) has V_m˙ = -(W +
+κ|w|²) + terms, each a gradient at mid-frame times the change within the frame; and, for the noise
+and the gusts that it covers,
 
     V_m˙ <= -s (W + κ|w|²) + D
 
-on average. So from any instant on, V_m stays below its value there plus the integral of the right side. The monitor
-keeps the excess of V_m over the lowest of these bounds: zero where the theory holds; it grows where V rises, and also
-where V only swings, though it must fall. Lasting excess is a warning that names the largest term of V_m˙.
+on average. So from any instant on, V_m stays below its value there plus the integral of the right
+side. The monitor keeps the excess of V_m over the lowest of these bounds: zero where the theory
+holds; it grows where V rises, and also where V only swings, though it must fall. Lasting excess is
+a warning that names the largest term of V_m˙.
 """
 
 import math
@@ -23,7 +27,14 @@ from groundstation.core.control.adaptive import Gains, bound_decrease
 from groundstation.core.control.backstepping import Law, axis
 from groundstation.core.estimation import Estimation
 from groundstation.core.geometry import FLOATS, Real, Vec3, to_body
-from groundstation.core.messages import Certificate, CertificateReading, Decision, Diagnostics, Sentence, notice
+from groundstation.core.messages import (
+    Certificate,
+    CertificateReading,
+    Decision,
+    Diagnostics,
+    Sentence,
+    notice,
+)
 from groundstation.core.vehicle import Motion, Vehicle
 
 NO_FUNCTION = "none: this controller comes without a Lyapunov function"
@@ -31,10 +42,11 @@ NO_FUNCTION = "none: this controller comes without a Lyapunov function"
 
 @lru_cache(16)
 def virtual_control_sup(law: Law) -> float:
-    """The largest |u*| on one axis [m/s²], over all position and speed errors (u* is odd: z1_dot > 0 is enough).
+    """The largest |u*| on one axis [m/s²], over all position and speed errors (u* is odd: z1_dot >
+    0 is enough).
 
-    A coarse grid far beyond where Ω' has made u* fall again (one half of it, as u* is odd), then three finer ones
-    around its best point.
+    A coarse grid far beyond where Ω' has made u* fall again (one half of it, as u* is odd), then
+    three finer ones around its best point.
     """
     m = law.sigma_bound
     z1, z1_span = 0.0, 10.0 * m / law.sigma_slope
@@ -58,21 +70,31 @@ def virtual_control_sup(law: Law) -> float:
 
 
 def thrust_bound(law: Law, *, acceleration_sup: float, v_start: float) -> float:
-    """Return the least thrust over mass [m/s²] for a reference whose acceleration stays below ``acceleration_sup``.
+    """Return the least thrust over mass [m/s²] for a reference whose acceleration stays below
+    ``acceleration_sup``.
 
     ``v_start`` is V(0). A negative bound promises nothing.
     """
     control = math.sqrt(3.0) * virtual_control_sup(law)  # |u*| from its largest value on one axis
-    return law.gravity - (law.b_bound + law.epsilon) - acceleration_sup - control - math.sqrt(2.0 * v_start)
+    return (
+        law.gravity
+        - (law.b_bound + law.epsilon)
+        - acceleration_sup
+        - control
+        - math.sqrt(2.0 * v_start)
+    )
 
 
 COVERED_RATE_M_S3 = 8.0
-"""β: largest change of b̂ and û by wind and actuators that the bound covers [m/s³]. The sine gusts of `adverse`
-have 0.9; a tilt rate that is off by 0.8 rad/s, as behind the front of `gust_front`, has 8."""
+"""β: largest change of b̂ and û by wind and actuators that the bound covers [m/s³]. The sine gusts
+of `adverse` have 0.9; a tilt rate that is off by 0.8 rad/s, as behind the front of `gust_front`,
+has 8."""
 
 
 class Decrease(NamedTuple):
-    """The bound V_m˙ <= -s (W + κ|w|²) + D for one set of gains (docs/explanation/law-proof.md, section 5.9)."""
+    """The bound V_m˙ <= -s (W + κ|w|²) + D for one set of gains (docs/explanation/law-proof.md,
+    section 5.9).
+    """
 
     name: str
     """Name of the bound, or the reason why there is none."""
@@ -92,13 +114,20 @@ def decrease(law: Law) -> Decrease:
         beyond = max(1.0, ((law.b_bound + law.epsilon) / law.b_bound) ** 2 - 1.0)
         left = 1.0 - 0.5 * law.kb * beyond * math.sqrt(law.kappa / min(law.k3, law.k3_down))
     # Without a d̂ of its own b̃ has no estimate: V_known may rise by the range of V's last term.
-    spare = 0.5 * (2.0 * law.b_bound + law.epsilon) ** 2 / law.kb if name.startswith("paper") else 0.0
+    spare = (
+        0.5 * (2.0 * law.b_bound + law.epsilon) ** 2 / law.kb if name.startswith("paper") else 0.0
+    )
     share = 0.0 if name.startswith("none") else 0.5 * left
-    return Decrease(name, share, COVERED_RATE_M_S3**2 / (2.0 * left * min(law.k3, law.k3_down)), spare)
+    return Decrease(
+        name, share, COVERED_RATE_M_S3**2 / (2.0 * left * min(law.k3, law.k3_down)), spare
+    )
 
 
 class LyapunovMeasure(NamedTuple):
-    """V_m = V_known + |w|²/(2 kb) with w = d̂ - b̂, and its least decrease, for one set of gains. Elementwise."""
+    """V_m = V_known + |w|²/(2 kb) with w = d̂ - b̂, and its least decrease, for one set of gains.
+
+    Elementwise.
+    """
 
     law: Law | None
     """The gains; None for a controller without a Lyapunov function."""
@@ -124,7 +153,9 @@ class LyapunovMeasure(NamedTuple):
 
 
 def measure(config: Estimation) -> LyapunovMeasure:
-    """Return the measure of V under these gains: none for a controller without a Lyapunov function."""
+    """Return the measure of V under these gains: none for a controller without a Lyapunov
+    function.
+    """
     law = config if isinstance(config, Law) else None
     known = Decrease(NO_FUNCTION, 0.0, 0.0, 0.0) if law is None else decrease(law)
     if isinstance(config, Gains) and config.composite == "provable" and config.kb > 0.0:
@@ -133,11 +164,14 @@ def measure(config: Estimation) -> LyapunovMeasure:
 
 
 def noise_power(law: Law, noise_m: Real, interval_s: Real) -> Real:
-    """Return the part of D for noise ``noise_m`` [m, 1σ per axis] every ``interval_s`` [s]; elementwise [m²/s³].
+    """Return the part of D for noise ``noise_m`` [m, 1σ per axis] every ``interval_s`` [s].
 
-    Innovations are white, so on average V_m only gains the second-order part of their jumps: half of its curvature at
-    the origin times their intensity, on three axes. The observer's gains are those of its steady state in continuous
-    time for a chain that the disturbance's rate drives: a Butterworth filter of order 4.
+    Elementwise [m²/s³].
+
+    Innovations are white, so on average V_m only gains the second-order part of their jumps: half
+    of its curvature at the origin times their intensity, on three axes. The observer's gains are
+    those of its steady state in continuous time for a chain that the disturbance's rate drives: a
+    Butterworth filter of order 4.
     """
     intensity = noise_m * noise_m * interval_s
     w: Real = (law.wind_rate_noise**2 / intensity) ** 0.125
@@ -154,7 +188,9 @@ RATES = "rate error of the actuators"
 THRUST = "thrust error of the actuators"
 LIMITS = "commands at their limit"
 WITNESSES = "observer and tracking disagree about the wind (kb² κ against 4 k3)"
-SIDEWAYS = "the disturbance moves sideways (gusts; or rate lag, delay or attitude not as configured)"
+SIDEWAYS = (
+    "the disturbance moves sideways (gusts; or rate lag, delay or attitude not as configured)"
+)
 VERTICAL = "the disturbance moves vertically (gusts; or thrust, its lag or delay not as configured)"
 POSES = "poses contradict the model (noise, or lags or delay not as configured)"
 
@@ -211,11 +247,13 @@ def terms(
 
 
 LASTING_S = 0.5
-"""Duration of a condition that is reported [s]: an outage of the poses, or a gust's front, is shorter."""
+"""Duration of a condition that is reported [s]: an outage of the poses, or a gust's front, is
+shorter."""
 PINNED_S = 1.0
 """Duration of commands at their limit that is reported [s]: a climb of 1 m takes less."""
 SUSPENDED_MEAN_S = 1.0
-"""Time constant of the share of commands at which the bound is suspended [s]; above one half it is reported."""
+"""Time constant of the share of commands at which the bound is suspended [s]; above one half it is
+reported."""
 REST_S = 5.0
 """Time after its end within which a condition is not reported again [s]."""
 
@@ -226,7 +264,9 @@ NONE = "none"
 
 
 class Lasting:
-    """A condition that is reported once when it has lasted, and again only ``REST_S`` after its end."""
+    """A condition that is reported once when it has lasted, and again only ``REST_S`` after its
+    end.
+    """
 
     def __init__(self, least_s: float = LASTING_S) -> None:
         self.for_s, self._least_s = 0.0, least_s
@@ -347,7 +387,11 @@ class ExcessWatch:
             return None
         self._sources.add(frame, measure.pull)
         # While adaptation is suspended there is no bound, so that time does not count.
-        if excess <= spare or last.decision.saturated or not self._rising.extend(last.time_s, frame.dt):
+        if (
+            excess <= spare
+            or last.decision.saturated
+            or not self._rising.extend(last.time_s, frame.dt)
+        ):
             return None
         for_s = self._sources.for_s
         return notice("certificate.above", for_s=for_s, largest=self._sources.name_largest(for_s))
@@ -377,7 +421,9 @@ class SuspensionWatch:
         self._sources.drop(LIMITS)
         if not is_new or pinned:
             return None
-        return notice("certificate.suspended", largest=self._sources.name_largest(self._limited.for_s))
+        return notice(
+            "certificate.suspended", largest=self._sources.name_largest(self._limited.for_s)
+        )
 
 
 class CertificateMonitor:
@@ -385,7 +431,10 @@ class CertificateMonitor:
 
     def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
         self._noise: tuple[float, float] | None = None
-        self._above, self._suspension = ExcessWatch(vehicle.mass_kg), SuspensionWatch(vehicle.mass_kg)
+        self._above, self._suspension = (
+            ExcessWatch(vehicle.mass_kg),
+            SuspensionWatch(vehicle.mass_kg),
+        )
         self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._disturbance, self._thrust = Lasting(), Lasting(PINNED_S)
         """Times of |b̂| above B, and of the commanded thrust at one of its limits."""
@@ -410,10 +459,14 @@ class CertificateMonitor:
         self._above.excess = 0.0
 
     def noise(self, noise_m: float, interval_s: float) -> None:
-        """The poses' noise as measured [m, 1σ per axis] and their mean interval [s]: D follows them."""
+        """The poses' noise as measured [m, 1σ per axis] and their mean interval [s]: D follows
+        them.
+        """
         self._noise = (noise_m, interval_s)
         if self._measure.law is not None:
-            self._power = self._measure.decrease.power + noise_power(self._measure.law, noise_m, interval_s)
+            self._power = self._measure.decrease.power + noise_power(
+                self._measure.law, noise_m, interval_s
+            )
 
     def look(self, time_s: float, motion: Motion, decision: Decision) -> CertificateReading:
         """Take one command, and the motion that it was computed from."""
@@ -435,8 +488,17 @@ class CertificateMonitor:
 
     def _find_warnings(self, last: Look, now: Look) -> tuple[Sentence, ...]:
         """Show the frame from ``last`` to ``now`` to every watch that it concerns."""
-        dt, rise, saturated, bound = now.time_s - last.time_s, now.v - last.v, last.decision.saturated, self._measure
-        fallen, above, found = 0.5 * dt * (now.fall + last.fall), self._above, list[Sentence | None]()
+        dt, rise, saturated, bound = (
+            now.time_s - last.time_s,
+            now.v - last.v,
+            last.decision.saturated,
+            self._measure,
+        )
+        fallen, above, found = (
+            0.5 * dt * (now.fall + last.fall),
+            self._above,
+            list[Sentence | None](),
+        )
         excess = above.excess + rise + bound.decrease.share * fallen - self._power * dt
         if saturated:  # nothing is promised: the bound begins anew from here
             excess = 0.0
@@ -444,7 +506,9 @@ class CertificateMonitor:
         if excess > 0.0 or above.excess > 0.0:
             found.append(above.update(excess, frame, bound))
         if saturated or self._suspension.share > 0.0:
-            found.append(self._suspension.update(frame, bound, pinned=self._thrust.for_s >= LASTING_S))
+            found.append(
+                self._suspension.update(frame, bound, pinned=self._thrust.for_s >= LASTING_S)
+            )
         bx, by, bz = now.decision.diagnostics.b_hat
         b2 = bx * bx + by * by + bz * bz
         found.append(self._check_disturbance(math.sqrt(b2), last.time_s, dt))
@@ -452,17 +516,23 @@ class CertificateMonitor:
         return tuple(one for one in found if one is not None)
 
     def _check_disturbance(self, length: float, last_s: float, dt: float) -> Sentence | None:
-        """Return the sentence about |b̂| = ``length`` [m/s²] once it has been above B for long enough."""
+        """Return the sentence about |b̂| = ``length`` [m/s²] once it has been above B for long
+        enough.
+        """
         law, above = self._measure.law, self._disturbance
         if law is None or law.kb == 0.0 or length <= law.b_bound:
             above.end(last_s)
             return None
         if not above.extend(last_s, dt):
             return None
-        return notice("certificate.disturbance", found_m_s2=length, limit_m_s2=law.b_bound, for_s=above.for_s)
+        return notice(
+            "certificate.disturbance", found_m_s2=length, limit_m_s2=law.b_bound, for_s=above.for_s
+        )
 
     def _check_thrust(self, thrust_n: float, last_s: float, dt: float) -> Sentence | None:
-        """Return the sentence about the commanded thrust once it has been at one of its limits for long enough."""
+        """Return the sentence about the commanded thrust once it has been at one of its limits for
+        long enough.
+        """
         pinned = self._thrust
         if self._least_n < thrust_n < self._most_n:
             pinned.end(last_s)
@@ -470,7 +540,9 @@ class CertificateMonitor:
         if not pinned.extend(last_s, dt):
             return None
         which = "upper" if thrust_n >= self._most_n else "lower"
-        return notice("certificate.thrust_margin", which=which, thrust_n=thrust_n, for_s=pinned.for_s)
+        return notice(
+            "certificate.thrust_margin", which=which, thrust_n=thrust_n, for_s=pinned.for_s
+        )
 
     def _state(self, *, suspended: bool) -> str:
         if max(self._above.for_s, self._disturbance.for_s) >= LASTING_S:

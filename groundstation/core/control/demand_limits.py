@@ -2,12 +2,14 @@
 
 The law knows no limits of the vehicle. A demand beyond them is cut in this order:
 
-1. Tilt. With c the cosine of the tilt, full thrust has the vertical part T_max c. It must suffice for the vertical
-   axis, so c stays above c_min (:meth:`DemandLimits.find_least_cosine`). Rates change c by c˙ = r31 ω2 - r32 ω1. They
-   are changed as little as possible so that c, predicted until the present rates have decayed, approaches c_min and
-   does not pass it (:meth:`DemandLimits.limit_tilt`), no faster than rates follow commands that are held for a frame.
-2. Thrust, clamped to the vehicle's limits. The law is evaluated a moment later with the rate at which thrust can still
-   change (:meth:`DemandLimits.limit_thrust_rate`).
+1. Tilt. With c the cosine of the tilt, full thrust has the vertical part T_max c. It must suffice
+   for the vertical axis, so c stays above c_min (:meth:`DemandLimits.find_least_cosine`). Rates
+   change c by c˙ = r31 ω2 - r32 ω1. They are changed as little as possible so that c, predicted
+   until the present rates have decayed, approaches c_min and does not pass it
+   (:meth:`DemandLimits.limit_tilt`), no faster than rates follow commands that are held for a
+   frame.
+2. Thrust, clamped to the vehicle's limits. The law is evaluated a moment later with the rate at
+   which thrust can still change (:meth:`DemandLimits.limit_thrust_rate`).
 3. Body rates, clamped per axis; the yaw rate also changes slowly (:meth:`DemandLimits.limit_yaw`).
 
 A demand inside the limits is unchanged, to the bit. Derivation: docs/explanation/law.md,
@@ -21,18 +23,20 @@ from groundstation.core.geometry import Ops, Quat, Real, Vec3, third_column
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
 
 RESERVE = 1.03
-"""Vertical part of the full thrust at the tilt limit, over the hover thrust, at rest [-]: true thrust may be as low as
-0.62 of the configured one on a vehicle that then has 1.08 times its weight."""
+"""Vertical part of the full thrust at the tilt limit, over the hover thrust, at rest [-]: true
+thrust may be as low as 0.62 of the configured one on a vehicle that then has 1.08 times its
+weight."""
 LEAST_COSINE = math.cos(math.radians(80.0))
 """Cosine of the largest tilt of any vehicle [-]: beyond it the heading loop loses its axis."""
 LEAST_SINE_SQUARED = 0.04
-"""Squared sine of the tilt below which a rate changes c too little to divide by it [-]: near level, where nothing is
-limited, and upside down, where the rate limits act."""
+"""Squared sine of the tilt below which a rate changes c too little to divide by it [-]: near level,
+where nothing is limited, and upside down, where the rate limits act."""
 
 
 YAW_RAD_S2 = 2.5
-"""Largest change of the commanded yaw rate [rad/s²]: on `rotors_quad1kg` that takes a fifth of the rotors' thrust in
-hover. Rotors turn a vehicle about z by their drag, ten times weaker than by their arms."""
+"""Largest change of the commanded yaw rate [rad/s²]: on `rotors_quad1kg` that takes a fifth of the
+rotors' thrust in hover. Rotors turn a vehicle about z by their drag, ten times weaker than by their
+arms."""
 
 
 class DemandLimits:
@@ -47,7 +51,8 @@ class DemandLimits:
     def find_least_cosine(
         self, attitude: Quat, thrust: Real, effectiveness: Real, weight: Real, vertical: Real
     ) -> Real:
-        """Return c_min, the cosine of the largest tilt at which thrust suffices for the vertical axis.
+        """Return c_min, the cosine of the largest tilt at which thrust suffices for the vertical
+        axis.
 
         Args:
             attitude: body to world.
@@ -67,9 +72,15 @@ class DemandLimits:
         return clamp((hover - vertical) / most, low, high)
 
     def limit_tilt(
-        self, attitude: Quat, rates: Vec3, wanted: tuple[Real, Real], least_cosine: Real, k_omega: float
+        self,
+        attitude: Quat,
+        rates: Vec3,
+        wanted: tuple[Real, Real],
+        least_cosine: Real,
+        k_omega: float,
     ) -> tuple[Real, Real, Any]:
-        """Return roll and pitch rate [rad/s] that keep c above ``least_cosine``, and whether they were limited.
+        """Return roll and pitch rate [rad/s] that keep c above ``least_cosine``, and whether they
+        were limited.
 
         ``rates`` are the body rates now [rad/s]; an error of them decays with ``k_omega`` [1/s].
         """
@@ -77,7 +88,9 @@ class DemandLimits:
         r31, r32 = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
         cosine = 1.0 - 2.0 * (x * x + y * y)
         stopped = cosine + (r31 * rates[1] - r32 * rates[0]) / k_omega
-        approach = max(1.0 / self._vehicle.frame_period_s - k_omega, k_omega) * (stopped - least_cosine)
+        approach = max(1.0 / self._vehicle.frame_period_s - k_omega, k_omega) * (
+            stopped - least_cosine
+        )
         spare = r31 * rate_y - r32 * rate_x + approach
         limited = spare < 0.0
         k = spare / ops.clamp(r31 * r31 + r32 * r32, LEAST_SINE_SQUARED, 1.0)
@@ -85,7 +98,8 @@ class DemandLimits:
         return ops.where(limited, x, rate_x), ops.where(limited, y, rate_y), limited
 
     def limit_yaw(self, rate: Real, wanted: Real) -> Real:
-        """Return the yaw rate [rad/s] towards ``wanted`` for which the rotors have torque, from the present ``rate``.
+        """Return the yaw rate [rad/s] towards ``wanted`` for which the rotors have torque, from the
+        present ``rate``.
 
         At the rotors' limits, more would reduce the torque for roll and pitch.
         """

@@ -1,9 +1,12 @@
-"""Failsafe descent: level and down by attitude and speed alone. No position, no adaptation, no reference. Sans-IO.
+"""Failsafe descent: level and down by attitude and speed alone.
 
-The commanded acceleration takes the velocity to (0, 0, sink), with limited tilt; the attitude follows it by its sine
-error. Position is not held: the vehicle drifts with the error of the wind estimate. A wrong estimate must not make it
-climb: an integral of the sink rate's error outweighs it. A blind descent takes the velocity from the model, leaning
-into the wind known before; thrust is slightly less than hover thrust, and decreases with time.
+No position, no adaptation, no reference. Sans-IO.
+
+The commanded acceleration takes the velocity to (0, 0, sink), with limited tilt; the attitude
+follows it by its sine error. Position is not held: the vehicle drifts with the error of the wind
+estimate. A wrong estimate must not make it climb: an integral of the sink rate's error outweighs
+it. A blind descent takes the velocity from the model, leaning into the wind known before; thrust is
+slightly less than hover thrust, and decreases with time.
 """
 
 import math
@@ -18,33 +21,39 @@ from groundstation.core.vehicle import Vehicle
 SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""
 BLIND_SPEED_GAIN = 2.5
-"""Acceleration per error of the model's speed, which has no noise [1/s]: 4 m/s are braked within 1 m."""
+"""Acceleration per error of the model's speed, which has no noise [1/s]: 4 m/s are braked within
+1 m."""
 ATTITUDE_GAIN = 4.0
-"""Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
+"""Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no
+more."""
 BLIND_ATTITUDE_GAIN = 8.0
-"""Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a vehicle that leans
-along its velocity is turned within .4 s."""
+"""Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a
+vehicle that leans along its velocity is turned within .4 s."""
 LEAN = math.radians(45.0)
 """Largest commanded tilt [rad]: enough to hold and brake against a wind of 8 m/s²."""
 WIND_LIMIT_M_S2 = 8.0
 """Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8."""
 WIND_DOWN_M_S2 = 4.0
-"""Largest downward disturbance that is compensated [m/s²]: rotors at 0.7 of their thrust have the effect of 4.2."""
+"""Largest downward disturbance that is compensated [m/s²]: rotors at 0.7 of their thrust have the
+effect of 4.2."""
 MOST = 0.24
-"""Largest commanded upward acceleration, as a share of gravity [-]: late or false poses lead to more."""
+"""Largest commanded upward acceleration, as a share of gravity [-]: late or false poses lead to
+more."""
 INTEGRAL_GAIN = 1.0
 """Acceleration per integral of the sink rate's error [1/s²]."""
 INTEGRAL_LIMIT_M_S2 = 6.0
 """Largest acceleration of that integral [m/s²]: more than any disturbance that is compensated."""
 HEAVIER_M_S2 = 3.0
-"""Largest downward disturbance that is lifted against with valid poses [m/s²]: rotors at 0.7 of their thrust have the
-effect of 4.2."""
+"""Largest downward disturbance that is lifted against with valid poses [m/s²]: rotors at 0.7 of
+their thrust have the effect of 4.2."""
 WIND_S = 0.3
-"""Time constant of the mean horizontal disturbance [s]: late or false poses make the estimate oscillate."""
+"""Time constant of the mean horizontal disturbance [s]: late or false poses make the estimate
+oscillate."""
 HEAVIER_S = 1.0
 """Time constant of the mean downward disturbance [s]; as above."""
 LIGHTER_M_S2 = 1.5
-"""Drop of the downward disturbance below its mean that is not compensated at once [m/s²]: a frozen height makes one."""
+"""Drop of the downward disturbance below its mean that is not compensated at once [m/s²]: a frozen
+height makes one."""
 BLIND_PULL_M_S2 = 0.5
 """Downward acceleration of a blind descent [m/s²]: 1.4 m/s after 2 m."""
 BLIND_S = 3.0
@@ -56,7 +65,8 @@ BLIND_BRAKE_GAIN = 2.0
 BLIND_BRAKE_M_S2 = 2.0
 """Largest acceleration down that brakes a climb in a blind descent [m/s²]."""
 BLIND_LIFT_GAIN = 4.0
-"""Upward acceleration per sink rate of the model beyond the planned one [1/s]: a large tilt costs height."""
+"""Upward acceleration per sink rate of the model beyond the planned one [1/s]: a large tilt costs
+height."""
 BLIND_BRAKES_M_S = 0.7
 """Largest total braking of a blind descent [m/s]: the model has no floor and falls on."""
 BLIND_LIFT_M_S2 = 1.8
@@ -66,7 +76,10 @@ BLIND_WIND_M_S2 = 1.5
 
 
 def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
-    """Return the body rates [rad/s] that level the vehicle into ``wind`` [m/s², NED]; ``gravity`` is g [m/s²]."""
+    """Return the body rates [rad/s] that level the vehicle into ``wind`` [m/s², NED].
+
+    ``gravity`` is g [m/s²].
+    """
     return *_lean(attitude, push((0.0, 0.0, 0.0), wind, gravity, LEAN)[0]), 0.0
 
 
@@ -86,7 +99,8 @@ class Descent:
     """
 
     def __init__(
-        self, vehicle: Vehicle, gravity: float, wind: Vec3, effectiveness: float, sink_m_s: float = 0.0,
+        self, vehicle: Vehicle, gravity: float, wind: Vec3, effectiveness: float,
+        sink_m_s: float = 0.0,
         sinks_m_s: float = 0.0,
     ) -> None:  # fmt: skip
         """Take the configured vehicle and g [m/s²].
@@ -115,7 +129,11 @@ class Descent:
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """Compute one command."""
         motion, g = estimate.motion, self._gravity
-        (a, b, c), k, m = self.wind, interval_s / (interval_s + WIND_S), interval_s / (interval_s + HEAVIER_S)
+        (a, b, c), k, m = (
+            self.wind,
+            interval_s / (interval_s + WIND_S),
+            interval_s / (interval_s + HEAVIER_S),
+        )
         x, y, z = estimate.disturbance
         if not self.blind:
             self.wind = a, b, c = a + k * (x - a), b + k * (y - b), c + m * (z - c)
@@ -135,22 +153,24 @@ class Descent:
         else:
             (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned
             k, limit = SPEED_GAIN, INTEGRAL_LIMIT_M_S2
-            self._integral = max(-limit, min(limit, self._integral + INTEGRAL_GAIN * (w - c) * interval_s))
+            self._integral = max(
+                -limit, min(limit, self._integral + INTEGRAL_GAIN * (w - c) * interval_s)
+            )
             down = max(-MOST * g, min(0.3 * g, k * (w - c)) + self._integral)
             wanted = (k * (u - a), k * (v - b), down)
         along, _ = push(wanted, (x, y, z), g, LEAN)
-        roll, pitch = _lean(motion.attitude, along, BLIND_ATTITUDE_GAIN if self.blind else ATTITUDE_GAIN)
-        mass = self._vehicle.mass_kg / (self._effectiveness if self.blind else estimate.effectiveness)
+        roll, pitch = _lean(
+            motion.attitude, along, BLIND_ATTITUDE_GAIN if self.blind else ATTITUDE_GAIN
+        )
+        mass = self._vehicle.mass_kg / (
+            self._effectiveness if self.blind else estimate.effectiveness
+        )
         limit = BLIND_WIND_M_S2 if self.blind else HEAVIER_M_S2
         heavier = max(-limit, min(self.wind[2], limit))
-        # The part of the acceleration along the body's axis: no thrust while the vehicle leans the other way.
+        # The part of the acceleration along the body's axis: no thrust while the vehicle leans the
+        # other way.
         lift = max(0.0, sum(map(mul, along, third_column(motion.attitude))))
         lift = min(lift, (1.0 + MOST) * (g + heavier))
         return make_decision(
-            self._vehicle,
-            estimate,
-            reference,
-            mass * lift,
-            (roll, pitch, 0.0),
-            wanted=wanted,
+            self._vehicle, estimate, reference, mass * lift, (roll, pitch, 0.0), wanted=wanted
         )

@@ -1,11 +1,12 @@
 """Excitation tones: small known motions beside the law's, to which true poses respond. Sans-IO.
 
-In a hold and in a landing the law moves the vehicle so little that a frozen pose looks like a good hold. The tones move
-it by known amounts: roll and pitch rate circle at three frequencies, thrust oscillates at a fourth. They are above the
-loop's bandwidth (4 to 6 rad/s), so that wind and law hardly change them, and they are scaled by the vehicle's lag, so
-that every vehicle makes the same tilt. Their motion follows from the commands through lag and delay in closed form. It
-is subtracted from the state for the law: otherwise the law would brake it, and the response would mix with that to
-wind.
+In a hold and in a landing the law moves the vehicle so little that a frozen pose looks like a good
+hold. The tones move it by known amounts: roll and pitch rate circle at three frequencies, thrust
+oscillates at a fourth. They are above the loop's bandwidth (4 to 6 rad/s), so that wind and law
+hardly change them, and they are scaled by the vehicle's lag, so that every vehicle makes the same
+tilt. Their motion follows from the commands through lag and delay in closed form. It is subtracted
+from the state for the law: otherwise the law would brake it, and the response would mix with that
+to wind.
 """
 
 import cmath
@@ -18,11 +19,12 @@ from groundstation.core.messages import Estimate
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 TILT_TONES_RAD_S = (10.5, 14.0, 18.5)
-"""Frequencies of the tones in roll and pitch [rad/s]: between the loop (6) and the lag of the smallest vehicle. No two
-are multiples of one another, so that no latency below 1 s hides all of them."""
+"""Frequencies of the tones in roll and pitch [rad/s]: between the loop (6) and the lag of the
+smallest vehicle. No two are multiples of one another, so that no latency below 1 s hides all of
+them."""
 TILT_RATE_RAD_S = 0.19
-"""Body rate of each tone, after the lag [rad/s]: 1.0, .8 and .6 degrees of tilt, 1.8 mm RMS of motion, by the limit
-of 3 mm RMS in a hold."""
+"""Body rate of each tone, after the lag [rad/s]: 1.0, .8 and .6 degrees of tilt, 1.8 mm RMS of
+motion, by the limit of 3 mm RMS in a hold."""
 THRUST_TONE_RAD_S = 12.0
 """Frequency of the tone in thrust [rad/s]; as for the tilt."""
 THRUST_SHARE = 0.03
@@ -30,7 +32,8 @@ THRUST_SHARE = 0.03
 FADE_IN_S = 0.3
 """Time in which the tones fade in and out [s]: a step would be a jerk."""
 SUSPECT_LEVEL = 3.0
-"""Level of the tones while the poses are suspect [-]: the response is known after .6 s instead of 1.2, for 5 mm RMS."""
+"""Level of the tones while the poses are suspect [-]: the response is known after .6 s instead of
+1.2, for 5 mm RMS."""
 
 
 class ToneMotion(NamedTuple):
@@ -59,13 +62,18 @@ class ExcitationTones:
         """Scale the tones for the configured ``vehicle``; ``gravity`` is g [m/s²]."""
         self._gravity = gravity
         self._most_rates = DemandLimits(FLOATS, vehicle).rates
-        self._rate_delay = vehicle.command_delay_s + vehicle.rate_delay_s + 0.5 * vehicle.frame_period_s
-        self._thrust_delay = vehicle.command_delay_s + vehicle.thrust_delay_s + 0.5 * vehicle.frame_period_s
+        self._rate_delay = (
+            vehicle.command_delay_s + vehicle.rate_delay_s + 0.5 * vehicle.frame_period_s
+        )
+        self._thrust_delay = (
+            vehicle.command_delay_s + vehicle.thrust_delay_s + 0.5 * vehicle.frame_period_s
+        )
         lag = vehicle.rate_lag_s
         self._rate_scale = math.hypot(1.0, TILT_TONES_RAD_S[1] * lag)
         self._thrust_scale = math.hypot(1.0, THRUST_TONE_RAD_S * vehicle.thrust_lag_s)
         self._tilts = [
-            (w, 1j * w, self._rate_scale * TILT_RATE_RAD_S / (1j * w * (1.0 + 1j * w * lag))) for w in TILT_TONES_RAD_S
+            (w, 1j * w, self._rate_scale * TILT_RATE_RAD_S / (1j * w * (1.0 + 1j * w * lag)))
+            for w in TILT_TONES_RAD_S
         ]
         lift_lag = 1.0 + 1j * THRUST_TONE_RAD_S * vehicle.thrust_lag_s
         self._lift = -gravity * THRUST_SHARE * self._thrust_scale / lift_lag
@@ -79,9 +87,11 @@ class ExcitationTones:
             self._since_s, self._target = time_s, target
 
     def has_room(self, drive: ActuatorCommand) -> bool:
-        """Whether ``drive`` leaves room for tones: its roll and pitch rates are within the vehicle's limits.
+        """Whether ``drive`` leaves room for tones: its roll and pitch rates are within the
+        vehicle's limits.
 
-        At a limit a tone would only take from the law, and its motion would not be that of :meth:`motion`.
+        At a limit a tone would only take from the law, and its motion would not be that of
+        :meth:`motion`.
         """
         roll, pitch, _ = drive.rates
         most_roll, most_pitch, _ = self._most_rates
@@ -93,7 +103,10 @@ class ExcitationTones:
         return self._level + (self._target - self._level) * done
 
     def add_to(self, drive: ActuatorCommand, time_s: float) -> ActuatorCommand:
-        """Return ``drive`` with the tones of a command that is sent at ``time_s``; limits are not applied."""
+        """Return ``drive`` with the tones of a command that is sent at ``time_s``.
+
+        Limits are not applied.
+        """
         share = self.share(time_s)
         if share == 0.0:
             return drive
@@ -105,7 +118,8 @@ class ExcitationTones:
         return ActuatorCommand(thrust * (1.0 + swing), rates)
 
     def motion(self, time_s: float, yaw_rad: float) -> ToneMotion:
-        """Return the settled motion by the tones at ``time_s`` of a vehicle with heading ``yaw_rad``.
+        """Return the settled motion by the tones at ``time_s`` of a vehicle with heading
+        ``yaw_rad``.
 
         Roll is the real part and pitch the imaginary part of one rotating number: north + i east =
         i g (roll + i pitch).
@@ -131,7 +145,9 @@ class ExcitationTones:
         )
 
     def advance(self, time_s: float, yaw_rad: float) -> tuple[Vec3, tuple[float, float]]:
-        """Return displacement [m, NED] and turn [rad] by the tones from the last call to ``time_s``."""
+        """Return displacement [m, NED] and turn [rad] by the tones from the last call to
+        ``time_s``.
+        """
         last, self._last = self._last, self.motion(time_s, yaw_rad)
         (a, b), (c, d) = self._last.tilt, last.tilt
         return subtract(self._last.position, last.position), (a - c, b - d)

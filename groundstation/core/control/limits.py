@@ -1,7 +1,9 @@
-"""Limits on a command, applied one after the other behind the controller: each an object with one reason. Sans-IO.
+"""Limits on a command, applied one after the other behind the controller: each an object with one
+reason. Sans-IO.
 
-The vehicle follows false poses. So tilt and thrust are limited wherever a flight does not need more. A profile lists
-the limits of its phases, in their order (:mod:`groundstation.core.control.profiles`).
+The vehicle follows false poses. So tilt and thrust are limited wherever a flight does not need
+more. A profile lists the limits of its phases, in their order
+(:mod:`groundstation.core.control.profiles`).
 """
 
 import math
@@ -18,23 +20,24 @@ from groundstation.core.messages import Estimate
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
 
 FIRST_CLIMB_SHARE = 1.2
-"""Largest thrust of the first climb as a share of the hover thrust at lift-off [-], until the height has responded."""
+"""Largest thrust of the first climb as a share of the hover thrust at lift-off [-], until the
+height has responded."""
 FIRST_CLIMB_S = 1.0
 """Time after which that limit begins to grow [s]."""
 FIRST_CLIMB_GROWS = 0.5
 """Growth of that limit [1/s]."""
 FIRST_CLIMB_M = 0.25
-"""Height at which the first climb is over [m]: until then the height is compared with the thrust directly, as the state
-at lift-off is known."""
+"""Height at which the first climb is over [m]: until then the height is compared with the thrust
+directly, as the state at lift-off is known."""
 FIRST_CLIMB_COSINE = math.cos(math.radians(30.0))
-"""Cosine of the largest tilt in the first second of a climb, whose response is not known yet [-]: it holds against a
-wind of 5.7 m/s²."""
+"""Cosine of the largest tilt in the first second of a climb, whose response is not known yet [-]:
+it holds against a wind of 5.7 m/s²."""
 LOW_SHARE = 0.7
-"""Least thrust in transit, climb and landing as a share of the hover thrust [-]: the vehicle falls at .3 g at most, and
-touchdown.LOW_SHARE still detects the floor."""
+"""Least thrust in transit, climb and landing as a share of the hover thrust [-]: the vehicle falls
+at .3 g at most, and touchdown.LOW_SHARE still detects the floor."""
 TRANSIT_COSINE = math.cos(math.radians(40.0))
-"""Cosine of the largest tilt in transit, climb and landing [-]: it holds against a wind of 8 m/s², and follows a
-mirrored position at .84 g at most."""
+"""Cosine of the largest tilt in transit, climb and landing [-]: it holds against a wind of 8 m/s²,
+and follows a mirrored position at .84 g at most."""
 RATE_GAIN_PER_S = 14.0
 """Decay of body rates under another controller than ours [1/s]: our own k_ω."""
 SMALL = 1e-3
@@ -44,7 +47,8 @@ UPLINK_LOST_SHARE = 0.95
 UPLINK_LOST_M_S2 = 1.5
 """Largest vertical disturbance that is compensated while the uplink is lost [m/s²]."""
 UPLINK_LOST_GAIN = 0.15
-"""Factor on the law's rates while the uplink is lost [-]: a loop of 4 1/s that is 1.5 s late is stable with it."""
+"""Factor on the law's rates while the uplink is lost [-]: a loop of 4 1/s that is 1.5 s late is
+stable with it."""
 UPLINK_LOST_SINK_M_S = 0.4
 """Sink rate above which the full hover thrust is commanded while the uplink is lost [m/s]."""
 
@@ -83,7 +87,10 @@ class Limit:
 
 
 class FirstClimbLimit(Limit):
-    """Thrust in the first climb: little above hover until the height has responded. A wrong body would shoot up."""
+    """Thrust in the first climb: little above hover until the height has responded.
+
+    A wrong body would shoot up.
+    """
 
     def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
         super().__init__(vehicle, config)
@@ -93,12 +100,18 @@ class FirstClimbLimit(Limit):
         self._hover_n = self._lifted_down_m = 0.0
 
     def lift_off(self, time_s: float, hover_n: float, down_m: float) -> None:
-        """Begin the first climb at ``down_m`` [m, NED]; ``hover_n`` is the estimated hover thrust [N]."""
+        """Begin the first climb at ``down_m`` [m, NED].
+
+        ``hover_n`` is the estimated hover thrust [N].
+        """
         self.lifted_s, self._climbed_s = time_s, math.inf
         self._hover_n, self._lifted_down_m = hover_n, down_m
 
     def has_climbed_for(self, time_s: float) -> float:
-        """Return the time since the end of the first climb [s]; below 0 before it, and without one."""
+        """Return the time since the end of the first climb [s].
+
+        Below 0 before it, and without one.
+        """
         return time_s - self._climbed_s if self.lifted_s > -math.inf else -math.inf
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
@@ -130,14 +143,18 @@ class TiltLimit(Limit):
 
 
 class ThrustLimit(Limit):
-    """Thrust in transit: the vehicle neither falls, nor accelerates sideways by more than at the tilt limit."""
+    """Thrust in transit: the vehicle neither falls, nor accelerates sideways by more than at the
+    tilt limit.
+    """
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
         """Return ``drive`` with thrust between both bounds; see :class:`Limit`."""
         down_m_s2, cosine = now.wind[2], now.least_cosine
         per_m_s2 = self._vehicle.mass_kg / now.estimate.effectiveness
         # A downward gust may be over by now: its mean would hold the vehicle up.
-        least = min(LOW_SHARE * per_m_s2 * (self._gravity + min(down_m_s2, 0.0)), self._vehicle.thrust_max_n)
+        least = min(
+            LOW_SHARE * per_m_s2 * (self._gravity + min(down_m_s2, 0.0)), self._vehicle.thrust_max_n
+        )
         # The horizontal acceleration is no larger than at the tilt limit in level flight.
         across = math.hypot(*third_column(now.estimate.motion.attitude)[:2]) * cosine
         hover_n = per_m_s2 * (self._gravity + down_m_s2)
@@ -146,7 +163,9 @@ class ThrustLimit(Limit):
 
 
 class LevelNearGround(Limit):
-    """Rates that only level while ground contact is possible: lateral control would tip a vehicle on the floor."""
+    """Rates that only level while ground contact is possible: lateral control would tip a vehicle
+    on the floor.
+    """
 
     may_have_contact = False
     """Whether ground contact is possible."""
@@ -160,7 +179,9 @@ class LevelNearGround(Limit):
 
 
 class UplinkLostLimit(Limit):
-    """Gentle commands while the uplink is lost: each may arrive late, and those before may not have arrived."""
+    """Gentle commands while the uplink is lost: each may arrive late, and those before may not have
+    arrived.
+    """
 
     def find_hover_n(self, estimate: Estimate) -> float:
         """Return the hover thrust, with a limited disturbance [N]."""
@@ -188,7 +209,9 @@ class FlightLimits:
         limits: tuple[Limit, ...] = (self.first_climb, *transit, self.level, self.uplink)
         self._limits = {type(limit): limit for limit in limits}
 
-    def apply(self, kinds: Sequence[type[Limit]], drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
+    def apply(
+        self, kinds: Sequence[type[Limit]], drive: ActuatorCommand, now: LimitInput
+    ) -> ActuatorCommand:
         """Return ``drive`` within the limits of these ``kinds``, one after the other."""
         for kind in kinds:
             drive = self._limits[kind].apply(drive, now)

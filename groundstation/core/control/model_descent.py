@@ -1,9 +1,12 @@
-"""Descent on the model alone, after the poses have failed: simulated at once, played open loop. Sans-IO.
+"""Descent on the model alone, after the poses have failed: simulated at once, played open loop.
 
-From the model's present motion the descent is simulated: the vehicle levels, brakes its horizontal speed, sinks, and
-brakes before the floor. The commands of that simulation are the bring-down. Unlike bring_down.py, which is planned with
-every command, this is planned once, from any state, and with little thrust, as the state may be wrong: thrust above
-hover only brakes the plan's own sink rate.
+Sans-IO.
+
+From the model's present motion the descent is simulated: the vehicle levels, brakes its horizontal
+speed, sinks, and brakes before the floor. The commands of that simulation are the bring-down.
+Unlike bring_down.py, which is planned with every command, this is planned once, from any state, and
+with little thrust, as the state may be wrong: thrust above hover only brakes the plan's own sink
+rate.
 """
 
 import math
@@ -23,7 +26,8 @@ MOST = 1.15
 BRAKE_S = 0.35
 """Longest time in all with more than the hover thrust [s]."""
 LEAST = 0.4
-"""Least thrust before the floor, as a share of the hover thrust [-]: with less, rates are hard to hold."""
+"""Least thrust before the floor, as a share of the hover thrust [-]: with less, rates are hard to
+hold."""
 LEANS = math.cos(math.radians(12.0))
 """Cosine of a tilt from which thrust is reduced where it would accelerate the vehicle [-]."""
 HIGH_M = 1.0
@@ -51,7 +55,13 @@ LEAN = math.radians(20.0)
 
 
 def plan_model_descent(
-    motion: Motion, vehicle: Vehicle, *, mass_kg: float, gravity: float, disturbance: Vec3, height_m: float
+    motion: Motion,
+    vehicle: Vehicle,
+    *,
+    mass_kg: float,
+    gravity: float,
+    disturbance: Vec3,
+    height_m: float,
 ) -> tuple[Segment, ...]:
     """Plan the descent from ``motion``, ``height_m`` above the floor; takes about 0.5 ms.
 
@@ -72,15 +82,21 @@ def plan_model_descent(
         height, (north, east, sinking) = floor - motion.position[2], motion.velocity
         if height < FLOOR_M:
             break
-        fastest = min(math.sqrt(TOUCHDOWN_M_S**2 + 2.0 * BRAKES_M_S2 * max(height - FLOOR_M, 0.0)), FASTEST_M_S)
+        fastest = min(
+            math.sqrt(TOUCHDOWN_M_S**2 + 2.0 * BRAKES_M_S2 * max(height - FLOOR_M, 0.0)),
+            FASTEST_M_S,
+        )
         wanted = (-SPEED_GAIN * north, -SPEED_GAIN * east, SINK_GAIN * (fastest - sinking))
         along, _ = push(wanted, disturbance, gravity, LEAN)
         roll, pitch = sine_error(motion.attitude, along)
         lean_x, lean_y, upright = third_column(motion.attitude)
         # At a large tilt, thrust does not lift.
         thrust = mass_kg * length(along) / max(upright, 0.7) if upright > 0.3 else 0.0
-        thrust = BIAS * min(motion.thrust + thrust_lead * (thrust - motion.thrust) / STEP_S, MOST * hover)
-        # Only the plan's own sink rate is braked, and nothing where the vehicle may be on the floor.
+        thrust = BIAS * min(
+            motion.thrust + thrust_lead * (thrust - motion.thrust) / STEP_S, MOST * hover
+        )
+        # Only the plan's own sink rate is braked, and nothing where the vehicle may be on the
+        # floor.
         may_brake = height_m >= LEAST_M and sinking > TOUCHDOWN_M_S and braked < BRAKE_S - 1e-9
         least = LEAST * hover if upright > 0.3 else 0.0
         if upright < LEANS and lean_x * north + lean_y * east < 0.0:
@@ -91,7 +107,11 @@ def plan_model_descent(
         k = ATTITUDE_GAIN
         rates = [
             rate + rate_lead * (k * error - rate)
-            for rate, error in ((motion.rates[0], roll), (motion.rates[1], pitch), (motion.rates[2], 0.0))
+            for rate, error in (
+                (motion.rates[0], roll),
+                (motion.rates[1], pitch),
+                (motion.rates[2], 0.0),
+            )
         ]
         drive, _ = clamp_command(vehicle, thrust, (rates[0], rates[1], rates[2]))
         parts.append(Segment(STEP_S, drive.thrust, drive.rates))

@@ -1,4 +1,6 @@
-"""Flight profiles: the gain set, the limits in their order, and the tones of the phases of one kind. Sans-IO."""
+"""Flight profiles: the gain set, the limits in their order, and the tones of the phases of one
+kind. Sans-IO.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -49,7 +51,9 @@ DESCENT_LIMITS: tuple[type[Limit], ...] = (UplinkLostLimit,)
 
 
 class GainSchedule:
-    """Gains of our own controller: those configured, or set in flight, within the gain set of the phase."""
+    """Gains of our own controller: those configured, or set in flight, within the gain set of the
+    phase.
+    """
 
     def __init__(self, config: ControllerConfig) -> None:
         self._config = config if isinstance(config, Gains) else None
@@ -58,7 +62,9 @@ class GainSchedule:
     @property
     def gains(self) -> Gains | None:
         """Gains to fly with; None where the controller is not ours."""
-        return self._config if self._config is None or self._set is None else self._set(self._config)
+        return (
+            self._config if self._config is None or self._set is None else self._set(self._config)
+        )
 
     def set_gain(self, name: str, value: float) -> bool:
         """Set one gain; return whether our controller has it."""

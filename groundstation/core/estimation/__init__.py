@@ -1,4 +1,6 @@
-"""The estimator: a Kalman filter at the newest pose, rolled forward through the commands sent since."""
+"""The estimator: a Kalman filter at the newest pose, rolled forward through the commands sent
+since.
+"""
 
 from groundstation.core.estimation.bounds import (
     AccelerationBound,

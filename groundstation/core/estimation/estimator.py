@@ -1,37 +1,42 @@
-"""Estimator: a model-based observer at the newest pose's instant, rolled forward through sent commands.
+"""Estimator: a model-based observer at the newest pose's instant, rolled forward through sent
+commands.
 
-Its settings, the same under every controller, are part of the config section ``[controller]``. With composite
-adaptation in its provable form the observer is autonomous: it is driven by its own d̂ and ĉ, never by b̂. Otherwise b̂
-drives it (see :meth:`ModelEstimator.drive`).
+Its settings, the same under every controller, are part of the config section ``[controller]``. With
+composite adaptation in its provable form the observer is autonomous: it is driven by its own d̂ and
+ĉ, never by b̂. Otherwise b̂ drives it (see :meth:`ModelEstimator.drive`).
 
-Observer: a Kalman filter of a chain of integrators, and the thrust effectiveness separated from the wind.
+Observer: a Kalman filter of a chain of integrators, and the thrust effectiveness separated from the
+    wind.
 
-The chain is position, velocity, disturbance and its rate. The model's acceleration drives it, so the filter only has to
-follow the rest:
+The chain is position, velocity, disturbance and its rate. The model's acceleration drives it, so
+the filter only has to follow the rest:
 
-    p˙ = v + n_p,   v˙ = a_model + d + n_a,   d˙ = c + n_d,   c˙ = n_c,   measured p + noise of variance r
+    p˙ = v + n_p,   v˙ = a_model + d + n_a,   d˙ = c + n_d,   c˙ = n_c,   measured p + noise of
+                    variance r
 
-The three axes share one covariance, as the noise is assumed isotropic. n_p, n_a, n_d, n_c are white. n_p is zero
-except for a source whose errors are configured to last longer than from pose to pose, and for an autopilot, which
-measures velocity too: its position wanders against its velocity (GPS). Neither is motion. The gain follows from the
-interval between poses, so a gap needs no special case, and from r, which is measured (see :func:`fourth_difference`).
+The three axes share one covariance, as the noise is assumed isotropic. n_p, n_a, n_d, n_c are
+white. n_p is zero except for a source whose errors are configured to last longer than from pose to
+pose, and for an autopilot, which measures velocity too: its position wanders against its velocity
+(GPS). Neither is motion. The gain follows from the interval between poses, so a gap needs no
+special case, and from r, which is measured (see :func:`fourth_difference`).
 
-Jitter s of the stamps is noise along the velocity: R = r I + s² v vᵀ. Then there are two covariances, along the motion
-and across it. Where the motion turns, both are projected onto the new direction; the correlation of along with across
-is left out.
+Jitter s of the stamps is noise along the velocity: R = r I + s² v vᵀ. Then there are two
+covariances, along the motion and across it. Where the motion turns, both are projected onto the new
+direction; the correlation of along with across is left out.
 
-Effectiveness is a second stage beside that filter. The chain is driven by the model's acceleration, in which thrust is
-λ times the configured one: -λ (T/m) R e3 + g e3 + d. λ is a constant, or nearly (batteries sag). The effect of an error
-of λ̂ on the chain is linear and known, so it needs no state in the filter: the filter's error is x̃ + V (λ - λ̂), where x̃
-is its error if λ were known and V follows the filter's own recursion. So λ is estimated from the innovations that V
-explains (B. Friedland, "Treatment of bias in recursive filtering", IEEE TAC 14, 1969).
+Effectiveness is a second stage beside that filter. The chain is driven by the model's acceleration,
+in which thrust is λ times the configured one: -λ (T/m) R e3 + g e3 + d. λ is a constant, or nearly
+(batteries sag). The effect of an error of λ̂ on the chain is linear and known, so it needs no state
+in the filter: the filter's error is x̃ + V (λ - λ̂), where x̃ is its error if λ were known and V
+follows the filter's own recursion. So λ is estimated from the innovations that V explains (B.
+Friedland, "Treatment of bias in recursive filtering", IEEE TAC 14, 1969).
 
-Weak thrust and wind have the same effect while thrust is constant: only their sum is observable then. Commands that
-react to pose noise are correlated with the innovations, and would move λ̂ for minutes. So λ̂ moves only while its
-innovations are excited: while the last second alone determines it well, and adds a share to the information so far
-(:func:`is_excited`). Its variance follows from the noise of its score as measured in flight, as the wind assumed by the
-chain is rougher, or calmer, than the true one.
-Elementwise: floats, or arrays of shape (N,).
+Weak thrust and wind have the same effect while thrust is constant: only their sum is observable
+then. Commands that react to pose noise are correlated with the innovations, and would move λ̂ for
+minutes. So λ̂ moves only while its innovations are excited: while the last second alone determines
+it well, and adds a share to the information so far (:func:`is_excited`). Its variance follows from
+the noise of its score as measured in flight, as the wind assumed by the chain is rougher, or
+calmer, than the true one. Elementwise: floats, or arrays of shape (N,).
 """
 
 import math
@@ -84,8 +89,8 @@ from groundstation.core.vehicle import (
 )
 
 Covariance: TypeAlias = tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real, Real]
-"""The upper triangle of the covariance of (p, v, d, c), row by row, in SI units: pp, pv, pd, pc, vv, vd, vc, dd, dc,
-cc. A plain tuple, as two are made with every pose."""
+"""The upper triangle of the covariance of (p, v, d, c), row by row, in SI units: pp, pv, pd, pc,
+vv, vd, vc, dd, dc, cc. A plain tuple, as two are made with every pose."""
 PP = 0
 """Index of the variance of position in it."""
 VV = 4
@@ -93,7 +98,9 @@ VV = 4
 
 
 class Densities(NamedTuple):
-    """White-noise densities that drive position [m²/s], velocity [m²/s³], disturbance [m²/s⁵], its rate [m²/s⁷]."""
+    """White-noise densities that drive position [m²/s], velocity [m²/s³], disturbance [m²/s⁵], its
+    rate [m²/s⁷].
+    """
 
     position: float
     acceleration: float
@@ -111,7 +118,8 @@ class Ahead(NamedTuple):
 
 
 KalmanGain: TypeAlias = tuple[Real, Real, Real, Real]
-"""Change by one metre of innovation: of position [-], velocity [1/s], disturbance [1/s²], its rate [1/s³]."""
+"""Change by one metre of innovation: of position [-], velocity [1/s], disturbance [1/s²], its rate
+[1/s³]."""
 
 
 def initial_covariance(noise: Real, speed2: float = 1.0, disturbance2: float = 1.0) -> Covariance:
@@ -122,7 +130,8 @@ def initial_covariance(noise: Real, speed2: float = 1.0, disturbance2: float = 1
 def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
     """Predict ``s`` by ``h`` [s] without a pose: F S Fᵀ + Q, F the chain's exact transition.
 
-    Q is diagonal, q h: the omitted terms are of second order in h and follow through F at the next step.
+    Q is diagonal, q h: the omitted terms are of second order in h and follow through F at the next
+    step.
     """
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     a, b = 0.5 * h * h, h * h * h / 6.0
@@ -148,9 +157,9 @@ def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
 
 
 UNEXPECTED = 3.0
-"""Ratio of an innovation's square to its expected square above which the covariance is widened [-]: 3 % of those of a
-consistent filter (χ² of three axes). With 4 `adverse` has 2 % more error, with 2.5 the effort there is beyond its
-limit."""
+"""Ratio of an innovation's square to its expected square above which the covariance is widened [-]:
+3 % of those of a consistent filter (χ² of three axes). With 4 `adverse` has 2 % more error, with
+2.5 the effort there is beyond its limit."""
 WIDEST = 5.0
 """Largest factor of that widening [-]; 20 changes no scenario by 1 %."""
 
@@ -158,8 +167,9 @@ WIDEST = 5.0
 def widen_covariance(ops: Ops, s: Covariance, r: Real, step: Vec3) -> Covariance:
     """Widen ``s`` until it explains the innovation ``step`` [m], with position noise ``r`` [m²].
 
-    A front of wind is a jump that the chain's noise does not contain. Σ then grows as a whole, so that the chain
-    follows the next poses faster; it may exceed FΣFᵀ at any time (docs/explanation/law-proof.md, 5.5).
+    A front of wind is a jump that the chain's noise does not contain. Σ then grows as a whole, so
+    that the chain follows the next poses faster; it may exceed FΣFᵀ at any time
+    (docs/explanation/law-proof.md, 5.5).
     """
     x, y, z = step
     share = (x * x + y * y + z * z) / (3.0 * UNEXPECTED * (s[PP] + r))
@@ -171,7 +181,8 @@ def widen_covariance(ops: Ops, s: Covariance, r: Real, step: Vec3) -> Covariance
 def update_covariance(s: Covariance, r: Real, of: int = 0) -> tuple[KalmanGain, Covariance]:
     """Return the gain for a measurement of noise ``r``, and the covariance after it.
 
-    ``of`` is 0 for a position, with ``r`` in [m²] and the gain for 1 m, and 1 for a velocity, in [m²/s²] and for 1 m/s.
+    ``of`` is 0 for a position, with ``r`` in [m²] and the gain for 1 m, and 1 for a velocity, in
+    [m²/s²] and for 1 m/s.
     """
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     p, v, d, c = (pv, vv, vd, vc) if of else (pp, pv, pd, pc)
@@ -193,17 +204,30 @@ def update_covariance(s: Covariance, r: Real, of: int = 0) -> tuple[KalmanGain, 
 
 
 def fourth_difference(times: Sequence[Real], places: Sequence[Vec3]) -> tuple[Real, Real, Real]:
-    """Measure the noise of five positions at five ``times`` [s], with their motion almost cancelled.
+    """Measure the noise of five positions at five ``times`` [s], with their motion almost
+    cancelled.
 
-    The fourth divided difference of a cubic motion is 0, and that of independent noise has the sum of its squared
-    weights times its variance. At equal intervals h a smooth motion leaves snap · h⁴/√70 (0.02 mm for 100 m/s⁴ at
-    50 Hz).
+    The fourth divided difference of a cubic motion is 0, and that of independent noise has the sum
+    of its squared weights times its variance. At equal intervals h a smooth motion leaves snap ·
+    h⁴/√70 (0.02 mm for 100 m/s⁴ at 50 Hz).
 
     Returns:
-        The variance per axis [m²]; that along the way from the first to the last [m²]; that way squared [m²].
+        The variance per axis [m²]; that along the way from the first to the last [m²]; that way
+        squared [m²].
     """
     r, s, t, u, v = times
-    rs, rt, ru, rv, st, su, sv, tu, tv, uv = s - r, t - r, u - r, v - r, t - s, u - s, v - s, u - t, v - t, v - u
+    rs, rt, ru, rv, st, su, sv, tu, tv, uv = (
+        s - r,
+        t - r,
+        u - r,
+        v - r,
+        t - s,
+        u - s,
+        v - s,
+        u - t,
+        v - t,
+        v - u,
+    )
     i, j, k = 1.0 / (rs * rt * ru * rv), -1.0 / (rs * st * su * sv), 1.0 / (rt * st * tu * tv)
     m, n = -1.0 / (ru * su * tu * uv), 1.0 / (rv * sv * tv * uv)
     (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz), (ex, ey, ez) = places
@@ -214,7 +238,11 @@ def fourth_difference(times: Sequence[Real], places: Sequence[Vec3]) -> tuple[Re
     north, east, down = ex - ax, ey - ay, ez - az
     way2 = north * north + east * east + down * down
     along = north * x + east * y + down * z
-    return (x * x + y * y + z * z) / (3.0 * weight2), along * along / (weight2 * (way2 + NO_WAY_M2)), way2
+    return (
+        (x * x + y * y + z * z) / (3.0 * weight2),
+        along * along / (weight2 * (way2 + NO_WAY_M2)),
+        way2,
+    )
 
 
 NO_WAY_M2 = 1e-20
@@ -222,24 +250,27 @@ NO_WAY_M2 = 1e-20
 
 
 StampNoise: TypeAlias = tuple[Real, Real]
-"""Mean fourth differences along the motion: variance along it [m²], and square of the speed [m²/s²]. Elementwise."""
+"""Mean fourth differences along the motion: variance along it [m²], and square of the speed
+[m²/s²]. Elementwise."""
 
 JITTER_RATIO = 2.0
-"""Ratio of the noise variances along and across the motion above which the stamps have jitter [-]: by chance, with
-memory of 100 poses, it is 1.2 (1σ)."""
+"""Ratio of the noise variances along and across the motion above which the stamps have jitter [-]:
+by chance, with memory of 100 poses, it is 1.2 (1σ)."""
 
 
 def split_noise(
     ops: Ops, noise: Real, measured: StampNoise, least: float, configured_s: float | None
 ) -> tuple[Real, Real]:
-    """Split the noise into that across the motion, per axis [m²], and the squared jitter of the stamps [s²].
+    """Split the noise into that across the motion, per axis [m²], and the squared jitter of the
+    stamps [s²].
 
     Args:
         ops: elementary functions.
         noise: mean of the three axes [m²].
         measured: noise along the motion.
         least: least noise across the motion [m²].
-        configured_s: configured jitter [s]; None for the measured one, which is 0 where it is not significant.
+        configured_s: configured jitter [s]; None for the measured one, which is 0 where it is not
+            significant.
     """
     if configured_s == 0.0:
         return noise, 0.0
@@ -248,7 +279,9 @@ def split_noise(
     if configured_s is not None:
         return across, configured_s * configured_s + 0.0 * across
     has_jitter = along > JITTER_RATIO * across
-    return ops.where(has_jitter, across, noise), ops.where(has_jitter, (along - across) / (speed2 + NO_WAY_M2), 0.0)
+    return ops.where(has_jitter, across, noise), ops.where(
+        has_jitter, (along - across) / (speed2 + NO_WAY_M2), 0.0
+    )
 
 
 class AlongTrack(NamedTuple):
@@ -278,7 +311,8 @@ def find_direction(ops: Ops, velocity: Vec3) -> tuple[Vec3, Real]:
 
 
 def turn_track(across: Covariance, track: AlongTrack, axis: Vec3) -> tuple[Covariance, Covariance]:
-    """Return the covariances across and along the motion, turned to ``axis``: the mean over all directions across.
+    """Return the covariances across and along the motion, turned to ``axis``: the mean over all
+    directions across.
 
     Equal covariances stay exactly the same.
     """
@@ -294,9 +328,16 @@ def turn_track(across: Covariance, track: AlongTrack, axis: Vec3) -> tuple[Covar
 
 
 def weigh_along(
-    ops: Ops, axis: Vec3, gain: KalmanGain, along: tuple[KalmanGain, Covariance], across2: Real, along2: Real
+    ops: Ops,
+    axis: Vec3,
+    gain: KalmanGain,
+    along: tuple[KalmanGain, Covariance],
+    across2: Real,
+    along2: Real,
 ) -> tuple[AlongGain, AlongTrack]:
-    """Return the difference of the gain ``along`` the motion from ``gain``, for the innovation's two variances."""
+    """Return the difference of the gain ``along`` the motion from ``gain``, for the innovation's
+    two variances.
+    """
     (kp, kv, kd, kc), ((p, v, d, c), covariance) = gain, along
     more = (p - kp, v - kv, d - kd, c - kc)
     return AlongGain(axis, more, ops.sqrt(across2 / along2) - 1.0), AlongTrack(axis, covariance)
@@ -310,23 +351,37 @@ def part_along(axis: Vec3, of: Vec3) -> Vec3:
 
 
 Chain: TypeAlias = tuple[Vec3, Vec3, Vec3, Vec3]
-"""Position [m], velocity [m/s], disturbance [m/s²] and its rate [m/s³], or their derivatives by λ; NED."""
+"""Position [m], velocity [m/s], disturbance [m/s²] and its rate [m/s³], or their derivatives by λ;
+NED."""
 
 
 def correct_chain(chain: Chain, gain: KalmanGain, step: Vec3) -> Chain:
     """Correct each of ``chain`` by its gain times ``step``."""
     (p, v, d, c), (kp, kv, kd, kc) = chain, gain
-    return add_scaled(p, kp, step), add_scaled(v, kv, step), add_scaled(d, kd, step), add_scaled(c, kc, step)
+    return (
+        add_scaled(p, kp, step),
+        add_scaled(v, kv, step),
+        add_scaled(d, kd, step),
+        add_scaled(c, kc, step),
+    )
 
 
 def apply_effectiveness(chain: Chain, moved: Real, e: "Effectiveness") -> Chain:
     """Correct ``chain`` for the change ``moved`` of λ̂ [-], by V."""
     p, v, d, c = chain
-    return add_scaled(p, moved, e.p), add_scaled(v, moved, e.v), add_scaled(d, moved, e.d), add_scaled(c, moved, e.c)
+    return (
+        add_scaled(p, moved, e.p),
+        add_scaled(v, moved, e.v),
+        add_scaled(d, moved, e.d),
+        add_scaled(c, moved, e.c),
+    )
 
 
 def correct_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> Quat:
-    """Turn the predicted attitude by ``gain`` (0..1) of the angle to the measured one; 1 takes the measurement."""
+    """Turn the predicted attitude by ``gain`` (0..1) of the angle to the measured one.
+
+    1 takes the measurement.
+    """
     if gain >= 1.0:
         return measured
     x, y, z = rotation_vector(multiply(conjugate(predicted), measured), ops)
@@ -336,21 +391,23 @@ def correct_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> 
 EFFECTIVENESS_LIMITS = (0.6, 1.4)
 """Limits of λ̂ [-]: beyond them something is broken, not worn."""
 EXCITED_INFORMATION = 100.0
-"""Information of the last second below which λ̂ is frozen [-]: 100 determines it to 1/√100 = 0.1 (1σ). Commands that
-react to noise alone gain 18 (`quad1kg`) to 78 (`rotors_mqx`) a second; the tones of a hold and the start of a flight
-gain 200 to 5,000."""
+"""Information of the last second below which λ̂ is frozen [-]: 100 determines it to 1/√100 = 0.1
+(1σ). Commands that react to noise alone gain 18 (`quad1kg`) to 78 (`rotors_mqx`) a second; the
+tones of a hold and the start of a flight gain 200 to 5,000."""
 SHARE_OF_KNOWN = 0.1
-"""Share of the information so far that the last second must add, else λ̂ is frozen [-]: noise then never moves it for
-minutes."""
+"""Share of the information so far that the last second must add, else λ̂ is frozen [-]: noise then
+never moves it for minutes."""
 CALMEST_NOISE = 0.05
-"""Least noise of λ̂'s score, as a share of that by the chain's noises [-]: a room with constant wind, `paper` and
-`quad1kg`, measured in simulated holds and figures of 300 s. The chain is tuned to follow gusts, so it assumes rougher
-wind."""
+"""Least noise of λ̂'s score, as a share of that by the chain's noises [-]: a room with constant
+wind, `paper` and `quad1kg`, measured in simulated holds and figures of 300 s. The chain is tuned to
+follow gusts, so it assumes rougher wind."""
 SCORE_MEMORY_S = 10.0
-"""Time of excitation over which that noise is averaged [s]: in less, the first seconds of a calm flight raise it."""
+"""Time of excitation over which that noise is averaged [s]: in less, the first seconds of a calm
+flight raise it."""
 THRUST_KNOWN_S = 0.45
-"""Time for which λ̂ is frozen after a release in the air [s]: thrust and speed of that instant are not known, and take
-four lags of the slowest vehicle (0.11 s) to be forgotten. In `paper` the error is 0.037 without, 0.006 with it."""
+"""Time for which λ̂ is frozen after a release in the air [s]: thrust and speed of that instant are
+not known, and take four lags of the slowest vehicle (0.11 s) to be forgotten. In `paper` the error
+is 0.037 without, 0.006 with it."""
 
 
 class Effectiveness(NamedTuple):
@@ -381,13 +438,19 @@ class Effectiveness(NamedTuple):
 
 
 def initial_effectiveness(deviation: float) -> Effectiveness:
-    """Return λ̂ = 1 with standard deviation ``deviation``, frozen until the thrust is known: before the flight."""
+    """Return λ̂ = 1 with standard deviation ``deviation``, frozen until the thrust is known: before
+    the flight.
+    """
     variance = deviation * deviation
-    return Effectiveness(1.0, variance, variance, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, CALMEST_NOISE, THRUST_KNOWN_S)
+    return Effectiveness(
+        1.0, variance, variance, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, CALMEST_NOISE, THRUST_KNOWN_S
+    )
 
 
 def is_excited(e: Effectiveness) -> Real:
-    """Whether λ̂'s innovations are excited: the last second determines it well, and adds to the information so far."""
+    """Whether λ̂'s innovations are excited: the last second determines it well, and adds to the
+    information so far.
+    """
     enough = e.gained > EXCITED_INFORMATION
     return enough & (e.gained * e.assumed > SHARE_OF_KNOWN) & (e.frozen_s < 0.0)
 
@@ -397,14 +460,33 @@ def predict_effectiveness(
 ) -> Effectiveness:
     """Predict ``e`` by ``h`` [s], in which the actuators gave ``response``.
 
-    V follows the chain's exact transition, driven by the thrust of λ = 1 on the configured ``mass`` [kg]. While λ̂ is
-    excited, λ wanders by ``walk`` [1/√s]; else a change of λ is part of the disturbance.
+    V follows the chain's exact transition, driven by the thrust of λ = 1 on the configured ``mass``
+    [kg]. While λ̂ is excited, λ wanders by ``walk`` [1/√s]; else a change of λ is part of the
+    disturbance.
     """
-    value, variance, assumed, (px, py, pz), (vx, vy, vz), (dx, dy, dz), c, gained, score, noise, frozen = e
+    (
+        value,
+        variance,
+        assumed,
+        (px, py, pz),
+        (vx, vy, vz),
+        (dx, dy, dz),
+        c,
+        gained,
+        score,
+        noise,
+        frozen,
+    ) = e
     moves = is_excited(e)
     wanders = ops.where(moves, walk * walk * h, 0.0)
-    measured = 2.0 * score * score / (gained + NO_INFORMATION)  # the score's memory is half that of the information
-    noise = ops.where(moves, ops.clamp(noise + h / SCORE_MEMORY_S * (measured - noise), CALMEST_NOISE, math.inf), noise)
+    measured = (
+        2.0 * score * score / (gained + NO_INFORMATION)
+    )  # the score's memory is half that of the information
+    noise = ops.where(
+        moves,
+        ops.clamp(noise + h / SCORE_MEMORY_S * (measured - noise), CALMEST_NOISE, math.inf),
+        noise,
+    )
     keep = ops.where(frozen < 0.0, 1.0 / (1.0 + h), 0.0)
     _, _, _, (ix, iy, iz), (sx, sy, sz) = response
     k = -1.0 / mass
@@ -446,7 +528,9 @@ def update_effectiveness(
     of: int = 0,
     along: AlongGain | None = None,
 ) -> tuple[Effectiveness, Real]:
-    """Update ``e`` by an innovation; return it, and the change of λ̂, by which times V the observer changes, too.
+    """Update ``e`` by an innovation.
+
+    Return it, and the change of λ̂, by which times V the observer changes, too.
 
     Args:
         ops: elementary functions.
@@ -467,8 +551,8 @@ def update_effectiveness(
     score = score + (x * north + y * east + z * down) / innovation2
     moves = is_excited(e)
     moved: Real = 0.0
-    # One axis after the other. The gain follows from the assumed variance; that of λ̂, in Joseph's form, from the
-    # measured noise.
+    # One axis after the other. The gain follows from the assumed variance; that of λ̂, in Joseph's
+    # form, from the measured noise.
     w, known = assumed, variance
     s, measured2 = innovation2, innovation2 * noise
     for i, of_lambda in ((north, x), (east, y), (down, z)):
@@ -487,7 +571,8 @@ def update_effectiveness(
 
 
 Composite: TypeAlias = Literal["provable", "raw", "off"]
-"""Target of the innovations beside the motion: the observer's own d̂, a controller's b̂, or none."""
+"""Target of the innovations beside the motion: the observer's own d̂, a controller's b̂, or
+none."""
 
 
 class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -497,13 +582,15 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     delay_prediction: Annotated[
         bool,
         msgspec.Meta(
-            description="Roll the estimate forward from the pose's time stamp to the instant the command acts."
+            description="Roll the estimate forward from the pose's time stamp to the instant the "
+            "command acts."
         ),
     ] = True
     observer: Annotated[
         Literal["model", "backward_euler"],
         msgspec.Meta(
-            description="Velocity from a model-based observer, or from the paper's backward difference of positions."
+            description="Velocity from a model-based observer, or from the paper's backward "
+            "difference of positions."
         ),
     ] = "model"
     attitude_gain: Annotated[
@@ -511,45 +598,51 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         msgspec.Meta(
             gt=0.0,
             le=1.0,
-            description="Weight of a pose's attitude against the model's [-]; 1 takes the measurement.",
+            description="Weight of a pose's attitude against the model's [-]; 1 takes the "
+            "measurement.",
         ),
     ] = 1.0
     pose_noise_m: Annotated[
-        PoseNoise, msgspec.Meta(description="Initial position noise, 1σ per axis [m]; then measured in flight.")
+        PoseNoise,
+        msgspec.Meta(
+            description="Initial position noise, 1σ per axis [m]; then measured in flight."
+        ),
     ] = 0.0003
     pose_jitter_s: Annotated[
         Jitter | None,
         msgspec.Meta(
-            description="Jitter of the poses' stamps, 1σ: noise along the velocity [s]. Without it, it is measured in "
-            "flight; 0: no jitter."
+            description="Jitter of the poses' stamps, 1σ: noise along the velocity [s]. Without "
+            "it, it is measured in flight; 0: no jitter."
         ),
     ] = None
     velocity_noise_m_s: Annotated[
         VelocityNoise,
         msgspec.Meta(
-            description="Velocity noise of a source that measures velocity, 1σ per axis, beside its bias [m/s]."
+            description="Velocity noise of a source that measures velocity, 1σ per axis, beside "
+            "its bias [m/s]."
         ),
     ] = 0.02
     velocity_bias_m_s: Annotated[
         VelocityBias,
         msgspec.Meta(
-            description="Largest mean difference of such a velocity from that of its own positions, which is then "
-            "corrected, per axis [m/s]; ArduCopter's, with a simulated GPS, is 0.016. 0: no correction."
+            description="Largest mean difference of such a velocity from that of its own "
+            "positions, which is then corrected, per axis [m/s]; ArduCopter's, with a simulated "
+            "GPS, is 0.016. 0: no correction."
         ),
     ] = 0.05
     position_wander: Annotated[
         Wander,
         msgspec.Meta(
-            description="Random walk of the position of such a source against its velocity [m/√s]; PX4 "
-            "on simulated GPS: 0.18."
+            description="Random walk of the position of such a source against its velocity [m/√s]; "
+            "PX4 on simulated GPS: 0.18."
         ),
     ] = 0.2
     pose_wander: Annotated[
         MarkerWander,
         msgspec.Meta(
-            description="Random walk of the positions of a source without velocity, beside their white noise [m/√s]; "
-            "0: errors of neighbours are independent. `groundstation replay evidence` finds 0.0005 and 0.0006 of a "
-            "Vicon whose errors last some 20 ms."
+            description="Random walk of the positions of a source without velocity, beside their "
+            "white noise [m/√s]; 0: errors of neighbours are independent. `groundstation replay "
+            "evidence` finds 0.0005 and 0.0006 of a Vicon whose errors last some 20 ms."
         ),
     ] = 0.0
     acceleration_noise: Annotated[
@@ -559,24 +652,30 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     wind_noise: Annotated[
         WindNoise,
         msgspec.Meta(
-            description="White noise of the disturbance's rate [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s "
-            "has 0.18."
+            description="White noise of the disturbance's rate [m/s³ per √Hz]: turbulence of 0.2 "
+            "m/s² RMS and 2.6 s has 0.18."
         ),
     ] = 0.1
     wind_rate_noise: Annotated[
         WindRateNoise,
         msgspec.Meta(
-            description="White noise of that rate's derivative [m/s⁴ per √Hz]: a larger one follows gusts faster, and "
-            "more noise."
+            description="White noise of that rate's derivative [m/s⁴ per √Hz]: a larger one "
+            "follows gusts faster, and more noise."
         ),
     ] = 1.2
 
     effectiveness_deviation: Annotated[
         ThrustDeviation,
-        msgspec.Meta(description="Error of thrust over mass before the flight, 1σ [-]; 0: all error is disturbance."),
+        msgspec.Meta(
+            description="Error of thrust over mass before the flight, 1σ [-]; 0: all error is "
+            "disturbance."
+        ),
     ] = 0.15
     effectiveness_walk: Annotated[
-        ThrustWander, msgspec.Meta(description="Its random walk in flight while its innovations are excited [1/√s].")
+        ThrustWander,
+        msgspec.Meta(
+            description="Its random walk in flight while its innovations are excited [1/√s]."
+        ),
     ] = 0.005
 
     @property
@@ -586,7 +685,9 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def composite(self) -> Composite:
-        """Use of the innovations: for the observer's own d̂, unless the controller's config overrides it."""
+        """Use of the innovations: for the observer's own d̂, unless the controller's config
+        overrides it.
+        """
         return "provable"
 
     @property
@@ -600,9 +701,11 @@ STEP_LIMIT = 0.025
 NOISE_MEMORY = 100
 """Poses over which the position noise is averaged."""
 NOISE_SPAN_S = 0.5
-"""Longest time of five poses whose noise is measured [s]: over a longer one motion would count as noise."""
+"""Longest time of five poses whose noise is measured [s]: over a longer one motion would count as
+noise."""
 LOST_INTERVALS = 1.5
-"""Interval of poses from which one was lost between, as a multiple of the mean of four [-]: half-way to two."""
+"""Interval of poses from which one was lost between, as a multiple of the mean of four [-]:
+half-way to two."""
 NOISE_FLOOR_M2 = 1e-12
 """Least noise variance of a source [m²]: a micrometre, above float rounding."""
 BIAS_MEMORY_S = 10.0
@@ -614,7 +717,8 @@ LIFTED_M_S2 = 0.5
 
 
 class ModelEstimator:
-    """Estimator of the state at the newest pose's stamp, and of its prediction by the commands since.
+    """Estimator of the state at the newest pose's stamp, and of its prediction by the commands
+    since.
 
     The state before the first pose is unknown; :meth:`predict` must not be called then.
     """
@@ -672,7 +776,10 @@ class ModelEstimator:
         return self._separates and not self.frozen and not self.lands and self._held is None
 
     def add_command(self, time_s: float, drive: ActuatorCommand) -> None:
-        """Take a command that reaches the actuators at ``time_s`` [s]; it replaces any for that instant or later."""
+        """Take a command that reaches the actuators at ``time_s`` [s].
+
+        It replaces any for that instant or later.
+        """
         since_s, path = schedule(self._drives, self._vehicle, time_s, drive), self._path
         while len(path) > 1 and path[-1][0] > since_s:
             path.pop()
@@ -684,12 +791,14 @@ class ModelEstimator:
         self.disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
     def lift_off(self, climb_m_s: float, hover_share: float) -> Vec3:
-        """Begin to fly from the floor: take the climb speed [m/s], and the hover thrust over the configured weight [-].
+        """Begin to fly from the floor: take the climb speed [m/s], and the hover thrust over the
+        configured weight [-].
 
-        The disturbance by the floor's force and friction is forgotten, and so is the estimated speed on the floor. The
-        error of the hover thrust is divided between λ̂ and the disturbance by their variances; which of them it is can't
-        be observed while thrust is constant. Friction ended some time ago, and wind has moved the vehicle since: the
-        significant part of that disturbance stays. Return the disturbance that is left [m/s², NED].
+        The disturbance by the floor's force and friction is forgotten, and so is the estimated
+        speed on the floor. The error of the hover thrust is divided between λ̂ and the disturbance
+        by their variances; which of them it is can't be observed while thrust is constant. Friction
+        ended some time ago, and wind has moved the vehicle since: the significant part of that
+        disturbance stays. Return the disturbance that is left [m/s², NED].
         """
         self.frozen = self.lands = False
         north, east, _ = self.disturbance
@@ -702,13 +811,21 @@ class ModelEstimator:
         value = 1.0
         if self._separates:
             by_thrust = (self._gains.effectiveness_deviation * self._gains.gravity) ** 2
-            weight = by_thrust / (by_thrust + 1.0)  # the disturbance has 1 m/s² by initial_covariance()
+            weight = by_thrust / (
+                by_thrust + 1.0
+            )  # the disturbance has 1 m/s² by initial_covariance()
             value = 1.0 / (1.0 + weight * (hover_share - 1.0))
             e = self._effectiveness
             moved = (0.0, 0.0, hover_share * self._gains.gravity)
             variance = (1.0 - weight) * e.variance
-            self._effectiveness = e._replace(value=value, variance=variance, assumed=variance, d=moved, frozen_s=-1.0)
-        self.disturbance = (kept * north, kept * east, (value * hover_share - 1.0) * self._gains.gravity)
+            self._effectiveness = e._replace(
+                value=value, variance=variance, assumed=variance, d=moved, frozen_s=-1.0
+            )
+        self.disturbance = (
+            kept * north,
+            kept * east,
+            (value * hover_share - 1.0) * self._gains.gravity,
+        )
         return self.disturbance
 
     def hold(self, disturbance: Vec3, effectiveness: float, *, at_once: bool = False) -> None:
@@ -722,7 +839,10 @@ class ModelEstimator:
         self._effectiveness = self._effectiveness._replace(value=effectiveness)
 
     def believe(self, motion: Motion, disturbance: Vec3, effectiveness: float) -> None:
-        """Set the motion at the newest pose's stamp, regardless of that pose; hold disturbance and λ̂."""
+        """Set the motion at the newest pose's stamp, regardless of that pose.
+
+        Hold disturbance and λ̂.
+        """
         self.hold(disturbance, effectiveness, at_once=True)
         self.motion = motion
         self._path = [(self._stamp, begin_response(motion), 0)]
@@ -738,7 +858,9 @@ class ModelEstimator:
         self._held = None
 
     def drive(self, disturbance: Vec3) -> None:
-        """Drive the observer by b̂ [m/s², NED] instead of its own d̂ (composite adaptation off, or raw)."""
+        """Drive the observer by b̂ [m/s², NED] instead of its own d̂ (composite adaptation off, or
+        raw).
+        """
         self.disturbance = disturbance
 
     @property
@@ -747,7 +869,8 @@ class ModelEstimator:
         return math.sqrt(self._noise)
 
     def find_noise(self, velocity: Vec3) -> float:
-        """Position noise of a pose at ``velocity`` [m/s], 1σ per axis [m]: beside the measured one that by its stamp.
+        """Position noise of a pose at ``velocity`` [m/s], 1σ per axis [m]: beside the measured one
+        that by its stamp.
 
         A vehicle at rest does not show how much its stamps jitter, but their intervals do.
         """
@@ -756,7 +879,10 @@ class ModelEstimator:
         return math.hypot(self.noise_m, *(jitter_s * speed for speed in velocity))
 
     def look_ahead(self, time_s: float) -> Ahead | None:
-        """Predict the state at ``time_s``, whether delays are predicted or not; None before the first pose."""
+        """Predict the state at ``time_s``, whether delays are predicted or not.
+
+        None before the first pose.
+        """
         motion = self.motion
         if motion is None:
             return None
@@ -764,7 +890,10 @@ class ModelEstimator:
         return Ahead(time_s, response, self._at(motion, response, time_s - self._stamp))
 
     def update(self, pose: Pose, ahead: Ahead | None = None) -> None:
-        """Correct the model by one pose; ``ahead``: result of :meth:`look_ahead` for its instant."""
+        """Correct the model by one pose.
+
+        ``ahead``: result of :meth:`look_ahead` for its instant.
+        """
         self.actuator_response = None
         previous = self.motion
         if previous is None:
@@ -774,7 +903,8 @@ class ModelEstimator:
         if dt <= 0.0:
             return
         if pose.reset_count != self._reset_count:
-            # The source moved its origin, not the vehicle: take the new position, keep velocity and disturbance.
+            # The source moved its origin, not the vehicle: take the new position, keep velocity and
+            # disturbance.
             moved = self._at(previous, self._integrate_commands(pose.time_s), dt)
             self.disturbance = add_scaled(self.disturbance, dt, self._disturbance_rate)
             self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
@@ -786,19 +916,28 @@ class ModelEstimator:
         self.actuator_response = response
         if self._learns_thrust:
             self._effectiveness = predict_effectiveness(
-                FLOATS, self._effectiveness, dt, response, self._vehicle.mass_kg, gains.effectiveness_walk
+                FLOATS,
+                self._effectiveness,
+                dt,
+                response,
+                self._vehicle.mass_kg,
+                gains.effectiveness_walk,
             )
         step = subtract(pose.position_ned, model.position)
         disturbance = add_scaled(self.disturbance, dt, self._disturbance_rate)
         expected, track, noise, late2 = self._expect(pose, dt, model.velocity)
         expected = widen_covariance(FLOATS, expected, noise + late2, step)
         if track is not None:
-            track = track._replace(covariance=widen_covariance(FLOATS, track.covariance, noise + late2, step))
+            track = track._replace(
+                covariance=widen_covariance(FLOATS, track.covariance, noise + late2, step)
+            )
         chain = (model.position, model.velocity, disturbance)
         chain = self._correct(chain, step, expected, track, noise, noise + late2, 0)
         if pose.velocity_ned is not None:
             noise, measured = gains.velocity_noise_m_s**2, subtract(pose.velocity_ned, self._bias)
-            chain = self._correct(chain, subtract(measured, chain[1]), self._covariance, self._track, noise, noise, 1)
+            chain = self._correct(
+                chain, subtract(measured, chain[1]), self._covariance, self._track, noise, noise, 1
+            )
             if len(self._recent) > 1 and not self.frozen and self._held is None:
                 self._learn_bias(pose, measured, dt)
         position, velocity, self.disturbance = chain
@@ -819,7 +958,9 @@ class ModelEstimator:
 
     def _ahead_to(self, pose: Pose, ahead: Ahead | None) -> Ahead:
         ahead = ahead or self.look_ahead(pose.time_s)
-        assert ahead is not None and ahead.time_s == pose.time_s, "there was a pose, and the prediction is for this one"
+        assert ahead is not None and ahead.time_s == pose.time_s, (
+            "there was a pose, and the prediction is for this one"
+        )
         return ahead
 
     def _begin(self, motion: Motion, pose: Pose) -> None:
@@ -830,15 +971,20 @@ class ModelEstimator:
         self.motion, self._stamp, self._reset_count = motion, stamp, pose.reset_count
         self._path = [(stamp, begin_response(motion), 0)]
 
-    def _expect(self, pose: Pose, dt: float, velocity: Vec3) -> tuple[Covariance, AlongTrack | None, float, float]:
-        """Predict the covariances across and along the motion at ``pose``, and the noise of both [m²].
+    def _expect(
+        self, pose: Pose, dt: float, velocity: Vec3
+    ) -> tuple[Covariance, AlongTrack | None, float, float]:
+        """Predict the covariances across and along the motion at ``pose``, and the noise of both
+        [m²].
 
         The second noise is added along the motion; without it there is one covariance.
         """
         densities = self._still if pose.velocity_ned is None else self._moving
         expected = predict_covariance(self._covariance, dt, densities)
         jitter_s = self._gains.pose_jitter_s
-        noise, jitter2 = split_noise(FLOATS, self._noise, self._stamp_noise, NOISE_FLOOR_M2, jitter_s)
+        noise, jitter2 = split_noise(
+            FLOATS, self._noise, self._stamp_noise, NOISE_FLOOR_M2, jitter_s
+        )
         if jitter2 == 0.0:
             return expected, None, noise, 0.0
         axis, speed2 = find_direction(FLOATS, velocity)
@@ -849,16 +995,22 @@ class ModelEstimator:
         return expected, AlongTrack(axis, along), noise, jitter2 * speed2
 
     def consistency(self, pose: Pose) -> float:
-        """Normalized innovation squared of the next ``pose``: 3 on average where the filter is consistent."""
+        """Normalized innovation squared of the next ``pose``: 3 on average where the filter is
+        consistent.
+        """
         ahead = self.predict(pose.time_s).motion
-        expected, track, noise, late2 = self._expect(pose, pose.time_s - self._stamp, ahead.velocity)
+        expected, track, noise, late2 = self._expect(
+            pose, pose.time_s - self._stamp, ahead.velocity
+        )
         x, y, z = step = subtract(pose.position_ned, ahead.position)
         off2 = x * x + y * y + z * z
         if track is None:
             return off2 / (expected[PP] + noise)
         x, y, z = part_along(track.axis, step)
         along2 = x * x + y * y + z * z
-        return (off2 - along2) / (expected[PP] + noise) + along2 / (track.covariance[PP] + noise + late2)
+        return (off2 - along2) / (expected[PP] + noise) + along2 / (
+            track.covariance[PP] + noise + late2
+        )
 
     def _correct(
         self,
@@ -870,7 +1022,9 @@ class ModelEstimator:
         along_noise: float,
         of: int,
     ) -> tuple[Vec3, Vec3, Vec3]:
-        """Correct position, velocity and disturbance by one innovation; covariances, ĉ, λ̂ and b̂'s step in place.
+        """Correct position, velocity and disturbance by one innovation.
+
+        Covariances, ĉ, λ̂ and b̂'s step in place.
 
         Args:
             chain: position, velocity and disturbance before.
@@ -897,14 +1051,19 @@ class ModelEstimator:
                 self._disturbance_step = add_scaled(self._disturbance_step, by[2], part)
         if self._learns_thrust:
             # A change of λ̂ changes the chain, too.
-            e, moved = update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of, along)
+            e, moved = update_effectiveness(
+                FLOATS, self._effectiveness, step, gain, variance, of, along
+            )
             self._effectiveness, full = e, apply_effectiveness(full, moved, e)
         if self._provable:
             self._disturbance_rate = full[3]
         return full[0], full[1], full[2] if self._provable else chain[2]
 
     def predict(self, time_s: float) -> Estimate:
-        """Predict the state at ``time_s``; without delay prediction it is that of the newest pose."""
+        """Predict the state at ``time_s``.
+
+        Without delay prediction it is that of the newest pose.
+        """
         motion = self.motion
         assert motion is not None, "predict() before the first pose"
         h = time_s - self._stamp
@@ -918,7 +1077,9 @@ class ModelEstimator:
         return Estimate(time_s, ahead, disturbance, step, value, deviation)
 
     def _measure_noise(self, pose: Pose) -> None:
-        """Follow the noise of the source by fourth differences, and that of its stamps by their second ones."""
+        """Follow the noise of the source by fourth differences, and that of its stamps by their
+        second ones.
+        """
         recent = self._recent
         recent.append((pose.time_s, pose.position_ned))
         if len(recent) < 5:
@@ -934,14 +1095,21 @@ class ModelEstimator:
         self._stamp_noise = (before + (along - before) / NOISE_MEMORY, speed2)
         last_s, newest_s = times[3] - times[2], times[4] - times[3]
         if max(last_s, newest_s) < LOST_INTERVALS * 0.25 * span_s:
-            uneven_s2 = (newest_s - last_s) ** 2 / 6.0  # of three independent stamps, weights 1, -2 and 1
+            uneven_s2 = (
+                newest_s - last_s
+            ) ** 2 / 6.0  # of three independent stamps, weights 1, -2 and 1
             self._uneven_s2 += (uneven_s2 - self._uneven_s2) / NOISE_MEMORY
 
     def _learn_bias(self, pose: Pose, measured: Vec3, dt: float) -> None:
-        """Correct the bias by the positions' displacement; ``measured`` [m/s] is without the bias so far."""
+        """Correct the bias by the positions' displacement.
+
+        ``measured`` [m/s] is without the bias so far.
+        """
         (_, before), (_, now) = self._recent[-2], self._recent[-1]
         most, k = self._gains.velocity_bias_m_s, 1.0 / BIAS_MEMORY_S
-        x, y, z = add_scaled(self._bias, k, subtract(add_scaled(ZERO, dt, measured), subtract(now, before)))
+        x, y, z = add_scaled(
+            self._bias, k, subtract(add_scaled(ZERO, dt, measured), subtract(now, before))
+        )
         self._bias = (max(-most, min(most, x)), max(-most, min(most, y)), max(-most, min(most, z)))
 
     def _first(self, pose: Pose) -> Motion:
@@ -950,7 +1118,10 @@ class ModelEstimator:
         return Motion(pose.position_ned, velocity, pose.attitude, drive.thrust, drive.rates)
 
     def _integrate_commands(self, end: float) -> ActuatorResponse:
-        """Integrate the actuators from the newest pose to ``end`` [s]; steps are kept for the next call."""
+        """Integrate the actuators from the newest pose to ``end`` [s].
+
+        Steps are kept for the next call.
+        """
         drives, path = self._drives, self._path
         while len(path) > 1 and path[-1][0] > end:
             path.pop()
@@ -965,14 +1136,22 @@ class ModelEstimator:
             longest = time + STEP_LIMIT
             until = changes if changes < longest else longest
             if until > end:
-                return integrate_actuators(FLOATS, state, drive, end - time, self._thrust_lag, self._rate_lag)
-            state = integrate_actuators(FLOATS, state, drive, until - time, self._thrust_lag, self._rate_lag)
+                return integrate_actuators(
+                    FLOATS, state, drive, end - time, self._thrust_lag, self._rate_lag
+                )
+            state = integrate_actuators(
+                FLOATS, state, drive, until - time, self._thrust_lag, self._rate_lag
+            )
             time = until
             path.append((time, state, index))
         return state
 
     def _at(self, motion: Motion, response: ActuatorResponse, h: float) -> Motion:
-        """Integrate ``motion`` of the newest pose by ``h`` [s], in which the actuators gave ``response``."""
+        """Integrate ``motion`` of the newest pose by ``h`` [s], in which the actuators gave
+        ``response``.
+        """
         vehicle, (x, y, z) = self._vehicle, self.disturbance
         mass, other = vehicle.mass_kg / self._effectiveness.value, (x, y, z + self._gains.gravity)
-        return integrate_motion(motion, response, h, mass, other, self._disturbance_rate, vehicle.drag_per_s)
+        return integrate_motion(
+            motion, response, h, mass, other, self._disturbance_rate, vehicle.drag_per_s
+        )

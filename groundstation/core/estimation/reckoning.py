@@ -7,7 +7,8 @@ from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, schedule
 
 REMEMBER_S = 5.0
-"""Time for which estimates and commands are kept [s]: the longest window of the response, and of ``SUSPECT``."""
+"""Time for which estimates and commands are kept [s]: the longest window of the response, and of
+``SUSPECT``."""
 STEP_S = 0.08
 """Longest single step of the model [s]."""
 
@@ -43,7 +44,9 @@ class Reckoning:
 
     def find_trusted(self, until_s: float) -> Trusted:
         """Return the newest estimate trusted up to ``until_s``, or the oldest kept."""
-        return next((one for one in reversed(self._trusted) if one.time_s <= until_s), self._trusted[0])
+        return next(
+            (one for one in reversed(self._trusted) if one.time_s <= until_s), self._trusted[0]
+        )
 
     def add_command(self, arrival_s: float, drive: ActuatorCommand) -> None:
         """Take a command that affects poses stamped from ``arrival_s`` [s] on."""
@@ -54,7 +57,11 @@ class Reckoning:
 
     def reckon(self, before: Trusted, until_s: float) -> Motion:
         """Return the motion at ``until_s`` [s] by the commands since ``before``."""
-        motion, now, mass = before.motion, before.time_s, self._vehicle.mass_kg / before.effectiveness
+        motion, now, mass = (
+            before.motion,
+            before.time_s,
+            self._vehicle.mass_kg / before.effectiveness,
+        )
         drives = list(self._drives)
         for i, (begins, drive) in enumerate(drives):
             ends = min(drives[i + 1][0] if i + 1 < len(drives) else until_s, until_s)
@@ -64,9 +71,16 @@ class Reckoning:
         return motion
 
     def roll(
-        self, motion: Motion, drive: ActuatorCommand, duration_s: float, mass_kg: float, disturbance: Vec3
+        self,
+        motion: Motion,
+        drive: ActuatorCommand,
+        duration_s: float,
+        mass_kg: float,
+        disturbance: Vec3,
     ) -> Motion:
-        """Return ``motion`` after ``duration_s`` [s] of one ``drive``, in steps short enough for the model."""
+        """Return ``motion`` after ``duration_s`` [s] of one ``drive``, in steps short enough for
+        the model.
+        """
         vehicle = self._vehicle
         steps = int(duration_s / STEP_S) + 1
         for _ in range(steps):

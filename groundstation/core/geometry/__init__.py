@@ -33,4 +33,12 @@ from groundstation.core.geometry.so3 import (
     to_body,
     to_world,
 )
-from groundstation.core.geometry.vectors import add, add_scaled, cross, interpolate, multiply_each, scale, subtract
+from groundstation.core.geometry.vectors import (
+    add,
+    add_scaled,
+    cross,
+    interpolate,
+    multiply_each,
+    scale,
+    subtract,
+)

@@ -1,18 +1,21 @@
-"""SO(3): rotations as unit quaternions, elementwise in floats or arrays, and frames: the axes of others into ours.
+"""SO(3): rotations as unit quaternions, elementwise in floats or arrays, and frames: the axes of
+others into ours.
 
 A quaternion (w, x, y, z) turns body vectors into world vectors: v_world = R(q) v_body.
 
-Control code is straight-line and elementwise: it uses + - * /, comparisons, and the functions of :class:`Ops`.
-Called with ``FLOATS`` it flies one vehicle in plain floats (several times faster than small arrays);
-called with ``ARRAYS`` the same source flies N vehicles, each number being an array of shape (N,).
-Both sides of a ``where`` are evaluated, so both must be safe to compute.
+Control code is straight-line and elementwise: it uses + - * /, comparisons, and the functions of
+:class:`Ops`. Called with ``FLOATS`` it flies one vehicle in plain floats (several times faster than
+small arrays); called with ``ARRAYS`` the same source flies N vehicles, each number being an array
+of shape (N,). Both sides of a ``where`` are evaluated, so both must be safe to compute.
 
-Frames: the only place that converts them, the lab's and the source's into ours (world NED, body FRD) and back.
+Frames: the only place that converts them, the lab's and the source's into ours (world NED, body
+    FRD) and back.
 
-Axes have names of three letters, for where x, y and z point. World: north, east, down and their opposites south,
-west, up: ``ned`` is ours, ``enu`` ROS', ``nwu`` (x ahead, y left, z up) the usual frame of a motion capture volume,
-``nue`` (y up) what OptiTrack sends by default. Body: forward, right, down and backward, left, up: ``frd`` is ours.
-There are 24 of each. The other 24 would be left-handed: mirror images, which no turn can mend, so they have no name.
+Axes have names of three letters, for where x, y and z point. World: north, east, down and their
+opposites south, west, up: ``ned`` is ours, ``enu`` ROS', ``nwu`` (x ahead, y left, z up) the usual
+frame of a motion capture volume, ``nue`` (y up) what OptiTrack sends by default. Body: forward,
+right, down and backward, left, up: ``frd`` is ours. There are 24 of each. The other 24 would be
+left-handed: mirror images, which no turn can mend, so they have no name.
 
 An :class:`Alignment` is the rotation and shift of a source's "north" and "forward" from ours.
 Quaternions are w, x, y, z, body to world; their sign follows the input continuously.
@@ -59,7 +62,10 @@ class Ops:
         where: Callable[[Any, Real, Real], Real],
         clamp: Callable[[Real, Real, Real], Real],
     ) -> None:
-        """Take the functions; ``clamp(x, low, high)`` and ``where(condition, yes, no)`` are elementwise."""
+        """Take the functions.
+
+        ``clamp(x, low, high)`` and ``where(condition, yes, no)`` are elementwise.
+        """
         self.sqrt = sqrt
         self.exp = exp
         self.sin = sin
@@ -131,11 +137,13 @@ def normalize(q: Quat, ops: Ops = FLOATS) -> Quat:
 
 
 def rotate(q: Quat, angle: Vec3) -> Quat:
-    """``q`` turned by the rotation vector ``angle`` [rad] given in the body frame: R(q) exp(S(angle)).
+    """``q`` turned by the rotation vector ``angle`` [rad] given in the body frame: R(q)
+    exp(S(angle)).
 
-    Without trigonometry or roots: exp by its Taylor polynomial to order 6, and one Newton step towards unit
-    length, 1/√n ≈ (3 - n)/2, which also takes out what rounding has left in ``q``. The error is below 1e-9 rad for
-    |angle| < 0.3 rad; longer turns must be split by the caller. Written out, as everything here runs through it.
+    Without trigonometry or roots: exp by its Taylor polynomial to order 6, and one Newton step
+    towards unit length, 1/√n ≈ (3 - n)/2, which also takes out what rounding has left in ``q``. The
+    error is below 1e-9 rad for |angle| < 0.3 rad; longer turns must be split by the caller. Written
+    out, as everything here runs through it.
     """
     w, x, y, z = q
     a, b, c = angle
@@ -180,7 +188,10 @@ def third_row(q: Quat) -> Vec3:
 
 
 def angle_deg(cosine: float) -> float:
-    """The angle [deg] of a cosine, which rounding may have left beyond ±1; not a number counts as 180°, never as 0°."""
+    """The angle [deg] of a cosine, which rounding may have left beyond ±1.
+
+    Not a number counts as 180°, never as 0°.
+    """
     return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))  # nan beats no first argument
 
 
@@ -192,7 +203,11 @@ def to_world(q: Quat, v: Vec3) -> Vec3:
     tx = 2.0 * (y * c - z * b)
     ty = 2.0 * (z * a - x * c)
     tz = 2.0 * (x * b - y * a)
-    return (a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx)
+    return (
+        a + w * tx + y * tz - z * ty,
+        b + w * ty + z * tx - x * tz,
+        c + w * tz + x * ty - y * tx,
+    )
 
 
 def to_body(q: Quat, v: Vec3) -> Vec3:
@@ -203,7 +218,11 @@ def to_body(q: Quat, v: Vec3) -> Vec3:
     tx = 2.0 * (z * b - y * c)
     ty = 2.0 * (x * c - z * a)
     tz = 2.0 * (y * a - x * b)
-    return (a + w * tx - y * tz + z * ty, b + w * ty - z * tx + x * tz, c + w * tz - x * ty + y * tx)
+    return (
+        a + w * tx - y * tz + z * ty,
+        b + w * ty - z * tx + x * tz,
+        c + w * tz - x * ty + y * tx,
+    )
 
 
 def matrix(q: Quat) -> tuple[Vec3, Vec3, Vec3]:
@@ -270,9 +289,11 @@ _POINTING: dict[str, Vec3] = {
 """Where a letter points, in NED or FRD."""
 
 FARTHEST_M = 100.0
-"""Largest coordinate and length of a room or a field [m]: more is in millimetres, and no tracking volume is larger."""
+"""Largest coordinate and length of a room or a field [m]: more is in millimetres, and no tracking
+volume is larger."""
 LONGEST_ARM_M = 1.0
-"""Farthest that a tracked point is from the centre of mass, along each axis [m]: more is in millimetres."""
+"""Farthest that a tracked point is from the centre of mass, along each axis [m]: more is in
+millimetres."""
 Coordinate: TypeAlias = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 """A coordinate or a height [m]."""
 _Arm = Annotated[float, msgspec.Meta(ge=-LONGEST_ARM_M, le=LONGEST_ARM_M)]
@@ -305,18 +326,23 @@ class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     centre_of_mass_m: Annotated[
         tuple[_Arm, _Arm, _Arm],
         msgspec.Meta(
-            description="From the point that is tracked to the vehicle's centre of mass [m, forward "
-            "right down on the vehicle]."
+            description="From the point that is tracked to the vehicle's centre of mass [m, "
+            "forward right down on the vehicle]."
         ),
     ] = (0.0, 0.0, 0.0)
 
 
 LabAxes: TypeAlias = Annotated[
     World,
-    msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
+    msgspec.Meta(
+        description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as "
+        "north."
+    ),
 ]
 """World axes of a tracker, as a key of its configuration."""
-BodyAxes: TypeAlias = Annotated[Body, msgspec.Meta(description="Axes of the body: `flu` is x forward, y left, z up.")]
+BodyAxes: TypeAlias = Annotated[
+    Body, msgspec.Meta(description="Axes of the body: `flu` is x forward, y left, z up.")
+]
 """Body axes of a tracker, as a key of its configuration."""
 LabAlignment: TypeAlias = Annotated[
     Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
@@ -341,16 +367,27 @@ class Axes(Protocol):
 
 
 class Frames:
-    """The way from one source's axes into ours, and back; worked out once, as every pose goes through it."""
+    """The way from one source's axes into ours, and back.
 
-    def __init__(self, world: World = "ned", body: Body = "frd", alignment: Alignment | None = None) -> None:
-        """``world`` and ``body`` name the source's axes; ``alignment``: as they are named, where None."""
+    Worked out once, as every pose goes through it.
+    """
+
+    def __init__(
+        self, world: World = "ned", body: Body = "frd", alignment: Alignment | None = None
+    ) -> None:
+        """``world`` and ``body`` name the source's axes.
+
+        ``alignment``: as they are named, where None.
+        """
         more = alignment or Alignment()
         lab, turned = _turn(more.lab_rotation_deg), _turn(more.body_rotation_deg)
         # R_ned_frd = R_ned_lab R_lab_body R_frd_bodyᵀ: of a quaternion, a linear map.
         self._before = multiply(lab, _quaternion(world))
         self._after = conjugate(multiply(turned, _quaternion(body)))
-        images = [self._turn_attitude((float(i == 0), float(i == 1), float(i == 2), float(i == 3))) for i in range(4)]
+        images = [
+            self._turn_attitude((float(i == 0), float(i == 1), float(i == 2), float(i == 3)))
+            for i in range(4)
+        ]
         self._attitude = tuple(image[row] for row in range(4) for image in images)
         self._columns = tuple(to_world(lab, axis) for axis in axes(world))
         self._origin = more.lab_origin_m
@@ -360,7 +397,9 @@ class Frames:
         return multiply(multiply(self._before, attitude), self._after)
 
     def ours(self, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-        """Position of the centre of mass [m, NED] and attitude (FRD to NED) of what the source measured."""
+        """Position of the centre of mass [m, NED] and attitude (FRD to NED) of what the source
+        measured.
+        """
         w, x, y, z = attitude
         a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q = self._attitude
         ours = (
@@ -380,7 +419,11 @@ class Frames:
         x, y, z = position
         (a, b, c), (d, e, f), (g, h, i) = self._columns
         north, east, down = self._origin
-        return a * x + d * y + g * z + north, b * x + e * y + h * z + east, c * x + f * y + i * z + down
+        return (
+            a * x + d * y + g * z + north,
+            b * x + e * y + h * z + east,
+            c * x + f * y + i * z + down,
+        )
 
     def theirs(self, position_ned: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
         """The inverse of :meth:`ours`, sign included: what a source says, for simulators."""

@@ -38,8 +38,10 @@ def cross(a: Vec3, b: Vec3) -> Vec3:
 
 
 def interpolate(start: _Tuple, end: _Tuple, share: float) -> _Tuple:
-    """Return the point at ``share`` of the way from ``start`` to ``end``, of any number of components.
+    """Return the point at ``share`` of the way from ``start`` to ``end``, of any number of
+    components.
 
-    One step of a mean: ``start`` is its value, ``end`` the new sample, ``share`` the weight of that.
+    One step of a mean: ``start`` is its value, ``end`` the new sample, ``share`` the weight of
+    that.
     """
     return tuple(x + share * (y - x) for x, y in zip(start, end, strict=True))  # type: ignore[return-value]

@@ -1,7 +1,12 @@
 """Messages between the parts of a flight, and to others: poses, estimates, decisions, requests."""
 
 from groundstation.core.messages.disturbance import FLOWN, MEAN_S, DisturbanceMeter
-from groundstation.core.messages.drops import USUAL_POSE_DROPS, LinkDropWatch, find_link_drops, find_pose_drops
+from groundstation.core.messages.drops import (
+    USUAL_POSE_DROPS,
+    LinkDropWatch,
+    find_link_drops,
+    find_pose_drops,
+)
 from groundstation.core.messages.notices import NOTICES, notice, notice_fact
 from groundstation.core.messages.pose import (
     BODIES_MAX,

@@ -1,7 +1,8 @@
-"""Disturbance as it is shown: the observable sum, and its split into wind and thrust scale with their intervals.
+"""Disturbance as it is shown: the observable sum, and its split into wind and thrust scale with
+their intervals.
 
-While thrust stays as it is, only the sum of wind and thrust scale is observable. Every screen, summary, report and
-MQTT message shows this reading, so one flight has one number.
+While thrust stays as it is, only the sum of wind and thrust scale is observable. Every screen,
+summary, report and MQTT message shows this reading, so one flight has one number.
 """
 
 import math
@@ -36,9 +37,17 @@ class DisturbanceMeter:
         )  # fmt: skip
 
     def add_parts(
-        self, time_s: float, attitude: Quat, thrust_n: float, disturbance: Vec3, scale: float, deviation: float
+        self,
+        time_s: float,
+        attitude: Quat,
+        thrust_n: float,
+        disturbance: Vec3,
+        scale: float,
+        deviation: float,
     ) -> None:
-        """Take what a recording holds of an estimate: ``scale`` is λ̂ [-], ``deviation`` its standard deviation [-]."""
+        """Take what a recording holds of an estimate: ``scale`` is λ̂ [-], ``deviation`` its
+        standard deviation [-].
+        """
         if not math.isfinite(scale):
             return  # a controller of the user's own may run without this observer
         axis, (north, east, down) = third_column(attitude), disturbance
@@ -57,7 +66,9 @@ class DisturbanceMeter:
         if not rows:
             return None
         share = 1.0 / len(rows)
-        north, east, down = (share * sum(axis) for axis in zip(*(total for _, total, _ in rows), strict=True))
+        north, east, down = (
+            share * sum(axis) for axis in zip(*(total for _, total, _ in rows), strict=True)
+        )
         half = QUANTILE_95 * self._deviation
         known = math.isfinite(half)
         return DisturbanceReading(

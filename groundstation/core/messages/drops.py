@@ -1,10 +1,11 @@
 """Drops: dropped messages that are reported, before arming, in flight and afterwards. Sans-IO.
 
-Every reason that a link counts is either here, with the share above which it is reported, or harmless:
-``other_system`` (stations, companions and cameras on the same network), ``unknown`` (messages of a newer dialect),
-``garbage`` (bytes that are counted as a bad checksum, too), ``no_peer`` (no sender yet), ``bad_command`` (our own bug,
-which a test must find), and replies of a radio module, which no flight depends on (``not_a_frame``, ``bad_checksum``,
-``cut_short``, bytes). Pose sources report every reason in flight themselves.
+Every reason that a link counts is either here, with the share above which it is reported, or
+harmless: ``other_system`` (stations, companions and cameras on the same network), ``unknown``
+(messages of a newer dialect), ``garbage`` (bytes that are counted as a bad checksum, too),
+``no_peer`` (no sender yet), ``bad_command`` (our own bug, which a test must find), and replies of a
+radio module, which no flight depends on (``not_a_frame``, ``bad_checksum``, ``cut_short``, bytes).
+Pose sources report every reason in flight themselves.
 """
 
 from collections.abc import Mapping
@@ -16,9 +17,11 @@ from links.core import LinkStatus
 from links.text import Sentence, to_percent
 
 LOSSY_SHARE = 0.01
-"""Share of messages above which losses are reported [-]: at 1 % one set-point or pose in 100 is missing."""
+"""Share of messages above which losses are reported [-]: at 1 % one set-point or pose in 100 is
+missing."""
 EACH = 0.0
-"""Share for reasons that are reported from the first message on [-]: a correctly set up link has none."""
+"""Share for reasons that are reported from the first message on [-]: a correctly set up link has
+none."""
 REPEAT_FACTOR = 10.0
 """Growth of a reason's count after which it is reported again in flight [-]."""
 FEW = 3
@@ -52,7 +55,14 @@ LINK_DROPS: Mapping[str, DropLimit] = {
 }
 """Limit by reason; its sentence is ``link.REASON`` of the notices."""
 USUAL_POSE_DROPS = frozenset(
-    {"other_message", "other_system", "other_component", "unknown", "unknown_message", "no_server_info"}
+    {
+        "other_message",
+        "other_system",
+        "other_component",
+        "unknown",
+        "unknown_message",
+        "no_server_info",
+    }
 )
 """Reasons of pose sources that are no loss: other messages on the same port."""
 
@@ -70,12 +80,15 @@ def find_link_drops(
 ) -> list[DropCount]:
     """Find the drops of ``link`` to report since ``before`` (None: since it was opened).
 
-    ``has_second_path``: whether the vehicle used a second path before; a closed link does not report that.
+    ``has_second_path``: whether the vehicle used a second path before; a closed link does not
+        report that.
     """
     counts = _count_since(link.dropped, {} if before is None else before.dropped)
     received = link.received - (0 if before is None else before.received)
     sent = link.sent - (0 if before is None else before.sent)
-    incoming = received + sum(counts.get(reason, 0) for reason, limit in LINK_DROPS.items() if not limit.leaves)
+    incoming = received + sum(
+        counts.get(reason, 0) for reason, limit in LINK_DROPS.items() if not limit.leaves
+    )
     found = []
     for reason, limit in LINK_DROPS.items():
         count = counts.get(reason, 0)
@@ -91,8 +104,13 @@ def find_link_drops(
 
 
 def find_pose_drops(source: PoseStatus) -> tuple[str, int, int] | None:
-    """Return the reason of most drops, its count, and the number of all poses; None below the limit."""
-    drops = {reason: count for reason, count in source.dropped.items() if reason not in USUAL_POSE_DROPS}
+    """Return the reason of most drops, its count, and the number of all poses.
+
+    None below the limit.
+    """
+    drops = {
+        reason: count for reason, count in source.dropped.items() if reason not in USUAL_POSE_DROPS
+    }
     total = source.accepted + sum(drops.values())
     reason = max(drops, key=lambda name: drops[name], default="")
     if not reason or drops[reason] < FEW or drops[reason] <= LOSSY_SHARE * total:
@@ -101,7 +119,9 @@ def find_pose_drops(source: PoseStatus) -> tuple[str, int, int] | None:
 
 
 class LinkDropWatch:
-    """Reports of a link's drops in one flight: as they become too many, and again when they are tenfold."""
+    """Reports of a link's drops in one flight: as they become too many, and again when they are
+    tenfold.
+    """
 
     def __init__(self, begin: LinkStatus) -> None:
         """Start at ``begin``: the pre-flight checks reported earlier drops."""

@@ -1,8 +1,10 @@
-"""Table of the sentences that an operator can read: id, severity, sentence with named numbers, remedy. Sans-IO.
+"""Table of the sentences that an operator can read: id, severity, sentence with named numbers,
+remedy. Sans-IO.
 
-Code names the id and gives the numbers: ``notice("pose.late", age_ms=312.0, limit_ms=250.0)``. Rooms below this one
-have tables of their own, which it takes in: ``links/text`` and ``groundstation/config``; ``sim/text`` adds its own.
-A sentence states the fact, then the number and its limit; the remedy says what to do.
+Code names the id and gives the numbers: ``notice("pose.late", age_ms=312.0, limit_ms=250.0)``.
+Rooms below this one have tables of their own, which it takes in: ``links/text`` and
+``groundstation/config``; ``sim/text`` adds its own. A sentence states the fact, then the number and
+its limit; the remedy says what to do.
 """
 
 from groundstation.config import CONFIG_NOTICES
@@ -23,22 +25,30 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("pose.few_dropped", "fewer than 1 % were dropped, {total} accepted"),
     NoticeTemplate("pose.dropped", "{count} of {total} poses were dropped, limit 1 %: {why}"),
     NoticeTemplate(
-        "link.few_dropped", "fewer than 1 % of {total} messages were lost, and none came from an unknown sender"
+        "link.few_dropped",
+        "fewer than 1 % of {total} messages were lost, and none came from an unknown sender",
     ),
     NoticeTemplate(
         "qualisys.too_old",
-        "QTM at {server} speaks no version of its real-time protocol from {newest} down to {oldest}",
+        "QTM at {server} speaks no version of its real-time protocol from {newest} down to "
+        "{oldest}",
         "update QTM; QTM 2018.1, which speaks 1.18, is new enough",
     ),
     # Poses that do not respond to the commands (docs/explanation/trust.md).
-    NoticeTemplate("pose.suspect", "the poses are suspect: small motions test whether they respond"),
+    NoticeTemplate(
+        "pose.suspect", "the poses are suspect: small motions test whether they respond"
+    ),
     NoticeTemplate("pose.answers", "the poses respond again"),
-    NoticeTemplate("package.missing", 'pose.kind = "{kind}" needs {package}, which is not installed', "{command}"),
+    NoticeTemplate(
+        "package.missing",
+        'pose.kind = "{kind}" needs {package}, which is not installed',
+        "{command}",
+    ),
     *as_warnings(
         NoticeTemplate(
             "pose.unsteady_clock",
-            "the tracker's clock stepped {count} times within {within_s:g} s, so its stamps do not tell how old "
-            "a pose is",
+            "the tracker's clock stepped {count} times within {within_s:g} s, so its stamps do "
+            "not tell how old a pose is",
             "in flight, land; then find out what sets the sender's clock",
         ),
         NoticeTemplate(
@@ -46,10 +56,15 @@ _TABLE: tuple[NoticeTemplate, ...] = (
             "the time stamps of the poses run {factor} times too {way}, limit {limit:g}",
             "{field} is expected in {unit}{looks_like}",
         ),
-        NoticeTemplate("code.slow", "{what} took {took_ms:.0f} ms, limit {limit_ms:.0f} ms", "make its step faster"),
+        NoticeTemplate(
+            "code.slow",
+            "{what} took {took_ms:.0f} ms, limit {limit_ms:.0f} ms",
+            "make its step faster",
+        ),
         NoticeTemplate(
             "code.stalls",
-            "{what} took {took_ms:.0f} ms, and poses that came meanwhile are not used, limit {limit_ms:.0f} ms",
+            "{what} took {took_ms:.0f} ms, and poses that came meanwhile are not used, limit "
+            "{limit_ms:.0f} ms",
             "make its step faster",
         ),
         NoticeTemplate("code.hangs", "it did not return within {limit_ms:.0f} ms"),
@@ -58,16 +73,21 @@ _TABLE: tuple[NoticeTemplate, ...] = (
             "it did not return within {limit_s:.0f} s",
             "compute before the flight what takes long, and load it from a file",
         ),
-        NoticeTemplate("code.slow_end", "{slow}. No command left in time, and the link plays its bring-down"),
+        NoticeTemplate(
+            "code.slow_end", "{slow}. No command left in time, and the link plays its bring-down"
+        ),
         NoticeTemplate(
             "trajectory.derivative",
-            "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} is {found:.3g} {unit}",
+            "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} is "
+            "{found:.3g} {unit}",
             "correct the {name} that it returns: limits and fence are checked by it",
         ),
         NoticeTemplate(
             "trajectory.direction",
-            "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} has another direction",
-            "correct the signs and axes of the {name} that it returns: limits and fence are checked by it",
+            "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} has "
+            "another direction",
+            "correct the signs and axes of the {name} that it returns: limits and fence are "
+            "checked by it",
         ),
         NoticeTemplate(
             "trajectory.fence",
@@ -76,18 +96,22 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "trajectory.period",
-            "at {at_s:.1f} s it is {far_m:.2f} m outside of where it was in its first {span_s:.3g} s",
+            "at {at_s:.1f} s it is {far_m:.2f} m outside of where it was in its first "
+            "{span_s:.3g} s",
             "correct its period_s or joints_s, or give it a duration_s",
         ),
         NoticeTemplate(
             "pose.other_server",
-            "the NatNet server replies from another address, {address}, and only the configured one is accepted",
+            "the NatNet server replies from another address, {address}, and only the configured "
+            "one is accepted",
             'write pose.server = "{address}:{port}"',
         ),
         NoticeTemplate(
             "pose.two_senders",
-            "poses of the vehicle come from two addresses, {used} and {other}, and only those of the first are used",
-            "end the program that should not send; see by `check --watch` that the right poses come",
+            "poses of the vehicle come from two addresses, {used} and {other}, and only those of "
+            "the first are used",
+            "end the program that should not send; see by `check --watch` that the right poses "
+            "come",
         ),
         NoticeTemplate(
             "pose.origin_moves",
@@ -96,9 +120,10 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "link.truncated",
-            "{count} of {total} MAVLink frames ({percent:.1f} %, limit 1 %) came in pieces of which some were lost",
-            "a bridge or radio cuts frames over datagrams: have it send whole frames, lower the autopilot's stream "
-            "rates, check the signal",
+            "{count} of {total} MAVLink frames ({percent:.1f} %, limit 1 %) came in pieces of "
+            "which some were lost",
+            "a bridge or radio cuts frames over datagrams: have it send whole frames, lower the "
+            "autopilot's stream rates, check the signal",
         ),
         NoticeTemplate(
             "link.bad_crc",
@@ -113,17 +138,20 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "link.bad_signature",
             "{count} MAVLink messages were signed with another key and were ignored",
-            "compare the autopilot's key with link.signing_key_file; if they are the same, somebody forges messages",
+            "compare the autopilot's key with link.signing_key_file; if they are the same, "
+            "somebody forges messages",
         ),
         NoticeTemplate(
             "link.replayed",
-            "{count} signed MAVLink messages had time stamps that were used before and were ignored",
-            "somebody replays messages, or two senders sign with one system and link id: switch off all but "
-            "the vehicle",
+            "{count} signed MAVLink messages had time stamps that were used before and were "
+            "ignored",
+            "somebody replays messages, or two senders sign with one system and link id: switch "
+            "off all but the vehicle",
         ),
         NoticeTemplate(
             "link.other_address",
-            "{count} datagrams came from another address than the vehicle's ({addresses}) and were ignored",
+            "{count} datagrams came from another address than the vehicle's ({addresses}) and "
+            "were ignored",
             "find out who else sends to this port, and give it another one",
         ),
         NoticeTemplate(
@@ -133,37 +161,43 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "link.congested",
-            "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not leave, "
-            "as the network had no room",
+            "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not "
+            "leave, as the network had no room",
             "check the network's load and signal",
         ),
         NoticeTemplate(
             "link.full",
-            "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not leave, "
-            "as older ones still waited",
+            "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not "
+            "leave, as older ones still waited",
             "raise the baud rate or link.period_s, check the signal",
         ),
         NoticeTemplate(
             "link.undeliverable",
-            "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) were given back by the network",
+            "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) were given "
+            "back by the network",
             "check that the vehicle's address is reachable and its program runs",
         ),
         NoticeTemplate(
             "link.port_stuck",
-            "{count} of {total} frames ({percent:.1f} %, limit 1 %) did not leave, as the module's port took nothing",
+            "{count} of {total} frames ({percent:.1f} %, limit 1 %) did not leave, as the "
+            "module's port took nothing",
             "check the module's cable and supply",
         ),
         NoticeTemplate(
-            "link.port_lost", "the module's port was lost {count} times", "check the module's cable and supply"
+            "link.port_lost",
+            "the module's port was lost {count} times",
+            "check the module's cable and supply",
         ),
         NoticeTemplate(
             "link.bad_seal",
             "{count} datagrams to the radio bridge were sealed with another key and were ignored",
-            "compare the keys of station and bridge; if they are the same, somebody forges datagrams",
+            "compare the keys of station and bridge; if they are the same, somebody forges "
+            "datagrams",
         ),
         NoticeTemplate(
             "link.replayed_or_late",
-            "{count} of {total} datagrams of the radio bridge ({percent:.1f} %, limit 1 %) came late or twice",
+            "{count} of {total} datagrams of the radio bridge ({percent:.1f} %, limit 1 %) came "
+            "late or twice",
             "check the network between the two computers",
         ),
         NoticeTemplate(
@@ -181,16 +215,19 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "pose.attitude_no_answer",
             "the attitude of the poses does not respond to the commanded turns",
-            "check the object's name, its axes (`groundstation carry`) and the latency of the tracker",
+            "check the object's name, its axes (`groundstation carry`) and the latency of the "
+            "tracker",
         ),
         NoticeTemplate(
             "pose.late",
-            "the poses follow the commands 0.1 s or more later than configured, whatever their stamps say",
+            "the poses follow the commands 0.1 s or more later than configured, whatever their "
+            "stamps say",
             "check the latency of the tracker and the link (`groundstation identify`)",
         ),
         NoticeTemplate(
             "pose.position_no_answer",
-            "the position of the poses does not respond to the commanded motion, or something holds the vehicle",
+            "the position of the poses does not respond to the commanded motion, or something "
+            "holds the vehicle",
             "check the object's name and markers",
         ),
         NoticeTemplate(
@@ -227,10 +264,13 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate("guard.error", "{error_m:.2f} m from the reference, limit {limit_m:g} m"),
         NoticeTemplate(
-            "guard.speed", "{speed_m_s:.1f} m/s relative to the reference velocity, limit {limit_m_s:g} m/s"
+            "guard.speed",
+            "{speed_m_s:.1f} m/s relative to the reference velocity, limit {limit_m_s:g} m/s",
         ),
         NoticeTemplate(
-            "guard.thrust", "thrust at its limit for {lasts_s:g} s", "check battery, load and vehicle.thrust_max_n"
+            "guard.thrust",
+            "thrust at its limit for {lasts_s:g} s",
+            "check battery, load and vehicle.thrust_max_n",
         ),
         NoticeTemplate("guard.rate", "a body rate at its limit for {lasts_s:g} s of the last 2 s"),
         NoticeTemplate(
@@ -239,9 +279,13 @@ _TABLE: tuple[NoticeTemplate, ...] = (
             "check battery, propellers and vehicle.mass_kg",
         ),
         NoticeTemplate("guard.fence", "{outside_m:.2f} m outside the fence"),
-        NoticeTemplate("guard.braking", "{room_m:.2f} m before the fence at {speed_m_s:.1f} m/s", "braking"),
+        NoticeTemplate(
+            "guard.braking", "{room_m:.2f} m before the fence at {speed_m_s:.1f} m/s", "braking"
+        ),
         NoticeTemplate("guard.separation", "{distance_m:.2f} m from {name}, limit {limit_m:g} m"),
-        NoticeTemplate("guard.approach", "{distance_m:.2f} m from {name} and approaching", "braking"),
+        NoticeTemplate(
+            "guard.approach", "{distance_m:.2f} m from {name} and approaching", "braking"
+        ),
         NoticeTemplate("guard.unseen", "no sighting of {names} for more than {limit_s:g} s"),
         NoticeTemplate(
             "guard.pose_age",
@@ -253,11 +297,19 @@ _TABLE: tuple[NoticeTemplate, ...] = (
             "{count} resets of the estimate behind the poses within 5 s, limit {limit}",
             "check the source of the poses",
         ),
-        NoticeTemplate("guard.under_floor", "poses {depth_m:.2f} m under the floor, limit {limit_m:g} m"),
         NoticeTemplate(
-            "guard.overruns", "{count} of the last 100 frames were late, limit {limit}", "this computer is too slow"
+            "guard.under_floor", "poses {depth_m:.2f} m under the floor, limit {limit_m:g} m"
         ),
-        NoticeTemplate("guard.round_trip", "round trip {rtt_ms:.0f} ms, limit {limit_ms:.0f} ms", "check the radio"),
+        NoticeTemplate(
+            "guard.overruns",
+            "{count} of the last 100 frames were late, limit {limit}",
+            "this computer is too slow",
+        ),
+        NoticeTemplate(
+            "guard.round_trip",
+            "round trip {rtt_ms:.0f} ms, limit {limit_ms:.0f} ms",
+            "check the radio",
+        ),
         NoticeTemplate("guard.charge", "battery at {charge:.0f} %, limit {limit:.0f} %"),
         NoticeTemplate("guard.voltage", "battery at {voltage_v:.2f} V, limit {limit_v:.2f} V"),
     ),

@@ -1,4 +1,6 @@
-"""Pose: the record that every pose source delivers, the port that it implements, and the sightings of other bodies."""
+"""Pose: the record that every pose source delivers, the port that it implements, and the sightings
+of other bodies.
+"""
 
 import math
 from collections import Counter, deque
@@ -72,7 +74,9 @@ class SourceError(OSError):
     """A source can't be started; the text says why, and what to look at."""
 
 
-class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
+class PoseKind(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"
+):
     """Base of the configuration of every kind of pose source: traits of the kind.
 
     A kind overrides those in which it differs from the defaults here.
@@ -81,7 +85,8 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     by_autopilot: ClassVar[bool] = False
     """Whether the poses are the autopilot's own estimate, received by the link."""
     shares_link: ClassVar[bool] = False
-    """Whether the poses are an autopilot's own, or the message in which bridges send poses to autopilots."""
+    """Whether the poses are an autopilot's own, or the message in which bridges send poses to
+    autopilots."""
     shows_others: ClassVar[bool] = False
     """Whether the source shows other bodies, too."""
     is_relayed: ClassVar[bool] = False
@@ -89,9 +94,11 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     body_key: ClassVar[str] = ""
     """Configuration key that names the vehicle's body; empty for a source with a single body."""
     address_key: ClassVar[str] = ""
-    """Configuration key of the address of listening or of the server; empty for a source without a socket."""
+    """Configuration key of the address of listening or of the server; empty for a source without a
+    socket."""
     stamp_field: ClassVar[str] = ""
-    """The source's name for the field of its time stamp; empty where the sender can't set it wrong."""
+    """The source's name for the field of its time stamp; empty where the sender can't set it
+    wrong."""
     stamp_unit_s: ClassVar[float] = 1.0
     """Unit of that field [s]."""
     latency_key: ClassVar[str] = "latency_s"
@@ -124,12 +131,18 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def real(self) -> str | None:
-        """The setting ("key = value") by which poses of a real vehicle may arrive; None if none can."""
+        """The setting ("key = value") by which poses of a real vehicle may arrive.
+
+        None if none can.
+        """
         return f"kind = {self.kind}"
 
     @property
     def never_flies(self) -> tuple[str, Sentence] | None:
-        """Configuration key and reason that forbid these poses to fly a vehicle; None if they may."""
+        """Configuration key and reason that forbid these poses to fly a vehicle.
+
+        None if they may.
+        """
         return None
 
     @property
@@ -139,7 +152,10 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def latency_s(self) -> float | None:
-        """Configured shortest time from the instant of a pose to its arrival [s]; None where the source measures it."""
+        """Configured shortest time from the instant of a pose to its arrival [s].
+
+        None where the source measures it.
+        """
         return None
 
 
@@ -151,7 +167,8 @@ class PoseSource(Protocol):
         """Present counters."""
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Begin to listen; ``deliver`` is called on the event loop for each pose, in order of arrival.
+        """Begin to listen; ``deliver`` is called on the event loop for each pose, in order of
+        arrival.
 
         Raises:
             SourceError: it can't.
@@ -163,7 +180,9 @@ class PoseSource(Protocol):
 
 @runtime_checkable
 class Distrusts(Protocol):
-    """Port of a part that uses our poses beside the flight, such as the forwarder to the autopilot."""
+    """Port of a part that uses our poses beside the flight, such as the forwarder to the
+    autopilot.
+    """
 
     def distrust(self) -> None:
         """Stop using our poses for the rest of this flight: they have been found wrong."""
@@ -197,14 +216,18 @@ class OverheardSource:
 
 
 BASE_S = 0.1
-"""Time over which a body's speed is measured [s]: noise of 1 mm gives 0.014 m/s, and the speed is 0.05 s old."""
+"""Time over which a body's speed is measured [s]: noise of 1 mm gives 0.014 m/s, and the speed is
+0.05 s old."""
 BASE_MIN_S = 0.5 * BASE_S
-"""Least time between the first two sightings that gives a speed [s]; before that it is taken as 0."""
+"""Least time between the first two sightings that gives a speed [s]; before that it is taken as
+0."""
 SIGHTING_S = 0.5
-"""Time for which a sighting counts [s]: for a body's place, for the prediction by its velocity, and as the begin of a
-measured speed. A vehicle that brakes by 1 m/s² is 0.13 m off the prediction by then."""
+"""Time for which a sighting counts [s]: for a body's place, for the prediction by its velocity, and
+as the begin of a measured speed. A vehicle that brakes by 1 m/s² is 0.13 m off the prediction by
+then."""
 FAR_M = 1e6
-"""Largest coordinate of a plausible position [m]: an autopilot's origin may lie beyond the horizon."""
+"""Largest coordinate of a plausible position [m]: an autopilot's origin may lie beyond the
+horizon."""
 BODIES_MAX = 64
 """Limit of the other bodies that are remembered [-]: it bounds memory, and no room has so many."""
 
@@ -227,10 +250,15 @@ class BodySighting(NamedTuple):
 
 
 class Others:
-    """Sightings of the other bodies: those of the configured names, and before take-off all but the vehicle's own."""
+    """Sightings of the other bodies: those of the configured names, and before take-off all but the
+    vehicle's own.
+    """
 
     def __init__(self, names: Iterable[str], own: str | None = None) -> None:
-        """Start without sightings. ``own`` is the vehicle's body; with None only the configured ``names`` count."""
+        """Start without sightings.
+
+        ``own`` is the vehicle's body; with None only the configured ``names`` count.
+        """
         self.names = tuple(names)
         """Configured names."""
         self._recent: dict[str, deque[tuple[float, Vec3]]] = {name: deque() for name in self.names}
@@ -250,10 +278,17 @@ class Others:
         """Whether sightings of ``name`` are to be given to :meth:`see`."""
         if name in self.names:
             return True
-        return self.every and name != self._own and (name in self._recent or len(self._recent) < BODIES_MAX)
+        return (
+            self.every
+            and name != self._own
+            and (name in self._recent or len(self._recent) < BODIES_MAX)
+        )
 
     def see(self, name: str, time_s: float, position_ned: Vec3) -> None:
-        """Note that ``name`` was at ``position_ned`` [m] at ``time_s`` [s]; older than its newest is ignored."""
+        """Note that ``name`` was at ``position_ned`` [m] at ``time_s`` [s].
+
+        Older than its newest is ignored.
+        """
         recent = self._recent.setdefault(name, deque())
         x, y, z = position_ned
         if not math.isfinite(x + y + z + time_s):
@@ -272,7 +307,11 @@ class Others:
 
     def unseen(self, since_s: float) -> tuple[str, ...]:
         """Configured names without a sighting since ``since_s`` [s]."""
-        return tuple(name for name in self.names if not self._recent[name] or self._recent[name][-1][0] < since_s)
+        return tuple(
+            name
+            for name in self.names
+            if not self._recent[name] or self._recent[name][-1][0] < since_s
+        )
 
     def sighting(self, name: str) -> BodySighting | None:
         """Newest sighting of ``name``; None without one."""

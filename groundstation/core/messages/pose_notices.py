@@ -1,21 +1,28 @@
 """Sentences of pose sources: why poses are dropped, and what happens to those that pass. Sans-IO.
 
-A row ``drop.REASON`` belongs to each reason that sources and the gate count and that has a cause to name.
+A row ``drop.REASON`` belongs to each reason that sources and the gate count and that has a cause to
+name.
 """
 
 from links.text import NoticeTemplate
 
 _DROPS = {
     "not_live": "Motive is in edit mode or plays a recording: go to Live",
-    "wrong_version": "the bit stream is too old: Motive's streaming settings, bit stream version, 3.0 or later",
-    "wrong_layout": "a bit stream that is not known here: Motive's streaming settings, bit stream version, 4.1",
+    "wrong_version": "the bit stream is too old: Motive's streaming settings, bit stream version, "
+    "3.0 or later",
+    "wrong_layout": "a bit stream that is not known here: Motive's streaming settings, bit stream "
+    "version, 4.1",
     "failed": "the sender says that its odometry has failed (ODOMETRY.quality below 0)",
     "not_tracked": "the tracker does not find the body: markers hidden?",
-    "frozen": "the same to the last bit: the body is hidden, or the tracker rounds (gate.drop_frozen)",
-    "no_such_body": "the stream does not hold the vehicle's body: is its name right, has it been switched off?",
-    "no_such_object": "the stream does not hold the vehicle's object: is its name right, has it been switched off?",
+    "frozen": "the same to the last bit: the body is hidden, or the tracker rounds "
+    "(gate.drop_frozen)",
+    "no_such_body": "the stream does not hold the vehicle's body: is its name right, has it been "
+    "switched off?",
+    "no_such_object": "the stream does not hold the vehicle's object: is its name right, has it "
+    "been switched off?",
     "same_name": "several bodies have the vehicle's name or streaming id: give each one of its own",
-    "jump": "further from the last one than it can have flown (gate.jump_m): markers mixed up, or another body",
+    "jump": "further from the last one than it can have flown (gate.jump_m): markers mixed up, or "
+    "another body",
     "spin": "turned faster than it can have (gate.rate_deg_s): markers mixed up",
     "too_fast": "faster than the vehicle can be (gate.speed_m_s)",
     "tilted": "on its back (gate.tilt_deg): are pose.world and pose.body right?",
@@ -24,7 +31,8 @@ _DROPS = {
     "absurd": "numbers that no room holds",
     "absurd_stamp": "its time stamp is no time: is it in the wrong unit?",
     "same_stamp": "the sender does not set its time stamp, or several poses have the same one",
-    "out_of_order": "older than one before: was the sender's clock set back, or is more than one on this address?",
+    "out_of_order": "older than one before: was the sender's clock set back, or is more than one "
+    "on this address?",
     "duplicate": "sent twice: is more than one sender on this address?",
     "other_address": "somebody else sends to this address",
     "second_sender": "a second program or computer sends poses of the vehicle to the same port",
@@ -38,52 +46,70 @@ _DROPS = {
     "wrong_schema": "JSON without the fields of a pose: compare with docs/how-to/extend.md",
     "bad_crc": "a wrong checksum: bytes were lost or changed on the way",
     "wrong_frame": "in a frame of coordinates that is not read here: send LOCAL_NED or LOCAL_FRD",
-    "no_attitude": "no attitude came with the position: have the autopilot send ATTITUDE_QUATERNION",
+    "no_attitude": "no attitude came with the position: have the autopilot send "
+    "ATTITUDE_QUATERNION",
     "no_stamp": "no time stamp in it: have the sender set it",
-    "no_exposure_stamp": "no time of exposure in it, as in a recording that is played back: go to Live",
+    "no_exposure_stamp": "no time of exposure in it, as in a recording that is played back: go to "
+    "Live",
     "no_bodies": "no rigid bodies in it: stream 6DOF",
     "no_data": "QTM says that it has no data: start a measurement or a preview",
-    "other_bodies": "more or fewer bodies than QTM names, whose names are asked for anew: has the project changed, or "
-    "is a body switched off in it?",
+    "other_bodies": "more or fewer bodies than QTM names, whose names are asked for anew: has the "
+    "project changed, or is a body switched off in it?",
     "child_lost": "the program that reads the tracker has ended; it is started again",
     "connection_lost": "the tracker has closed the connection; it is opened again",
 }
 """Causes and remedies by reason."""
 _MEASURED_DROPS = {
-    "jump": "{value:.2f} m from where the last ones were heading, limit {limit:.2f} m (gate.jump_m and "
-    "gate.acceleration_m_s2): markers mixed up, or another body",
-    "spin": "turned by {value:.0f}° since the last one, limit {limit:.0f}° (gate.rate_deg_s): markers mixed up",
+    "jump": "{value:.2f} m from where the last ones were heading, limit {limit:.2f} m (gate.jump_m "
+    "and gate.acceleration_m_s2): markers mixed up, or another body",
+    "spin": "turned by {value:.0f}° since the last one, limit {limit:.0f}° (gate.rate_deg_s): "
+    "markers mixed up",
     "too_fast": "{value:.1f} m/s, limit {limit:g} m/s (gate.speed_m_s): is the position in metres?",
-    "tilted": "{value:.0f}° from upright, limit {limit:g}° (gate.tilt_deg): where it stands or flies upright, "
-    "pose.body or pose.world names the axes wrongly (`groundstation carry` finds them); a vehicle that loops needs 180",
-    "frozen": "the same to the last bit for {value:.2f} s, limit {limit:g} s (gate.frozen_s): the body is hidden, or "
-    "the tracker rounds (gate.drop_frozen)",
-    "late": "{value:.0f} ms old when it came, limit {limit:.0f} ms (flight.coast_s): look for a queue in the network "
-    "or the tracking computer",
+    "tilted": "{value:.0f}° from upright, limit {limit:g}° (gate.tilt_deg): where it stands or "
+    "flies upright, pose.body or pose.world names the axes wrongly (`groundstation carry` finds "
+    "them); a vehicle that loops needs 180",
+    "frozen": "the same to the last bit for {value:.2f} s, limit {limit:g} s (gate.frozen_s): the "
+    "body is hidden, or the tracker rounds (gate.drop_frozen)",
+    "late": "{value:.0f} ms old when it came, limit {limit:.0f} ms (flight.coast_s): look for a "
+    "queue in the network or the tracking computer",
 }
 """Sentences of those reasons for which the newest drop has a number and a limit."""
 
 POSE_NOTICES: tuple[NoticeTemplate, ...] = (
-    *(NoticeTemplate(f"drop.{reason}", f"{reason} ({meaning})") for reason, meaning in _DROPS.items()),
-    *(NoticeTemplate(f"drop.{reason}.by", f"{reason} ({meaning})") for reason, meaning in _MEASURED_DROPS.items()),
+    *(
+        NoticeTemplate(f"drop.{reason}", f"{reason} ({meaning})")
+        for reason, meaning in _DROPS.items()
+    ),
+    *(
+        NoticeTemplate(f"drop.{reason}.by", f"{reason} ({meaning})")
+        for reason, meaning in _MEASURED_DROPS.items()
+    ),
     NoticeTemplate("drop.other", "{reason}"),
     NoticeTemplate("pose.origin_moved", "the source has moved its origin"),
     NoticeTemplate("pose.agreed", "all poses have agreed on it for {settle_s:g} s"),
-    NoticeTemplate("pose.elsewhere", "poses are {far_m:.2f} m and {turn_deg:.0f}° from before: {why}"),
-    NoticeTemplate("qualisys.no_plain_xml", "the parameters are longer than QTM's, or are no plain XML"),
+    NoticeTemplate(
+        "pose.elsewhere", "poses are {far_m:.2f} m and {turn_deg:.0f}° from before: {why}"
+    ),
+    NoticeTemplate(
+        "qualisys.no_plain_xml", "the parameters are longer than QTM's, or are no plain XML"
+    ),
     NoticeTemplate("qualisys.no_xml", "the parameters are no XML: {why}"),
     NoticeTemplate("pose.made_up", "mock makes bodies up: they never fly a vehicle"),
-    NoticeTemplate("pose.no_link", "'mavlink' needs link.kind = 'mavlink'", "no other link brings poses"),
+    NoticeTemplate(
+        "pose.no_link", "'mavlink' needs link.kind = 'mavlink'", "no other link brings poses"
+    ),
     NoticeTemplate("pose.passed", "{reason} is over: {count} dropped within {lasted_s:.2f} s"),
     NoticeTemplate(
         "pose.later",
         "poses are {late_ms:.0f} ms later than before",
-        "they are delayed (network, tracking computer); or the tracker's clock was set back, its frame counter "
-        "paused or its rate changed, which looks the same. If they are not that old: on the ground, stop the "
-        "tracker's stream for 5 s, or start this program anew",
+        "they are delayed (network, tracking computer); or the tracker's clock was set back, its "
+        "frame counter paused or its rate changed, which looks the same. If they are not that "
+        "old: on the ground, stop the tracker's stream for 5 s, or start this program anew",
     ),
     NoticeTemplate("pose.punctual", "poses are as early as before, or their source has restarted"),
-    NoticeTemplate("pose.cannot_listen", "cannot listen for {what} on {address} ({why})", "{advice}"),
+    NoticeTemplate(
+        "pose.cannot_listen", "cannot listen for {what} on {address} ({why})", "{advice}"
+    ),
     NoticeTemplate(
         "libmotioncapture.silent",
         "the {backend} server at {hostname} does not answer",
@@ -92,13 +118,20 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "qualisys.unreachable",
         "cannot reach QTM at {server} ({why})",
-        "check that it runs, the address, and that its RT output is on (little-endian port, mostly 22223)",
+        "check that it runs, the address, and that its RT output is on (little-endian port, "
+        "mostly 22223)",
     ),
     NoticeTemplate("qualisys.no_version", "QTM did not speak version {version} of its protocol"),
     NoticeTemplate("qualisys.silent_bodies", "QTM did not report its 6DOF bodies"),
-    NoticeTemplate("qualisys.silent_stream", "QTM did not stream", "is a measurement or a preview running?"),
+    NoticeTemplate(
+        "qualisys.silent_stream", "QTM did not stream", "is a measurement or a preview running?"
+    ),
     NoticeTemplate("qualisys.refused_bodies", "QTM refused to report its 6DOF bodies: {why}"),
-    NoticeTemplate("qualisys.refused_stream", "QTM refused to stream: {why}", "is a measurement or a preview running?"),
+    NoticeTemplate(
+        "qualisys.refused_stream",
+        "QTM refused to stream: {why}",
+        "is a measurement or a preview running?",
+    ),
     NoticeTemplate("qualisys.bodies", "QTM at {server} does not report its bodies: {why}"),
     NoticeTemplate("pose.lost", "poses are lost: none for {age_ms:.0f} ms"),
     NoticeTemplate("pose.back", "poses are back after {gap_s:.2f} s"),

@@ -9,18 +9,22 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("check.connection", "{why}"),
     # Poses.
     NoticeTemplate("check.pose_rate", "{rate_hz:.0f} poses a second{nominal}"),
-    NoticeTemplate("check.pose_rate_low", "{rate_hz:.0f} poses a second{nominal}: at least {limit_hz:g} are needed"),
+    NoticeTemplate(
+        "check.pose_rate_low",
+        "{rate_hz:.0f} poses a second{nominal}: at least {limit_hz:g} are needed",
+    ),
     NoticeTemplate("check.pose_age", "the newest pose is {age_ms:.0f} ms old"),
     NoticeTemplate("check.pose_age_why", "the newest pose is {age_ms:.0f} ms old; {why}"),
     NoticeTemplate(
         "check.deadline",
-        "a pose is used for {coast_ms:.0f} ms (flight.coast_s), in a descent for {level_ms:.0f} ms more "
-        "(guards.level_s); then the bring-down",
+        "a pose is used for {coast_ms:.0f} ms (flight.coast_s), in a descent for {level_ms:.0f} "
+        "ms more (guards.level_s); then the bring-down",
     ),
     NoticeTemplate(
         "check.deadline_long",
-        "a pose is used for {coast_ms:.0f} ms (flight.coast_s), in a descent for {level_ms:.0f} ms more "
-        "(guards.level_s); then the bring-down. Together they are {usual_ms:.0f} ms by default",
+        "a pose is used for {coast_ms:.0f} ms (flight.coast_s), in a descent for {level_ms:.0f} "
+        "ms more (guards.level_s); then the bring-down. Together they are {usual_ms:.0f} ms by "
+        "default",
     ),
     NoticeTemplate(
         "check.pose_noise",
@@ -32,7 +36,9 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         "the poses are {away_m:.0f} m from the tracker's origin, limit {limit_m:g} m",
         "have the sender give positions in metres, and the volume its origin within the room",
     ),
-    NoticeTemplate("check.at_rest", "poses are within {spread_cm:.1f} cm", "the vehicle must be at rest"),
+    NoticeTemplate(
+        "check.at_rest", "poses are within {spread_cm:.1f} cm", "the vehicle must be at rest"
+    ),
     NoticeTemplate(
         "check.tilt",
         "tilted by {tilt_deg:.1f}° at rest",
@@ -51,17 +57,20 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("pose.nothing_of_use", "nothing of use from pose.kind = {kind} ({keys}); {why}"),
     NoticeTemplate(
         "pose.no_estimate",
-        "the autopilot sends but has no estimate of its position yet (pose.kind = mavlink). After a start that "
-        "takes it some 40 s, and it needs GPS or an external pose: wait for it, then try again{said}",
+        "the autopilot sends but has no estimate of its position yet (pose.kind = mavlink). After "
+        "a start that takes it some 40 s, and it needs GPS or an external pose: wait for it, then "
+        "try again{said}",
     ),
     # The autopilot's attitude beside that of the poses.
     NoticeTemplate("check.witness_own", "there is none: the poses are the autopilot's own"),
     NoticeTemplate(
         "check.witness_radio",
-        "there is none: this radio does not report the vehicle's attitude 10 times a second, as CRSF's may",
+        "there is none: this radio does not report the vehicle's attitude 10 times a second, as "
+        "CRSF's may",
     ),
     NoticeTemplate(
-        "check.witness_silent", "the autopilot does not send its attitude, so nothing checks the poses' attitude"
+        "check.witness_silent",
+        "the autopilot does not send its attitude, so nothing checks the poses' attitude",
     ),
     NoticeTemplate(
         "check.witness_unlike",
@@ -71,19 +80,27 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "check.witness_askew",
         "tilt by the poses and by the autopilot is {askew_deg:.1f}° apart",
-        "is it the right body? `groundstation carry` finds the axes of its object, level the autopilot's "
-        "accelerometers",
+        "is it the right body? `groundstation carry` finds the axes of its object, level the "
+        "autopilot's accelerometers",
     ),
     NoticeTemplate(
-        "check.witness_carried", "the motion of the poses differs from the autopilot's", "is the vehicle being carried?"
+        "check.witness_carried",
+        "the motion of the poses differs from the autopilot's",
+        "is the vehicle being carried?",
     ),
-    NoticeTemplate("check.witness", "tilt by the poses and by the autopilot is {askew_deg:.1f}° apart{alike}"),
+    NoticeTemplate(
+        "check.witness", "tilt by the poses and by the autopilot is {askew_deg:.1f}° apart{alike}"
+    ),
     # Fence, other vehicles, trajectory.
     NoticeTemplate("check.fence_none", "there is none"),
     NoticeTemplate("check.fence_outside", "{outside_m:.2f} m outside the fence"),
     NoticeTemplate("check.fence_inside", "{inside_m:.2f} m inside the fence"),
     NoticeTemplate("check.others_none", "separation.others names none"),
-    NoticeTemplate("check.others_near", "{distance_m:.2f} m from {name}, limit {limit_m:g} m", "move one of them"),
+    NoticeTemplate(
+        "check.others_near",
+        "{distance_m:.2f} m from {name}, limit {limit_m:g} m",
+        "move one of them",
+    ),
     NoticeTemplate(
         "check.others_unseen",
         "no sighting of {names}",
@@ -106,7 +123,9 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("trajectory.slower_no_help", "flying it slower does not help"),
     NoticeTemplate("trajectory.slow_down", "slow it down to about {percent} % of its speed"),
-    NoticeTemplate("trajectory.slow_down_to", "slow it down to about {speed_m_s:g} m/s (trajectory.speed_m_s)"),
+    NoticeTemplate(
+        "trajectory.slow_down_to", "slow it down to about {speed_m_s:g} m/s (trajectory.speed_m_s)"
+    ),
     # Vehicle, link and failsafes.
     NoticeTemplate("check.battery_silent", "the vehicle does not report it"),
     NoticeTemplate("check.battery_unjudged", "{voltage_v:.2f} V; set guards.battery_v to check it"),
@@ -120,7 +139,8 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("check.unfit", "{why}"),
     NoticeTemplate(
         "check.prearm_fails",
-        "its own pre-arm checks do not pass, so it may refuse to arm: QGroundControl lists what they lack{said}",
+        "its own pre-arm checks do not pass, so it may refuse to arm: QGroundControl lists what "
+        "they lack{said}",
     ),
     NoticeTemplate("check.ready", "connected, and disarmed{said}"),
     NoticeTemplate("check.conflict", "{why}"),
@@ -128,20 +148,25 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("check.frames_direct", "commands are sent by this program directly"),
     NoticeTemplate("check.frames_paced", "the pacer and its stand-by have what they need"),
     NoticeTemplate("check.link_drops", "{drops}"),
-    NoticeTemplate("check.failsafe_autopilot", "the autopilot's own: `groundstation doctor CONFIG` looks at it"),
     NoticeTemplate(
-        "check.failsafe_receiver",
-        "the receiver's failsafe must stop the motors, as nothing here can if the module loses its plug or its "
-        "computer; it reports no failsafe setting, and many hold the last frame: once, with the propellers off, "
-        "`groundstation fly CONFIG`, then pull the module's plug; the motors must stop",
+        "check.failsafe_autopilot", "the autopilot's own: `groundstation doctor CONFIG` looks at it"
     ),
     NoticeTemplate(
-        "check.thrust_limit", "thrust goes to {thrust_n:.3g} N before lift-off, {percent:.0f} % of the weight"
+        "check.failsafe_receiver",
+        "the receiver's failsafe must stop the motors, as nothing here can if the module loses "
+        "its plug or its computer; it reports no failsafe setting, and many hold the last frame: "
+        "once, with the propellers off, `groundstation fly CONFIG`, then pull the module's plug; "
+        "the motors must stop",
+    ),
+    NoticeTemplate(
+        "check.thrust_limit",
+        "thrust goes to {thrust_n:.3g} N before lift-off, {percent:.0f} % of the weight",
     ),
     NoticeTemplate(
         "check.thrust_limit_high",
-        "thrust goes to {thrust_n:.3g} N before lift-off, {percent:.0f} % of the weight, by takeoff.thrust_limit: "
-        "with wrong poses or a wrong mass the vehicle jumps higher than with {usual_n:.3g} N",
+        "thrust goes to {thrust_n:.3g} N before lift-off, {percent:.0f} % of the weight, by "
+        "takeoff.thrust_limit: with wrong poses or a wrong mass the vehicle jumps higher than "
+        "with {usual_n:.3g} N",
     ),
     NoticeTemplate(
         "check.simulated",
@@ -154,22 +179,25 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "check.bound_by_limit",
-        "vehicle.thrust_min_n = {thrust_min_n:g} N keeps it above zero, as the proof alone does not (its bound: "
-        "{bound_m_s2:+.2f} m/s² from rest on the reference)",
+        "vehicle.thrust_min_n = {thrust_min_n:g} N keeps it above zero, as the proof alone does "
+        "not (its bound: {bound_m_s2:+.2f} m/s² from rest on the reference)",
     ),
     # The test with the propellers off.
     NoticeTemplate("check.props_off_simulated", "only a real vehicle needs one"),
     NoticeTemplate("check.props_off", "passed on {date}"),
-    NoticeTemplate("check.props_off_none", "no test with the propellers off is on file for {vehicle}: {command}"),
+    NoticeTemplate(
+        "check.props_off_none",
+        "no test with the propellers off is on file for {vehicle}: {command}",
+    ),
     NoticeTemplate(
         "check.props_off_changed",
-        "since the test with the propellers off ({date}) the configuration has changed in one of {sections}: do it "
-        "again, {command}",
+        "since the test with the propellers off ({date}) the configuration has changed in one of "
+        "{sections}: do it again, {command}",
     ),
     NoticeTemplate(
         "check.props_off_firmware",
-        "the test with the propellers off ({date}) was of another firmware, {proven}; this is {found}: do it again, "
-        "{command}",
+        "the test with the propellers off ({date}) was of another firmware, {proven}; this is "
+        "{found}: do it again, {command}",
     ),
     # Beside the vehicle: other flights, other bodies, the operator's hand.
     NoticeTemplate("check.flights", "none of this machine has its name, body or link"),
@@ -177,10 +205,13 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("flights.same_link", "{who} commands {link} as well: stop one of them"),
     NoticeTemplate(
         "flights.same_body",
-        "{who} follows the body {body!r} as well: two vehicles can't be one body, so one of them would fly by the "
-        "other's poses",
+        "{who} follows the body {body!r} as well: two vehicles can't be one body, so one of them "
+        "would fly by the other's poses",
     ),
-    NoticeTemplate("flights.same_name", "{who} has the same name: whoever arms or lands by name may mean the other"),
+    NoticeTemplate(
+        "flights.same_name",
+        "{who} has the same name: whoever arms or lands by name may mean the other",
+    ),
     NoticeTemplate("check.bodies_unknown", "the source shows no other bodies"),
     NoticeTemplate("check.bodies_none", "no other body in sight"),
     NoticeTemplate("check.bodies", "{body!r} is {distance_m:.2f} m from {own!r}, the nearest"),
@@ -195,21 +226,32 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         "{what} is lost: {why}",
         "connect it; a device that was unplugged is found by the next flight",
     ),
-    NoticeTemplate("hold.free", "{what} is not held", "hold it, and keep holding: let go, and it lands"),
+    NoticeTemplate(
+        "hold.free", "{what} is not held", "hold it, and keep holding: let go, and it lands"
+    ),
     NoticeTemplate("hold.stuck", "{what} was held from the beginning", "let go once, then hold it"),
     NoticeTemplate("hold.held", "{what} is held: let go, and it lands"),
     NoticeTemplate("hold.unseen", "not read yet"),
     NoticeTemplate("hold.silent", "no value received yet"),
     NoticeTemplate("hold.no_travel", "an axis from {least} to {most} has no travel"),
     NoticeTemplate("hold.untold", "not reported by the autopilot for {age_s:.1f} s"),
-    NoticeTemplate("hold.no_receiver", "the autopilot's receiver receives nothing from the transmitter"),
-    NoticeTemplate("hold.no_channel", "the receiver has no such channel"),
-    NoticeTemplate("hold.linux_only", "keys and axes are read by evdev, which only Linux has; or hold = 'rc:N'"),
-    NoticeTemplate("hold.unknown_name", "no key, button or axis has this name (see evtest), got {found!r}"),
-    NoticeTemplate("hold.several", "more than one has {name}, name one: {devices}"),
-    NoticeTemplate("hold.no_device", "none may be read here: is it plugged in, and are you in the group input?"),
     NoticeTemplate(
-        "hold.no_such_device", "expected a device that has {name} (evtest lists the keys of each); there are: {devices}"
+        "hold.no_receiver", "the autopilot's receiver receives nothing from the transmitter"
+    ),
+    NoticeTemplate("hold.no_channel", "the receiver has no such channel"),
+    NoticeTemplate(
+        "hold.linux_only", "keys and axes are read by evdev, which only Linux has; or hold = 'rc:N'"
+    ),
+    NoticeTemplate(
+        "hold.unknown_name", "no key, button or axis has this name (see evtest), got {found!r}"
+    ),
+    NoticeTemplate("hold.several", "more than one has {name}, name one: {devices}"),
+    NoticeTemplate(
+        "hold.no_device", "none may be read here: is it plugged in, and are you in the group input?"
+    ),
+    NoticeTemplate(
+        "hold.no_such_device",
+        "expected a device that has {name} (evtest lists the keys of each); there are: {devices}",
     ),
     NoticeTemplate(
         "hold.joystick",
@@ -217,7 +259,9 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         "a joystick's /dev/input/js… is another interface, name its …-event-joystick",
     ),
     # What a configuration must have before anything is opened.
-    NoticeTemplate("trajectory.refused", "{why}. To see all of it: groundstation trajectory CONFIG"),
+    NoticeTemplate(
+        "trajectory.refused", "{why}. To see all of it: groundstation trajectory CONFIG"
+    ),
     NoticeTemplate(
         "guarded.no_fence",
         "missing, and a real vehicle may fly here ({why})",

@@ -4,21 +4,25 @@ from links.text import NoticeTemplate
 
 SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("screen.needs_recording", "need a recording, LOG.mcap"),
-    NoticeTemplate("screen.at", "expected seconds from the recording's start, 0 or more, got {at_s:g}"),
+    NoticeTemplate(
+        "screen.at", "expected seconds from the recording's start, 0 or more, got {at_s:g}"
+    ),
     # The dashboard's answers to keys.
     NoticeTemplate("screen.closed", "the ground station closed its status socket"),
     NoticeTemplate(
-        "screen.other_station",
-        "{path}: another ground station (process {pid}) serves there",
+        "screen.other_station", "{path}: another ground station (process {pid}) serves there"
     ),
     NoticeTemplate("screen.no_station", "no ground station serves {path}"),
     NoticeTemplate("screen.not_sent", "NOT SENT: no ground station is there"),
     NoticeTemplate("screen.no_answer", "NO ANSWER, the request may be lost: {why}"),
     NoticeTemplate(
-        "screen.old",
-        "what is shown is older than {limit_s:g} s: nothing is ordered by it",
+        "screen.old", "what is shown is older than {limit_s:g} s: nothing is ordered by it"
     ),
-    NoticeTemplate("screen.key_held", "the key is held down, which is no second press", "press it twice to kill"),
+    NoticeTemplate(
+        "screen.key_held",
+        "the key is held down, which is no second press",
+        "press it twice to kill",
+    ),
     NoticeTemplate("screen.no_vehicle", "there is no vehicle to show"),
     NoticeTemplate("screen.take_first", "take control first", "key c"),
     NoticeTemplate("screen.arm", "The motors of {vehicle} will start. Type its name:"),
@@ -27,9 +31,7 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("screen.some_silent", "{says}"),
     NoticeTemplate("screen.gain_control", "gains need control", "key c"),
     NoticeTemplate(
-        "screen.only_looks",
-        "NOTHING WAS ORDERED: this screen may only look",
-        "go to the station",
+        "screen.only_looks", "NOTHING WAS ORDERED: this screen may only look", "go to the station"
     ),
     NoticeTemplate("screen.read_only", "read only: orders nothing"),
     NoticeTemplate("screen.control_free", "control is free: c takes it"),
@@ -49,12 +51,12 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("screen.other_name", "{typed!r} is not {wanted!r}: nothing was done"),
     NoticeTemplate("screen.no_terminal", "a dashboard needs a terminal; {otherwise}"),
     NoticeTemplate(
-        "screen.paste",
-        "{count} keys dropped: a paste? What you pressed yourself, press again",
+        "screen.paste", "{count} keys dropped: a paste? What you pressed yourself, press again"
     ),
     NoticeTemplate(
         "screen.paste_open",
-        "a paste had no end: what came meanwhile was its text. What you pressed yourself, press again",
+        "a paste had no end: what came meanwhile was its text. What you pressed yourself, press "
+        "again",
     ),
     # The process behind a dashboard.
     NoticeTemplate("screen.served", "a ground station serves {path} already; to see it: {again}"),
@@ -65,24 +67,20 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("screen.busy", "the ground station is still busy, see {log}"),
     NoticeTemplate(
-        "screen.goes_on",
-        "the ground station goes on as process {pid}; what it says is in {log}",
+        "screen.goes_on", "the ground station goes on as process {pid}; what it says is in {log}"
     ),
     NoticeTemplate(
-        "screen.station_ended",
-        "the ground station has ended. {ended}\nWhat it said is in {log}",
+        "screen.station_ended", "the ground station has ended. {ended}\nWhat it said is in {log}"
     ),
     NoticeTemplate("screen.silent_log", "it has said nothing"),
     # Requests and stop-all.
     NoticeTemplate("request.no_answer", "no answer within {limit_s:g} s"),
     NoticeTemplate("request.nobody", "{path}: no ground station serves there"),
     NoticeTemplate(
-        "request.name_it",
-        "arm moves the vehicle, and must name it: --vehicle {vehicle}",
+        "request.name_it", "arm moves the vehicle, and must name it: --vehicle {vehicle}"
     ),
     NoticeTemplate(
-        "request.other_vehicle",
-        "{path}: the vehicle there is {found!r}, not {wanted!r}",
+        "request.other_vehicle", "{path}: the vehicle there is {found!r}, not {wanted!r}"
     ),
     NoticeTemplate("stop_all.answered", "{who}: {answer}"),
     NoticeTemplate("stop_all.socket", "its socket {socket}: {why}"),
@@ -107,7 +105,8 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("stop_all.not_done", "nothing was done: without --kill they land"),
     NoticeTemplate(
         "stop_all.foreign",
-        "{folder} is of user {user}: sudo -u {user} groundstation stop-all reaches what flies there",
+        "{folder} is of user {user}: sudo -u {user} groundstation stop-all reaches what flies "
+        "there",
     ),
     NoticeTemplate("stop_all.nothing", "nothing flies here"),
     # Fleets.

@@ -3,8 +3,9 @@
 - :class:`Snapshot`: the state of a flight at each command, for screens, sockets and MQTT.
 - :class:`Request` and :class:`Reply`: an operator's request to a flight, and the reply.
 - :class:`Estimate`, :class:`Decision`, :class:`Controller`: input, output and port of a controller.
-- Flight events, from :class:`Notice` to :class:`CommandSent`: recorders, statistics and screens subscribe to them.
-  Events with a tag are also written to recordings as they are (groundstation/recording/records.py has the others).
+- Flight events, from :class:`Notice` to :class:`CommandSent`: recorders, statistics and screens
+  subscribe to them. Events with a tag are also written to recordings as they are
+  (groundstation/recording/records.py has the others).
 """
 
 import math
@@ -25,20 +26,25 @@ from links.text import Numbers, Sentence, Severity, to_percent
 SETTLED_M = 0.10
 """Error below which a flight has settled, if it stays there [m]. Chosen."""
 STEADY_S = 15.0
-"""Time on the trajectory at which the steady part of a flight begins [s]; it ends with the trajectory. Chosen: beyond
-the transient at its beginning."""
+"""Time on the trajectory at which the steady part of a flight begins [s]; it ends with the
+trajectory. Chosen: beyond the transient at its beginning."""
 SATURATION_FROM_S = 5.0
-"""Time on the trajectory from which commands at a limit are counted [s]. Chosen: the approach may use full thrust."""
+"""Time on the trajectory from which commands at a limit are counted [s]. Chosen: the approach may
+use full thrust."""
 _ID = "Id of the sentence (docs/reference/messages.md); empty if it is not in that table."
 _NUMBERS = "The numbers in the sentence, by their names."
 ROUNDING_S = 1e-9
-"""Tolerance for a sample's instant [s]: rounding of summed times must not decide whether it counts."""
+"""Tolerance for a sample's instant [s]: rounding of summed times must not decide whether it
+counts."""
 
 
 class SteadyError:
-    """Root mean square and largest distance from the reference over the steady part. Every RMS of this project is it.
+    """Root mean square and largest distance from the reference over the steady part.
 
-    Against the estimate it has one sample per command; against the truth of a simulated flight, one per plant step.
+    Every RMS of this project is it.
+
+    Against the estimate it has one sample per command; against the truth of a simulated flight, one
+    per plant step.
     """
 
     def __init__(self) -> None:
@@ -75,8 +81,12 @@ class Check(msgspec.Struct, frozen=True):
     """Result of one check before take-off."""
 
     name: Annotated[str, msgspec.Meta(description="Subject of the check.")]
-    verdict: Annotated[Verdict, msgspec.Meta(description="OFF (does not apply), PASS, WARN or FAIL.")]
-    says: Annotated[str, msgspec.Meta(description="Finding, and remedy unless it passes, as a sentence.")]
+    verdict: Annotated[
+        Verdict, msgspec.Meta(description="OFF (does not apply), PASS, WARN or FAIL.")
+    ]
+    says: Annotated[
+        str, msgspec.Meta(description="Finding, and remedy unless it passes, as a sentence.")
+    ]
     id: Annotated[str, msgspec.Meta(description=_ID)] = ""
     numbers: Annotated[Numbers, msgspec.Meta(description=_NUMBERS)] = {}
 
@@ -93,9 +103,14 @@ NoticeKind: TypeAlias = Literal["state", "course", "certificate", "latency", "su
 class Notice(msgspec.Struct, frozen=True):
     """Message to the operator about a flight, given once."""
 
-    time_s: Annotated[float, msgspec.Meta(description="Time of the notice, on the event loop's clock [s].")]
+    time_s: Annotated[
+        float, msgspec.Meta(description="Time of the notice, on the event loop's clock [s].")
+    ]
     state: Annotated[str, msgspec.Meta(description="Mission state (see mission.py).")]
-    text: Annotated[str, msgspec.Meta(description="The sentence; for kind `state`, the reason of the new state.")]
+    text: Annotated[
+        str,
+        msgspec.Meta(description="The sentence; for kind `state`, the reason of the new state."),
+    ]
     kind: Annotated[
         NoticeKind,
         msgspec.Meta(
@@ -110,7 +125,9 @@ class Notice(msgspec.Struct, frozen=True):
     numbers: Annotated[Numbers, msgspec.Meta(description=_NUMBERS)] = {}
 
     @classmethod
-    def of(cls, time_s: float, state: str, sentence: Sentence, kind: NoticeKind, severity: Severity) -> "Notice":
+    def of(
+        cls, time_s: float, state: str, sentence: Sentence, kind: NoticeKind, severity: Severity
+    ) -> "Notice":
         """Make the notice of ``sentence`` at ``time_s`` [s]."""
         return cls(time_s, state, sentence.text, kind, severity, sentence.id, sentence.numbers)
 
@@ -140,14 +157,20 @@ class Diagnostics(msgspec.Struct, frozen=True, gc=False):
     z3: Annotated[Vec3, msgspec.Meta(description="Third backstepping error [m/s²], NED.")]
     u_star: Annotated[Vec3, msgspec.Meta(description="Virtual control u* [m/s²], NED.")]
     b_hat: Annotated[Vec3, msgspec.Meta(description="Disturbance estimate [m/s²], NED.")]
-    b_hat_dot: Annotated[Vec3, msgspec.Meta(description="Rate at which the law changes it [m/s³], NED.")]
+    b_hat_dot: Annotated[
+        Vec3, msgspec.Meta(description="Rate at which the law changes it [m/s³], NED.")
+    ]
     disturbance: Annotated[
         Vec3,
         msgspec.Meta(
-            description="The observer's own disturbance estimate d̂ [m/s²], NED; b̂ where composite adaptation is off."
+            description="The observer's own disturbance estimate d̂ [m/s²], NED; b̂ where "
+            "composite adaptation is off."
         ),
     ]
-    v_terms: Annotated[Vec3, msgspec.Meta(description="Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½|z3|²: all of V but its b̃ term.")]
+    v_terms: Annotated[
+        Vec3,
+        msgspec.Meta(description="Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½|z3|²: all of V but its b̃ term."),
+    ]
     w_terms: Annotated[Vec3, msgspec.Meta(description="σᵀσ, k2 z2ᵀρ(z2), k3|z3|²: all of W.")]
     v_known: Annotated[float, msgspec.Meta(description="The sum of `v_terms`.")]
     w: Annotated[
@@ -160,12 +183,16 @@ class Diagnostics(msgspec.Struct, frozen=True, gc=False):
     certificate: Annotated[
         str,
         msgspec.Meta(
-            description="Which bound on V holds for the law that flies: `paper`, `composite` or `none`, and why not."
+            description="Which bound on V holds for the law that flies: `paper`, `composite` or "
+            "`none`, and why not."
         ),
     ]
-    thrust_rate: Annotated[float, msgspec.Meta(description="Ṫ of the law, before lags and limits [N/s].")] = 0.0
+    thrust_rate: Annotated[
+        float, msgspec.Meta(description="Ṫ of the law, before lags and limits [N/s].")
+    ] = 0.0
     rates_wanted: Annotated[
-        Vec3, msgspec.Meta(description="Body rates of the law, before lags and limits [rad/s, FRD].")
+        Vec3,
+        msgspec.Meta(description="Body rates of the law, before lags and limits [rad/s, FRD]."),
     ] = (0.0, 0.0, 0.0)
 
 
@@ -175,18 +202,30 @@ class Certificate(msgspec.Struct, frozen=True):
     state: Annotated[
         str,
         msgspec.Meta(
-            description="`holds`, `violated`, `suspended` (a command is at its limit, adaptation stops) or `none`."
+            description="`holds`, `violated`, `suspended` (a command is at its limit, adaptation "
+            "stops) or `none`."
         ),
     ]
-    bound: Annotated[str, msgspec.Meta(description="Name of the bound, or the reason why there is none.")]
+    bound: Annotated[
+        str, msgspec.Meta(description="Name of the bound, or the reason why there is none.")
+    ]
     v: Annotated[
         float,
-        msgspec.Meta(description="V_m: V with the observer's disturbance in the place of the true one [m²/s²]."),
+        msgspec.Meta(
+            description="V_m: V with the observer's disturbance in the place of the true one "
+            "[m²/s²]."
+        ),
     ]
     excess: Annotated[float, msgspec.Meta(description="V_m above its bound [m²/s²].")]
-    violated_fraction: Annotated[float, msgspec.Meta(description="Share of the time with a lasting violation [-].")]
-    suspended_fraction: Annotated[float, msgspec.Meta(description="Share of the time with adaptation suspended [-].")]
-    b_hat_fraction: Annotated[float | None, msgspec.Meta(description="|b̂|/(B + ε) [-]; None without adaptation.")]
+    violated_fraction: Annotated[
+        float, msgspec.Meta(description="Share of the time with a lasting violation [-].")
+    ]
+    suspended_fraction: Annotated[
+        float, msgspec.Meta(description="Share of the time with adaptation suspended [-].")
+    ]
+    b_hat_fraction: Annotated[
+        float | None, msgspec.Meta(description="|b̂|/(B + ε) [-]; None without adaptation.")
+    ]
 
 
 class DisturbanceReading(msgspec.Struct, frozen=True, kw_only=True):
@@ -195,26 +234,40 @@ class DisturbanceReading(msgspec.Struct, frozen=True, kw_only=True):
     ned_m_s2: Annotated[
         Vec3,
         msgspec.Meta(
-            description="Acceleration that thrust, drag and mass as configured do not explain [m/s², NED]: wind, and "
-            "a thrust scale that is not 1. In steady flight only this sum is observable."
+            description="Acceleration that thrust, drag and mass as configured do not explain "
+            "[m/s², NED]: wind, and a thrust scale that is not 1. In steady flight only this sum "
+            "is observable."
         ),
     ]
-    wind_down_m_s2: Annotated[float, msgspec.Meta(description="Estimated wind in its down component [m/s²].")]
+    wind_down_m_s2: Annotated[
+        float, msgspec.Meta(description="Estimated wind in its down component [m/s²].")
+    ]
     wind_down_error_m_s2: Annotated[
         float | None,
-        msgspec.Meta(description="Half width of the wind's 95 % interval [m/s²]; null if it is not known."),
+        msgspec.Meta(
+            description="Half width of the wind's 95 % interval [m/s²]; null if it is not known."
+        ),
     ]
-    thrust_scale: Annotated[float, msgspec.Meta(description="Estimated true over configured thrust, λ̂ [-].")]
+    thrust_scale: Annotated[
+        float, msgspec.Meta(description="Estimated true over configured thrust, λ̂ [-].")
+    ]
     thrust_scale_error: Annotated[
-        float | None, msgspec.Meta(description="Half width of its 95 % interval [-]; null if it is not known.")
+        float | None,
+        msgspec.Meta(description="Half width of its 95 % interval [-]; null if it is not known."),
     ]
 
     def describe_split(self) -> str:
         """Describe wind and thrust scale, each with its interval."""
-        wind, scale = f"wind down {self.wind_down_m_s2:+z.2f}", f"thrust {to_percent(self.thrust_scale):.1f}"
+        wind, scale = (
+            f"wind down {self.wind_down_m_s2:+z.2f}",
+            f"thrust {to_percent(self.thrust_scale):.1f}",
+        )
         if self.wind_down_error_m_s2 is None or self.thrust_scale_error is None:
             return f"{wind} m/s², {scale} %, intervals not known"
-        return f"{wind} ± {self.wind_down_error_m_s2:.2f} m/s², {scale} ± {to_percent(self.thrust_scale_error):.1f} %"
+        return (
+            f"{wind} ± {self.wind_down_error_m_s2:.2f} m/s², {scale} ± "
+            f"{to_percent(self.thrust_scale_error):.1f} %"
+        )
 
 
 class Snapshot(msgspec.Struct, frozen=True):
@@ -223,35 +276,62 @@ class Snapshot(msgspec.Struct, frozen=True):
     vehicle: Annotated[str, msgspec.Meta(description="Name of the vehicle, from the config.")]
     state: Annotated[str, msgspec.Meta(description="Mission state (see mission.py).")]
     reason: Annotated[
-        str, msgspec.Meta(description="Reason of that state, as a sentence for the operator; may be empty.")
+        str,
+        msgspec.Meta(
+            description="Reason of that state, as a sentence for the operator; may be empty."
+        ),
     ]
-    time_s: Annotated[float, msgspec.Meta(description="Event loop's clock when the command was computed [s].")]
-    flight_time_s: Annotated[float, msgspec.Meta(description="Time since the reference started [s]; 0 before.")]
+    time_s: Annotated[
+        float, msgspec.Meta(description="Event loop's clock when the command was computed [s].")
+    ]
+    flight_time_s: Annotated[
+        float, msgspec.Meta(description="Time since the reference started [s]; 0 before.")
+    ]
     pose_id: Annotated[int, msgspec.Meta(description="Newest pose used; -1 before the first.")]
     pose_age_s: Annotated[float, msgspec.Meta(description="Time since that pose was true [s].")]
-    pose_rate_hz: Annotated[float, msgspec.Meta(description="Poses per second over the last second.")]
-    poses_dropped: Annotated[dict[str, int], msgspec.Meta(description="Pose datagrams dropped, by reason.")]
+    pose_rate_hz: Annotated[
+        float, msgspec.Meta(description="Poses per second over the last second.")
+    ]
+    poses_dropped: Annotated[
+        dict[str, int], msgspec.Meta(description="Pose datagrams dropped, by reason.")
+    ]
     position_ned: Annotated[
-        Vec3, msgspec.Meta(description="Estimated position at the instant at which the command acts [m].")
+        Vec3,
+        msgspec.Meta(
+            description="Estimated position at the instant at which the command acts [m]."
+        ),
     ]
-    velocity_ned: Annotated[Vec3, msgspec.Meta(description="Estimated velocity at that instant [m/s].")]
+    velocity_ned: Annotated[
+        Vec3, msgspec.Meta(description="Estimated velocity at that instant [m/s].")
+    ]
     attitude: Annotated[
-        Quat, msgspec.Meta(description="Estimated attitude at that instant: body FRD to world NED, w first.")
+        Quat,
+        msgspec.Meta(
+            description="Estimated attitude at that instant: body FRD to world NED, w first."
+        ),
     ]
-    reference_ned: Annotated[Vec3, msgspec.Meta(description="Position of the reference at that instant [m].")]
-    error_m: Annotated[float, msgspec.Meta(description="Distance between estimate and reference [m].")]
+    reference_ned: Annotated[
+        Vec3, msgspec.Meta(description="Position of the reference at that instant [m].")
+    ]
+    error_m: Annotated[
+        float, msgspec.Meta(description="Distance between estimate and reference [m].")
+    ]
     rms_m: Annotated[
         float,
         msgspec.Meta(
-            description="Root mean square of that distance over the steady part (`SteadyError`) [m]; 0 before it."
+            description="Root mean square of that distance over the steady part (`SteadyError`) "
+            "[m]; 0 before it."
         ),
     ]
     thrust_n: Annotated[float, msgspec.Meta(description="Commanded thrust [N].")]
     thrust_max_n: Annotated[float, msgspec.Meta(description="Upper limit of the thrust [N].")]
     rates_rad_s: Annotated[Vec3, msgspec.Meta(description="Commanded body rates [rad/s].")]
-    saturated: Annotated[bool, msgspec.Meta(description="Whether thrust or a body rate was clamped.")]
+    saturated: Annotated[
+        bool, msgspec.Meta(description="Whether thrust or a body rate was clamped.")
+    ]
     diagnostics: Annotated[
-        Diagnostics | None, msgspec.Meta(description="Internal values of the control law; None while it does not run.")
+        Diagnostics | None,
+        msgspec.Meta(description="Internal values of the control law; None while it does not run."),
     ]
     link: Annotated[LinkStatus, msgspec.Meta(description="State of the command link.")]
     floor_z_m: Annotated[
@@ -259,10 +339,14 @@ class Snapshot(msgspec.Struct, frozen=True):
         msgspec.Meta(description="Down coordinate of the floor [m, NED]; heights count from it."),
     ] = 0.0
     events: Annotated[
-        tuple[Notice, ...], msgspec.Meta(description="Newest notices to the operator (at most 20), oldest first.")
+        tuple[Notice, ...],
+        msgspec.Meta(description="Newest notices to the operator (at most 20), oldest first."),
     ] = ()
     rate_limits_rad_s: Annotated[
-        Vec3 | None, msgspec.Meta(description="Largest body rates that are commanded [rad/s]; None if not known.")
+        Vec3 | None,
+        msgspec.Meta(
+            description="Largest body rates that are commanded [rad/s]; None if not known."
+        ),
     ] = None
     thrust_effectiveness: Annotated[
         float, msgspec.Meta(description="λ̂: estimated true thrust over commanded thrust [-].")
@@ -270,44 +354,56 @@ class Snapshot(msgspec.Struct, frozen=True):
     disturbance: Annotated[
         DisturbanceReading | None,
         msgspec.Meta(
-            description="Disturbance, split into wind and thrust scale; null before the first hold or trajectory."
+            description="Disturbance, split into wind and thrust scale; null before the first hold "
+            "or trajectory."
         ),
     ] = None
     certificate: Annotated[
-        Certificate | None, msgspec.Meta(description="V against its bound; None before the second command.")
+        Certificate | None,
+        msgspec.Meta(description="V against its bound; None before the second command."),
     ] = None
     pose_latency_s: Annotated[
         float,
         msgspec.Meta(
-            description="Mean time from the instant of a pose to its arrival here, over about fifty poses [s]."
+            description="Mean time from the instant of a pose to its arrival here, over about "
+            "fifty poses [s]."
         ),
     ] = 0.0
-    pose_latency_max_s: Annotated[float, msgspec.Meta(description="Longest such time of the flight [s].")] = 0.0
+    pose_latency_max_s: Annotated[
+        float, msgspec.Meta(description="Longest such time of the flight [s].")
+    ] = 0.0
     pose_gaps: Annotated[int, msgspec.Meta(description="Number of gaps in the poses.")] = 0
     pose_clock_steps: Annotated[
         int, msgspec.Meta(description="Number of forward steps and restarts of the source's clock.")
     ] = 0
     checks: Annotated[
         tuple[Check, ...],
-        msgspec.Meta(description="Newest pre-flight checks; empty before the first, and once the vehicle flies."),
+        msgspec.Meta(
+            description="Newest pre-flight checks; empty before the first, and once the vehicle "
+            "flies."
+        ),
     ] = ()
     late_us: Annotated[
         tuple[int, int, int] | None,
         msgspec.Meta(
-            description="Lateness of the commands, 50, 99 and 99.9 % [µs]: after the instant of the frame, or after "
-            "the arrival of the pose for a link paced by poses; None before the first."
+            description="Lateness of the commands, 50, 99 and 99.9 % [µs]: after the instant of "
+            "the frame, or after the arrival of the pose for a link paced by poses; None before "
+            "the first."
         ),
     ] = None
     late_octaves: Annotated[
         tuple[int, ...],
         msgspec.Meta(
-            description="Commands by lateness: entry k counts those late by less than 2**k µs and not by less than "
-            "2**(k-1)."
+            description="Commands by lateness: entry k counts those late by less than 2**k µs and "
+            "not by less than 2**(k-1)."
         ),
     ] = ()
     gains: Annotated[
         dict[str, float],
-        msgspec.Meta(description="Present values of the gains that may be changed in flight, by configuration key."),
+        msgspec.Meta(
+            description="Present values of the gains that may be changed in flight, by "
+            "configuration key."
+        ),
     ] = {}
 
 
@@ -349,17 +445,26 @@ class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
     down_m: Annotated[Coordinate, msgspec.Meta(description="Down [m, world NED]: 1 m up is -1.")]
     yaw_deg: Annotated[
         Annotated[float, msgspec.Meta(ge=-TURN_DEG, le=TURN_DEG)] | None,
-        msgspec.Meta(description="Heading there [deg], from north towards east; None keeps the present one."),
+        msgspec.Meta(
+            description="Heading there [deg], from north towards east; None keeps the present one."
+        ),
     ] = None
 
     def __post_init__(self) -> None:
-        limits = {"north_m": FARTHEST_M, "east_m": FARTHEST_M, "down_m": FARTHEST_M, "yaw_deg": TURN_DEG}
+        limits = {
+            "north_m": FARTHEST_M,
+            "east_m": FARTHEST_M,
+            "down_m": FARTHEST_M,
+            "yaw_deg": TURN_DEG,
+        }
         for name, limit in limits.items():
             value = getattr(self, name)
             if name == "yaw_deg" and value is None:
                 continue
             if not (isinstance(value, int | float) and abs(value) <= limit):  # NaN is refused, too
-                raise ValueError(notice("request.waypoint", name=name, least=-limit, most=limit, found=value))
+                raise ValueError(
+                    notice("request.waypoint", name=name, least=-limit, most=limit, found=value)
+                )
 
     @property
     def place_ned(self) -> Vec3:
@@ -414,7 +519,10 @@ class Reply(msgspec.Struct, frozen=True):
 
 
 def decode(text: bytes) -> Request | None:
-    """Decode a request from a JSON object such as ``{"ask": "land", "why": "MQTT"}``; None if it is not one."""
+    """Decode a request from a JSON object such as ``{"ask": "land", "why": "MQTT"}``.
+
+    None if it is not one.
+    """
     try:
         return msgspec.json.decode(text, type=Request)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -431,11 +539,13 @@ class Estimate(NamedTuple):
     disturbance: Vec3
     """The observer's disturbance d̂ [m/s², NED]."""
     disturbance_step: Vec3
-    """Change of b̂ by the innovations since the last estimate [m/s²] (raw composite form; else zero)."""
+    """Change of b̂ by the innovations since the last estimate [m/s²] (raw composite form; else
+    zero)."""
     effectiveness: Real = 1.0
     """λ̂: true thrust over commanded thrust [-]. Models use the configured mass divided by it."""
     effectiveness_deviation: Real = 0.0
-    """Standard deviation of λ̂ [-]. It falls only while thrust changes: else only wind plus scale is observable."""
+    """Standard deviation of λ̂ [-]. It falls only while thrust changes: else only wind plus scale
+    is observable."""
 
 
 class Decision(NamedTuple):
@@ -449,17 +559,24 @@ class Decision(NamedTuple):
 
 
 class Controller(Protocol):
-    """Port of a controller, which computes a command from an estimate and a reference. It does no I/O."""
+    """Port of a controller, which computes a command from an estimate and a reference.
+
+    It does no I/O.
+    """
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """Compute one command; ``interval_s`` is the time since the last one [s], 0 at the first."""
+        """Compute one command.
+
+        ``interval_s`` is the time since the last one [s], 0 at the first.
+        """
 
 
 class CertificateReading(NamedTuple):
     """State of the certificate's monitor at one command."""
 
     state: str
-    """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none`` (no bound)."""
+    """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none``
+    (no bound)."""
     excess: float
     """V_m above its bound [m²/s²]."""
     warnings: tuple[Sentence, ...]
@@ -508,7 +625,8 @@ class TickRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
 
     tick: Tick
     late_s: float | None = None
-    """Delay after the instant of its frame, or after the arrival of its pose [s]; None for one between two poses."""
+    """Delay after the instant of its frame, or after the arrival of its pose [s]; None for one
+    between two poses."""
 
 
 class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
@@ -543,7 +661,9 @@ GAIN = "gain "
 
 
 class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
-    """The pilot was switched to another mode of flight: its method ``what`` was called with ``values``."""
+    """The pilot was switched to another mode of flight: its method ``what`` was called with
+    ``values``.
+    """
 
     time_s: float
     what: str

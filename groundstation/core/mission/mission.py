@@ -72,7 +72,15 @@ ALARMING = frozenset({State.DESCENT, State.ABORTED, State.HANDED_OVER, State.KIL
 """States that are no regular end."""
 ON_GROUND = (State.IDLE, State.CONNECTING, State.READY, State.ARMING)
 """No thrust that lifts the vehicle has been commanded yet."""
-IN_AIR = (State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING, State.LANDING, State.DESCENT)
+IN_AIR = (
+    State.TAKEOFF,
+    State.HOLD,
+    State.TRACKING,
+    State.MOVING,
+    State.RETURNING,
+    State.LANDING,
+    State.DESCENT,
+)
 """Commands may lift the vehicle."""
 
 
@@ -82,10 +90,15 @@ def _everywhere() -> dict[tuple[State, Event], State]:
     for state in State:
         over = state in FINAL
         table[state, Event.ABORT] = state if over else State.ABORTED
-        table[state, Event.DESCEND] = state if over else State.DESCENT if state in IN_AIR else State.ABORTED
-        table[state, Event.LAND] = state if over else State.LANDING if state in IN_AIR else State.ABORTED
+        table[state, Event.DESCEND] = (
+            state if over else State.DESCENT if state in IN_AIR else State.ABORTED
+        )
+        table[state, Event.LAND] = (
+            state if over else State.LANDING if state in IN_AIR else State.ABORTED
+        )
         table[state, Event.KILL] = State.KILLED
-    # A descent does not become a gentler landing, and a vehicle on the floor does not take off again.
+    # A descent does not become a gentler landing, and a vehicle on the floor does not take off
+    # again.
     table[State.DESCENT, Event.LAND] = State.DESCENT
     for event in (Event.LAND, Event.DESCEND):
         table[State.DISARMING, event] = State.DISARMING

@@ -1,4 +1,7 @@
-"""Operator: requests by Ctrl-C, and a hold-to-run control (ISO 12100), which must be held to fly. Sans-IO."""
+"""Operator: requests by Ctrl-C, and a hold-to-run control (ISO 12100), which must be held to fly.
+
+Sans-IO.
+"""
 
 import math
 from collections.abc import Callable
@@ -6,10 +9,11 @@ from collections.abc import Callable
 from groundstation.core.messages import ROUNDING_S, Ask, Request, Sentence, notice, notice_fact
 
 ONCE_S = 1.0
-"""Time within which presses count once [s]: a bouncing key, or a signal to a whole group, is no second press."""
+"""Time within which presses count once [s]: a bouncing key, or a signal to a whole group, is no
+second press."""
 REPEAT_S = 0.1
-"""A press so soon after the one before is the repetition of a key that is held down [s]: keyboards repeat it 11 to 33
-times a second, and a finger taps 7 times a second at most."""
+"""A press so soon after the one before is the repetition of a key that is held down [s]: keyboards
+repeat it 11 to 33 times a second, and a finger taps 7 times a second at most."""
 STEPS = (
     (Ask.LAND, "landing", "once more: failsafe descent"),
     (Ask.DESCEND, "failsafe descent", "once more: motors off, AND IT FALLS"),
@@ -19,7 +23,9 @@ STEPS = (
 
 
 class Interrupts:
-    """Requests by repeated Ctrl-C: the first lands, the second descends, the third kills; one held down only lands.
+    """Requests by repeated Ctrl-C: the first lands, the second descends, the third kills.
+
+    One held down only lands.
 
     Times are on the event loop's clock [s].
     """
@@ -29,7 +35,9 @@ class Interrupts:
         self._counted_s = self._newest_s = -math.inf
 
     def press(self, name: str, now_s: float) -> tuple[Request | None, Sentence]:
-        """Return the request of a press, or None for a bounce or a repetition, and the operator's text."""
+        """Return the request of a press, or None for a bounce or a repetition, and the operator's
+        text.
+        """
         again = now_s - self._counted_s < ONCE_S or now_s - self._newest_s < REPEAT_S
         self._newest_s = now_s
         if not again:
@@ -38,7 +46,9 @@ class Interrupts:
         ask, does, then = STEPS[self._count - 1]
         if again:
             return None, notice("key.bounce", key=name, once_s=ONCE_S, does=does, then=then)
-        return Request(ask, f"requested by {name}"), notice("key.step", key=name, does=does, then=then)
+        return Request(ask, f"requested by {name}"), notice(
+            "key.step", key=name, does=does, then=then
+        )
 
 
 DEBOUNCE_S = 0.03
@@ -54,11 +64,15 @@ class InputLost(Exception):
 class HoldToRun:
     """One input, from free over held to free again. Times are on the event loop's clock [s].
 
-    It counts as held only after it was free: a control that is stuck, tied down or reversed does not enable a flight.
+    It counts as held only after it was free: a control that is stuck, tied down or reversed does
+    not enable a flight.
     """
 
     def __init__(self, what: str, held_from: float) -> None:
-        """``what`` is its name for the operator; from the share ``held_from`` of its travel [-] on it is held."""
+        """``what`` is its name for the operator.
+
+        From the share ``held_from`` of its travel [-] on it is held.
+        """
         self._what = what
         self._held_from = held_from
         self._held = self._was_free = False
@@ -70,7 +84,10 @@ class HoldToRun:
         self._what = what
 
     def see(self, share: float | None, now_s: float) -> None:
-        """Take the input's position, 0 (free) to 1 (held); None, as before its first value, counts as lost."""
+        """Take the input's position, 0 (free) to 1 (held).
+
+        None, as before its first value, counts as lost.
+        """
         self._lost = "" if share is not None else notice("hold.silent").text
         if share is not None and share >= self._held_from - (HYSTERESIS if self._held else 0.0):
             self._open_s = None

@@ -1,4 +1,7 @@
-"""Poses in, commands out: the estimator, the controller and the reference of one vehicle. Sans-IO."""
+"""Poses in, commands out: the estimator, the controller and the reference of one vehicle.
+
+Sans-IO.
+"""
 
 import math
 from collections.abc import Callable
@@ -49,11 +52,13 @@ from links.core import Command, Segment
 EXCITATION_DELAY_S = 0.25
 """Time without tones after the first climb [s]: the law settles first."""
 SPARSE_S = 0.07
-"""Mean interval of poses above which calm gains are used [s]: between poses errors grow without correction."""
+"""Mean interval of poses above which calm gains are used [s]: between poses errors grow without
+correction."""
 GROUND_EFFECT_SHARE = 0.95
 """Below this share of the weight, ground effect carries the vehicle [-]."""
 LAST_COMMAND_S = 0.5
-"""Duration of the last command where commands are too late [s]: the autopilot is requested to land meanwhile."""
+"""Duration of the last command where commands are too late [s]: the autopilot is requested to land
+meanwhile."""
 
 
 class Pilot:
@@ -71,11 +76,13 @@ class Pilot:
         *,
         follows_poses: bool = False,
     ) -> None:
-        """Take the configured vehicle, the controller's config, and the longest use of one pose ``coast_s`` [s].
+        """Take the configured vehicle, the controller's config, and the longest use of one pose
+        ``coast_s`` [s].
 
-        ``floor_z_m`` is the position of a vehicle at rest on the floor [m, NED]. ``tell`` is called with each input and
-        output of the pilot, stamped by the event loop's ``clock`` [s]. ``health`` makes the monitor of the poses from
-        mass and g. ``follows_poses``: a command leaves at each pose (:class:`VehicleState`).
+        ``floor_z_m`` is the position of a vehicle at rest on the floor [m, NED]. ``tell`` is called
+        with each input and output of the pilot, stamped by the event loop's ``clock`` [s].
+        ``health`` makes the monitor of the poses from mass and g. ``follows_poses``: a command
+        leaves at each pose (:class:`VehicleState`).
 
         Raises:
             ConfigError: a controller of the user's own can't be loaded.
@@ -86,7 +93,9 @@ class Pilot:
         self._controller = make_controller(config, vehicle)
         # An observer that does not estimate the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
-        self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
+        self._driver = (
+            self._controller if driven and isinstance(self._controller, Adaptive) else None
+        )
         self._watch = CertificateMonitor(vehicle, config)
         self._gains = GainSchedule(config)
         self._profile = TRACKING
@@ -109,15 +118,24 @@ class Pilot:
             self._watch.noise(self.state.noise_m, self.state.received.mean_s)
 
     def take_autopilot_attitude(self, time_s: float, attitude: Quat) -> None:
-        """Use the autopilot's own ``attitude`` of ``time_s``, in the axes of the poses, after theirs has failed."""
+        """Use the autopilot's own ``attitude`` of ``time_s``, in the axes of the poses, after
+        theirs has failed.
+        """
         state, last = self.state, self.state.newest_pose
-        if last is None or time_s <= last.time_s or not state.is_blind or state.health.is_attitude_usable:
+        if (
+            last is None
+            or time_s <= last.time_s
+            or not state.is_blind
+            or state.health.is_attitude_usable
+        ):
             return
         self._switch("autopilot_attitude", time_s, *attitude)
         state.replace_attitude(last, time_s, attitude)
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
-        """Make ``trajectory``, begun at ``start_s`` on the event loop's clock [s], the reference."""
+        """Make ``trajectory``, begun at ``start_s`` on the event loop's clock [s], the
+        reference.
+        """
         self._tell(TrajectoryRecord(start_s))
         if not self.state.is_released:
             self.state.release()
@@ -162,13 +180,18 @@ class Pilot:
         self.state.set_uplink_lost(is_lost)
 
     def set_autopilot_agreement(self, agrees: bool | None) -> None:
-        """Set whether the autopilot's own attitude agrees with the poses; None if that is not known."""
+        """Set whether the autopilot's own attitude agrees with the poses.
+
+        None if that is not known.
+        """
         if agrees != self.state.health.autopilot_agrees:
             self._switch("agreement", -1.0 if agrees is None else float(agrees))
             self.state.health.autopilot_agrees = agrees
 
     def pause_response(self, paused: bool) -> None:
-        """Pause the comparison of poses with commands while the link stalls: lost commands have no effect."""
+        """Pause the comparison of poses with commands while the link stalls: lost commands have no
+        effect.
+        """
         if paused != self.state.is_paused:
             self._switch("pause", float(paused))
             self.state.is_paused = paused
@@ -179,9 +202,12 @@ class Pilot:
         self.state.estimator.frozen = True
 
     def lift_off(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
-        """Begin to fly: the vehicle has left the floor. Return its motion at the instant at which a command acts.
+        """Begin to fly: the vehicle has left the floor.
 
-        ``hover_share`` is the estimated hover thrust as a share of the weight [-], ``climb_m_s`` the climb speed [m/s].
+        Return its motion at the instant at which a command acts.
+
+        ``hover_share`` is the estimated hover thrust as a share of the weight [-], ``climb_m_s``
+        the climb speed [m/s].
         """
         self._switch("lift", time_s, hover_share, climb_m_s)
         state = self.state
@@ -190,7 +216,9 @@ class Pilot:
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         state.is_released = self._is_climbing = True
-        north, east, _ = disturbance  # the vehicle leans against it, and so needs more thrust to hover
+        north, east, _ = (
+            disturbance  # the vehicle leans against it, and so needs more thrust to hover
+        )
         hover_n = hovers * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
         state.trust_from_here(disturbance)
         state.health.lift_off(hovers, climb_m_s)
@@ -199,10 +227,13 @@ class Pilot:
         return Reference(motion.position, motion.velocity, yaw_rad=heading(motion.attitude))
 
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> float:
-        """Begin a failsafe descent, or change it; ``blind``: take position and velocity from the model.
+        """Begin a failsafe descent, or change it.
 
-        ``rest_s`` is the additional time for which one pose may be used [s]. Return the largest height above the floor
-        that the vehicle may have, by the model or before the poses were suspect [m].
+        ``blind``: take position and velocity from the model.
+
+        ``rest_s`` is the additional time for which one pose may be used [s]. Return the largest
+        height above the floor that the vehicle may have, by the model or before the poses were
+        suspect [m].
         """
         self._switch("descend", sink_m_s, float(blind), rest_s)
         state = self.state
@@ -215,8 +246,12 @@ class Pilot:
                 motion, wind = state.reckoning.reckon(before, state.newest_s), before.disturbance
                 state.estimator.believe(motion, wind, before.effectiveness)
             wind = wind or before.disturbance
-            sinks = state.estimator.predict(max(self._last_s or 0.0, state.newest_s)).motion.velocity[2]
-            state.descent = Descent(self._vehicle, self._gravity, wind, before.effectiveness, sink_m_s, sinks)
+            sinks = state.estimator.predict(
+                max(self._last_s or 0.0, state.newest_s)
+            ).motion.velocity[2]
+            state.descent = Descent(
+                self._vehicle, self._gravity, wind, before.effectiveness, sink_m_s, sinks
+            )
         state.descent.sink_m_s = sink_m_s
         state.descent.blind = blind
         self._watch.restart()
@@ -233,7 +268,10 @@ class Pilot:
         return command
 
     def compute_command(self, time_s: float) -> Tick:
-        """Compute the command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
+        """Compute the command for a frame that leaves at ``time_s``.
+
+        Needs a pose and a trajectory.
+        """
         state = self.state
         pose, descent = state.newest_pose, state.descent
         assert pose is not None and self._leg is not None, "a command needs a pose and a trajectory"
@@ -252,7 +290,14 @@ class Pilot:
         decide = self._decide if descent is None else descent.decide
         decision = decide(without, reference, interval)
         pose_down_m, wind = pose.position_ned[2], state.wind.value or ZERO
-        now = LimitInput(time_s, self._limits.first_climb.lifted_s, pose_down_m, estimate, wind, state.is_uplink_lost)
+        now = LimitInput(
+            time_s,
+            self._limits.first_climb.lifted_s,
+            pose_down_m,
+            estimate,
+            wind,
+            state.is_uplink_lost,
+        )
         limits = self._profile.limits if descent is None else DESCENT_LIMITS
         drive = self._limits.apply(limits, decision.drive, now)
         if descent is None and self._limits.first_climb.lifted_s > -math.inf:
@@ -288,10 +333,14 @@ class Pilot:
         return law.decide_apart(sooner, estimate, reference, interval_s)
 
     def _excite(self, time_s: float, drive: ActuatorCommand) -> ActuatorCommand:
-        """Return ``drive`` with excitation tones, where they are needed and the law leaves room for them."""
+        """Return ``drive`` with excitation tones, where they are needed and the law leaves room for
+        them.
+        """
         settled = self._limits.first_climb.has_climbed_for(time_s) > EXCITATION_DELAY_S
         is_calm = self.state.descent is not None or self._profile.is_excited
-        level = SUSPECT_LEVEL if self.state.health.is_suspect or self.state.is_blind else float(is_calm)
+        level = (
+            SUSPECT_LEVEL if self.state.health.is_suspect or self.state.is_blind else float(is_calm)
+        )
         tones = self.state.tones
         is_possible = settled and not self.state.is_uplink_lost and tones.has_room(drive)
         tones.set_level(time_s, level if is_possible else 0.0)
@@ -301,9 +350,11 @@ class Pilot:
         return clamp_command(self._vehicle, thrust, rates)[0]
 
     def last_command(self, time_s: float, hold_s: float) -> Command:
-        """Return the last command where commands are too late: zero rates, slightly less than hover thrust.
+        """Return the last command where commands are too late: zero rates, slightly less than hover
+        thrust.
 
-        Times are as in :meth:`surrender`. A late bring-down would brake a vehicle that does not fall.
+        Times are as in :meth:`surrender`. A late bring-down would brake a vehicle that does not
+        fall.
         """
         self._switch("let_go", hold_s)
         pose = self.state.newest_pose
@@ -317,10 +368,11 @@ class Pilot:
         return command
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
-        """Return the last command where neither poses nor autopilot are usable: open loop down on the model.
+        """Return the last command where neither poses nor autopilot are usable: open loop down on
+        the model.
 
-        It is sent at ``time_s`` and valid for ``hold_s`` [s], so that it reaches the link's next frame; the descent is
-        its bring-down.
+        It is sent at ``time_s`` and valid for ``hold_s`` [s], so that it reaches the link's next
+        frame; the descent is its bring-down.
         """
         self._switch("surrender", hold_s)
         pose, vehicle, before = self.state.newest_pose, self._vehicle, self.state.trusted_before()
@@ -330,19 +382,25 @@ class Pilot:
             motion, vehicle, mass_kg=vehicle.mass_kg / before.effectiveness, gravity=self._gravity,
             disturbance=before.disturbance, height_m=self._floor - motion.position[2],
         )  # fmt: skip
-        command = Command(first.thrust_n, first.rates_rad_s, pose.id, pose.time_s, time_s + hold_s, tuple(rest))
+        command = Command(
+            first.thrust_n, first.rates_rad_s, pose.id, pose.time_s, time_s + hold_s, tuple(rest)
+        )
         self._tell(IdleRecord(time_s, command.thrust_n, command))
         return command
 
     def _command(self, drive: ActuatorCommand, parts: tuple[Segment, ...]) -> Command:
         pose = self.state.newest_pose
         assert pose is not None, "a command needs a pose"
-        return Command(drive.thrust, drive.rates, pose.id, pose.time_s, pose.time_s + self._coast, parts)
+        return Command(
+            drive.thrust, drive.rates, pose.id, pose.time_s, pose.time_s + self._coast, parts
+        )
 
     def _bring_down(
         self, now: Estimate, drive: ActuatorCommand, held_s: float, disturbance: Vec3
     ) -> tuple[Segment, ...]:
-        """Return the bring-down after ``drive``, which is held from ``now`` for ``held_s`` [s] if no other follows."""
+        """Return the bring-down after ``drive``, which is held from ``now`` for ``held_s`` [s] if
+        no other follows.
+        """
         if held_s <= 0.0:
             return ()
         vehicle, motion = self._vehicle, now.motion

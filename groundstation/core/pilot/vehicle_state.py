@@ -7,17 +7,10 @@ from functools import partial
 
 import msgspec
 
-from groundstation.core.control import (
-    ControllerConfig,
-    Descent,
-    ExcitationTones,
-)
+from groundstation.core.control import ControllerConfig, Descent, ExcitationTones
 from groundstation.core.estimation import Ahead, ModelEstimator, Reckoning, Trusted
 from groundstation.core.geometry import ZERO, Quat, Vec3, heading, interpolate
-from groundstation.core.messages import (
-    Estimate,
-    Pose,
-)
+from groundstation.core.messages import Estimate, Pose
 from groundstation.core.safety import (
     SUSPECT_M_S2,
     HealthState,
@@ -28,8 +21,8 @@ from groundstation.core.safety import (
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 WIND_MEMORY_S = 3.0
-"""Time constant of the mean disturbance that descents lean into [s]: longer than a gust, and than false poses are
-believed."""
+"""Time constant of the mean disturbance that descents lean into [s]: longer than a gust, and than
+false poses are believed."""
 SPARSE_MEAN_S = 1.0
 """Time constant of the mean interval of the poses [s]."""
 RECENT_POSES = 6
@@ -41,7 +34,9 @@ NOISE_POSES = 50
 
 
 class MeanDisturbance:
-    """Mean disturbance since the beginning, later of the last ``WIND_MEMORY_S``, for the present λ̂."""
+    """Mean disturbance since the beginning, later of the last ``WIND_MEMORY_S``, for the present
+    λ̂.
+    """
 
     def __init__(self, gravity: float) -> None:
         self.value: Vec3 | None = None
@@ -52,12 +47,16 @@ class MeanDisturbance:
         self._suspect_s = 0.0
 
     def add(self, estimate: Estimate, interval_s: float, *, is_suspect: bool = False) -> Vec3:
-        """Take the estimate of one command, ``interval_s`` [s] after the one before; return the mean.
+        """Take the estimate of one command, ``interval_s`` [s] after the one before.
+
+        Return the mean.
 
         ``is_suspect``: whether the poses are suspect.
         """
         now, scale = estimate.disturbance, estimate.effectiveness
-        if self.value is not None:  # only the sum of disturbance and thrust error is observable: that sum is kept
+        if (
+            self.value is not None
+        ):  # only the sum of disturbance and thrust error is observable: that sum is kept
             north, east, down = self.value
             self.value = (north, east, down + (scale - self._effectiveness) * self._gravity)
         self._effectiveness = scale
@@ -78,7 +77,9 @@ class MeanDisturbance:
         return self.value
 
     def confirm(self) -> None:
-        """Take the mean since the poses became suspect: they have responded, so that disturbance is true."""
+        """Take the mean since the poses became suspect: they have responded, so that disturbance is
+        true.
+        """
         self.value = self._suspect or self.value
 
 
@@ -97,10 +98,12 @@ class VehicleState:
         *,
         follows_poses: bool,
     ) -> None:
-        """Take the configured vehicle, the controller's config, and the position at rest on the floor [m, NED].
+        """Take the configured vehicle, the controller's config, and the position at rest on the
+        floor [m, NED].
 
-        ``health`` makes the monitor of the poses from mass and g. ``follows_poses``: a command leaves at each pose. A
-        pose is compared with the commands only after its own has left, as long as nothing speaks against the poses.
+        ``health`` makes the monitor of the poses from mass and g. ``follows_poses``: a command
+        leaves at each pose. A pose is compared with the commands only after its own has left, as
+        long as nothing speaks against the poses.
         """
         self._vehicle, self._floor, self._follows_poses = vehicle, floor_z_m, follows_poses
         self.estimator = ModelEstimator(vehicle, config)
@@ -120,13 +123,15 @@ class VehicleState:
         self.descent: Descent | None = None
         """Failsafe descent that is flown; None before."""
         self.is_released = self.is_paused = self.is_uplink_lost = False
-        """Whether the vehicle flies; whether poses need not respond; whether commands may not arrive."""
+        """Whether the vehicle flies; whether poses need not respond; whether commands may not
+        arrive."""
         self.reference_down_m = math.inf
         """Position of the reference at the newest command [m, NED]."""
         self._gate = PoseGate()
         self._has_climbed = False
         self._due: Callable[[], None] | None = None
-        """Comparison of the newest pose with the commands that is still to be done; None without one."""
+        """Comparison of the newest pose with the commands that is still to be done; None without
+        one."""
 
     @property
     def newest_pose(self) -> Pose | None:
@@ -166,7 +171,8 @@ class VehicleState:
         return 0.0 if motion is None else math.hypot(*motion.velocity[:2])
 
     def add_pose(self, pose: Pose) -> bool:
-        """Take one pose; return whether the noise of the poses and their mean interval are measured anew.
+        """Take one pose; return whether the noise of the poses and their mean interval are measured
+        anew.
 
         A pose that is not newer than the last, or that the gate rejects, is ignored.
         """
@@ -194,7 +200,8 @@ class VehicleState:
         return received.add(pose)
 
     def _accepts(self, pose: Pose, ahead: Ahead | None) -> bool:
-        """Whether ``pose`` is accepted: by the gate, or unchecked near the floor and where only attitude is used.
+        """Whether ``pose`` is accepted: by the gate, or unchecked near the floor and where only
+        attitude is used.
 
         The floor stops a vehicle as the gate does not expect.
         """
@@ -211,19 +218,29 @@ class VehicleState:
         assert motion is not None and self.descent is not None, "a descent on the model has both"
         h = pose.time_s - first.time_s
         u, v, w = ((p - q) / h for p, q in zip(pose.position_ned, first.position_ned, strict=True))
-        measured, before = motion._replace(position=pose.position_ned, velocity=(u, v, w)), self.trusted_before()
+        measured, before = (
+            motion._replace(position=pose.position_ned, velocity=(u, v, w)),
+            self.trusted_before(),
+        )
         self.estimator.reset_motion(measured)
-        # If they fail once more, the model goes on from here: it does not know the forces since the first failure.
-        self.reckoning.begin(Trusted(pose.time_s, measured, before.disturbance, before.effectiveness))
+        # If they fail once more, the model goes on from here: it does not know the forces since the
+        # first failure.
+        self.reckoning.begin(
+            Trusted(pose.time_s, measured, before.disturbance, before.effectiveness)
+        )
         self.descent.blind = False
 
     def replace_attitude(self, last: Pose, time_s: float, attitude: Quat) -> None:
         """Take the pose ``last`` for one of ``time_s`` [s] with another ``attitude``."""
-        self.received.newest = pose = msgspec.structs.replace(last, time_s=time_s, attitude=attitude)
+        self.received.newest = pose = msgspec.structs.replace(
+            last, time_s=time_s, attitude=attitude
+        )
         self.estimator.update_attitude(pose)
 
     def release(self) -> None:
-        """Begin to fly, in the air: the disturbance before was the force of what held the vehicle."""
+        """Begin to fly, in the air: the disturbance before was the force of what held the
+        vehicle.
+        """
         self.estimator.release()
         self.is_released = self._has_climbed = True
         self.trust_from_here((0.0, 0.0, 0.0))
@@ -241,7 +258,8 @@ class VehicleState:
         self.health.restart()
 
     def suspect_new_wind(self, time_s: float, estimate: Estimate) -> None:
-        """Suspect the poses where the disturbance is new: it is wind, or motion that false poses do not measure.
+        """Suspect the poses where the disturbance is new: it is wind, or motion that false poses do
+        not measure.
 
         Near the floor it is the floor's force.
         """
@@ -254,7 +272,9 @@ class VehicleState:
         """Begin the dead reckoning at the present estimate."""
         motion = self.estimator.motion
         assert motion is not None, "a flight has poses"
-        self.reckoning.begin(Trusted(self.newest_s, motion, disturbance, self.estimator.effectiveness))
+        self.reckoning.begin(
+            Trusted(self.newest_s, motion, disturbance, self.estimator.effectiveness)
+        )
 
     def _prepare_check(self, pose: Pose, before: Motion, dt: float) -> None:
         """Prepare the comparison of one believed pose with the commands until it."""
@@ -262,8 +282,13 @@ class VehicleState:
         response, motion = estimator.actuator_response, estimator.motion
         if response is None or motion is None:
             return
-        height, reference_m = self._floor - pose.position_ned[2], self._floor - self.reference_down_m
-        is_high = height > NEAR_FLOOR_M or (self.descent is None and reference_m > 2.0 * NEAR_FLOOR_M)
+        height, reference_m = (
+            self._floor - pose.position_ned[2],
+            self._floor - self.reference_down_m,
+        )
+        is_high = height > NEAR_FLOOR_M or (
+            self.descent is None and reference_m > 2.0 * NEAR_FLOOR_M
+        )
         self._has_climbed = self._has_climbed or is_high
         moved, tilted = self.tones.advance(pose.time_s, heading(pose.attitude))
         evaluate = partial(
@@ -283,8 +308,11 @@ class VehicleState:
         if due is not None:
             due()
 
-    def _check(self, evaluate: Callable[[], None], now: Trusted, turned: Quat | None, dt: float) -> None:
-        """Compare one believed pose with the commands, and trust the state ``now`` if it is above suspicion.
+    def _check(
+        self, evaluate: Callable[[], None], now: Trusted, turned: Quat | None, dt: float
+    ) -> None:
+        """Compare one believed pose with the commands, and trust the state ``now`` if it is above
+        suspicion.
 
         Args:
             evaluate: evaluates the health of the poses with it.

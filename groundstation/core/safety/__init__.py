@@ -1,4 +1,6 @@
-"""Safety: guards, geofence, separation, health of the poses, take-off, touchdown, second witness."""
+"""Safety: guards, geofence, separation, health of the poses, take-off, touchdown, second
+witness.
+"""
 
 from groundstation.core.safety.geofence import Fence, FenceConfig, Separation, SeparationConfig
 from groundstation.core.safety.guards import (

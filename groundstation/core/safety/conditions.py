@@ -7,13 +7,18 @@ LONGEST_STEP_S = 0.1
 
 
 class Since:
-    """Time for which each of several conditions has held, by name. Times are on the event loop's clock [s]."""
+    """Time for which each of several conditions has held, by name.
+
+    Times are on the event loop's clock [s].
+    """
 
     def __init__(self) -> None:
         self._since: dict[str, float] = {}
 
     def held_s(self, name: str, holds: bool, now_s: float) -> float:
-        """Return the time for which the condition has held at every call [s]; -inf if it does not hold now."""
+        """Return the time for which the condition has held at every call [s]; -inf if it does not
+        hold now.
+        """
         if not holds:
             self._since.pop(name, None)
             return -math.inf
@@ -21,7 +26,9 @@ class Since:
 
 
 class RecentTime:
-    """Time for which a condition held of late, breaks included: older time is forgotten exponentially."""
+    """Time for which a condition held of late, breaks included: older time is forgotten
+    exponentially.
+    """
 
     def __init__(self, memory_s: float) -> None:
         """``memory_s``: time constant of forgetting [s]."""

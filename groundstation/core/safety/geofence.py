@@ -1,4 +1,6 @@
-"""Geofence and separation: planes and other vehicles to keep away from, and how far from each to brake. Sans-IO."""
+"""Geofence and separation: planes and other vehicles to keep away from, and how far from each to
+brake. Sans-IO.
+"""
 
 import math
 from typing import Annotated, Literal, NamedTuple, TypeAlias
@@ -15,7 +17,8 @@ LEAST_TURN_M2 = 1e-9
 """Least area, twice that of three corners in a row, of a convex polygon [m²]: rounding."""
 Corner = tuple[Coordinate, Coordinate]
 Length = Annotated[float, msgspec.Meta(ge=0.01, le=100.0)]
-"""A distance of vehicles or an error [m]; more is in millimetres, and less is within the noise of a flight."""
+"""A distance of vehicles or an error [m]; more is in millimetres, and less is within the noise of a
+flight."""
 
 
 class _Braking(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -26,7 +29,8 @@ class _Braking(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         msgspec.Meta(
             ge=0.1,
             le=20.0,
-            description="Assumed deceleration, of others too [m/s²]; a hold brakes with `takeoff.transit_m_s2`.",
+            description="Assumed deceleration, of others too [m/s²]; a hold brakes with "
+            "`takeoff.transit_m_s2`.",
         ),
     ] = 1.0
     reaction_s: Annotated[
@@ -43,7 +47,11 @@ class _Fence(_Braking, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
 
     height_m: Annotated[
         float,
-        msgspec.Meta(gt=0.0, le=FARTHEST_M, description="Largest height above the floor, `flight.floor_z_m` [m]."),
+        msgspec.Meta(
+            gt=0.0,
+            le=FARTHEST_M,
+            description="Largest height above the floor, `flight.floor_z_m` [m].",
+        ),
     ]
 
 
@@ -71,12 +79,15 @@ class ConvexFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True,
         msgspec.Meta(
             min_length=TRIANGLE,
             max_length=MOST_POINTS,
-            description="Corners, north and east [m, NED], one after the other, in either direction.",
+            description="Corners, north and east [m, NED], one after the other, in either "
+            "direction.",
         ),
     ]
 
     def __post_init__(self) -> None:
-        turns = [_turn(*three) for three in zip(self._from(0), self._from(1), self._from(2), strict=True)]
+        turns = [
+            _turn(*three) for three in zip(self._from(0), self._from(1), self._from(2), strict=True)
+        ]
         if not (all(t > LEAST_TURN_M2 for t in turns) or all(t < -LEAST_TURN_M2 for t in turns)):
             raise ValueError(config_notice("fence.convex"))
 
@@ -94,7 +105,9 @@ FenceConfig: TypeAlias = BoxFence | ConvexFence
 
 
 def _turn(a: Corner, b: Corner, c: Corner) -> float:
-    """Twice the area of a triangle [m²], above 0 where ``a``, ``b``, ``c`` are clockwise from above."""
+    """Twice the area of a triangle [m²], above 0 where ``a``, ``b``, ``c`` are clockwise from
+    above.
+    """
     return (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
 
 
@@ -127,38 +140,52 @@ class Fence:
         return min(limit - n[0] * x - n[1] * y - n[2] * z for n, limit in self._planes)
 
     def braking_room_m(self, position: Vec3, velocity: Vec3) -> float:
-        """Distance that is left to the nearest side after braking towards it [m]; below 0 it must brake now."""
+        """Distance that is left to the nearest side after braking towards it [m].
+
+        Below 0 it must brake now.
+        """
         (x, y, z), (u, v, w) = position, velocity
         least = math.inf
         for n, limit in self._planes:
             speed = max(n[0] * u + n[1] * v + n[2] * w, 0.0)
-            least = min(least, limit - n[0] * x - n[1] * y - n[2] * z - self._config.braking_m(speed))
+            least = min(
+                least, limit - n[0] * x - n[1] * y - n[2] * z - self._config.braking_m(speed)
+            )
         return least
 
 
 class SeparationConfig(_Braking, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Other vehicles in the same room. Config section ``[separation]``; a fleet file fills in ``others`` itself."""
+    """Other vehicles in the same room. Config section ``[separation]``; a fleet file fills in
+    ``others`` itself.
+    """
 
     others: Annotated[
         tuple[str, ...],
         msgspec.Meta(
             max_length=BODIES_MAX,
-            description="Names of their objects in the capture system. None: no separation from anybody.",
+            description="Names of their objects in the capture system. None: no separation from "
+            "anybody.",
         ),
     ] = ()
-    distance_m: Annotated[Length, msgspec.Meta(description="Least distance between the vehicles' centres [m].")] = 0.6
+    distance_m: Annotated[
+        Length, msgspec.Meta(description="Least distance between the vehicles' centres [m].")
+    ] = 0.6
     stale_s: Annotated[
         float,
         msgspec.Meta(
             ge=0.05,
             le=5.0,
-            description="Time without a sighting after which another's position is unknown [s]: a warning.",
+            description="Time without a sighting after which another's position is unknown [s]: a "
+            "warning.",
         ),
     ] = 0.3
     unknown: Annotated[
-        Literal["warn", "hold", "land"], msgspec.Meta(description="Step that follows where it stays unknown.")
+        Literal["warn", "hold", "land"],
+        msgspec.Meta(description="Step that follows where it stays unknown."),
     ] = "hold"
-    unknown_s: Annotated[float, msgspec.Meta(ge=0.0, le=60.0, description="Time until that step [s].")] = 1.0
+    unknown_s: Annotated[
+        float, msgspec.Meta(ge=0.0, le=60.0, description="Time until that step [s].")
+    ] = 1.0
 
 
 class Near(NamedTuple):
@@ -167,7 +194,8 @@ class Near(NamedTuple):
     name: str
     distance_m: float
     room_m: float
-    """Distance beyond ``separation.distance_m`` left after both have braked [m]; below 0 they must brake now."""
+    """Distance beyond ``separation.distance_m`` left after both have braked [m]; below 0 they must
+    brake now."""
     beneath: bool
     """Whether a landing would end on it."""
 
@@ -185,10 +213,11 @@ class Separation:
         return self._others.unseen(now_s - self.config.stale_s)
 
     def nearest(self, position: Vec3, velocity: Vec3, now_s: float) -> Near | None:
-        """Find the one with the least room to a vehicle at ``position`` [m] with ``velocity`` [m/s], both NED.
+        """Find the one with the least room to a vehicle at ``position`` [m] with ``velocity``
+        [m/s], both NED.
 
-        One that is too near already comes before those that only might become so. Between sightings its velocity is
-        assumed constant; None before the first sighting.
+        One that is too near already comes before those that only might become so. Between sightings
+        its velocity is assumed constant; None before the first sighting.
         """
         c, nearest, least = self.config, None, (True, math.inf)
         for name in self._others.names:
@@ -199,7 +228,10 @@ class Separation:
             away = (position[0] - x, position[1] - y, position[2] - z)
             distance = math.hypot(*away)
             room = distance - c.distance_m
-            for speed in (-_along(away, distance, velocity), _along(away, distance, sight.velocity_ned)):
+            for speed in (
+                -_along(away, distance, velocity),
+                _along(away, distance, sight.velocity_ned),
+            ):
                 if not speed <= 0.0:
                     room -= c.braking_m(speed)
             rank = distance >= c.distance_m, room

@@ -1,8 +1,9 @@
 """Guards: one table of limits that end a flight early, checked with every command. Sans-IO.
 
-Beyond a limit follows one step of hold → land → failsafe descent. A limit that is still exceeded some time later is
-followed by the next step, up to the last one of its row: no landing ends an empty battery.
-``GUARDS`` is the table; `groundstation check --limits` and docs/reference/guards.md are made from it.
+Beyond a limit follows one step of hold → land → failsafe descent. A limit that is still exceeded
+some time later is followed by the next step, up to the last one of its row: no landing ends an
+empty battery. ``GUARDS`` is the table; `groundstation check --limits` and docs/reference/guards.md
+are made from it.
 """
 
 import math
@@ -43,7 +44,9 @@ class GuardFinding(NamedTuple):
 
 
 class Escalation:
-    """Conversion of findings to steps: each no gentler than the last, the next one while its cause lasts."""
+    """Conversion of findings to steps: each no gentler than the last, the next one while its cause
+    lasts.
+    """
 
     def __init__(self, lasting_s: float) -> None:
         """``lasting_s``: duration of a cause after one step before the next [s]."""
@@ -56,7 +59,9 @@ class Escalation:
         if finding.step > self._step:
             escalated = finding
         elif self._step < finding.most and now_s - self._at_s > self._lasting:
-            escalated = finding._replace(step=GuardAction(self._step + 1), reason=finding.reason.as_lasting())
+            escalated = finding._replace(
+                step=GuardAction(self._step + 1), reason=finding.reason.as_lasting()
+            )
         else:
             return None
         self._step, self._at_s = escalated.step, now_s
@@ -75,43 +80,67 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 
 
 class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Limits in flight. Config section ``[guards]``; docs/explanation/safety.md has what follows beyond each."""
+    """Limits in flight. Config section ``[guards]``; docs/explanation/safety.md has what follows
+    beyond each.
+    """
 
     level_s: Annotated[
         float,
         msgspec.Meta(
             ge=0.0,
             le=0.75,
-            description="Duration of the descent on the model after `flight.coast_s` without a pose; "
-            "then the link brings the vehicle down [s].",
+            description="Duration of the descent on the model after `flight.coast_s` without a "
+            "pose; then the link brings the vehicle down [s].",
         ),
     ] = 0.25
-    tilt_deg: Annotated[Angle, msgspec.Meta(description="Largest tilt [deg]; the law commands 80 at most.")] = 80.0
-    tilt_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `tilt_deg` [s].")] = 0.1
+    tilt_deg: Annotated[
+        Angle, msgspec.Meta(description="Largest tilt [deg]; the law commands 80 at most.")
+    ] = 80.0
+    tilt_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `tilt_deg` [s].")] = (
+        0.1
+    )
     oscillation_deg: Annotated[
         Angle,
         msgspec.Meta(
-            description="Largest angle between the tilt and that required by reference and wind [deg]; "
-            "a push by 8 m/s² comes to 35.",
+            description="Largest angle between the tilt and that required by reference and wind "
+            "[deg]; a push by 8 m/s² comes to 35."
         ),
     ] = 40.0
     oscillation_s: Annotated[
-        Share, msgspec.Meta(description="Longest time beyond `oscillation_deg` within about the last second [s].")
+        Share,
+        msgspec.Meta(
+            description="Longest time beyond `oscillation_deg` within about the last second [s]."
+        ),
     ] = 0.3
-    error_m: Annotated[Length, msgspec.Meta(description="Largest distance from the reference [m].")] = 1.0
-    error_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `error_m` [s].")] = 0.3
-    speed_m_s: Annotated[
-        float, msgspec.Meta(ge=0.05, le=50.0, description="Largest velocity relative to the reference's [m/s].")
-    ] = 2.5
-    speed_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `speed_m_s` [s].")] = 0.1
-    thrust_limit_s: Annotated[Seconds, msgspec.Meta(description="Longest time with thrust at its upper limit [s].")] = (
-        1.0
+    error_m: Annotated[
+        Length, msgspec.Meta(description="Largest distance from the reference [m].")
+    ] = 1.0
+    error_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `error_m` [s].")] = (
+        0.3
     )
+    speed_m_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.05, le=50.0, description="Largest velocity relative to the reference's [m/s]."
+        ),
+    ] = 2.5
+    speed_s: Annotated[
+        Seconds, msgspec.Meta(description="Longest time beyond `speed_m_s` [s].")
+    ] = 0.1
+    thrust_limit_s: Annotated[
+        Seconds, msgspec.Meta(description="Longest time with thrust at its upper limit [s].")
+    ] = 1.0
     rate_limit_s: Annotated[
-        Seconds, msgspec.Meta(description="Longest time with a body rate at its limit within about the last 2 s [s].")
+        Seconds,
+        msgspec.Meta(
+            description="Longest time with a body rate at its limit within about the last 2 s [s]."
+        ),
     ] = 1.5
     effectiveness: Annotated[
-        Share, msgspec.Meta(description="Least thrust scale [-]: the only measure of a battery without telemetry.")
+        Share,
+        msgspec.Meta(
+            description="Least thrust scale [-]: the only measure of a battery without telemetry."
+        ),
     ] = 0.7
     pose_age: Annotated[
         Share,
@@ -121,49 +150,66 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         ),
     ] = 0.6
     pose_resets: Annotated[
-        Count, msgspec.Meta(description="Largest number of resets of the estimate behind the poses within 5 s.")
+        Count,
+        msgspec.Meta(
+            description="Largest number of resets of the estimate behind the poses within 5 s."
+        ),
     ] = 4
     overruns: Annotated[
         Count,
         msgspec.Meta(
-            description="Number of the last 100 frames, each late by more than one and a half periods, from which the "
-            "vehicle lands."
+            description="Number of the last 100 frames, each late by more than one and a half "
+            "periods, from which the vehicle lands."
         ),
     ] = 5
     rtt_s: Annotated[
         float,
         msgspec.Meta(
-            ge=0.001, le=5.0, description="Longest round trip to the vehicle and back, where the link measures it [s]."
+            ge=0.001,
+            le=5.0,
+            description="Longest round trip to the vehicle and back, where the link measures it "
+            "[s].",
         ),
     ] = 0.2
     battery_share: Annotated[
         float,
-        msgspec.Meta(ge=0.0, le=1.0, description="Charge below which the vehicle lands, where it reports that [-]."),
+        msgspec.Meta(
+            ge=0.0,
+            le=1.0,
+            description="Charge below which the vehicle lands, where it reports that [-].",
+        ),
     ] = 0.2
     battery_v: Annotated[
         Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None,
-        msgspec.Meta(description="Voltage below which the vehicle lands, where it reports that [V]."),
+        msgspec.Meta(
+            description="Voltage below which the vehicle lands, where it reports that [V]."
+        ),
     ] = None
     lasting_s: Annotated[
-        Seconds, msgspec.Meta(description="Time from one step to the next while a limit stays exceeded [s].")
+        Seconds,
+        msgspec.Meta(
+            description="Time from one step to the next while a limit stays exceeded [s]."
+        ),
     ] = 2.0
 
 
 FRAMES = 100
 """Number of frames among which late ones are counted."""
 LATE_PERIODS = 2.5
-"""Periods after the last frame, or message, from which the next one is late [-]: one is missing, and half a period is
-jitter."""
+"""Periods after the last frame, or message, from which the next one is late [-]: one is missing,
+and half a period is jitter."""
 RESETS_S = 5.0
 """Time within which resets of the estimate behind the poses are counted [s]."""
 UNDER_FLOOR_M = 0.5
-"""Largest plausible depth of a pose under the floor [m]: PX4's own height was off by .65 m once in 40 landings."""
+"""Largest plausible depth of a pose under the floor [m]: PX4's own height was off by .65 m once in
+40 landings."""
 AT_LIMIT = 0.999
 """Share of a limit from which a command is at it [-]: rounding."""
 SURE_S = 0.06
 """Time beyond a limit of a distance that counts [s]: a single pose may be another body's."""
 LONG_S = 1.0
-"""Time beyond a limit of a slow quantity (battery, round trip, thrust scale) that counts [s]: single readings jump."""
+"""Time beyond a limit of a slow quantity (battery, round trip, thrust scale) that counts [s]:
+single readings jump."""
 AGED_S = 0.3
 """Time beyond ``guards.pose_age`` that counts [s]: single poses may be late."""
 RATE_MEMORY_S = 2.0
@@ -176,12 +222,18 @@ class GuardView:
     """Input of the guards: the newest command, and counts over several."""
 
     def __init__(
-        self, config: GuardsConfig, fence: Fence | None, separation: Separation | None, vehicle: Vehicle,
+        self, config: GuardsConfig, fence: Fence | None, separation: Separation | None,
+        vehicle: Vehicle,
         period_s: Callable[[], float], floor_z_m: float, gravity: float, coast_s: float,
     ) -> None:  # fmt: skip
         """Take the limits and the vehicle; see :class:`Guards`."""
         self.config, self.fence, self.separation, self.vehicle = config, fence, separation, vehicle
-        self.period_s, self.floor_z_m, self.gravity, self.coast_s = period_s, floor_z_m, gravity, coast_s
+        self.period_s, self.floor_z_m, self.gravity, self.coast_s = (
+            period_s,
+            floor_z_m,
+            gravity,
+            coast_s,
+        )
         self.tick: Tick
         """Newest command."""
         self.link: LinkStatus | None = None
@@ -213,16 +265,25 @@ class GuardView:
 
     @property
     def tilt_error_deg(self) -> float:
-        """Angle between the body's z axis and the direction required by reference, drag and disturbance [deg]."""
+        """Angle between the body's z axis and the direction required by reference, drag and
+        disturbance [deg].
+        """
         estimate, k = self.tick.estimate, self.vehicle.drag_per_s
-        a, d, v = self.tick.reference.acceleration_ned, estimate.disturbance, estimate.motion.velocity
+        a, d, v = (
+            self.tick.reference.acceleration_ned,
+            estimate.disturbance,
+            estimate.motion.velocity,
+        )
         x, y, z = subtract(add_scaled(d, -k, v), a)
         z += self.gravity
         p, q, r = third_column(estimate.motion.attitude)
         return angle_deg((x * p + y * q + z * r) / (math.sqrt(x * x + y * y + z * z) or 1.0))
 
     def nearest(self) -> Near | None:
-        """Other vehicle with the least braking distance left; None without ``separation.others``, or a sighting."""
+        """Other vehicle with the least braking distance left.
+
+        None without ``separation.others``, or a sighting.
+        """
         if self.separation is None:
             return None
         motion = self.tick.estimate.motion
@@ -241,7 +302,11 @@ def _oscillation(v: GuardView) -> Numbers | None:
 
 def _error(v: GuardView) -> Numbers | None:
     off = math.dist(v.tick.estimate.motion.position, v.tick.reference.position_ned)
-    return None if not v.is_guided or off <= v.config.error_m else {"error_m": off, "limit_m": v.config.error_m}
+    return (
+        None
+        if not v.is_guided or off <= v.config.error_m
+        else {"error_m": off, "limit_m": v.config.error_m}
+    )
 
 
 def _speed(v: GuardView) -> Numbers | None:
@@ -257,13 +322,19 @@ def _thrust(v: GuardView) -> Numbers | None:
 
 def _rate(v: GuardView) -> Numbers | None:
     pairs = zip(v.tick.command.rates_rad_s, v.vehicle.rate_limits_deg_s, strict=True)
-    at_limit = v.is_guided and any(abs(rate) >= AT_LIMIT * math.radians(limit) for rate, limit in pairs)
+    at_limit = v.is_guided and any(
+        abs(rate) >= AT_LIMIT * math.radians(limit) for rate, limit in pairs
+    )
     return {"lasts_s": v.config.rate_limit_s} if at_limit else None
 
 
 def _weak(v: GuardView) -> Numbers | None:
     found, limit = v.tick.estimate.effectiveness, v.config.effectiveness
-    return None if not v.is_guided or found >= limit else {"found": to_percent(found), "limit": to_percent(limit)}
+    return (
+        None
+        if not v.is_guided or found >= limit
+        else {"found": to_percent(found), "limit": to_percent(limit)}
+    )
 
 
 def _fence(v: GuardView) -> Numbers | None:
@@ -282,12 +353,20 @@ def _separation(v: GuardView) -> Numbers | None:
     near = v.nearest()
     if near is None or v.separation is None or near.distance_m >= v.separation.config.distance_m:
         return None
-    return {"distance_m": near.distance_m, "name": near.name, "limit_m": v.separation.config.distance_m}
+    return {
+        "distance_m": near.distance_m,
+        "name": near.name,
+        "limit_m": v.separation.config.distance_m,
+    }
 
 
 def _approach(v: GuardView) -> Numbers | None:
     near = v.nearest()
-    return None if near is None or near.room_m >= 0.0 else {"distance_m": near.distance_m, "name": near.name}
+    return (
+        None
+        if near is None or near.room_m >= 0.0
+        else {"distance_m": near.distance_m, "name": near.name}
+    )
 
 
 def _unseen(v: GuardView) -> Numbers | None:
@@ -303,7 +382,11 @@ def _pose_age(v: GuardView) -> Numbers | None:
 
 
 def _pose_resets(v: GuardView) -> Numbers | None:
-    return None if v.resets <= v.config.pose_resets else {"count": v.resets, "limit": v.config.pose_resets}
+    return (
+        None
+        if v.resets <= v.config.pose_resets
+        else {"count": v.resets, "limit": v.config.pose_resets}
+    )
 
 
 def _under_floor(v: GuardView) -> Numbers | None:
@@ -312,7 +395,11 @@ def _under_floor(v: GuardView) -> Numbers | None:
 
 
 def _overruns(v: GuardView) -> Numbers | None:
-    return None if v.late_frames < v.config.overruns else {"count": v.late_frames, "limit": v.config.overruns}
+    return (
+        None
+        if v.late_frames < v.config.overruns
+        else {"count": v.late_frames, "limit": v.config.overruns}
+    )
 
 
 def _round_trip(v: GuardView) -> Numbers | None:
@@ -329,7 +416,11 @@ def _charge(v: GuardView) -> Numbers | None:
 
 def _voltage(v: GuardView) -> Numbers | None:
     volts, limit = None if v.link is None else v.link.battery_v, v.config.battery_v
-    return None if limit is None or volts is None or not volts < limit else {"voltage_v": volts, "limit_v": limit}
+    return (
+        None
+        if limit is None or volts is None or not volts < limit
+        else {"voltage_v": volts, "limit_v": limit}
+    )
 
 
 class Guard(NamedTuple):
@@ -342,7 +433,8 @@ class Guard(NamedTuple):
     key: str
     """Configuration key of the limit."""
     lasts: str | float
-    """Time beyond the limit after which the step follows [s]: a key of ``[guards]``, or the time itself."""
+    """Time beyond the limit after which the step follows [s]: a key of ``[guards]``, or the time
+    itself."""
     step: GuardAction
     """Step that follows."""
     most: GuardAction
@@ -356,27 +448,43 @@ class Guard(NamedTuple):
 HOLD, LAND, DESCEND = GuardAction.HOLD, GuardAction.LAND, GuardAction.DESCEND
 GUARDS: tuple[Guard, ...] = (
     Guard("guard.tilt", "largest tilt", "guards.tilt_deg", "tilt_s", DESCEND, DESCEND, _tilt),
-    Guard("guard.oscillation", "oscillation: angle between tilt and required tilt", "guards.oscillation_deg",
+    Guard("guard.oscillation", "oscillation: angle between tilt and required tilt",
+        "guards.oscillation_deg",
           "oscillation_s", LAND, DESCEND, _oscillation, OSCILLATION_MEMORY_S),
-    Guard("guard.error", "largest position error", "guards.error_m", "error_s", LAND, DESCEND, _error),
-    Guard("guard.speed", "velocity relative to the reference", "guards.speed_m_s", "speed_s", LAND, DESCEND, _speed),
-    Guard("guard.thrust", "thrust at its limit", "vehicle.thrust_max_n", "thrust_limit_s", LAND, DESCEND, _thrust),
-    Guard("guard.rate", "a body rate at its limit", "vehicle.rate_limits_deg_s", "rate_limit_s", DESCEND, DESCEND,
+    Guard("guard.error", "largest position error", "guards.error_m", "error_s", LAND, DESCEND,
+        _error),
+    Guard("guard.speed", "velocity relative to the reference", "guards.speed_m_s", "speed_s",
+        LAND, DESCEND, _speed),
+    Guard("guard.thrust", "thrust at its limit", "vehicle.thrust_max_n", "thrust_limit_s", LAND,
+        DESCEND, _thrust),
+    Guard("guard.rate", "a body rate at its limit", "vehicle.rate_limits_deg_s", "rate_limit_s",
+        DESCEND, DESCEND,
           _rate, RATE_MEMORY_S),
     Guard("guard.weak", "least thrust scale", "guards.effectiveness", LONG_S, LAND, LAND, _weak),
     Guard("guard.fence", "outside the fence", "fence", 0.0, LAND, DESCEND, _fence),
-    Guard("guard.braking", "too fast before the fence", "fence.braking_m_s2", 0.0, HOLD, DESCEND, _braking),
-    Guard("guard.separation", "distance to another vehicle", "separation.distance_m", SURE_S, LAND, LAND, _separation),
-    Guard("guard.approach", "too fast towards another vehicle", "separation.braking_m_s2", SURE_S, HOLD, LAND,
+    Guard("guard.braking", "too fast before the fence", "fence.braking_m_s2", 0.0, HOLD, DESCEND,
+        _braking),
+    Guard("guard.separation", "distance to another vehicle", "separation.distance_m", SURE_S,
+        LAND, LAND, _separation),
+    Guard("guard.approach", "too fast towards another vehicle", "separation.braking_m_s2", SURE_S,
+        HOLD, LAND,
           _approach),
-    Guard("guard.unseen", "another vehicle not sighted", "separation.stale_s", 0.0, HOLD, HOLD, _unseen),
-    Guard("guard.pose_age", "age of poses on arrival", "guards.pose_age", AGED_S, LAND, LAND, _pose_age),
-    Guard("guard.pose_resets", "resets behind the poses", "guards.pose_resets", 0.0, LAND, DESCEND, _pose_resets),
-    Guard("guard.under_floor", "a pose under the floor", "flight.floor_z_m", SURE_S, DESCEND, DESCEND, _under_floor),
-    Guard("guard.overruns", "late frames of the last 100", "guards.overruns", 0.0, LAND, DESCEND, _overruns),
-    Guard("guard.round_trip", "round trip of the link", "guards.rtt_s", LONG_S, LAND, LAND, _round_trip),
-    Guard("guard.charge", "least charge of the battery", "guards.battery_share", LONG_S, LAND, LAND, _charge),
-    Guard("guard.voltage", "least voltage of the battery", "guards.battery_v", LONG_S, LAND, LAND, _voltage),
+    Guard("guard.unseen", "another vehicle not sighted", "separation.stale_s", 0.0, HOLD, HOLD,
+        _unseen),
+    Guard("guard.pose_age", "age of poses on arrival", "guards.pose_age", AGED_S, LAND, LAND,
+        _pose_age),
+    Guard("guard.pose_resets", "resets behind the poses", "guards.pose_resets", 0.0, LAND,
+        DESCEND, _pose_resets),
+    Guard("guard.under_floor", "a pose under the floor", "flight.floor_z_m", SURE_S, DESCEND,
+        DESCEND, _under_floor),
+    Guard("guard.overruns", "late frames of the last 100", "guards.overruns", 0.0, LAND, DESCEND,
+        _overruns),
+    Guard("guard.round_trip", "round trip of the link", "guards.rtt_s", LONG_S, LAND, LAND,
+        _round_trip),
+    Guard("guard.charge", "least charge of the battery", "guards.battery_share", LONG_S, LAND,
+        LAND, _charge),
+    Guard("guard.voltage", "least voltage of the battery", "guards.battery_v", LONG_S, LAND, LAND,
+        _voltage),
 )  # fmt: skip
 """Limits that end a flight early."""
 
@@ -400,7 +508,11 @@ class GuardLimit(NamedTuple):
     """Advice to the operator."""
 
 
-STEPS = {GuardAction.HOLD: "hold", GuardAction.LAND: "land", GuardAction.DESCEND: "failsafe descent"}
+STEPS = {
+    GuardAction.HOLD: "hold",
+    GuardAction.LAND: "land",
+    GuardAction.DESCEND: "failsafe descent",
+}
 """Steps in words."""
 
 
@@ -410,7 +522,9 @@ def _lasts_s(guard: Guard, config: GuardsConfig) -> float:
 
 
 def list_limits(config: object, guards: GuardsConfig) -> list[GuardLimit]:
-    """Return the table with the limits of a flight's whole ``config``, and of its section ``guards``."""
+    """Return the table with the limits of a flight's whole ``config``, and of its section
+    ``guards``.
+    """
     rows = []
     for guard in GUARDS:
         limit: object = config
@@ -420,7 +534,13 @@ def list_limits(config: object, guards: GuardsConfig) -> list[GuardLimit]:
         remedy = NOTICES[guard.id].remedy
         rows.append(
             GuardLimit(
-                guard.says, guard.key, plain, _lasts_s(guard, guards), STEPS[guard.step], STEPS[guard.most], remedy
+                guard.says,
+                guard.key,
+                plain,
+                _lasts_s(guard, guards),
+                STEPS[guard.step],
+                STEPS[guard.most],
+                remedy,
             )
         )
     return rows
@@ -436,24 +556,33 @@ class Guards:
     """One flight's limits. Times are on the event loop's clock [s]."""
 
     def __init__(
-        self, config: GuardsConfig, fence: Fence | None, vehicle: Vehicle, period_s: Callable[[], float],
+        self, config: GuardsConfig, fence: Fence | None, vehicle: Vehicle, period_s: Callable[[],
+            float],
         separation: Separation | None = None, floor_z_m: float = 0.0, gravity: float = GRAVITY,
         coast_s: float = math.inf,
     ) -> None:  # fmt: skip
-        """Take the limits; ``period_s`` returns the link's time between two commands [s], called with each command.
+        """Take the limits; ``period_s`` returns the link's time between two commands [s], called
+        with each command.
 
-        ``separation`` is from other vehicles; ``floor_z_m`` is the position of a vehicle on the floor [m, NED],
-        ``gravity`` the controller's [m/s²], ``coast_s`` the longest use of one pose [s].
+        ``separation`` is from other vehicles; ``floor_z_m`` is the position of a vehicle on the
+        floor [m, NED], ``gravity`` the controller's [m/s²], ``coast_s`` the longest use of one pose
+        [s].
         """
-        self._view = GuardView(config, fence, separation, vehicle, period_s, floor_z_m, gravity, coast_s)
+        self._view = GuardView(
+            config, fence, separation, vehicle, period_s, floor_z_m, gravity, coast_s
+        )
         self._since = Since()
-        self._recent = {guard.id: RecentTime(guard.memory_s) for guard in GUARDS if guard.memory_s > 0.0}
+        self._recent = {
+            guard.id: RecentTime(guard.memory_s) for guard in GUARDS if guard.memory_s > 0.0
+        }
 
     def check_command(self, tick: Tick, state: State) -> GuardFinding | None:
         """Return the gravest finding of one command."""
         self._view.add_command(tick, is_guided=state is not State.DESCENT)
         found = [self._check(guard, tick.time_s) for guard in GUARDS if guard.id not in OF_LINK]
-        return max((one for one in found if one is not None), key=lambda one: one.step, default=None)
+        return max(
+            (one for one in found if one is not None), key=lambda one: one.step, default=None
+        )
 
     def check_link(self, status: LinkStatus, now_s: float) -> GuardFinding | None:
         """Return the first finding of the link's status."""
@@ -463,16 +592,25 @@ class Guards:
 
     def _check(self, guard: Guard, now_s: float) -> GuardFinding | None:
         numbers, view = guard.find(self._view), self._view
-        is_beyond, for_s, memory_s = numbers is not None, _lasts_s(guard, view.config), guard.memory_s
+        is_beyond, for_s, memory_s = (
+            numbers is not None,
+            _lasts_s(guard, view.config),
+            guard.memory_s,
+        )
         if memory_s > 0.0:
             # Of time beyond the limit without a break, a part has been forgotten by then.
-            held_s, for_s = self._recent[guard.id].add(is_beyond, now_s), -memory_s * math.expm1(-for_s / memory_s)
+            held_s, for_s = (
+                self._recent[guard.id].add(is_beyond, now_s),
+                -memory_s * math.expm1(-for_s / memory_s),
+            )
         else:
             held_s = self._since.held_s(guard.id, is_beyond, now_s)
         step, most = guard.step, guard.most
         if guard.id == "guard.unseen" and view.separation is not None:
             config = view.separation.config
-            is_long = self._since.held_s("unseen long", is_beyond, now_s) >= config.unknown_s - ROUNDING_S
+            is_long = (
+                self._since.held_s("unseen long", is_beyond, now_s) >= config.unknown_s - ROUNDING_S
+            )
             step = most = UNSEEN_STEPS[config.unknown] if is_long else GuardAction.WARN
         if guard.id == "guard.separation" and (near := view.nearest()) is not None and near.beneath:
             step = most = GuardAction.HOLD  # the lower one lands: down upon another would be worse

@@ -1,15 +1,18 @@
 """Pose health: are the poses this vehicle's, and new? One state from few tests. Sans-IO.
 
-A pose is believed as long as it responds to the commands. The tests, each derived in docs/explanation/trust.md:
+A pose is believed as long as it responds to the commands. The tests, each derived in
+docs/explanation/trust.md:
 
-- response of attitude, position and height to the commands (:mod:`groundstation.core.safety.pose_response`);
-- acceleration beyond 1 g that no command explains (:class:`groundstation.core.safety.pose_gate.PushMonitor`);
+- response of attitude, position and height to the commands
+  (:mod:`groundstation.core.safety.pose_response`);
+- acceleration beyond 1 g that no command explains
+  (:class:`groundstation.core.safety.pose_gate.PushMonitor`);
 - frozen position: constant along a direction, though the model moves;
 - yaw rate that no command explains;
 - height behind the thrust, just off the floor.
 
-In ``SUSPECT`` the pilot flies excitation tones until the response is known; nothing else changes. ``FAILED`` is final:
-the mission comes down by what still responds.
+In ``SUSPECT`` the pilot flies excitation tones until the response is known; nothing else changes.
+``FAILED`` is final: the mission comes down by what still responds.
 """
 
 import math
@@ -65,52 +68,57 @@ class Failure(NamedTuple):
 SHORTEST_S = BLOCKS[0] * BLOCK_S
 """Length of the shortest window, in which the beginning of a fault may be hidden [s]."""
 CALM_ALARM = 0.25
-"""Alarm below which the poses are above suspicion [-]: the estimate of that time may be returned to."""
+"""Alarm below which the poses are above suspicion [-]: the estimate of that time may be returned
+to."""
 SUSPECT_M_S2 = 2.0
-"""Difference of the estimated disturbance from its mean of the last seconds from which the poses are suspect [m/s²]:
-gusts of `storm` come to 1.6."""
+"""Difference of the estimated disturbance from its mean of the last seconds from which the poses
+are suspect [m/s²]: gusts of `storm` come to 1.6."""
 SUSPECT_S = 1.0
 """Longest duration of ``SUSPECT`` [s]."""
 SETTLE_S = 1.5 / PASS_RAD_S
 """Time until the initial speed of the high pass, known to .1 m/s, has no more effect [s]."""
 
 OUTAGE_INTERVALS = 3.0
-"""Interval from which a pose is after an outage, and not evaluated, in mean intervals [-]: a window of .4 s would
-depend on one sample of gust and tone."""
+"""Interval from which a pose is after an outage, and not evaluated, in mean intervals [-]: a window
+of .4 s would depend on one sample of gust and tone."""
 INTERVAL_SHARE = 0.2
 """Weight of the newest interval in their mean [-]."""
 
 STOPPED_S = 0.15
-"""Time for which the position of a moving vehicle must be constant to be frozen [s]: wind that reverses a motion keeps
-it within 2 mm for a shorter time."""
+"""Time for which the position of a moving vehicle must be constant to be frozen [s]: wind that
+reverses a motion keeps it within 2 mm for a shorter time."""
 SPEED_S = 0.05
-"""Time over which the speed before that is measured [s]: the model's alone is wrong after an outage in gusts, and a
-difference of two poses is noise."""
+"""Time over which the speed before that is measured [s]: the model's alone is wrong after an outage
+in gusts, and a difference of two poses is noise."""
 STOPPED_POSES = 4
-"""Least number of poses at a constant position [-]: two poses around an outage may agree by chance."""
+"""Least number of poses at a constant position [-]: two poses around an outage may agree by
+chance."""
 DRIVEN_S = 0.3
-"""Time for which the position of a vehicle at rest must be constant, though commands accelerate it, to be suspect [s]:
-wind that the law rejects has the same effect."""
+"""Time for which the position of a vehicle at rest must be constant, though commands accelerate it,
+to be suspect [s]: wind that the law rejects has the same effect."""
 DRIVEN_M_S2 = 1.5
-"""Mean acceleration of the model meanwhile, beside the wind before, from which the position is frozen [m/s²]: wind that
-the law rejected came to 1.05 in 80 flights of `adverse` and `storm`."""
+"""Mean acceleration of the model meanwhile, beside the wind before, from which the position is
+frozen [m/s²]: wind that the law rejected came to 1.05 in 80 flights of `adverse` and `storm`."""
 DRIVEN_WAYS = 10.0
 """Displacement of the model meanwhile, as a multiple of the range that counts as constant [-]."""
 STOP_S = 2.0 * DRIVEN_S
-"""Time after which a constant position is a vehicle at rest, not a stop [s]: the model would drift from it."""
+"""Time after which a constant position is a vehicle at rest, not a stop [s]: the model would drift
+from it."""
 STOPPED_M_S = 0.15
-"""Least speed before a stop, and of the model since [m/s]: only a collision takes so much within a pose; less is
-explained by wind. Where noise hides more than 1 mm, the speed counts that a push turns back within it."""
+"""Least speed before a stop, and of the model since [m/s]: only a collision takes so much within a
+pose; less is explained by wind. Where noise hides more than 1 mm, the speed counts that a push
+turns back within it."""
 MISTIMED_S = 0.025
-"""Delay of the commands that may be configured wrong [s], and so the model's speed by as much of its acceleration: a
-radio's frame period (`alarms --floors`)."""
+"""Delay of the commands that may be configured wrong [s], and so the model's speed by as much of
+its acceleration: a radio's frame period (`alarms --floors`)."""
 
 YAW_RAD_S = 0.15
 """Mean yaw rate beyond the commanded ones that fails the poses [rad/s]: `storm` comes to .04."""
 YAW_MEMORY_S = 1.0
 """Time constant of that mean [s]."""
 YAW_LATE_S = 0.55
-"""Largest delay of an autopilot's yaw behind its command [s]: PX4 and ArduPilot took .35 s (`autopilots`)."""
+"""Largest delay of an autopilot's yaw behind its command [s]: PX4 and ArduPilot took .35 s
+(`autopilots`)."""
 
 BEHIND_M = 0.06
 """Height that may be missing there, beside noise [m]: the error of the hover thrust at lift-off."""
@@ -136,7 +144,9 @@ class Standstill(NamedTuple):
 
 
 class StopDetector:
-    """Detector of a position that stops dead while the model moves on, along each direction of :func:`_project`."""
+    """Detector of a position that stops dead while the model moves on, along each direction of
+    :func:`_project`.
+    """
 
     def __init__(self) -> None:
         self.is_driven = False
@@ -159,7 +169,9 @@ class StopDetector:
             noise_m: noise of positions, 1 sigma per axis [m].
         """
         stopped_s, now_s, room_m, self.is_driven = None, pose.time_s, SIGNIFICANT * noise_m, False
-        slow_m_s = max(STOPPED_M_S, math.sqrt(2.0 * PUSH_M_S2 * room_m))  # a push turns a slower motion back within it
+        slow_m_s = max(
+            STOPPED_M_S, math.sqrt(2.0 * PUSH_M_S2 * room_m)
+        )  # a push turns a slower motion back within it
         positions, pushes = _project(pose.position_ned), _project(push)
         others, speeds, recent = _project(disturbance), _project(before.velocity), self._recent
         while len(recent) > 1 and recent[1][0] <= now_s - SPEED_S:
@@ -169,7 +181,11 @@ class StopDetector:
         stops, self._stops = self._stops, []
         for i, position in enumerate(positions):
             stop = stops[i] if stops else None
-            if stop is None or now_s - stop.since_s > STOP_S or not abs(position - stop.position_m) <= room_m:
+            if (
+                stop is None
+                or now_s - stop.since_s > STOP_S
+                or not abs(position - stop.position_m) <= room_m
+            ):
                 began, other = speeds[i], others[i]
                 measured = (position - from_positions[i]) / (now_s - then_s)
                 moved = min(began, measured, key=abs) if began * measured > 0.0 else 0.0
@@ -188,13 +204,17 @@ class StopDetector:
                 continue
             driven = lasts_s >= DRIVEN_S and abs(way) > DRIVEN_WAYS * room_m
             self.is_driven |= driven
-            if abs(moved) > least_m_s or (driven and abs(way) > 0.5 * DRIVEN_M_S2 * lasts_s * lasts_s):
+            if abs(moved) > least_m_s or (
+                driven and abs(way) > 0.5 * DRIVEN_M_S2 * lasts_s * lasts_s
+            ):
                 stopped_s = since_s
         return stopped_s
 
 
 def _project(vector: Vec3) -> tuple[float, ...]:
-    """Components of a vector [NED] along five directions: the axes, and both diagonals of north and east."""
+    """Components of a vector [NED] along five directions: the axes, and both diagonals of north and
+    east.
+    """
     x, y, z = vector
     p, q = DIAGONAL * x, DIAGONAL * y
     return (x, y, p + q, q - p, z)
@@ -208,7 +228,9 @@ class YawMonitor:
         """Times [s] and commanded yaw rates [rad/s] of the last ``YAW_LATE_S``."""
         self._rate = 0.0
 
-    def add_pose(self, time_s: float, measured_rad_s: float, commanded_rad_s: float, dt_s: float) -> float:
+    def add_pose(
+        self, time_s: float, measured_rad_s: float, commanded_rad_s: float, dt_s: float
+    ) -> float:
         """Take one pose; return the mean rate [rad/s]."""
         commands = self._commands
         commands.append((time_s, commanded_rad_s))
@@ -224,7 +246,10 @@ class ClimbMonitor:
     """Comparison of the height just off the floor with the thrust."""
 
     def __init__(self, hover_share: float, climb_m_s: float, gravity: float) -> None:
-        """``hover_share``: hover thrust as a share of the configured weight [-]; ``climb_m_s``: climb speed [m/s]."""
+        """``hover_share``: hover thrust as a share of the configured weight [-].
+
+        ``climb_m_s``: climb speed [m/s].
+        """
         self._share, self._speed, self._gravity = hover_share, climb_m_s, gravity
         self._measured_m = self._expected_m = self._since_s = 0.0
 
@@ -233,12 +258,15 @@ class ClimbMonitor:
         """Whether the vehicle has climbed out of the range of this test."""
         return self._measured_m > FIRST_CLIMB_M
 
-    def add_pose(self, rise_m: float, impulse_m_s: float, reach_m: float, dt_s: float, noise_m: float) -> bool:
+    def add_pose(
+        self, rise_m: float, impulse_m_s: float, reach_m: float, dt_s: float, noise_m: float
+    ) -> bool:
         """Take one pose; return whether the height is behind its thrust.
 
         Args:
             rise_m: height gained since the pose before [m].
-            impulse_m_s: downward speed that the thrust has given since, below 0, for the configured mass [m/s].
+            impulse_m_s: downward speed that the thrust has given since, below 0, for the configured
+                mass [m/s].
             reach_m: displacement by that speed [m].
             dt_s: time since then [s].
             noise_m: noise of positions, 1 sigma per axis [m].
@@ -262,12 +290,18 @@ class TurnTests:
         self.yaw_alarm = 0.0
         """Mean yaw rate as a share of what fails the poses [-]."""
 
-    def add(self, time_s: float, measured: Vec3, turn: Vec3, tones_rad: tuple[float, float], dt_s: float) -> None:
-        """Take the ``measured`` turn since the pose before, the model's, and the tones' in roll and pitch [rad]."""
+    def add(
+        self, time_s: float, measured: Vec3, turn: Vec3, tones_rad: tuple[float, float], dt_s: float
+    ) -> None:
+        """Take the ``measured`` turn since the pose before, the model's, and the tones' in roll and
+        pitch [rad].
+        """
         x, y, model_x, model_y, u, v = self._pass.step([*measured[:2], *turn[:2], *tones_rad], dt_s)
         self._response.add((x - model_x, y - model_y), (u, v), (model_x - u, model_y - v), dt_s)
         self._lateness.add(time_s, (x, y), (model_x, model_y), dt_s)
-        self.yaw_alarm = self._yaw.add_pose(time_s, measured[2] / dt_s, turn[2] / dt_s, dt_s) / YAW_RAD_S
+        self.yaw_alarm = (
+            self._yaw.add_pose(time_s, measured[2] / dt_s, turn[2] / dt_s, dt_s) / YAW_RAD_S
+        )
 
     def look(self) -> Alarm:
         """Return the alarm of all windows that end now."""
@@ -306,15 +340,17 @@ class PlaceTests:
             measured: displacement since the pose before [m, NED].
             push: speed that commands and gravity have given since [m/s, NED].
             way: their displacement beside that by the speed before [m, NED].
-            tones_m: displacement by the tones [m, NED]; None where no command depends on the position, so that all
-                motion counts as the tones'.
+            tones_m: displacement by the tones [m, NED]; None where no command depends on the
+                position, so that all motion counts as the tones'.
             dt_s: time since then [s].
         """
         u, v, w = self._speed
         model = (dt_s * u + way[0], dt_s * v + way[1], dt_s * w + way[2])
         self._speed = (u + push[0], v + push[1], w + push[2])
         self.model_m = add(self.model_m, model)
-        sx, sy, sz, mx, my, mz, ux, uy, uz = self._pass.step([*measured, *model, *(tones_m or model)], dt_s)
+        sx, sy, sz, mx, my, mz, ux, uy, uz = self._pass.step(
+            [*measured, *model, *(tones_m or model)], dt_s
+        )
         if tones_m is None:
             ux, uy, uz = mx, my, mz
         self._settled_s += dt_s
@@ -325,7 +361,9 @@ class PlaceTests:
             self._height.add((sz - mz,), (uz,), (mz - uz,), dt_s)
 
     def look(self, noise_m: float) -> tuple[Alarm, Alarm]:
-        """Return the alarms of the lateral position and of the height, of all windows that end now."""
+        """Return the alarms of the lateral position and of the height, of all windows that end
+        now.
+        """
         return self._across.look(noise_m), self._height.look(noise_m)
 
 
@@ -339,7 +377,8 @@ class PoseHealth:
         self.reason_id = ""
         """Id of the sentence why the poses are suspect or have failed; empty while they are OK."""
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
-        """Evidence against attitude, position, and the larger of all, as shares of what fails the poses [-]."""
+        """Evidence against attitude, position, and the larger of all, as shares of what fails the
+        poses [-]."""
         self.push_alarm = 0.0
         """Acceleration that no command explains, as a share of what fails the position [-]."""
         self.is_confirmed = False
@@ -349,8 +388,8 @@ class PoseHealth:
         self.believed_until_s = -math.inf
         """Instant up to which the estimate is believed, should the poses fail now [s]."""
         self.is_attitude_usable = self.is_position_usable = True
-        """Whether attitude, and position with heading, may be flown by: no evidence has contradicted them, or they have
-        responded since then."""
+        """Whether attitude, and position with heading, may be flown by: no evidence has
+        contradicted them, or they have responded since then."""
         self.windows = 0
         """Evaluations so far."""
         self.autopilot_agrees: bool | None = None
@@ -373,7 +412,9 @@ class PoseHealth:
         self.attitude_alarm = self.position_alarm = self.alarm = self.push_alarm = 0.0
 
     def lift_off(self, hover_share: float, climb_m_s: float) -> None:
-        """Take the state at lift-off: hover thrust as a share of the weight [-], and climb speed [m/s]."""
+        """Take the state at lift-off: hover thrust as a share of the weight [-], and climb speed
+        [m/s].
+        """
         self.restart()
         self._hover_share = hover_share
         self._climb = ClimbMonitor(hover_share, climb_m_s, self._gravity)
@@ -438,12 +479,15 @@ class PoseHealth:
         measured = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
         self._turns.add(pose.time_s, measured, turn, tones_rad, dt)
         self._add_position(pose, last, response, None if is_blind else tones_m, dt, noise_m)
-        self.push_alarm = self._pushes.add(pose.time_s, pose.position_ned, self._places.model_m, moving_noise_m)
+        self.push_alarm = self._pushes.add(
+            pose.time_s, pose.position_ned, self._places.model_m, moving_noise_m
+        )
         if may_stop and self.push_alarm >= 1.0:
             self._fail_part("pose.position_mirrored", pose.time_s - 2.0 * PUSH_BASE_S)
         per_kg, (x, y, z) = effectiveness * self._per_newton / dt, response.impulse
         push = (per_kg * x, per_kg * y, per_kg * z + self._gravity)
-        # An estimate with a velocity of its own uses inertial sensors: it wanders, and does not stop dead.
+        # An estimate with a velocity of its own uses inertial sensors: it wanders, and does not
+        # stop dead.
         if may_stop and pose.velocity_ned is None:
             since_s = self._stops.add_pose(pose, before, push, disturbance, dt, noise_m)
             if since_s is not None:
@@ -456,9 +500,16 @@ class PoseHealth:
             self._look(pose.time_s, moving_noise_m)
 
     def _add_position(
-        self, pose: Pose, last: Pose, response: ActuatorResponse, tones_m: Vec3 | None, dt: float, noise_m: float
+        self,
+        pose: Pose,
+        last: Pose,
+        response: ActuatorResponse,
+        tones_m: Vec3 | None,
+        dt: float,
+        noise_m: float,
     ) -> None:
-        # The hover thrust contains the error of the configured thrust scale; the model's acceleration is scaled by it.
+        # The hover thrust contains the error of the configured thrust scale; the model's
+        # acceleration is scaled by it.
         m, g = self._per_newton / self._hover_share, self._gravity
         impulse, reach = response.impulse, response.reach
         push = (m * impulse[0], m * impulse[1], m * impulse[2] + g * dt)
@@ -466,7 +517,9 @@ class PoseHealth:
         measured = subtract(pose.position_ned, last.position_ned)
         if self._climb is not None:
             per_n = self._per_newton
-            behind = self._climb.add_pose(-measured[2], per_n * impulse[2], per_n * reach[2], dt, noise_m)
+            behind = self._climb.add_pose(
+                -measured[2], per_n * impulse[2], per_n * reach[2], dt, noise_m
+            )
             self._climb = None if self._climb.is_over else self._climb
             if behind:
                 self._fail_part("pose.height_behind", -math.inf)
@@ -482,7 +535,9 @@ class PoseHealth:
         self.alarm = max(self.attitude_alarm, self.position_alarm)
         self.is_confirmed = turns.is_known and places.is_known and self.alarm < SUSPECT_ALARM
         if self.is_attitude_usable and self.alarm < CALM_ALARM:
-            self.is_position_usable = self.is_position_usable or (places.is_known and heights.is_known)
+            self.is_position_usable = self.is_position_usable or (
+                places.is_known and heights.is_known
+            )
         if self.alarm < CALM_ALARM and not self.has_failed:
             self.calm_s = now_s
             self.believed_until_s = now_s - SHORTEST_S
@@ -501,7 +556,9 @@ class PoseHealth:
             self._fail_part("pose.position_no_answer", before_s)
         elif self.alarm >= SUSPECT_ALARM:
             self.suspect(now_s)
-        if self.state is HealthState.SUSPECT and (self.is_confirmed or now_s - self._suspect_s >= SUSPECT_S):
+        if self.state is HealthState.SUSPECT and (
+            self.is_confirmed or now_s - self._suspect_s >= SUSPECT_S
+        ):
             self.state, self.reason_id = HealthState.OK, ""
 
     def suspect(self, now_s: float) -> None:
@@ -517,7 +574,10 @@ class PoseHealth:
         self.fail(reason_id, since_s)
 
     def fail(self, reason_id: str, since_s: float) -> None:
-        """End the flight for the sentence ``reason_id``; poses after ``since_s`` [s] are not believed."""
+        """End the flight for the sentence ``reason_id``.
+
+        Poses after ``since_s`` [s] are not believed.
+        """
         if self.state is not HealthState.FAILED:
             self.state, self.reason_id = HealthState.FAILED, reason_id
             self.believed_until_s = min(self.believed_until_s, since_s)

@@ -1,12 +1,15 @@
-"""Latency of the poses and of the vehicle's response beyond the configured one, by least squares. Sans-IO.
+"""Latency of the poses and of the vehicle's response beyond the configured one, by least squares.
 
-ω are the body rates of the model, or those measured by the autopilot's gyros. They turn the direction of gravity in
-the body's axes by ġ = -ω × g. Poses that are late by δ have this direction off by e = -δ ġ, and δ is the least-squares
-fit of that over the last seconds. Slow differences (a mounting offset, a leaning attitude estimate) are taken out of
-both sides first. The heading takes no part.
+Sans-IO.
 
-Against the model, δ is the latency of the poses plus lag and delay of the body rates. Against the autopilot's attitude,
-δ is the latency of the poses alone.
+ω are the body rates of the model, or those measured by the autopilot's gyros. They turn the
+direction of gravity in the body's axes by ġ = -ω × g. Poses that are late by δ have this direction
+off by e = -δ ġ, and δ is the least-squares fit of that over the last seconds. Slow differences (a
+mounting offset, a leaning attitude estimate) are taken out of both sides first. The heading takes
+no part.
+
+Against the model, δ is the latency of the poses plus lag and delay of the body rates. Against the
+autopilot's attitude, δ is the latency of the poses alone.
 """
 
 import math
@@ -22,12 +25,14 @@ from links.text import to_ms
 MEMORY_S = 20.0
 """Time constant of the fit [s]: a minute of flight resolves 1 ms."""
 SLOW_S = 0.5
-"""Time constant of the means that are taken out of both sides [s]: longer than any latency, shorter than a drift."""
+"""Time constant of the means that are taken out of both sides [s]: longer than any latency, shorter
+than a drift."""
 REPORT_S = 0.010
-"""Least latency of the response, and least change of any latency, that is reported [s]: no first-order lag with a delay
-describes rates better."""
+"""Least latency of the response, and least change of any latency, that is reported [s]: no
+first-order lag with a delay describes rates better."""
 POSE_REPORT_S = 0.008
-"""Least latency against the autopilot's attitude that is reported [s]: autopilots send their last loop's."""
+"""Least latency against the autopilot's attitude that is reported [s]: autopilots send their last
+loop's."""
 RESPONSE_SAMPLES = 200
 """Samples before a latency of the response is reported [-]: 4 s at 50 Hz."""
 SAMPLE_S = 0.02
@@ -45,7 +50,9 @@ class LatencyFit:
     """Least-squares fit of δ in e = -δ ġ."""
 
     def __init__(self, memory_s: float, least_samples: float) -> None:
-        """``memory_s`` is the time constant of forgetting [s], ``least_samples`` are needed for an estimate."""
+        """``memory_s`` is the time constant of forgetting [s], ``least_samples`` are needed for an
+        estimate.
+        """
         self._memory_s, self._least_samples = memory_s, least_samples
         self._slow: Signals = (0.0, 0.0, 0.0, 0.0)
         """Slow means of the signals."""
@@ -108,8 +115,8 @@ class ResponseLatency:
             return
         p, q, r = modelled_turn
         u, v = (r * b - q * c) / dt, (p * c - r * a) / dt
-        # The integrated direction is pulled to the measured one with time constant SLOW_S, as a slow mean is; the slow
-        # mean of its rate is taken out, too.
+        # The integrated direction is pulled to the measured one with time constant SLOW_S, as a
+        # slow mean is; the slow mean of its rate is taken out, too.
         gain = dt / SLOW_S
         e, f = a - model[0] - dt * u, b - model[1] - dt * v
         self._model = a - (1.0 - gain) * e, b - (1.0 - gain) * f
@@ -118,14 +125,17 @@ class ResponseLatency:
 
     @property
     def late_s(self) -> float | None:
-        """Latency beyond the configured one [s]; None if it is too small to report, or may be chance."""
+        """Latency beyond the configured one [s].
+
+        None if it is too small to report, or may be chance.
+        """
         return self._fit.late_s(REPORT_S)
 
     def describe_news(self, poses: tuple[float, float] | None) -> Sentence | None:
         """Sentence for the operator about a latency that was not reported yet.
 
-        ``poses`` is the latency of the poses alone beyond the configured one, and its standard deviation [s]; None
-        where the autopilot's attitude does not determine it.
+        ``poses`` is the latency of the poses alone beyond the configured one, and its standard
+        deviation [s]; None where the autopilot's attitude does not determine it.
         """
         late = self.late_s
         if late is None:
@@ -139,7 +149,10 @@ class ResponseLatency:
 
 
 class PoseLatency:
-    """Latency of one vehicle's poses behind its autopilot's attitude. Times are on the event loop's clock [s]."""
+    """Latency of one vehicle's poses behind its autopilot's attitude.
+
+    Times are on the event loop's clock [s].
+    """
 
     def __init__(self, memory_s: float = MEMORY_S) -> None:
         """Begin without a pose; ``memory_s`` is the time constant of forgetting [s]."""
@@ -150,7 +163,10 @@ class PoseLatency:
         self._reported_s = 0.0
 
     def add_attitude(self, reported: Attitude) -> None:
-        """Take an attitude reported by the autopilot; one without body rates has no instant and is ignored."""
+        """Take an attitude reported by the autopilot.
+
+        One without body rates has no instant and is ignored.
+        """
         if reported.rates_rad_s is None:
             return
         if not self._attitudes or reported.time_s > self._attitudes[-1].time_s:
@@ -173,7 +189,9 @@ class PoseLatency:
                 self._compare(reported, *interpolate(before, (x, y), share))
 
     def _compare(self, reported: Attitude, x: float, y: float) -> None:
-        """Compare one attitude with the poses, which have gravity along ``x`` and ``y`` of the body at its instant."""
+        """Compare one attitude with the poses, which have gravity along ``x`` and ``y`` of the body
+        at its instant.
+        """
         a, b, c = third_row(reported.attitude)
         assert reported.rates_rad_s is not None, "others are not kept"
         p, q, r = reported.rates_rad_s
@@ -191,7 +209,10 @@ class PoseLatency:
 
     @property
     def late_s(self) -> float | None:
-        """Latency beyond the configured one [s]; None if it is too small to report, or may be chance."""
+        """Latency beyond the configured one [s].
+
+        None if it is too small to report, or may be chance.
+        """
         return self._fit.late_s(POSE_REPORT_S)
 
     def describe_news(self, clock_error_s: float) -> Sentence | None:
@@ -200,7 +221,11 @@ class PoseLatency:
         ``clock_error_s`` is the largest error of the autopilot's clock [s]: half of a round trip.
         """
         late = self.late_s
-        if late is None or abs(late - self._reported_s) < REPORT_S or abs(late) < POSE_REPORT_S + clock_error_s:
+        if (
+            late is None
+            or abs(late - self._reported_s) < REPORT_S
+            or abs(late) < POSE_REPORT_S + clock_error_s
+        ):
             return None
         self._reported_s = late
         return notice("latency.poses", late=describe_latency(late), late_ms=to_ms(late))

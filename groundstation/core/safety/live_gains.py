@@ -1,9 +1,11 @@
-"""Gains that are changed in flight: within bounds, slowly, and reverted where the flight gets worse. Sans-IO.
+"""Gains that are changed in flight: within bounds, slowly, and reverted where the flight gets
+worse. Sans-IO.
 
-A change is a linear ramp of two seconds. The flight after it is compared with the ten seconds before it: where the mean
-square of the error, or the mean of V, has risen too far, the gain is reverted. That happens as soon as the integral
-exceeds its limit for the whole time, so a bad change does not last. A change is also reverted where the flight goes on
-to another phase, or lands, before the comparison is over.
+A change is a linear ramp of two seconds. The flight after it is compared with the ten seconds
+before it: where the mean square of the error, or the mean of V, has risen too far, the gain is
+reverted. That happens as soon as the integral exceeds its limit for the whole time, so a bad change
+does not last. A change is also reverted where the flight goes on to another phase, or lands, before
+the comparison is over.
 """
 
 import math
@@ -81,7 +83,11 @@ class LiveGains:
     @property
     def now(self) -> dict[str, float]:
         """Present values of the gains that may be changed, by configuration key."""
-        return {} if self.gains is None else {PREFIX + name: float(getattr(self.gains, name)) for name in LIVE}
+        return (
+            {}
+            if self.gains is None
+            else {PREFIX + name: float(getattr(self.gains, name)) for name in LIVE}
+        )
 
     def set(self, key: str, value: float, now_s: float) -> Reply:
         """Begin to change the gain ``key`` (``controller.k2``) to ``value``, or reply why not."""
@@ -89,7 +95,9 @@ class LiveGains:
         if gains is None:
             return Reply.of(False, notice("gain.none"))
         if not key.startswith(PREFIX) or name not in LIVE:
-            return Reply.of(False, notice("gain.unknown", key=key, keys=", ".join(PREFIX + one for one in LIVE)))
+            return Reply.of(
+                False, notice("gain.unknown", key=key, keys=", ".join(PREFIX + one for one in LIVE))
+            )
         now = getattr(gains, name)
         try:
             msgspec.convert({**msgspec.structs.asdict(gains), name: value}, type(gains))
@@ -97,14 +105,20 @@ class LiveGains:
             return Reply.of(False, notice("gain.invalid", key=key, why=locate(error)[1]))
         low, high = now / STEP_FACTOR, now * STEP_FACTOR
         if not low <= value <= high:
-            return Reply.of(False, notice("gain.step", key=key, now=now, low=low, high=high, value=value))
+            return Reply.of(
+                False, notice("gain.step", key=key, now=now, low=low, high=high, value=value)
+            )
         trial = self._trial
         if trial is not None and (name, value) == (trial.move.name, trial.move.old):
             self._revert(trial, now_s)
             return Reply.of(True, notice("gain.back", key=key, value=value))
         if trial is not None or self._move is not None:
             return Reply.of(False, notice("gain.busy", key=key))
-        if not self._past or now_s - self._past[0][0] < JUDGED_S - STALL_S or now_s - self._past[-1][0] > STALL_S:
+        if (
+            not self._past
+            or now_s - self._past[0][0] < JUDGED_S - STALL_S
+            or now_s - self._past[-1][0] > STALL_S
+        ):
             return Reply.of(False, notice("gain.too_early", key=key, before_s=JUDGED_S))
         squares, v = self._means()
         span = RAMP_S + JUDGED_S
@@ -145,11 +159,19 @@ class LiveGains:
             return notice("gain.unproven", key=key, value=trial.move.old)
         self._squares += squared * dt
         self._v += v * dt
-        worse = "the RMS error" if not self._squares <= trial.squares else "" if self._v <= trial.v else "V"
+        worse = (
+            "the RMS error"
+            if not self._squares <= trial.squares
+            else ""
+            if self._v <= trial.v
+            else "V"
+        )
         if worse:
             self._revert(trial, time_s)
             factor = RMS_FACTOR if worse != "V" else V_FACTOR
-            return notice("gain.worse", key=key, value=trial.move.old, worse=worse, factor=factor).as_warning()
+            return notice(
+                "gain.worse", key=key, value=trial.move.old, worse=worse, factor=factor
+            ).as_warning()
         if time_s - trial.move.start_s >= RAMP_S + JUDGED_S:
             self._trial = None
             return notice("gain.stays", key=key, value=trial.move.new)

@@ -1,4 +1,7 @@
-"""Monitors of one flight, handed in: health of the poses and guards. A study flies with others of its own. Sans-IO."""
+"""Monitors of one flight, handed in: health of the poses and guards.
+
+A study flies with others of its own. Sans-IO.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -13,7 +16,8 @@ class Monitors(NamedTuple):
     health: Callable[[float, float], PoseHealth] = PoseHealth
     """Factory of the monitor of the poses, from mass [kg] and g [m/s²]."""
     guards: Callable[..., Guards] = Guards
-    """Factory of the guards; for the arguments see :class:`groundstation.core.safety.guards.Guards`."""
+    """Factory of the guards; for the arguments see
+    :class:`groundstation.core.safety.guards.Guards`."""
 
 
 MONITORS = Monitors()

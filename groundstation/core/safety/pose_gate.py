@@ -1,9 +1,9 @@
 """Pose gate: rejects poses that the vehicle cannot have reached from the last ones. Sans-IO.
 
-Two believed poses give position and velocity. From one pose to the next the model adds the effect of the commands, and
-no hand, gust or cable adds more than ``PUSH_M_S2``. After a rejected pose only the model is known: poses are believed
-again where they fit its position and its velocity. A rejected pose is no pose: after ``flight.coast_s`` the descent
-begins.
+Two believed poses give position and velocity. From one pose to the next the model adds the effect
+of the commands, and no hand, gust or cable adds more than ``PUSH_M_S2``. After a rejected pose only
+the model is known: poses are believed again where they fit its position and its velocity. A
+rejected pose is no pose: after ``flight.coast_s`` the descent begins.
 """
 
 import math
@@ -16,19 +16,22 @@ from groundstation.core.safety.significance import HIGHLY_SIGNIFICANT
 from groundstation.core.vehicle import Motion
 
 PUSH_M_S2 = 10.0
-"""Largest acceleration beside the commanded one [m/s²]: 1 g, more than any hand gives a vehicle in flight."""
+"""Largest acceleration beside the commanded one [m/s²]: 1 g, more than any hand gives a vehicle in
+flight."""
 HELD_SHARE = 1.2
-"""Acceleration that what holds the vehicle may take, as a share of what the commands give [-]: 1 at rest, more where a
-cable springs; swapped axes seem to take 1.41."""
+"""Acceleration that what holds the vehicle may take, as a share of what the commands give [-]: 1 at
+rest, more where a cable springs; swapped axes seem to take 1.41."""
 DRIFT_M_S2 = 1.0
-"""Error of the model's acceleration while no pose is believed [m/s²]: gusts of `storm`, one sigma."""
+"""Error of the model's acceleration while no pose is believed [m/s²]: gusts of `storm`, one
+sigma."""
 BASE_S = 0.018
-"""Least time over which a velocity is taken from two poses [s]: at 50 Hz that is one interval; faster poses are too
-noisy one by one."""
+"""Least time over which a velocity is taken from two poses [s]: at 50 Hz that is one interval;
+faster poses are too noisy one by one."""
 REJOIN_BASE_S = 3.0 * BASE_S
 """Least time after a rejected pose over which a velocity is taken from two poses [s]."""
 PUSH_BASE_S = REJOIN_BASE_S
-"""Time over which each of two successive velocities is taken for the acceleration between them [s]."""
+"""Time over which each of two successive velocities is taken for the acceleration between them
+[s]."""
 REJOIN_M = 0.003
 """Error of the model's position at a rejected pose [m]: the estimate's own error in `storm`."""
 REJOIN_M_S = 0.05
@@ -91,13 +94,18 @@ class PoseGate:
         k, half = dt / h, 0.5 * (dt + h)
         expected = [
             p + k * (p - q) + half * (u - v)
-            for p, q, u, v in zip(last.position_ned, base.position_ned, ahead.velocity, now.velocity, strict=True)
+            for p, q, u, v in zip(
+                last.position_ned, base.position_ned, ahead.velocity, now.velocity, strict=True
+            )
         ]
         noise = HIGHLY_SIGNIFICANT * noise_m * math.sqrt(1.0 + (1.0 + k) ** 2 + k * k)
         return math.dist(pose.position_ned, expected) <= noise + PUSH_M_S2 * dt * half
 
     def _rejoins(self, pose: Pose, ahead: Motion, noise_m: float) -> bool:
-        """Whether ``pose`` and the rejected ones before it fit the model; then they are believed."""
+        """Whether ``pose`` and the rejected ones before it fit the model.
+
+        Then they are believed.
+        """
         base = _newest_before(self._rejected, pose.time_s - REJOIN_BASE_S)
         self._rejected.append(pose)
         if base is None:
@@ -107,9 +115,14 @@ class PoseGate:
             (p - q) / h for p, q in zip(pose.position_ned, base.position_ned, strict=True)
         )
         noise = HIGHLY_SIGNIFICANT * noise_m
-        place_m = 2.0 * noise + REJOIN_M + REJOIN_M_S * since_s + 0.5 * DRIFT_M_S2 * since_s * since_s
+        place_m = (
+            2.0 * noise + REJOIN_M + REJOIN_M_S * since_s + 0.5 * DRIFT_M_S2 * since_s * since_s
+        )
         speed_m_s = 1.5 * noise / h + REJOIN_M_S + DRIFT_M_S2 * since_s
-        if math.dist(pose.position_ned, ahead.position) > place_m or math.dist(speed, ahead.velocity) > speed_m_s:
+        if (
+            math.dist(pose.position_ned, ahead.position) > place_m
+            or math.dist(speed, ahead.velocity) > speed_m_s
+        ):
             return False
         self._believed.clear()
         self._believed.extend(self._rejected)
@@ -118,18 +131,20 @@ class PoseGate:
 
 
 class PushMonitor:
-    """Monitor of the acceleration that no command explains, over intervals in which noise is small against it.
+    """Monitor of the acceleration that no command explains, over intervals in which noise is small
+    against it.
 
-    From one pose to the next 1 g may be hidden in the noise. A push is up to 1 g, and what holds a vehicle takes
-    little more than its commands give. A mirrored position seems pushed against the commands by twice what they
-    give: by more than both from a tilt of 30 degrees on.
+    From one pose to the next 1 g may be hidden in the noise. A push is up to 1 g, and what holds a
+    vehicle takes little more than its commands give. A mirrored position seems pushed against the
+    commands by twice what they give: by more than both from a tilt of 30 degrees on.
     """
 
     def __init__(self) -> None:
         self._path: deque[_PathPoint] = deque(maxlen=KEPT)
 
     def add(self, time_s: float, measured_m: Vec3, model_m: Vec3, noise_m: float) -> float:
-        """Take one pose; return the unexplained acceleration as a share of the largest that is believed [-].
+        """Take one pose; return the unexplained acceleration as a share of the largest that is
+        believed [-].
 
         Args:
             time_s: its instant [s].
@@ -145,7 +160,13 @@ class PushMonitor:
         h, k = middle.time_s - first.time_s, time_s - middle.time_s
         measured = _accelerate(first.measured_m, middle.measured_m, measured_m, h, k)
         model = _accelerate(first.model_m, middle.model_m, model_m, h, k)
-        noise_m_s2 = 2.0 / (h + k) * HIGHLY_SIGNIFICANT * noise_m * math.hypot(1.0 / h, 1.0 / h + 1.0 / k, 1.0 / k)
+        noise_m_s2 = (
+            2.0
+            / (h + k)
+            * HIGHLY_SIGNIFICANT
+            * noise_m
+            * math.hypot(1.0 / h, 1.0 / h + 1.0 / k, 1.0 / k)
+        )
         most_m_s2 = max(PUSH_M_S2, HELD_SHARE * math.hypot(*model)) + DRIFT_M_S2 + noise_m_s2
         return math.dist(measured, model) / most_m_s2
 
@@ -160,7 +181,10 @@ class _PathPoint(NamedTuple):
 
 def _accelerate(first: Vec3, middle: Vec3, last: Vec3, h: float, k: float) -> Vec3:
     """Mean acceleration of a path [m/s²] by three places [m] that are ``h`` and ``k`` apart [s]."""
-    return scale(2.0 / (h + k), add_scaled(scale(1.0 / k, subtract(last, middle)), -1.0 / h, subtract(middle, first)))
+    return scale(
+        2.0 / (h + k),
+        add_scaled(scale(1.0 / k, subtract(last, middle)), -1.0 / h, subtract(middle, first)),
+    )
 
 
 class _Timed(Protocol):

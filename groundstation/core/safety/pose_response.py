@@ -1,23 +1,28 @@
-"""Pose response: how much of the commanded motion do the poses show? A regression with an instrument. Sans-IO.
+"""Pose response: how much of the commanded motion do the poses show?
 
-Along each direction three signals go through the same high pass, which removes trims, steady wind and slow bias:
+A regression with an instrument. Sans-IO.
+
+Along each direction three signals go through the same high pass, which removes trims, steady wind
+and slow bias:
 
 - u, the motion commanded by the excitation tones;
 - v, the motion commanded beyond that: along the reference, and against wind;
 - e, the measured motion less the commanded one, u + v.
 
-Over windows that end now, e is regressed on both, e = D_u u + D_v v + r. Wind moves the vehicle and the law follows, so
-v depends on the wind; u does not, and with v regressed out, the wind is left in r and only widens the error of D_u. So
-1 + D_u is the response to the tones: 1 for true poses, 0 for a frozen one, -1 for a mirrored one. By chance v may look
-like u for a while; then D_v v counts for u. The instrument alone, D_u = (u e) / (u c), knows nothing of v: a response
-is evidence only if both agree.
+Over windows that end now, e is regressed on both, e = D_u u + D_v v + r. Wind moves the vehicle and
+the law follows, so v depends on the wind; u does not, and with v regressed out, the wind is left in
+r and only widens the error of D_u. So 1 + D_u is the response to the tones: 1 for true poses, 0 for
+a frozen one, -1 for a mirrored one. By chance v may look like u for a while; then D_v v counts for
+u. The instrument alone, D_u = (u e) / (u c), knows nothing of v: a response is evidence only if
+both agree.
 
-1 + D_v is the response to the law's own motion. Under wind alone a true pose moves by -v/L, L the loop's gain, whose
-phase is between -90 and -270 degrees: Re(-1/L) >= 0, so 1 + D_v is never negative. It is near 0 only where the law
-cancels the wind wholly, and that has a bound: the motion that the strongest steady swing of wind would have made.
+1 + D_v is the response to the law's own motion. Under wind alone a true pose moves by -v/L, L the
+loop's gain, whose phase is between -90 and -270 degrees: Re(-1/L) >= 0, so 1 + D_v is never
+negative. It is near 0 only where the law cancels the wind wholly, and that has a bound: the motion
+that the strongest steady swing of wind would have made.
 
-For the attitude the same is done with turns: rotors, gusts and a load turn a vehicle a little, too, and the law reacts
-to that. docs/explanation/trust.md has the derivation.
+For the attitude the same is done with turns: rotors, gusts and a load turn a vehicle a little, too,
+and the law reacts to that. docs/explanation/trust.md has the derivation.
 """
 
 import math
@@ -33,10 +38,11 @@ from groundstation.core.messages import ROUNDING_S
 from groundstation.core.safety.significance import HIGHLY_SIGNIFICANT, SIGNIFICANT
 
 POSE_GAP_S = 0.26
-"""Interval of poses after which comparisons with the model begin anew [s]: ``flight.coast_s``, after which the model is
-not believed."""
+"""Interval of poses after which comparisons with the model begin anew [s]: ``flight.coast_s``,
+after which the model is not believed."""
 PASS_RAD_S = 6.0
-"""Corner of the high pass [rad/s]: below the tones (10 to 18), above the loop (4 to 6) that rejects wind."""
+"""Corner of the high pass [rad/s]: below the tones (10 to 18), above the loop (4 to 6) that rejects
+wind."""
 BLOCK_S = 0.05
 """Time between two evaluations [s]."""
 BLOCKS = (8, 12, 24, 48)
@@ -45,15 +51,16 @@ noise need seconds."""
 LEAST_RESPONSE = 0.5
 """Least response to the tones that is accepted [-]: scales and lags configured wrong by half."""
 CONFIRMING_ERRORS = 2.0
-"""Standard errors by which a response must exceed the least one to confirm the poses [-]: one in 40."""
+"""Standard errors by which a response must exceed the least one to confirm the poses [-]: one in
+40."""
 MOST_CROSS_RESPONSE = math.sin(math.radians(35.0))
 """Largest response across the direction of the tones [-]: axes turned by 35 degrees."""
 LEAST_OWN_M = 0.003
-"""Least RMS of the law's own motion that is evaluated [m]: below it gusts within the pass can mimic any
-response by chance (`alarms storm`)."""
+"""Least RMS of the law's own motion that is evaluated [m]: below it gusts within the pass can mimic
+any response by chance (`alarms storm`)."""
 CANCELLED_RAD = 0.0125
-"""Turn that rotors and gusts would have made, high-passed, had the law not cancelled it [rad]: twice that
-of ArduCopter's and PX4's own flights (those of tests/golden)."""
+"""Turn that rotors and gusts would have made, high-passed, had the law not cancelled it [rad]:
+twice that of ArduCopter's and PX4's own flights (those of tests/golden)."""
 LEAST_OWN_RAD = 0.03
 """Least RMS of the law's own turning that is evaluated [rad]."""
 MOST_OWN_ERROR = 0.2
@@ -61,9 +68,11 @@ MOST_OWN_ERROR = 0.2
 MOST_ERROR = 0.15
 """Largest standard error of the response to the tones that is evaluated [-]."""
 CANCELLED_M = 0.010
-"""Motion that the strongest swing of wind would have made, high-passed [m]: 2.5 m/s² once in 5 s, wholly cancelled."""
+"""Motion that the strongest swing of wind would have made, high-passed [m]: 2.5 m/s² once in 5 s,
+wholly cancelled."""
 LEAST_OWN_RESPONSE = -0.35
-"""Least response to the law's own motion that noise and wind explain in any case [-]: in theory 0, less with delay."""
+"""Least response to the law's own motion that noise and wind explain in any case [-]: in theory 0,
+less with delay."""
 LEAST_WAY_M = 0.0002
 """Least residual that is assumed for positions [m]: a gust of .1 m/s² within the pass."""
 LEAST_TURN_RAD = 0.0025
@@ -71,30 +80,34 @@ LEAST_TURN_RAD = 0.0025
 TONE_MEMORY_S = 0.1
 """Correlation time of the residual at the tones, of positions and of attitudes [s].
 
-White acceleration through the pass leaves the power 16 a³ w² / (w² + a²)³ at w, as a share of the variance, a the
-corner: .12 s at the slowest tone, .02 s at the fastest."""
+White acceleration through the pass leaves the power 16 a³ w² / (w² + a²)³ at w, as a share of the
+variance, a the corner: .12 s at the slowest tone, .02 s at the fastest."""
 OWN_WAY_MEMORY_S = 1.0 / PASS_RAD_S
-"""Correlation time of the residual of positions at the law's own motion [s]: the high pass lets it through."""
+"""Correlation time of the residual of positions at the law's own motion [s]: the high pass lets it
+through."""
 MODEL_ERROR = 0.025
-"""Share of the law's own motion by which the model may be wrong [-]: half an interval of poses at 100 Hz, 5 ms of lag
-at the loop's 5 rad/s."""
+"""Share of the law's own motion by which the model may be wrong [-]: half an interval of poses at
+100 Hz, 5 ms of lag at the loop's 5 rad/s."""
 NOISE_MEMORY_S = 0.02
 """Longest correlation time of the poses' own noise [s]."""
 LATENESSES_S = tuple(0.1 * n for n in range(1, 5))
-"""Latencies that are tried on the attitude [s]: half the first is a lag configured wrong; after the last,
-flight.coast_s ends a flight by itself."""
+"""Latencies that are tried on the attitude [s]: half the first is a lag configured wrong; after the
+last, flight.coast_s ends a flight by itself."""
 LATE_MEMORY_S = 1.0
 """Time constant of that comparison [s]: ten independent samples."""
 LATE_BETTER = 4.0
-"""Ratio by which a latency must explain the turns better than none [-]: for true poses it is below .1, and 1 where the
-latency is off by 50 ms."""
+"""Ratio by which a latency must explain the turns better than none [-]: for true poses it is below
+.1, and 1 where the latency is off by 50 ms."""
 
 Pair = tuple[float, float]
 Array = NDArray[np.float64]
 
 
 class HighPass:
-    """(s / (s + w))^n of signals given by their increments; exact for signals that move steadily between samples."""
+    """(s / (s + w))^n of signals given by their increments.
+
+    Exact for signals that move steadily between samples.
+    """
 
     def __init__(self, order: int) -> None:
         """Begin at 0 with ``order`` stages, for as many signals as the first step has."""
@@ -114,7 +127,8 @@ class HighPass:
 
 
 FEWEST_SAMPLES = 3.5
-"""Independent samples below which a window is not evaluated [-]: two are spent on the two responses."""
+"""Independent samples below which a window is not evaluated [-]: two are spent on the two
+responses."""
 PRIOR_SAMPLES = 3.0
 """Samples that the assumed residual counts for [-]: as many as the shortest window has."""
 TONES_LEAST = 2.0
@@ -122,7 +136,8 @@ TONES_LEAST = 2.0
 RIDGE = 1e-10
 """Excitation below which nothing was excited [m² s or rad² s]."""
 RIDGES = RIDGE * np.eye(2)
-"""Excitation that is added to both signals' products, so that these have an inverse [m² s or rad² s]."""
+"""Excitation that is added to both signals' products, so that these have an inverse [m² s or rad²
+s]."""
 DIAGONAL = math.sqrt(0.5)
 
 
@@ -136,12 +151,14 @@ class OwnMotion(NamedTuple):
     memory_s: float
     """Correlation time of the residual at it [s]."""
     burst_s: float = math.inf
-    """Time that a burst of it counts for at least [s]; infinite: every window counts for its length."""
+    """Time that a burst of it counts for at least [s]; infinite: every window counts for its
+    length."""
 
 
 BURST_S = BLOCKS[2] * BLOCK_S
-"""Least time that a burst of the law's own lateral motion counts for [s]: the tilt reacts to a step of the wind .15 s
-late, and a calm before must not make that short time certain; thrust and rates react at once."""
+"""Least time that a burst of the law's own lateral motion counts for [s]: the tilt reacts to a step
+of the wind .15 s late, and a calm before must not make that short time certain; thrust and rates
+react at once."""
 OWN_HEIGHT = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_WAY_MEMORY_S)
 OWN_WAY = OWN_HEIGHT._replace(burst_s=BURST_S)
 OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD, TONE_MEMORY_S)
@@ -159,8 +176,8 @@ class Alarm(NamedTuple):
 
 
 SUSPECT_ALARM = 0.5
-"""Alarm from which the compared motions are suspect, and below which they are alike [-]: half the standard errors that
-fail the poses."""
+"""Alarm from which the compared motions are suspect, and below which they are alike [-]: half the
+standard errors that fail the poses."""
 NO_ALARM = Alarm(0.0, 0.0, False)
 """Result without evidence."""
 
@@ -170,7 +187,8 @@ SIGNALS = ("u", "v", "e")
 
 
 def _directions(*along: Sequence[float]) -> Array:
-    """Make the matrices from u, v and e of all axes to those along one direction, and to e across it in the last row.
+    """Make the matrices from u, v and e of all axes to those along one direction, and to e across
+    it in the last row.
 
     Shape (directions, signals + 1, signals x axes).
     """
@@ -186,19 +204,26 @@ def _directions(*along: Sequence[float]) -> Array:
 
 LINE = _directions((1.0,))
 PLANE = _directions((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-DIAGONAL, DIAGONAL))
-"""Directions of a plane that are evaluated: no direction is farther than 22.5 degrees from one of them."""
+"""Directions of a plane that are evaluated: no direction is farther than 22.5 degrees from one of
+them."""
 
 
 LIMITS = np.array([1.0 - LEAST_RESPONSE, MOST_CROSS_RESPONSE])
-"""Limits of |D_u|, along and across [-]: a response, 1 + D_u along, may be as much too large as too small."""
+"""Limits of |D_u|, along and across [-]: a response, 1 + D_u along, may be as much too large as too
+small."""
 ADJUGATE = np.array([[1.0, -1.0], [-1.0, 1.0]])
-"""Signs of the adjugate of a symmetric matrix of two rows, which is that matrix with both its axes turned around."""
+"""Signs of the adjugate of a symmetric matrix of two rows, which is that matrix with both its axes
+turned around."""
 
 
 class Response:
-    """Response along and across every direction of a line or a plane: height, roll and pitch, north and east."""
+    """Response along and across every direction of a line or a plane: height, roll and pitch, north
+    and east.
+    """
 
-    def __init__(self, directions: Array, memory_s: float, least: float, own_motion: OwnMotion) -> None:
+    def __init__(
+        self, directions: Array, memory_s: float, least: float, own_motion: OwnMotion
+    ) -> None:
         """Begin without a sample.
 
         Args:
@@ -207,7 +232,12 @@ class Response:
             least: least residual that is assumed [m or rad].
             own_motion: limits of v.
         """
-        self._directions, self._memory_s, self._least, self._own = directions, memory_s, least, own_motion
+        self._directions, self._memory_s, self._least, self._own = (
+            directions,
+            memory_s,
+            least,
+            own_motion,
+        )
         size = directions.shape[2]
         self._axes = size // len(SIGNALS)
         self._samples: list[tuple[float, ...]] = []
@@ -222,7 +252,9 @@ class Response:
         self._time_s += dt_s
 
     def look(self, noise: float) -> Alarm:
-        """Close a block; return the largest alarms of all windows that end now; known where one of them is.
+        """Close a block; return the largest alarms of all windows that end now.
+
+        Known where one of them is.
 
         ``noise`` is the white noise of e, 1 sigma per axis.
         """
@@ -235,11 +267,17 @@ class Response:
         closed_s, closed, _ = kept[-1]
         counts_bursts = math.isfinite(own.burst_s)
         if counts_bursts and self._time_s > closed_s:
-            block = self._directions @ (self._products - closed) @ self._directions.transpose(0, 2, 1)
+            block = (
+                self._directions @ (self._products - closed) @ self._directions.transpose(0, 2, 1)
+            )
             self._bursts = self._bursts + block[:, 1, 1] ** 2 / (self._time_s - closed_s)
         kept.append((self._time_s, self._products, self._bursts))
         times = [self._time_s - time_s for time_s, _, _ in begun]
-        long = [n for n, time_s in enumerate(times) if time_s >= FEWEST_SAMPLES * own.memory_s - ROUNDING_S]
+        long = [
+            n
+            for n, time_s in enumerate(times)
+            if time_s >= FEWEST_SAMPLES * own.memory_s - ROUNDING_S
+        ]
         if not long:
             return NO_ALARM
         time_s = np.array([times[n] for n in long])[:, None]
@@ -255,21 +293,25 @@ class Response:
         tones, is_known = self._judge_tones(along, found, time_s, noise, model2)
         moved_s = time_s
         if counts_bursts:
-            moved_s = self._measure_moved(along, self._bursts - np.array([begun[n][2] for n in long]), time_s)
+            moved_s = self._measure_moved(
+                along, self._bursts - np.array([begun[n][2] for n in long]), time_s
+            )
         own_excess = self._judge_own(along, found, time_s, moved_s, noise)
         return Alarm(float(tones.max()), float(own_excess.max()), bool(is_known.all(axis=1).any()))
 
     def _judge_tones(
         self, along: Array, found: "_Regression", time_s: Array, noise: float, model2: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the excess of the responses to the tones [-], and where the poses are known to respond.
+        """Return the excess of the responses to the tones [-], and where the poses are known to
+        respond.
 
-        ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4, 4); ``model2``:
-        mean square by which the model of v is wrong, shape (windows, 1, 1).
+        ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4,
+        4); ``model2``: mean square by which the model of v is wrong, shape (windows, 1, 1).
         """
         rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / time_s)
         is_excited = rms >= TONES_LEAST * self._least
-        # Where tones have ended, a long window holds their last moments alone, and the scatter of a calmer time.
+        # Where tones have ended, a long window holds their last moments alone, and the scatter of a
+        # calmer time.
         is_excited &= is_excited[0]
         if not is_excited.any():
             return np.zeros_like(rms), is_excited
@@ -277,23 +319,31 @@ class Response:
         commanded = along[..., 0, 0] + along[..., 0, 1]
         alone = along[..., 0, 2:] / np.maximum(commanded, RIDGE)[..., None]
         beyond = np.minimum(np.abs(found.slopes[..., 0, :]), np.abs(alone)) - LIMITS
-        counts = (errors <= MOST_ERROR) & (is_excited & (commanded > 0.0))[..., None]  # else v has undone the tones
-        excess = np.where(counts, np.maximum(beyond, 0.0) / (HIGHLY_SIGNIFICANT * errors), 0.0).max(axis=-1)
+        counts = (errors <= MOST_ERROR) & (is_excited & (commanded > 0.0))[
+            ..., None
+        ]  # else v has undone the tones
+        excess = np.where(counts, np.maximum(beyond, 0.0) / (HIGHLY_SIGNIFICANT * errors), 0.0).max(
+            axis=-1
+        )
         return excess, counts[..., 0] & (beyond[..., 0] <= 0.0)
 
     def _measure_moved(self, along: Array, bursts: Array, time_s: Array) -> Array:
-        """Return the time in each window in which the law moved by itself [s]: (∫v²)²/∫v⁴ by means over blocks.
+        """Return the time in each window in which the law moved by itself [s]: (∫v²)²/∫v⁴ by means
+        over blocks.
 
-        A gust at the end of a calm window is few samples. ``bursts``: ∫v⁴, shape (windows, directions).
+        A gust at the end of a calm window is few samples. ``bursts``: ∫v⁴, shape (windows,
+        directions).
         """
         moved_s = along[..., 1, 1] ** 2 / np.maximum(bursts, RIDGE * RIDGE)
         return np.minimum(np.maximum(moved_s, self._own.burst_s), time_s)
 
-    def _judge_own(self, along: Array, found: "_Regression", time_s: Array, moved_s: Array, noise: float) -> Array:
+    def _judge_own(
+        self, along: Array, found: "_Regression", time_s: Array, moved_s: Array, noise: float
+    ) -> Array:
         """Return the excess of the responses to the law's own motion [-].
 
-        Wind makes no response below 0, except by noise. Poses that respond to the tones are neither frozen nor
-        mirrored: something else cancels the motion.
+        Wind makes no response below 0, except by noise. Poses that respond to the tones are neither
+        frozen nor mirrored: something else cancels the motion.
         """
         own = self._own
         rms = np.sqrt(np.maximum(along[..., 1, 1], RIDGE) / time_s)
@@ -317,17 +367,21 @@ class Response:
         noise: float,
         model2: Array | float = 0.0,
     ) -> Array:
-        """Return the standard errors of the responses to u (``signal`` 0) or v (1); shape (windows, directions, 2).
+        """Return the standard errors of the responses to u (``signal`` 0) or v (1).
+
+        Shape (windows, directions, 2).
 
         ``model2``: mean square by which the model of the other signal is wrong.
         """
-        # Few samples know little of their own scatter: the assumed residual is a prior worth some samples, and the
-        # interval is wider, as by Student's distribution.
+        # Few samples know little of their own scatter: the assumed residual is a prior worth some
+        # samples, and the interval is wider, as by Student's distribution.
         window_s, noise2 = time_s[..., None], noise * noise
         prior = PRIOR_SAMPLES * memory_s * self._least * self._least + window_s * model2
         freedom = window_s / memory_s - 2.0
         beside_noise = (np.maximum(found.residual - window_s * noise2, 0.0) + prior) / freedom
-        variance = (beside_noise + noise2 * NOISE_MEMORY_S) * found.inverse[..., signal, signal, None]
+        variance = (beside_noise + noise2 * NOISE_MEMORY_S) * found.inverse[
+            ..., signal, signal, None
+        ]
         return (1.0 + 4.0 / freedom) * np.sqrt(variance)
 
 
@@ -339,7 +393,8 @@ class _Regression(NamedTuple):
     inverse: Array
     """Inverse of the integrals of the products of u and v, of the same shape."""
     residual: Array
-    """Integrals of the squares of what is left of e and of e across; shape (windows, directions, 2)."""
+    """Integrals of the squares of what is left of e and of e across; shape (windows, directions,
+    2)."""
 
 
 def _regress(along: Array) -> _Regression:

@@ -1,12 +1,14 @@
 """Take-off: thrust rises for a moment, and stays on only if the poses respond to it. Sans-IO.
 
-The control law does not run on the floor: there position does not respond to thrust, and adaptation would learn the
-floor's force as wind. Before the vehicle moves it is not known whether the poses are its own, and whether its mass is
-right. So thrust rises quickly to a low limit, and goes off again soon if no pose moves: a vehicle that flies without
-poses of its own has no time to gain speed. :class:`LiftOff` computes the odds of a lift-off from the poses,
-:class:`Spool` the thrust over time, :class:`SpoolUp` combines both.
+The control law does not run on the floor: there position does not respond to thrust, and adaptation
+would learn the floor's force as wind. Before the vehicle moves it is not known whether the poses
+are its own, and whether its mass is right. So thrust rises quickly to a low limit, and goes off
+again soon if no pose moves: a vehicle that flies without poses of its own has no time to gain
+speed. :class:`LiftOff` computes the odds of a lift-off from the poses, :class:`Spool` the thrust
+over time, :class:`SpoolUp` combines both.
 
-Each constant says what it must satisfy; tests/unit/groundstation/core/safety/test_liftoff.py flies them.
+Each constant says what it must satisfy; tests/unit/groundstation/core/safety/test_liftoff.py flies
+them.
 """
 
 import math
@@ -24,60 +26,68 @@ from groundstation.core.vehicle import Vehicle
 from links.text import to_ms, to_percent
 
 SHARES = tuple(0.5 + 0.05 * k for k in range(23))
-"""Hover thrusts of the hypotheses, 0.5 to 1.6 of the configured weight [-]: more than ``vehicle.hover_range`` on either
-side, so that the estimate of a vehicle at its end is not cut off."""
+"""Hover thrusts of the hypotheses, 0.5 to 1.6 of the configured weight [-]: more than
+``vehicle.hover_range`` on either side, so that the estimate of a vehicle at its end is not cut
+off."""
 SPREAD = 0.2
-"""Prior standard deviation of the hover thrust over the configured weight [-]: the ends of ``vehicle.hover_range`` are
-about 2σ away."""
+"""Prior standard deviation of the hover thrust over the configured weight [-]: the ends of
+``vehicle.hover_range`` are about 2σ away."""
 STEP_S = 0.01
-"""Longest integration step of the hypotheses [s]: the mean lift of a step is off by (h/τ)²/12 of its change, 0.3 % at a
-lag of 50 ms."""
+"""Longest integration step of the hypotheses [s]: the mean lift of a step is off by (h/τ)²/12 of
+its change, 0.3 % at a lag of 50 ms."""
 MOVING_LOG_ODDS = math.log(20.0)
-"""Log odds from which the vehicle counts as moving [-]: 20 to 1. A mistake sets the thrust near hover,
-and ends the take-off after :attr:`LiftOff.patience_s`."""
+"""Log odds from which the vehicle counts as moving [-]: 20 to 1. A mistake sets the thrust near
+hover, and ends the take-off after :attr:`LiftOff.patience_s`."""
 FLYING_LOG_ODDS = math.log(10_000.0)
-"""Log odds from which the vehicle may count as flying [-]: 10,000 to 1. A mistake makes the controller run on the
-floor."""
+"""Log odds from which the vehicle may count as flying [-]: 10,000 to 1. A mistake makes the
+controller run on the floor."""
 LEG_TRAVEL_M = 0.015
-"""Largest travel of springing landing legs, and so the least height of a flying vehicle [m]: legs of rubber or foam
-spring back by some millimetres."""
+"""Largest travel of springing landing legs, and so the least height of a flying vehicle [m]: legs
+of rubber or foam spring back by some millimetres."""
 WANDERING_M = 0.35
 """Least height of a flying vehicle whose poses have a velocity [m].
 
-An autopilot's own estimate rises before the vehicle does: its accelerometers measure the thrust while the vehicle is
-still on the floor.
+An autopilot's own estimate rises before the vehicle does: its accelerometers measure the thrust
+while the vehicle is still on the floor.
 """
 CLIMBING = 1.1
-"""Thrust from the first motion until the vehicle counts as flying, as a share of the estimated hover thrust [-]; where
-the hover thrust was measured, it is also the limit of the thrust before. 0.1 g lifts it by ``LEG_TRAVEL_M`` in 0.18 s,
-and by ``WANDERING_M`` in 0.85 s, well within :attr:`LiftOff.patience_s`."""
+"""Thrust from the first motion until the vehicle counts as flying, as a share of the estimated
+hover thrust [-]; where the hover thrust was measured, it is also the limit of the thrust before.
+0.1 g lifts it by ``LEG_TRAVEL_M`` in 0.18 s, and by ``WANDERING_M`` in 0.85 s, well within
+:attr:`LiftOff.patience_s`."""
 RUSHES_M_S = 1.0
-"""Climb speed from which that thrust is the hover thrust only [m/s]: the floor of ArduPilot's SITL releases a vehicle
-late, which is this fast then. 0.1 g gives it only after 1 s and 0.5 m, where it has long been flying."""
+"""Climb speed from which that thrust is the hover thrust only [m/s]: the floor of ArduPilot's SITL
+releases a vehicle late, which is this fast then. 0.1 g gives it only after 1 s and 0.5 m, where it
+has long been flying."""
 LEAST_NOISE_M = 0.0003
-"""Least noise that a height is given, 1σ [m], as of a tracker: legs and floor yield as thrust relieves them."""
+"""Least noise that a height is given, 1σ [m], as of a tracker: legs and floor yield as thrust
+relieves them."""
 LEAST_WANDER_M2_S = 1e-6
-"""Least random walk of a height [m²/s]: 1 mm in 1 s. Twelve differences at rest may show less than they have."""
+"""Least random walk of a height [m²/s]: 1 mm in 1 s. Twelve differences at rest may show less than
+they have."""
 LEAST_ESTIMATE_WANDER_M2_S = 2.5e-5
-"""Least random walk of a height in poses that have a velocity [m²/s]: 5 mm in 1 s, by a barometer or GPS."""
+"""Least random walk of a height in poses that have a velocity [m²/s]: 5 mm in 1 s, by a barometer
+or GPS."""
 SPEED_NOISE_M_S = 0.05
-"""Noise of a pose's velocity, 1σ [m/s]: more than a GPS receiver's 0.02, as vibration comes on top."""
+"""Noise of a pose's velocity, 1σ [m/s]: more than a GPS receiver's 0.02, as vibration comes on
+top."""
 LEAST_SPEED_WANDER_M2_S3 = 1e-4
-"""Least random walk of a pose's velocity [m²/s³]: 1 cm/s in 1 s, by the bias of an accelerometer."""
+"""Least random walk of a pose's velocity [m²/s³]: 1 cm/s in 1 s, by the bias of an
+accelerometer."""
 FITS_M = 0.02
-"""Largest distance of a flying vehicle's height from the height that thrust explains, noise apart [m]: little more than
-``LEG_TRAVEL_M``, by which springing legs lift it."""
+"""Largest distance of a flying vehicle's height from the height that thrust explains, noise apart
+[m]: little more than ``LEG_TRAVEL_M``, by which springing legs lift it."""
 JUMP_M = 0.1
-"""Distance of a height from every hypothesis, noise apart, that is a jump [m]: a rising vehicle fits one of them, and
-one on its floor moves by ``LEG_TRAVEL_M`` alone."""
+"""Distance of a height from every hypothesis, noise apart, that is a jump [m]: a rising vehicle
+fits one of them, and one on its floor moves by ``LEG_TRAVEL_M`` alone."""
 JUMPS = 2
 """Jumps in a row that end the take-off [-]: a single one may be an outlier."""
 PATIENCE_S = 0.25
-"""Time granted between first motion and flight, beside that of a slow climb to the flying height [s]: two lags of the
-slowest rotors (0.11 s), as thrust falls to ``CLIMBING`` meanwhile."""
+"""Time granted between first motion and flight, beside that of a slow climb to the flying height
+[s]: two lags of the slowest rotors (0.11 s), as thrust falls to ``CLIMBING`` meanwhile."""
 SLOW_CLIMB = 1.0 / 16.0
-"""Acceleration of that slow climb, as a share of gravity [-]: less than the 0.1 that ``CLIMBING`` gives, as the hover
-thrust may be estimated 3 % too low."""
+"""Acceleration of that slow climb, as a share of gravity [-]: less than the 0.1 that ``CLIMBING``
+gives, as the hover thrust may be estimated 3 % too low."""
 
 
 class StandingWander(NamedTuple):
@@ -94,24 +104,32 @@ class StandingWander(NamedTuple):
 class _Walks:
     """Kalman filters of one state, one for each hypothesis.
 
-    Each filters the residual, measured less predicted by its hypothesis, as a random walk plus white noise. All have
-    the same variances.
+    Each filters the residual, measured less predicted by its hypothesis, as a random walk plus
+    white noise. All have the same variances.
     """
 
     def __init__(self, count: int, walk: float, noise: float) -> None:
-        """Start ``count`` filters; ``walk`` is the variance that the walk gains in 1 s, ``noise`` the white noise's."""
+        """Start ``count`` filters.
+
+        ``walk`` is the variance that the walk gains in 1 s, ``noise`` the white noise's.
+        """
         self._walk, self._noise = walk, noise
         self._variance = noise
         self._values = [0.0] * count
 
     def update(self, elapsed_s: float, residuals: list[float]) -> tuple[list[float], float]:
-        """Take new residuals, ``elapsed_s`` after the last [s]; return the innovations and their common variance."""
+        """Take new residuals, ``elapsed_s`` after the last [s].
+
+        Return the innovations and their common variance.
+        """
         variance = self._variance + self._walk * elapsed_s
         total = variance + self._noise
         gain = variance / total
         self._variance = (1.0 - gain) * variance
         innovations = [new - value for new, value in zip(residuals, self._values, strict=True)]
-        self._values = [value + gain * step for value, step in zip(self._values, innovations, strict=True)]
+        self._values = [
+            value + gain * step for value, step in zip(self._values, innovations, strict=True)
+        ]
         return innovations, total
 
     def restart(self, residuals: list[float]) -> None:
@@ -120,14 +138,16 @@ class _Walks:
 
 
 class LiftOff:
-    """Odds that the vehicle has left the floor: its poses compared with the motion that its thrust must cause.
+    """Odds that the vehicle has left the floor: its poses compared with the motion that its thrust
+    must cause.
 
-    In one hypothesis the vehicle is at rest. In the others it rises and hovers at 0.5, 0.55, ... 1.6 of the configured
-    weight: p¨ = g (T / (s W) - 1), never below the floor, where T follows the commands by its lag. Under each
-    hypothesis the residual of the height is a random walk (as large as was measured before arming) plus white noise,
-    and a Kalman filter gives its likelihood. So thrust near the weight, height above the wander and a matching
-    acceleration make one number: the log odds of flight. The weighted hypotheses also give the hover thrust and the
-    climb speed with which the controller starts.
+    In one hypothesis the vehicle is at rest. In the others it rises and hovers at 0.5, 0.55, ...
+    1.6 of the configured weight: p¨ = g (T / (s W) - 1), never below the floor, where T follows the
+    commands by its lag. Under each hypothesis the residual of the height is a random walk (as large
+    as was measured before arming) plus white noise, and a Kalman filter gives its likelihood. So
+    thrust near the weight, height above the wander and a matching acceleration make one number: the
+    log odds of flight. The weighted hypotheses also give the hover thrust and the climb speed with
+    which the controller starts.
 
     Times are on the event loop's clock [s], heights are above the place at rest [m].
     """
@@ -167,8 +187,12 @@ class LiftOff:
         self._paths, self._speeds = [0.0] * n, [0.0] * n
         # The last hypothesis is that it is at rest.
         least_m2_s = LEAST_ESTIMATE_WANDER_M2_S if has_velocity else LEAST_WANDER_M2_S
-        self._height = _Walks(n + 1, max(wander.height_m2_s, least_m2_s), max(noise_m, LEAST_NOISE_M) ** 2)
-        self._speed = _Walks(n + 1, max(wander.climb_m2_s3, LEAST_SPEED_WANDER_M2_S3), SPEED_NOISE_M_S**2)
+        self._height = _Walks(
+            n + 1, max(wander.height_m2_s, least_m2_s), max(noise_m, LEAST_NOISE_M) ** 2
+        )
+        self._speed = _Walks(
+            n + 1, max(wander.climb_m2_s3, LEAST_SPEED_WANDER_M2_S3), SPEED_NOISE_M_S**2
+        )
         self._rest_m_s = 0.0 if at_rest.velocity_ned is None else -at_rest.velocity_ned[2]
         prior = [math.exp(-0.5 * ((s - 1.0) / SPREAD) ** 2) for s in SHARES]
         self._logs = [math.log(p / sum(prior)) for p in prior] + [0.0]
@@ -199,11 +223,16 @@ class LiftOff:
         if pose.velocity_ned is not None:
             self._climb = -pose.velocity_ned[2]
             gained = self._climb - self._rest_m_s
-            self._weigh(*self._speed.update(elapsed, [gained - speed for speed in (*self._speeds, 0.0)]))
+            self._weigh(
+                *self._speed.update(elapsed, [gained - speed for speed in (*self._speeds, 0.0)])
+            )
 
     def _weigh(self, innovations: list[float], variance: float) -> None:
         """Add the log likelihood of each innovation to its hypothesis."""
-        self._logs = [log - 0.5 * step * step / variance for log, step in zip(self._logs, innovations, strict=True)]
+        self._logs = [
+            log - 0.5 * step * step / variance
+            for log, step in zip(self._logs, innovations, strict=True)
+        ]
 
     @property
     def has_jumped(self) -> bool:
@@ -218,15 +247,26 @@ class LiftOff:
     @property
     def is_flying(self) -> bool:
         """Whether the vehicle has left the floor."""
-        return self._log_odds > FLYING_LOG_ODDS and self._fits and self._mean(self._paths) > self._least_m
+        return (
+            self._log_odds > FLYING_LOG_ODDS
+            and self._fits
+            and self._mean(self._paths) > self._least_m
+        )
 
     @property
     def is_high(self) -> bool:
-        """Whether the measured height is a flying vehicle's, though the height expected from thrust is not yet.
+        """Whether the measured height is a flying vehicle's, though the height expected from thrust
+        is not yet.
 
-        True only for poses that have a velocity: their wander may have made the estimated hover thrust a little wrong.
+        True only for poses that have a velocity: their wander may have made the estimated hover
+        thrust a little wrong.
         """
-        return self.has_velocity and self._log_odds > FLYING_LOG_ODDS and self._fits and self._height_m > self._least_m
+        return (
+            self.has_velocity
+            and self._log_odds > FLYING_LOG_ODDS
+            and self._fits
+            and self._height_m > self._least_m
+        )
 
     @property
     def patience_s(self) -> float:
@@ -240,7 +280,9 @@ class LiftOff:
 
     @property
     def climbing_share(self) -> float:
-        """Climb thrust until the vehicle counts as flying, as a share of the configured weight [-]."""
+        """Climb thrust until the vehicle counts as flying, as a share of the configured weight
+        [-].
+        """
         return self.hover_share * (1.0 if self.climb_m_s > RUSHES_M_S else CLIMBING)
 
     @property
@@ -257,7 +299,9 @@ class LiftOff:
     def _log_odds(self) -> float:
         """Log odds that the vehicle rises, by any of the hypotheses, against rest."""
         best = max(self._logs[:-1])
-        return best + math.log(sum(math.exp(log - best) for log in self._logs[:-1])) - self._logs[-1]
+        return (
+            best + math.log(sum(math.exp(log - best) for log in self._logs[:-1])) - self._logs[-1]
+        )
 
     def _mean(self, values: Sequence[float]) -> float:
         """Mean of ``values`` over the rising hypotheses, weighted by their likelihood."""
@@ -282,59 +326,66 @@ class LiftOff:
             for k, share in enumerate(SHARES):
                 a, v = g * (lift / share - 1.0), self._speeds[k]
                 height = self._paths[k] + h * (v + 0.5 * h * a)
-                self._paths[k], self._speeds[k] = (0.0, 0.0) if height <= 0.0 else (height, v + h * a)
+                self._paths[k], self._speeds[k] = (
+                    (0.0, 0.0) if height <= 0.0 else (height, v + h * a)
+                )
             self._at += h
 
 
 SURE_SHARE = 0.6
-"""Thrust at the end of ``spool_s``, as a share of the configured weight [-]: it lifts no vehicle that may fly, as
-``vehicle.hover_range`` begins at 0.7."""
+"""Thrust at the end of ``spool_s``, as a share of the configured weight [-]: it lifts no vehicle
+that may fly, as ``vehicle.hover_range`` begins at 0.7."""
 NEAR_SHARE = 0.9
-"""Thrust from which the vehicle may lift, as a share of the configured weight [-]: ``WATCHED_S`` begins here. A vehicle
-that is lighter than that moves earlier."""
+"""Thrust from which the vehicle may lift, as a share of the configured weight [-]: ``WATCHED_S``
+begins here. A vehicle that is lighter than that moves earlier."""
 NEAR_S = 0.1
-"""Time in which thrust rises from ``SURE_SHARE`` to ``NEAR_SHARE`` [s]: as quickly as the slowest rotors follow (a lag
-of 0.11 s), as friction no longer holds the vehicle against wind."""
+"""Time in which thrust rises from ``SURE_SHARE`` to ``NEAR_SHARE`` [s]: as quickly as the slowest
+rotors follow (a lag of 0.11 s), as friction no longer holds the vehicle against wind."""
 WATCHED_S = 0.3
-"""Time after ``NEAR_SHARE`` within which the poses must show a motion [s]: a vehicle whose poses are another body's
-stays below 0.8 m and 3 m/s by it (docs/explanation/safety.md)."""
+"""Time after ``NEAR_SHARE`` within which the poses must show a motion [s]: a vehicle whose poses
+are another body's stays below 0.8 m and 3 m/s by it (docs/explanation/safety.md)."""
 RISE_S = 0.5 * WATCHED_S
-"""Time in which true thrust rises from ``NEAR_SHARE`` to its limit [s]; the command takes the rotors' lag less. The
-other half of ``WATCHED_S`` shows the motion of a vehicle that hovers near the limit."""
+"""Time in which true thrust rises from ``NEAR_SHARE`` to its limit [s]; the command takes the
+rotors' lag less. The other half of ``WATCHED_S`` shows the motion of a vehicle that hovers near the
+limit."""
 SHORTEST_S = 0.05
-"""Least time of that rise in the command, where the lag is longer [s]: two frames of 22 ms, as a step is no rise."""
+"""Least time of that rise in the command, where the lag is longer [s]: two frames of 22 ms, as a
+step is no rise."""
 CONFIGURED_SHARE = 1.3
-"""Limit of the thrust, as a share of the configured weight [-]: one whose poses are another body's accelerates by
-0.3 g at most, and one that needs more does not take off (docs/explanation/safety.md)."""
+"""Limit of the thrust, as a share of the configured weight [-]: one whose poses are another body's
+accelerates by 0.3 g at most, and one that needs more does not take off
+(docs/explanation/safety.md)."""
 LEAST_SHARE = 0.75
-"""Least thrust command of a moving vehicle, as a share of the wanted thrust [-], while the rotors still give more: a
-vehicle that is lifted less than modelled falls at 0.2 g at most."""
+"""Least thrust command of a moving vehicle, as a share of the wanted thrust [-], while the rotors
+still give more: a vehicle that is lifted less than modelled falls at 0.2 g at most."""
 REST_POSES = 50
 """Poses whose mean is the place of a vehicle at rest [-]: the mean has a seventh of their noise."""
 WANDER_S = 0.5
-"""Time between two poses whose difference measures the wander [s]: about as long as a lift-off takes, over which the
-wander counts."""
+"""Time between two poses whose difference measures the wander [s]: about as long as a lift-off
+takes, over which the wander counts."""
 WANDERS = 12
-"""Differences that are kept [-]: 6 s, as the wander of an autopilot's estimate changes; it is known to 20 % (1σ)."""
+"""Differences that are kept [-]: 6 s, as the wander of an autopilot's estimate changes; it is known
+to 20 % (1σ)."""
 TIPPED_DEG = 6.0
-"""Largest tilt on the floor from the attitude at rest [deg]: springing legs at one side of a small vehicle give 6
-(``LEG_TRAVEL_M`` over 0.15 m)."""
+"""Largest tilt on the floor from the attitude at rest [deg]: springing legs at one side of a small
+vehicle give 6 (``LEG_TRAVEL_M`` over 0.15 m)."""
 SLIPPED_M = 0.05
-"""Largest horizontal distance on the floor from the place at rest, wander and wind apart [m]: legs that tip by
-``TIPPED_DEG`` move a marker that is 0.3 m high by 3 cm."""
+"""Largest horizontal distance on the floor from the place at rest, wander and wind apart [m]: legs
+that tip by ``TIPPED_DEG`` move a marker that is 0.3 m high by 3 cm."""
 STEP_M = 0.03
-"""Largest horizontal distance from one pose to the next, noise and wind apart [m]: poses that change to another body's
-jump by more than the size of the smallest vehicle."""
+"""Largest horizontal distance from one pose to the next, noise and wind apart [m]: poses that
+change to another body's jump by more than the size of the smallest vehicle."""
 WIND_M_S2 = 5.0
-"""Largest horizontal acceleration by wind while thrust relieves the floor [m/s²]: half of g. Chosen."""
+"""Largest horizontal acceleration by wind while thrust relieves the floor [m/s²]: half of g.
+Chosen."""
 LIGHT_S = 0.2
-"""Time before the end of ``spool_s`` at which that wind begins to count [s]: at its default, thrust is half of the
-weight then."""
+"""Time before the end of ``spool_s`` at which that wind begins to count [s]: at its default, thrust
+is half of the weight then."""
 
 
 Transit = Annotated[float, msgspec.Meta(ge=0.02, le=20.0)]
-"""A speed [m/s] or an acceleration [m/s²] of a transit: a larger one is in centimetres, and with less a metre takes a
-minute."""
+"""A speed [m/s] or an acceleration [m/s²] of a transit: a larger one is in centimetres, and with
+less a metre takes a minute."""
 
 
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -343,47 +394,58 @@ class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     height_m: Annotated[
         float,
         msgspec.Meta(
-            ge=0.2, le=20.0, description="Height above the floor of the hold before and after the trajectory [m]."
+            ge=0.2,
+            le=20.0,
+            description="Height above the floor of the hold before and after the trajectory [m].",
         ),
     ] = 1.0
     spool_s: Annotated[
         float,
-        msgspec.Meta(ge=0.2, le=10.0, description="Time in which thrust rises to 60 % of the weight [s]."),
+        msgspec.Meta(
+            ge=0.2, le=10.0, description="Time in which thrust rises to 60 % of the weight [s]."
+        ),
     ] = 1.0
     thrust_limit: Annotated[
         Annotated[float, msgspec.Meta(ge=1.0, le=2.0)] | None,
         msgspec.Meta(
-            description="Largest thrust before lift-off, as a share of the weight [-]. Without it: 1.3, or 1.1 of "
-            "vehicle.hover_n where that was measured. The larger it is, the higher a vehicle without true poses jumps."
+            description="Largest thrust before lift-off, as a share of the weight [-]. Without it: "
+            "1.3, or 1.1 of vehicle.hover_n where that was measured. The larger it is, the higher "
+            "a vehicle without true poses jumps."
         ),
     ] = None
-    climb_m_s: Annotated[float, msgspec.Meta(ge=0.02, le=5.0, description="Largest speed of the climb [m/s].")] = 0.5
+    climb_m_s: Annotated[
+        float, msgspec.Meta(ge=0.02, le=5.0, description="Largest speed of the climb [m/s].")
+    ] = 0.5
     hold_s: Annotated[
         float,
         msgspec.Meta(
             ge=1.0,
             le=600.0,
-            description="Duration of the hold in which the hover thrust is measured, before the trajectory [s].",
+            description="Duration of the hold in which the hover thrust is measured, before the "
+            "trajectory [s].",
         ),
     ] = 3.0
     transit_m_s: Annotated[
         Transit,
         msgspec.Meta(
-            description="Largest speed of the transits onto the trajectory and back [m/s]; a trajectory that begins "
-            "faster is entered at its own speed.",
+            description="Largest speed of the transits onto the trajectory and back [m/s]; a "
+            "trajectory that begins faster is entered at its own speed."
         ),
     ] = 0.5
     transit_m_s2: Annotated[
         Transit,
         msgspec.Meta(
-            description="Largest acceleration of these transits and of stopping [m/s²]; of the climb, too, but there "
-            "at most 2.",
+            description="Largest acceleration of these transits and of stopping [m/s²]; of the "
+            "climb, too, but there at most 2."
         ),
     ] = 1.0
 
 
 def usual_limit_n(vehicle: Vehicle, weight_n: float) -> float:
-    """Largest thrust before lift-off without ``takeoff.thrust_limit`` [N]; ``weight_n`` is the configured weight."""
+    """Largest thrust before lift-off without ``takeoff.thrust_limit`` [N].
+
+    ``weight_n`` is the configured weight.
+    """
     most = CONFIGURED_SHARE * weight_n if vehicle.hover_n is None else CLIMBING * vehicle.hover_n
     return min(most, vehicle.thrust_max_n)
 
@@ -391,14 +453,27 @@ def usual_limit_n(vehicle: Vehicle, weight_n: float) -> float:
 def limit_n(takeoff: TakeoffConfig, vehicle: Vehicle, weight_n: float) -> float:
     """Largest thrust before lift-off [N]; ``weight_n`` is the configured weight."""
     share = takeoff.thrust_limit
-    return usual_limit_n(vehicle, weight_n) if share is None else min(share * weight_n, vehicle.thrust_max_n)
+    return (
+        usual_limit_n(vehicle, weight_n)
+        if share is None
+        else min(share * weight_n, vehicle.thrust_max_n)
+    )
 
 
 class Spool:
-    """Thrust command on the floor as a function of time. Times are on the event loop's clock [s]."""
+    """Thrust command on the floor as a function of time.
+
+    Times are on the event loop's clock [s].
+    """
 
     def __init__(
-        self, weight_n: float, most_n: float, spool_s: float, idle_n: float, start_s: float, lag_s: float
+        self,
+        weight_n: float,
+        most_n: float,
+        spool_s: float,
+        idle_n: float,
+        start_s: float,
+        lag_s: float,
     ) -> None:
         """Begin at ``start_s`` [s] with ``idle_n`` [N]; no command exceeds ``most_n`` [N].
 
@@ -419,10 +494,15 @@ class Spool:
         """Thrust to command at ``time_s`` [N]."""
         if time_s < self.sure_s:
             x = max(time_s - self._start, 0.0) / (self.sure_s - self._start)
-            return self._idle + (self._sure - self._idle) * x * x * (3.0 - 2.0 * x)  # smooth at both ends
+            return self._idle + (self._sure - self._idle) * x * x * (
+                3.0 - 2.0 * x
+            )  # smooth at both ends
         if time_s < self.near_s:
             return self._sure + (self._near - self._sure) * (time_s - self.sure_s) / NEAR_S
-        return min(self._near + (self.most_n - self._near) * (time_s - self.near_s) / self._rise, self.most_n)
+        return min(
+            self._near + (self.most_n - self._near) * (time_s - self.near_s) / self._rise,
+            self.most_n,
+        )
 
 
 class StandingPoses:
@@ -436,7 +516,9 @@ class StandingPoses:
 
     def add(self, pose: Pose) -> None:
         """Take a pose of the vehicle while its motors can't lift it."""
-        moved = bool(self.poses) and self.poses[-1].reset_count != pose.reset_count  # the source has moved its origin
+        moved = (
+            bool(self.poses) and self.poses[-1].reset_count != pose.reset_count
+        )  # the source has moved its origin
         if moved:
             self.poses.clear()
         self.poses.append(pose)
@@ -454,7 +536,9 @@ class StandingPoses:
     def wander(self) -> StandingWander:
         """Random walks of the measurements at rest; all 0 before the second pose that counts."""
         spans = list(self._spans)
-        pairs = [(a, b) for a, b in zip(spans, spans[1:], strict=False) if a.reset_count == b.reset_count]
+        pairs = [
+            (a, b) for a, b in zip(spans, spans[1:], strict=False) if a.reset_count == b.reset_count
+        ]
         if not pairs:
             return StandingWander(0.0, 0.0, 0.0)
         elapsed = spans[-1].time_s - spans[0].time_s
@@ -462,13 +546,24 @@ class StandingPoses:
             elapsed = sum(b.time_s - a.time_s for a, b in pairs)
         axes = zip(*(subtract(b.position_ned, a.position_ned) for a, b in pairs), strict=True)
         north, east, down = (sum(step**2 for step in steps) / elapsed for steps in axes)
-        climbs = [b.velocity_ned[2] - a.velocity_ned[2] for a, b in pairs if a.velocity_ned and b.velocity_ned]
-        return StandingWander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
+        climbs = [
+            b.velocity_ned[2] - a.velocity_ned[2]
+            for a, b in pairs
+            if a.velocity_ned and b.velocity_ned
+        ]
+        return StandingWander(
+            max(north, east), down, sum(climb * climb for climb in climbs) / elapsed
+        )
 
-    def find_leap(self, before: Pose, pose: Pose, light_s: float, noise_m: float) -> Sentence | None:
-        """Return the fault of a step between two poses that is too long for a vehicle on its floor; None without one.
+    def find_leap(
+        self, before: Pose, pose: Pose, light_s: float, noise_m: float
+    ) -> Sentence | None:
+        """Return the fault of a step between two poses that is too long for a vehicle on its floor.
 
-        ``light_s`` is as in :meth:`find_disturbance`, ``noise_m`` the white noise of the poses, 1σ [m].
+        None without one.
+
+        ``light_s`` is as in :meth:`find_disturbance`, ``noise_m`` the white noise of the poses, 1σ
+        [m].
         """
         elapsed = pose.time_s - before.time_s
         if pose.reset_count != before.reset_count or elapsed <= 0.0:
@@ -485,7 +580,8 @@ class StandingPoses:
         Args:
             pose: its newest pose.
             place_ned: its place at rest [m].
-            light_s: time since thrust relieves the floor so much that wind may move the vehicle [s].
+            light_s: time since thrust relieves the floor so much that wind may move the vehicle
+                [s].
         """
         at_rest = self.poses[-1]
         if pose.reset_count != at_rest.reset_count:
@@ -496,7 +592,11 @@ class StandingPoses:
             return notice("takeoff.tips", tilt_deg=tilt, limit_deg=TIPPED_DEG)
         aside = math.dist(pose.position_ned[:2], place_ned[:2])
         # The wander of 1 s: a spool-up takes about so long.
-        limit = SLIPPED_M + SIGNIFICANT * math.sqrt(self.wander.aside_m2_s) + 0.5 * WIND_M_S2 * light_s * light_s
+        limit = (
+            SLIPPED_M
+            + SIGNIFICANT * math.sqrt(self.wander.aside_m2_s)
+            + 0.5 * WIND_M_S2 * light_s * light_s
+        )
         if not aside <= limit:
             return notice("takeoff.slides", aside_m=aside, limit_m=limit)
         return None
@@ -538,12 +638,18 @@ class SpoolUp:
     @property
     def lift_off(self) -> LiftOff | None:
         """Estimated hover thrust and climb, once the vehicle has left the floor; None before."""
-        return self._lift if self._lift is not None and (self._lift.is_flying or self._is_high) else None
+        return (
+            self._lift
+            if self._lift is not None and (self._lift.is_flying or self._is_high)
+            else None
+        )
 
     def add_pose(self, pose: Pose) -> None:
         """Take one more pose."""
         light_s = self._light_s(pose.time_s)
-        self._leap = self._leap or self._standing.find_leap(self._newest, pose, light_s, self._noise)
+        self._leap = self._leap or self._standing.find_leap(
+            self._newest, pose, light_s, self._noise
+        )
         moved, self._newest = pose.reset_count != self._newest.reset_count, pose
         standing = self._standing
         if self._lift is None and pose.time_s < self._spool.sure_s:
@@ -554,7 +660,9 @@ class SpoolUp:
         if self._lift is None:
             down, lag_s = standing.place_ned[2], self._vehicle.thrust_lag_s
             at_rest, wander = standing.poses[-1], standing.wander
-            self._lift = LiftOff(at_rest, down, self._weight, lag_s, self._gravity, wander, self._noise)
+            self._lift = LiftOff(
+                at_rest, down, self._weight, lag_s, self._gravity, wander, self._noise
+            )
             for acting_s, thrust_n in self._commands:
                 self._lift.add_command(acting_s, thrust_n)
         self._lift.add_pose(pose)
@@ -564,7 +672,9 @@ class SpoolUp:
         return max(now_s - self._spool.sure_s + LIGHT_S, 0.0)
 
     def compute_thrust_n(self, now_s: float) -> float:
-        """Return the thrust to command now [N], which the odds of the lift-off take into account."""
+        """Return the thrust to command now [N], which the odds of the lift-off take into
+        account.
+        """
         lift, spool = self._lift, self._spool
         thrust = spool.thrust_n(now_s)
         if lift is not None and self._is_moving:
@@ -583,23 +693,30 @@ class SpoolUp:
     def _is_moving(self) -> bool:
         """Whether the vehicle moves.
 
-        An autopilot's own estimate that has moved once counts for good: it may level off while the vehicle is still on
-        the floor.
+        An autopilot's own estimate that has moved once counts for good: it may level off while the
+        vehicle is still on the floor.
         """
         lift = self._lift
-        return lift is not None and (lift.is_moving or (lift.has_velocity and self._moved_s is not None))
+        return lift is not None and (
+            lift.is_moving or (lift.has_velocity and self._moved_s is not None)
+        )
 
-    def find_fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> Sentence | None:
+    def find_fault(
+        self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None
+    ) -> Sentence | None:
         """Return why the motors must go off, by the newest pose; None if they may stay on.
 
-        A vehicle that has lifted by the end of its patience has lifted off, too: see :attr:`lift_off`.
+        A vehicle that has lifted by the end of its patience has lifted off, too: see
+        :attr:`lift_off`.
         """
         spool, lift = self._spool, self._lift
         if now_s - pose.time_s > coast_s:
             return notice("takeoff.no_pose", age_ms=to_ms(now_s - pose.time_s))
         if fence is not None and fence.room_m(pose.position_ned) < 0.0:
             return notice("takeoff.fence", outside_m=-fence.room_m(pose.position_ned))
-        why = self._leap or self._standing.find_disturbance(pose, self.place_ned, self._light_s(now_s))
+        why = self._leap or self._standing.find_disturbance(
+            pose, self.place_ned, self._light_s(now_s)
+        )
         if why is not None:
             return why
         if lift is not None and lift.has_jumped:
@@ -607,7 +724,13 @@ class SpoolUp:
         if not self._is_moving and now_s >= spool.near_s + WATCHED_S:
             percent = to_percent(spool.most_n / self._weight)
             return notice("takeoff.no_motion", thrust_n=spool.most_n, percent=percent)
-        if lift is not None and self._moved_s is not None and now_s - self._moved_s > lift.patience_s:
+        if (
+            lift is not None
+            and self._moved_s is not None
+            and now_s - self._moved_s > lift.patience_s
+        ):
             self._is_high = lift.is_high
-            return None if self._is_high else notice("takeoff.stuck")  # in the air, motors off would drop it
+            return (
+                None if self._is_high else notice("takeoff.stuck")
+            )  # in the air, motors off would drop it
         return None

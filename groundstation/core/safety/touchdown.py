@@ -1,4 +1,6 @@
-"""Touchdown: ground contact by thrust and vertical speed, as autopilots detect it, and by poses at rest. Sans-IO."""
+"""Touchdown: ground contact by thrust and vertical speed, as autopilots detect it, and by poses at
+rest. Sans-IO.
+"""
 
 import math
 from collections import deque
@@ -12,7 +14,8 @@ from groundstation.core.safety.takeoff import LEG_TRAVEL_M
 from groundstation.core.vehicle import GRAVITY
 
 LOW_SHARE = 0.75
-"""Thrust below this share of the hover thrust is low [-]: on the floor it falls there as the reference sinks on."""
+"""Thrust below this share of the hover thrust is low [-]: on the floor it falls there as the
+reference sinks on."""
 STILL_M_S = 0.12
 """Vertical speed below which the vehicle does not sink [m/s]."""
 LASTING_S = 0.2
@@ -20,35 +23,40 @@ LASTING_S = 0.2
 CERTAIN_S = 1.0
 """Duration of the same that is a touchdown anywhere [s]: on a table, or in a hand."""
 CONTACT_S = 0.03
-"""Duration of not sinking as commanded after which ground contact is possible [s]: lateral control would tip it."""
+"""Duration of not sinking as commanded after which ground contact is possible [s]: lateral control
+would tip it."""
 FOLLOWING_SHARE = 0.25
-"""Share of the commanded sink rate below which the vehicle does not follow it, near the floor with any thrust [-]."""
+"""Share of the commanded sink rate below which the vehicle does not follow it, near the floor with
+any thrust [-]."""
 PUSHED_M_S = 0.25
-"""Upward speed beside its thrust's that only the floor gives [m/s]: an estimate whose speed wanders may sink on."""
+"""Upward speed beside its thrust's that only the floor gives [m/s]: an estimate whose speed wanders
+may sink on."""
 PUSHED_S = 0.3
 """Time constant over which that speed is summed [s]."""
 SUSPENDED_M_S = 0.4
-"""Vertical speed below which low thrust for ``CERTAIN_S`` is a touchdown, too [m/s]: in the air the vehicle would pass
-from this speed upwards to this speed downwards within 0.5 s. An autopilot's own speed wanders by more than
-``STILL_M_S``."""
+"""Vertical speed below which low thrust for ``CERTAIN_S`` is a touchdown, too [m/s]: in the air the
+vehicle would pass from this speed upwards to this speed downwards within 0.5 s. An autopilot's own
+speed wanders by more than ``STILL_M_S``."""
 NEAR_M = 0.3
 """Height below which the vehicle is near the floor [m]: legs and a wandering estimate included."""
 OFF_REFERENCE_M = 0.3
-"""Distance from its reference from which the vehicle does not follow it [m]: the floor, or a hand, holds it. Not every
-controller lets thrust fall to ``LOW_SHARE`` then."""
+"""Distance from its reference from which the vehicle does not follow it [m]: the floor, or a hand,
+holds it. Not every controller lets thrust fall to ``LOW_SHARE`` then."""
 REST_M = 0.15
 """Height below which a constant height may be the floor's [m]."""
 LOW_M = 0.05
-"""Height below which it may be constant from the beginning on [m]; higher up, a frozen pose has the same height."""
+"""Height below which it may be constant from the beginning on [m]; higher up, a frozen pose has the
+same height."""
 SANK_M = 0.03
 """Descent since the sink command that proves a height not to be frozen [m]."""
 REST_S = 0.4
-"""Time for which a height must be constant [s], whatever the estimate is: between few poses the model falls on through
-the floor, and is then thrown up."""
+"""Time for which a height must be constant [s], whatever the estimate is: between few poses the
+model falls on through the floor, and is then thrown up."""
 REST_WAY_M = 0.1
 """Descent that must be commanded meanwhile [m]."""
 GAP_S = 0.3
-"""Interval of poses that says nothing about the time between them [s]: the first pose after it begins anew."""
+"""Interval of poses that says nothing about the time between them [s]: the first pose after it
+begins anew."""
 
 
 class LandingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -57,11 +65,16 @@ class LandingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     approach_m: Annotated[
         float,
         msgspec.Meta(
-            ge=0.05, le=2.0, description="Height above the floor below which the sink rate is `touchdown_m_s` [m]."
+            ge=0.05,
+            le=2.0,
+            description="Height above the floor below which the sink rate is `touchdown_m_s` [m].",
         ),
     ] = 0.25
     touchdown_m_s: Annotated[
-        float, msgspec.Meta(ge=0.05, le=0.5, description="Sink rate below `approach_m`, until touchdown [m/s].")
+        float,
+        msgspec.Meta(
+            ge=0.05, le=0.5, description="Sink rate below `approach_m`, until touchdown [m/s]."
+        ),
     ] = 0.25
 
 
@@ -81,7 +94,8 @@ class Touchdown:
         self._highest_m = -math.inf
         """Largest height of the poses since."""
         self._constant: deque[tuple[float, float]] = deque()
-        """Newest poses whose heights agree: arrival [s], whatever their stamps are, and height [m]."""
+        """Newest poses whose heights agree: arrival [s], whatever their stamps are, and height
+        [m]."""
 
     def detect_rest(self, pose: Pose, height_m: float, commanded_sink_m_s: float) -> bool:
         """Take the newest pose; return whether poses alone prove a vehicle at rest on the floor.
@@ -106,7 +120,9 @@ class Touchdown:
                 constant.popleft()
             constant.append((pose.arrival_s, height_m))
         is_moved = height_m <= LOW_M or self._highest_m - height_m >= SANK_M
-        return is_moved and constant[-1][0] - constant[0][0] >= max(REST_S, REST_WAY_M / commanded_sink_m_s)
+        return is_moved and constant[-1][0] - constant[0][0] >= max(
+            REST_S, REST_WAY_M / commanded_sink_m_s
+        )
 
     def update(
         self,
@@ -126,7 +142,8 @@ class Touchdown:
             lift_n: vertical part of the present thrust [N].
             sink_m_s: estimated sink rate [m/s].
             height_m: estimated height above the floor [m].
-            behind_m: height above the reference [m]; inf without one, and then the evidence must last longer.
+            behind_m: height above the reference [m]; inf without one, and then the evidence must
+                last longer.
             commanded_sink_m_s: commanded sink rate [m/s].
         """
         near, low, since = height_m < NEAR_M, thrust_n < self._low_n, self._since
@@ -135,10 +152,13 @@ class Touchdown:
             commanded_sink_m_s > STILL_M_S,
             self._push(time_s, lift_n, sink_m_s),
         )
-        limit_m_s = STILL_M_S if low else FOLLOWING_SHARE * commanded_sink_m_s if near else -math.inf
+        limit_m_s = (
+            STILL_M_S if low else FOLLOWING_SHARE * commanded_sink_m_s if near else -math.inf
+        )
         stays_s = since.held_s("stays", sinks and -SUSPENDED_M_S <= sink_m_s <= limit_m_s, time_s)
         self.may_have_contact = stays_s >= CONTACT_S or (near and sinks and pushed_m_s > PUSHED_M_S)
-        # A vehicle that has become lighter hovers with as little thrust, but sinks with its reference.
+        # A vehicle that has become lighter hovers with as little thrust, but sinks with its
+        # reference.
         is_suspended = low and speed_m_s <= SUSPENDED_M_S and behind_m > OFF_REFERENCE_M
         if since.held_s("suspended", is_suspended, time_s) >= CERTAIN_S:
             return True

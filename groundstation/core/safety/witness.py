@@ -1,16 +1,18 @@
 """Second witness: a comparison of the autopilot's own attitude with the poses. Sans-IO.
 
-A tracker and an autopilot on the same body measure the same tilt and the same turning, even if their norths differ. At
-the instants of the autopilot's messages two things are compared:
+A tracker and an autopilot on the same body measure the same tilt and the same turning, even if
+their norths differ. At the instants of the autopilot's messages two things are compared:
 
-- *Turning*, in two ways: by the regression of :mod:`groundstation.core.safety.pose_response`, with the autopilot's
-  turn in the place of the model's, and by the latency at which both fit best.
-- *Tilt*: the angle between both directions of gravity, less the same angle at rest before arming (the mounting
-  offset). An autopilot without a velocity source takes a part of a lasting lean for level.
+- *Turning*, in two ways: by the regression of :mod:`groundstation.core.safety.pose_response`, with
+  the autopilot's turn in the place of the model's, and by the latency at which both fit best.
+- *Tilt*: the angle between both directions of gravity, less the same angle at rest before arming
+  (the mounting offset). An autopilot without a velocity source takes a part of a lasting lean for
+  level.
 
 If the vehicle is moved by hand before arming, the same axes must turn the same way in both.
 
-Constants without a named origin were chosen; `groundstation-sim dev autopilots` and `dev faults` fly them.
+Constants without a named origin were chosen; `groundstation-sim dev autopilots` and `dev faults`
+fly them.
 """
 
 import cmath
@@ -59,10 +61,11 @@ SILENT_S = 0.6
 LASTS_S = 2.0
 """Duration of a disagreement before it is reported [s]: a shorter one may be an outlier."""
 TILT_DEG = 10.0
-"""Tilt between both beyond the mounting offset that is a disagreement [deg]: twice the largest effect of vibration."""
+"""Tilt between both beyond the mounting offset that is a disagreement [deg]: twice the largest
+effect of vibration."""
 LEAN_SHARE = 0.3
-"""Share of the lean that is added to ``TILT_DEG`` [-]: the error of PX4 and ArduCopter in steady wind
-(`groundstation-sim dev autopilots`)."""
+"""Share of the lean that is added to ``TILT_DEG`` [-]: the error of PX4 and ArduCopter in steady
+wind (`groundstation-sim dev autopilots`)."""
 TILT_MEMORY_S = 0.3
 """Time constant of the mean tilt between both [s]."""
 LEARN_S = 10.0
@@ -72,14 +75,16 @@ MOUNTING_DEG = 8.0
 MOVED_MEMORY_S = 3.0
 """Time constant of the turns by hand [s]."""
 MOVED_RAD = math.radians(8.0)
-"""Turn by hand about an axis from which its directions are compared [rad]: root of the sum of the squared steps."""
+"""Turn by hand about an axis from which its directions are compared [rad]: root of the sum of the
+squared steps."""
 STEP_S = 0.1
 """Length of such a step [s]."""
 MOVED_STEP_RAD = 10.0 * LEAST_TURN_RAD
-"""Least turn in a step that counts as a turn by hand [rad]: above the noise of a vehicle at rest."""
+"""Least turn in a step that counts as a turn by hand [rad]: above the noise of a vehicle at
+rest."""
 ALIKE_SHARE = 0.5
-"""Share of squared turning that differs below which both turned the same way [-]: 0 for equal turns, 1 for unrelated,
-2 for opposite ones."""
+"""Share of squared turning that differs below which both turned the same way [-]: 0 for equal
+turns, 1 for unrelated, 2 for opposite ones."""
 UNLIKE_SHARE = 0.8
 """Share of squared turning that differs above which they turned different ways [-]."""
 AXES = ("roll", "pitch", "yaw")
@@ -90,7 +95,8 @@ class Agreement(NamedTuple):
     """Result of the comparison."""
 
     alarm: float
-    """Larger of the two statistics, tilt and turning, as a share of its limit [-]: from 1 on, both disagree."""
+    """Larger of the two statistics, tilt and turning, as a share of its limit [-]: from 1 on, both
+    disagree."""
     tilt_deg: float
     """Tilt between both, beyond the mounting offset [deg]."""
     mounting_deg: float
@@ -100,7 +106,8 @@ class Agreement(NamedTuple):
     disagrees_since_s: float | None
     """Begin of the present disagreement, on the event loop's clock [s]; None without one."""
     alike: tuple[str, ...]
-    """Axes of roll, pitch and yaw that turned the same way when the vehicle was last moved by hand, before arming."""
+    """Axes of roll, pitch and yaw that turned the same way when the vehicle was last moved by hand,
+    before arming."""
     unlike: tuple[str, ...]
     """Axes that turned different ways."""
 
@@ -123,7 +130,8 @@ class Witness:
         self._turning = 0.0
         """Alarm of the turning [-]."""
         self._mounting: tuple[float, float] | None = None
-        """Mean difference of both directions of gravity before arming, forward and right [rad, for small angles]."""
+        """Mean difference of both directions of gravity before arming, forward and right [rad, for
+        small angles]."""
         self._tilt, self._lean = (0.0, 0.0), 0.0
         """Mean difference beyond that, and mean lean by the autopilot [rad]."""
         self._north = 0j
@@ -146,7 +154,11 @@ class Witness:
         """Take one pose."""
         poses = self._poses
         last = poses[-1] if poses else None
-        if last is None or pose.reset_count != last.reset_count or not 0.0 < pose.time_s - last.time_s <= GAP_S:
+        if (
+            last is None
+            or pose.reset_count != last.reset_count
+            or not 0.0 < pose.time_s - last.time_s <= GAP_S
+        ):
             poses.clear()
             self._pair = None
         poses.append(pose)
@@ -155,16 +167,23 @@ class Witness:
         self._pair_up()
 
     def add_attitude(self, reported: Attitude) -> None:
-        """Take one attitude reported by the autopilot. Over a radio it arrives after poses of later instants."""
+        """Take one attitude reported by the autopilot.
+
+        Over a radio it arrives after poses of later instants.
+        """
         if self._attitudes and reported.time_s <= self._attitudes[-1].time_s:
-            if reported.time_s < self._attitudes[-1].time_s - SILENT_S:  # the autopilot's clock has restarted
+            if (
+                reported.time_s < self._attitudes[-1].time_s - SILENT_S
+            ):  # the autopilot's clock has restarted
                 self._attitudes.clear()
             return
         self._attitudes.append(reported)
         self._pair_up()
 
     def _pair_up(self) -> None:
-        """Compare each attitude whose instant is between two poses with the pose interpolated at it."""
+        """Compare each attitude whose instant is between two poses with the pose interpolated at
+        it.
+        """
         poses = self._poses
         while self._attitudes and poses and self._attitudes[0].time_s <= poses[-1].time_s:
             reported = self._attitudes.popleft()
@@ -179,15 +198,23 @@ class Witness:
             self._compare(_Pair(reported.time_s, measured, reported.attitude))
 
     def in_poses(self, reported: Attitude) -> Quat | None:
-        """Convert an attitude of the autopilot to the axes of the poses; None before the first comparison."""
+        """Convert an attitude of the autopilot to the axes of the poses.
+
+        None before the first comparison.
+        """
         if self._mounting is None or self._north == 0j:
             return None
         half = 0.5 * cmath.phase(self._north)
         x, y = self._mounting
-        return rotate(multiply((math.cos(half), 0.0, 0.0, math.sin(half)), reported.attitude), (y, -x, 0.0))
+        return rotate(
+            multiply((math.cos(half), 0.0, 0.0, math.sin(half)), reported.attitude), (y, -x, 0.0)
+        )
 
     def agrees(self, now_s: float) -> bool | None:
-        """Whether both agree at ``now_s``; None where that is not known, as while one of both is missing."""
+        """Whether both agree at ``now_s``.
+
+        None where that is not known, as while one of both is missing.
+        """
         if now_s - self._at_s > SILENT_S:
             return None
         if self._disagrees_since_s is not None:
@@ -230,7 +257,10 @@ class Witness:
         last, self._pair = self._pair, pair
         dt = pair.time_s - self._at_s
         self._at_s = pair.time_s
-        (x, y, _), (a, b, c) = third_row(pair.measured), third_row(pair.reported)  # gravity in the body's axes
+        (x, y, _), (a, b, c) = (
+            third_row(pair.measured),
+            third_row(pair.reported),
+        )  # gravity in the body's axes
         difference = (x - a, y - b)
         learn, gain = min(dt / LEARN_S, 1.0), min(dt / TILT_MEMORY_S, 1.0)
         if self._mounting is None:
@@ -254,7 +284,9 @@ class Witness:
 
     def _add_turn(self, now_s: float, measured: Vec3, reported: Vec3, dt: float) -> None:
         """Compare one turn about roll and pitch. Heading is left out: an autopilot may reset it."""
-        roll, pitch, reported_roll, reported_pitch = self._pass.step([*measured[:2], *reported[:2]], dt)
+        roll, pitch, reported_roll, reported_pitch = self._pass.step(
+            [*measured[:2], *reported[:2]], dt
+        )
         difference = (roll - reported_roll, pitch - reported_pitch)
         self._response.add(difference, (reported_roll, reported_pitch), (0.0, 0.0), dt)
         self._lateness.add(now_s, (roll, pitch), (reported_roll, reported_pitch), dt)
@@ -283,17 +315,23 @@ class _Pair(NamedTuple):
 
 
 class _HandMoves:
-    """Turns about roll, pitch and yaw, by the poses and by the autopilot, while the vehicle is moved by hand."""
+    """Turns about roll, pitch and yaw, by the poses and by the autopilot, while the vehicle is
+    moved by hand.
+    """
 
     def __init__(self) -> None:
         self._step_s, self._measured, self._reported = 0.0, ZERO, ZERO
         self._sums = [ZERO for _ in AXES]
-        """For each axis, fading sums of squared turns in steps: of the difference, by the poses, by the autopilot."""
+        """For each axis, fading sums of squared turns in steps: of the difference, by the poses, by
+        the autopilot."""
 
     def add(self, measured: Vec3, reported: Vec3, dt: float) -> None:
         """Take one turn about each axis, by the poses and by the autopilot [rad]."""
         self._step_s += dt
-        self._measured, self._reported = add(self._measured, measured), add(self._reported, reported)
+        self._measured, self._reported = (
+            add(self._measured, measured),
+            add(self._reported, reported),
+        )
         if self._step_s < STEP_S:
             return
         keep = math.exp(-self._step_s / MOVED_MEMORY_S)
@@ -303,7 +341,10 @@ class _HandMoves:
         self._step_s, self._measured, self._reported = 0.0, ZERO, ZERO
 
     def compare(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Axes that turned the same way in both, and axes that turned different ways; others turned too little."""
+        """Axes that turned the same way in both, and axes that turned different ways.
+
+        Others turned too little.
+        """
         alike, unlike = list[str](), list[str]()
         for name, (different, measured, reported) in zip(AXES, self._sums, strict=True):
             if reported > MOVED_RAD * MOVED_RAD:

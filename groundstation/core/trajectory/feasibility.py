@@ -93,13 +93,18 @@ def compute_demand(motion: PathMotion, gravity: float, ops: Ops = FLOATS) -> Mot
 def demands(
     times: Sequence[float], looks: Iterable[MotionDemand], vehicle: Vehicle, limits: LimitsConfig
 ) -> list[Demand]:
-    """Speed, acceleration, tilt, thrust and body rates where each is at its extreme; ``looks`` are at ``times`` [s]."""
+    """Speed, acceleration, tilt, thrust and body rates where each is at its extreme.
+
+    ``looks`` are at ``times`` [s].
+    """
     speed, acceleration, tilt, push, rates = zip(*looks, strict=True)
     thrust = [vehicle.mass_kg * value for value in push]
     kept = limits.reserve * (vehicle.thrust_max_n - vehicle.thrust_min_n)
     reserved = " and limits.reserve"
 
-    def most(name: str, unit: str, values: Sequence[float], limit: float | None, key: str) -> Demand:
+    def most(
+        name: str, unit: str, values: Sequence[float], limit: float | None, key: str
+    ) -> Demand:
         value = largest(values)
         time_s = times[values.index(value)]
         ok = limit is None or value <= limit
@@ -109,7 +114,13 @@ def demands(
     lower = vehicle.thrust_min_n + kept
     return [
         most("speed", "m/s", speed, limits.max_speed_m_s, "limits.max_speed_m_s"),
-        most("acceleration", "m/s²", acceleration, limits.max_acceleration_m_s2, "limits.max_acceleration_m_s2"),
+        most(
+            "acceleration",
+            "m/s²",
+            acceleration,
+            limits.max_acceleration_m_s2,
+            "limits.max_acceleration_m_s2",
+        ),
         most("tilt", "deg", tilt, limits.max_tilt_deg, "limits.max_tilt_deg"),
         most("thrust", "N", thrust, vehicle.thrust_max_n - kept, f"vehicle.thrust_max_n{reserved}"),
         Demand(
@@ -136,13 +147,19 @@ def demands(
 
 
 def largest(values: Sequence[float]) -> float:
-    """The largest of ``values``; one that is not a number is larger than all, as it keeps no limit."""
+    """The largest of ``values``.
+
+    One that is not a number is larger than all, as it keeps no limit.
+    """
     nan = next(filter(math.isnan, values), None)
     return max(values) if nan is None else nan
 
 
 def _rates(axis: Vec3, jerk: Vec3, yaw: Real, yaw_rate: Real, strength: Real, ops: Ops) -> Vec3:
-    """Body rates [rad/s] where the thrust's ``axis`` is the body's z. A trajectory has a thousand of them."""
+    """Body rates [rad/s] where the thrust's ``axis`` is the body's z.
+
+    A trajectory has a thousand of them.
+    """
     sqrt, where = ops.sqrt, ops.where
     (a, b, c), (d, e, f) = axis, jerk
     along = a * d + b * e + c * f
@@ -170,27 +187,34 @@ STEP_S = 0.01
 FEWEST = 8
 """Least number of samples of a segment [-]: the shortest may be the hardest to fly."""
 MOST = 1000
-"""Largest number of samples of a segment [-]: it bounds the time of a check; a segment of more than 10 s is smooth."""
+"""Largest number of samples of a segment [-]: it bounds the time of a check; a segment of more than
+10 s is smooth."""
 DIFFERENCE_S = 0.005
 """Largest time over which differences are taken for derivatives [s]: their error is of
 second order in it."""
 FURTHER_S = 60.0
-"""Time for which an endless trajectory is examined beyond its first turn [s]: several turns of most."""
+"""Time for which an endless trajectory is examined beyond its first turn [s]: several turns of
+most."""
 FURTHER_SAMPLES = 200
 """Samples of a trajectory beyond its first turn [-]: one every 0.3 s."""
 BOX_SPARE_M = 0.05
-"""Margin around the box of the first turn that later turns may use [m]: peaks lie between its samples."""
+"""Margin around the box of the first turn that later turns may use [m]: peaks lie between its
+samples."""
 JUMP_M = 0.01
-"""Largest step of the position that its velocity need not explain [m]: points may be rounded to centimetres."""
+"""Largest step of the position that its velocity need not explain [m]: points may be rounded to
+centimetres."""
 JUMP_M_S = 0.05
-"""Largest step of the velocity that its acceleration need not explain [m/s]: a vehicle follows it by a tilt of 5
-degrees within 60 ms."""
+"""Largest step of the velocity that its acceleration need not explain [m/s]: a vehicle follows it
+by a tilt of 5 degrees within 60 ms."""
 JUMP_RAD = 0.02
-"""Largest step of the yaw that its rate need not explain [rad]: headings may be rounded to degrees."""
+"""Largest step of the yaw that its rate need not explain [rad]: headings may be rounded to
+degrees."""
 
 
 class Inconsistency(msgspec.Struct, frozen=True, kw_only=True):
-    """A derivative of a trajectory that is not the one of its positions, or a period that is none."""
+    """A derivative of a trajectory that is not the one of its positions, or a period that is
+    none.
+    """
 
     time_s: float
     """When [s after the start of the trajectory]."""
@@ -199,7 +223,8 @@ class Inconsistency(msgspec.Struct, frozen=True, kw_only=True):
     declared: float
     """Its length as declared, in ``unit``; of a period its time [s]."""
     found: float
-    """Its length by differences, in ``unit``; of a period the distance from the box of the first turn."""
+    """Its length by differences, in ``unit``; of a period the distance from the box of the first
+    turn."""
     unit: str
 
     @property
@@ -224,7 +249,8 @@ class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
     """Corners of the box that it stays in [m, NED]; smooth curves leave the box of their points."""
     demands: tuple[Demand, ...]
     share: float | None
-    """Share of its own speed at which it keeps the limits except the floor [-]; None where none is slow enough."""
+    """Share of its own speed at which it keeps the limits except the floor [-]; None where none is
+    slow enough."""
     inconsistency: Inconsistency | None = None
     """First derivative that its positions do not have; None if all agree."""
 
@@ -240,9 +266,17 @@ class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def check_feasibility(
-    trajectory: Trajectory, vehicle: Vehicle, limits: LimitsConfig, *, gravity: float, floor_z_m: float
+    trajectory: Trajectory,
+    vehicle: Vehicle,
+    limits: LimitsConfig,
+    *,
+    gravity: float,
+    floor_z_m: float,
 ) -> FeasibilityReport:
-    """Compute the demands of all of ``trajectory``; the floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²]."""
+    """Compute the demands of all of ``trajectory``.
+
+    The floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²].
+    """
     joints = trajectory.joints_s
     span = joints[-1]
     times: list[float] = []
@@ -252,7 +286,8 @@ def check_feasibility(
     times.append(span)
     references = [trajectory.at(t) for t in times]
     motions = [
-        PathMotion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s) for r in references
+        PathMotion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s)
+        for r in references
     ]
     looks = [compute_demand(motion, gravity) for motion in motions]
     places = list(zip(*(r.position_ned for r in references), strict=True))
@@ -272,13 +307,16 @@ def check_feasibility(
         duration_s=trajectory.duration_s,
         span_s=span,
         length_m=sum(
-            0.5 * (a.speed + b.speed) * (t - s) for a, b, s, t in zip(looks, looks[1:], times, times[1:], strict=False)
+            0.5 * (a.speed + b.speed) * (t - s)
+            for a, b, s, t in zip(looks, looks[1:], times, times[1:], strict=False)
         ),
         start_speed_m_s=math.hypot(*references[0].velocity_ned),
         lowest_ned=(min(places[0]), min(places[1]), min(places[2])),
         highest_ned=(max(places[0]), max(places[1]), lowest),
         demands=(above, *wanted),
-        share=1.0 if all(demand.ok for demand in wanted) else _share(times, motions, vehicle, limits, gravity),
+        share=1.0
+        if all(demand.ok for demand in wanted)
+        else _share(times, motions, vehicle, limits, gravity),
         inconsistency=find_inconsistency(trajectory, times, references),
     )
 
@@ -286,12 +324,13 @@ def check_feasibility(
 def find_inconsistency(
     trajectory: Trajectory, times: Sequence[float], references: Sequence[Reference]
 ) -> Inconsistency | None:
-    """Compare what ``trajectory`` declares with the differences of its positions, ``references`` at ``times`` [s].
+    """Compare what ``trajectory`` declares with the differences of its positions, ``references`` at
+    ``times`` [s].
 
     Each derivative is compared with the difference quotient of what it is the derivative of, over a
     few milliseconds after each instant. A single instant that differs may be one at which a formula
-    takes over from another; two in a row are not. A trajectory without end must stay where it was in
-    its first turn.
+    takes over from another; two in a row are not. A trajectory without end must stay where it was
+    in its first turn.
     """
     before: Inconsistency | None = None
     corner: Inconsistency | None = None
@@ -320,11 +359,15 @@ def _find_jump(start_s: float, end_s: float, a: Reference, b: Reference) -> Inco
     far = math.dist(a.position_ned, b.position_ned)
     if far <= JUMP_M + 1.1 * lasts_s * (speed + lasts_s * hardest):
         return None
-    return Inconsistency(time_s=start_s, name="velocity", declared=speed, found=far / lasts_s, unit="m/s")
+    return Inconsistency(
+        time_s=start_s, name="velocity", declared=speed, found=far / lasts_s, unit="m/s"
+    )
 
 
 def _find_corner(start_s: float, end_s: float, a: Reference, b: Reference) -> Inconsistency | None:
-    """Find a step of velocity or yaw between two samples that acceleration or yaw rate do not explain."""
+    """Find a step of velocity or yaw between two samples that acceleration or yaw rate do not
+    explain.
+    """
     lasts_s = end_s - start_s
     hardest = max(math.hypot(*a.acceleration_ned), math.hypot(*b.acceleration_ned))
     quickest = max(math.hypot(*a.jerk_ned), math.hypot(*b.jerk_ned))
@@ -332,17 +375,36 @@ def _find_corner(start_s: float, end_s: float, a: Reference, b: Reference) -> In
     faster = math.dist(a.velocity_ned, b.velocity_ned)
     turned = abs(math.remainder(b.yaw_rad - a.yaw_rad, math.tau))
     if faster > JUMP_M_S + 1.1 * lasts_s * (hardest + lasts_s * quickest):
-        return Inconsistency(time_s=start_s, name="acceleration", declared=hardest, found=faster / lasts_s, unit="m/s²")
+        return Inconsistency(
+            time_s=start_s,
+            name="acceleration",
+            declared=hardest,
+            found=faster / lasts_s,
+            unit="m/s²",
+        )
     if turned > JUMP_RAD + 1.1 * lasts_s * (rate + lasts_s):
-        return Inconsistency(time_s=start_s, name="yaw rate", declared=rate, found=turned / lasts_s, unit="rad/s")
+        return Inconsistency(
+            time_s=start_s, name="yaw rate", declared=rate, found=turned / lasts_s, unit="rad/s"
+        )
     return None
 
 
 def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Inconsistency | None:
-    """Compare the derivatives of two samples ``span_s`` apart [s] with their differences; None where they agree."""
+    """Compare the derivatives of two samples ``span_s`` apart [s] with their differences.
+
+    None where they agree.
+    """
     tables = (
         ("velocity", "m/s", 0.05, a.position_ned, b.position_ned, a.velocity_ned, b.velocity_ned),
-        ("acceleration", "m/s²", 0.3, a.velocity_ned, b.velocity_ned, a.acceleration_ned, b.acceleration_ned),
+        (
+            "acceleration",
+            "m/s²",
+            0.3,
+            a.velocity_ned,
+            b.velocity_ned,
+            a.acceleration_ned,
+            b.acceleration_ned,
+        ),
         ("jerk", "m/s³", 5.0, a.acceleration_ned, b.acceleration_ned, a.jerk_ned, b.jerk_ned),
     )
     for name, unit, spare, first, last, one, other in tables:
@@ -350,7 +412,9 @@ def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Incons
         declared = [0.5 * (x + y) for x, y in zip(one, other, strict=True)]
         length = math.hypot(*declared)
         if not math.dist(found, declared) <= spare + 0.1 * max(length, math.hypot(*found)):
-            return Inconsistency(time_s=time_s, name=name, declared=length, found=math.hypot(*found), unit=unit)
+            return Inconsistency(
+                time_s=time_s, name=name, declared=length, found=math.hypot(*found), unit=unit
+            )
     turned = math.remainder(b.yaw_rad - a.yaw_rad, math.tau) / span_s
     rate = 0.5 * (a.yaw_rate_rad_s + b.yaw_rate_rad_s)
     if abs(turned - rate) <= 0.1 + 0.1 * max(abs(turned), abs(rate)):
@@ -358,31 +422,50 @@ def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Incons
     return Inconsistency(time_s=time_s, name="yaw rate", declared=rate, found=turned, unit="rad/s")
 
 
-def _look_further(trajectory: Trajectory, span_s: float, references: Sequence[Reference]) -> Inconsistency | None:
-    """Find the fault of an endless trajectory that leaves the box of its first ``span_s`` [s], or differs from itself.
+def _look_further(
+    trajectory: Trajectory, span_s: float, references: Sequence[Reference]
+) -> Inconsistency | None:
+    """Find the fault of an endless trajectory that leaves the box of its first ``span_s`` [s], or
+    differs from itself.
 
     As before, two differences in a row count.
     """
     if trajectory.duration_s is not None or span_s <= 0.0:
         return None
-    box = [(min(axis), max(axis)) for axis in zip(*(one.position_ned for one in references), strict=True)]
+    box = [
+        (min(axis), max(axis))
+        for axis in zip(*(one.position_ned for one in references), strict=True)
+    ]
     for k in range(1, FURTHER_SAMPLES + 1):
         time_s = span_s + k * FURTHER_S / FURTHER_SAMPLES
         first, second, third = (trajectory.at(time_s + i * DIFFERENCE_S) for i in range(3))
-        beyond = [max(low - at, at - high, 0.0) for at, (low, high) in zip(first.position_ned, box, strict=True)]
+        beyond = [
+            max(low - at, at - high, 0.0)
+            for at, (low, high) in zip(first.position_ned, box, strict=True)
+        ]
         if not math.hypot(*beyond) <= BOX_SPARE_M:
             far = math.hypot(*beyond)
             return Inconsistency(time_s=time_s, name="period", declared=span_s, found=far, unit="m")
         found = _compare(time_s, DIFFERENCE_S, first, second)
-        if found is not None and _compare(time_s + DIFFERENCE_S, DIFFERENCE_S, second, third) is not None:
+        if (
+            found is not None
+            and _compare(time_s + DIFFERENCE_S, DIFFERENCE_S, second, third) is not None
+        ):
             return found
     return None
 
 
 def _share(
-    times: list[float], motions: list[PathMotion], vehicle: Vehicle, limits: LimitsConfig, gravity: float
+    times: list[float],
+    motions: list[PathMotion],
+    vehicle: Vehicle,
+    limits: LimitsConfig,
+    gravity: float,
 ) -> float | None:
-    """Find the largest share of its speed at which it keeps the limits, height aside; None without one."""
+    """Find the largest share of its speed at which it keeps the limits, height aside.
+
+    None without one.
+    """
     # All instants at once: they are computed a dozen times.
     ops = arrays()
     whole: Any = [
@@ -397,7 +480,9 @@ def _share(
             zip(*(rate.tolist() for rate in at_once.rates), strict=True),
             strict=True,
         )
-        return all(demand.ok for demand in demands(times, map(MotionDemand._make, looks), vehicle, limits))
+        return all(
+            demand.ok for demand in demands(times, map(MotionDemand._make, looks), vehicle, limits)
+        )
 
     low, high = 1e-3, 1.0
     if not keeps_limits(low):

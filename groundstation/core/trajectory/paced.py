@@ -1,22 +1,31 @@
-"""Pacing: a curve flown from rest and to rest, by another time whose rate rises and falls smoothly."""
+"""Pacing: a curve flown from rest and to rest, by another time whose rate rises and falls
+smoothly.
+"""
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.reference import Reference, Trajectory, rest_there
 
 BISECTIONS = 50
-"""Bisections that find a joint within a ramp [-]: a ramp of 600 s divided by 2⁵⁰ is below a picosecond."""
+"""Bisections that find a joint within a ramp [-]: a ramp of 600 s divided by 2⁵⁰ is below a
+picosecond."""
 
 
 class Paced:
-    """Any curve flown from rest and to rest. See :class:`Trajectory` for ``at`` and ``position_at``.
+    """Any curve flown from rest and to rest.
+
+    See :class:`Trajectory` for ``at`` and ``position_at``.
 
     It is evaluated at another time, s(t), whose rate rises and falls smoothly.
 
-        s˙ = w(t / ramp) on the way in, 1 between, w((duration - t) / ramp) on the way out,    w = x³ (10 - 15x + 6x²)
+        s˙ = w(t / ramp) on the way in, 1 between, w((duration - t) / ramp) on the way out,    w =
+                                                                                               x³
+                                                                                               (10 -
+                                                                                               15x +
+                                                                                               6x²)
 
-    w is 0 at the one end and 1 at the other, w' and w'' are 0 at both: s is C³, and so is the position where the curve
-    is. A ramp takes half of its own time from the curve: s = ramp x⁴ (5/2 - 3x + x²). With the curve's derivatives c',
-    c'', c''' by its time:
+    w is 0 at the one end and 1 at the other, w' and w'' are 0 at both: s is C³, and so is the
+    position where the curve is. A ramp takes half of its own time from the curve: s = ramp x⁴ (5/2
+    - 3x + x²). With the curve's derivatives c', c'', c''' by its time:
         v = s˙ c'        a = s¨ c' + s˙² c''        j = s⃛ c' + 3 s˙ s¨ c'' + s˙³ c'''
     """
 
@@ -25,8 +34,13 @@ class Paced:
     period_s: float
     """One turn of the curve at full speed [s]; its whole length if it ends by itself."""
 
-    def __init__(self, curve: Trajectory, ramp_s: float, length_s: float | None, period_s: float) -> None:
-        """Fly ``length_s`` of the curve's own time, at least ``ramp_s`` > 0 [s]; None: without end."""
+    def __init__(
+        self, curve: Trajectory, ramp_s: float, length_s: float | None, period_s: float
+    ) -> None:
+        """Fly ``length_s`` of the curve's own time, at least ``ramp_s`` > 0 [s].
+
+        None: without end.
+        """
         self._curve = curve
         self._ramp = ramp_s
         self._length = length_s
@@ -37,7 +51,10 @@ class Paced:
 
     @property
     def joints_s(self) -> list[float]:
-        """Ends of the ramps and joints of the curve [s]; without an end, those of the first ramp and one turn."""
+        """Ends of the ramps and joints of the curve [s].
+
+        Without an end, those of the first ramp and one turn.
+        """
         if self.duration_s is None or self._length is None:
             return [0.0, self._ramp, self._ramp + self.period_s]
         inner = [self._when(s) for s in self._curve.joints_s if s < self._length]

@@ -1,4 +1,5 @@
-"""Reference and trajectory: where the vehicle should be at any instant, and the ranges of the numbers in their configs.
+"""Reference and trajectory: where the vehicle should be at any instant, and the ranges of the
+numbers in their configs.
 
 The ranges of the numbers also keep out inf and nan.
 """
@@ -12,7 +13,10 @@ from groundstation.core.geometry import FARTHEST_M, ZERO, Coordinate, Vec3
 
 
 class Reference(msgspec.Struct, frozen=True, gc=False):
-    """Where the vehicle should be at one instant. World NED; derivatives are exact, never differences."""
+    """Where the vehicle should be at one instant.
+
+    World NED; derivatives are exact, never differences.
+    """
 
     position_ned: Vec3
     """[m]"""
@@ -33,11 +37,15 @@ class Trajectory(Protocol):
 
     @property
     def duration_s(self) -> float | None:
-        """Time after which the reference is at rest at its last point [s]; None where it never ends."""
+        """Time after which the reference is at rest at its last point [s].
+
+        None where it never ends.
+        """
 
     @property
     def joints_s(self) -> Sequence[float]:
-        """Times at which one formula takes over from another [s], rising, from 0 to its end or to one whole turn.
+        """Times at which one formula takes over from another [s], rising, from 0 to its end or to
+        one whole turn.
 
         Everything that it ever does it has done by the last of them.
         """
@@ -45,12 +53,15 @@ class Trajectory(Protocol):
     def at(self, time_s: float) -> Reference:
         """The reference ``time_s`` after the start of the trajectory [s].
 
-        Every finite time has one. Before the start (``time_s`` < 0) a curve without end goes on backwards, and a
-        way between two points rests at its first.
+        Every finite time has one. Before the start (``time_s`` < 0) a curve without end goes on
+        backwards, and a way between two points rests at its first.
         """
 
     def position_at(self, time_s: float) -> Vec3:
-        """``at(time_s).position_ned`` [m], world NED, to rounding; cheaper where only the position is wanted."""
+        """``at(time_s).position_ned`` [m], world NED, to rounding.
+
+        Cheaper where only the position is wanted.
+        """
 
 
 class PeriodicTrajectory(Trajectory, Protocol):
@@ -103,7 +114,8 @@ Acceleration: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=50.0)]
 Ramp: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=600.0)]
 """Time to reach full speed, and to stop [s]."""
 LATEST_S = 1e10
-"""Largest time stamp [s]: clocks that count from 1970 are near 1.8e9, and 1000 times that in milliseconds."""
+"""Largest time stamp [s]: clocks that count from 1970 are near 1.8e9, and 1000 times that in
+milliseconds."""
 Moment: TypeAlias = Annotated[float, msgspec.Meta(ge=-LATEST_S, le=LATEST_S)]
 """A time stamp [s], from wherever its clock counts."""
 

@@ -1,7 +1,9 @@
-"""Shapes: circle, figure of eight and excitation, how often they are flown, and the table of all kinds.
+"""Shapes: circle, figure of eight and excitation, how often they are flown, and the table of all
+kinds.
 
-A closed curve may lie in any plane: the level one is turned about a level line through its middle. One kind is a
-trajectory of the user's own, loaded by name: ``trajectory.kind = "package.module:factory"``.
+A closed curve may lie in any plane: the level one is turned about a level line through its middle.
+One kind is a trajectory of the user's own, loaded by name:
+``trajectory.kind = "package.module:factory"``.
 """
 
 import inspect
@@ -54,9 +56,17 @@ LOOKED_AT_S = 60.0
 
 
 class OwnTrajectoryConfig(
-    OpenFactory, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="custom"
+    OpenFactory,
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="custom",
 ):
-    """A factory and its options. Written shorter: ``kind = "package.module:factory"``, options beside it."""
+    """A factory and its options. Written shorter: ``kind = "package.module:factory"``, options
+    beside it.
+    """
 
     factory: Annotated[
         str,
@@ -67,8 +77,8 @@ class OwnTrajectoryConfig(
             "or a function of the time [s] that returns the Reference itself.",
         ),
     ]
-    options: Annotated[dict[str, Option], msgspec.Meta(description="What the factory gets.")] = msgspec.field(
-        default_factory=dict
+    options: Annotated[dict[str, Option], msgspec.Meta(description="What the factory gets.")] = (
+        msgspec.field(default_factory=dict)
     )
 
     def build(self) -> Trajectory:
@@ -83,22 +93,31 @@ class OwnTrajectoryConfig(
             return OwnTrajectory(found, found, self.factory)
         made = call_factory(KEY, self.factory, found, (), self.options)
         if not callable(getattr(made, "at", None)):
-            raise ConfigError(KEY, config_notice("trajectory.no_at", factory=self.factory, type=type(made).__name__))
+            raise ConfigError(
+                KEY,
+                config_notice("trajectory.no_at", factory=self.factory, type=type(made).__name__),
+            )
         return OwnTrajectory(made, made.at, self.factory)
 
 
 class OwnTrajectory(Positioned):
-    """A user's curve with the missing parts of :class:`Trajectory`; an invalid reference ends the flight."""
+    """A user's curve with the missing parts of :class:`Trajectory`.
+
+    An invalid reference ends the flight.
+    """
 
     def __init__(self, curve: Any, at: Any, name: str) -> None:
-        """``at`` returns references; ``curve`` may have times of its end and joints, ``name`` is for the operator.
+        """``at`` returns references.
+
+        ``curve`` may have times of its end and joints, ``name`` is for the operator.
 
         Raises:
             ConfigError: it returns no reference for its beginning, or has invalid times.
         """
         self._at, self._name = at, name
         self.duration_s = self._time_of(curve, "duration_s")
-        """Time at which it comes to rest at its last point [s]; None where it never ends, or that is not given."""
+        """Time at which it comes to rest at its last point [s]; None where it never ends, or that
+        is not given."""
         end = self.duration_s or self._time_of(curve, "period_s") or LOOKED_AT_S
         self.joints_s: Sequence[float] = self._joints_of(curve, (0.0, end))
         """Its own joints, or its beginning and its end, one turn, or ``LOOKED_AT_S`` [s]."""
@@ -108,21 +127,29 @@ class OwnTrajectory(Positioned):
             raise ConfigError(KEY, str(fault)) from fault.__cause__
 
     def _read(self, curve: Any, name: str) -> Any:
-        """Return the attribute ``name`` of ``curve``, which may be computed; None where there is none."""
+        """Return the attribute ``name`` of ``curve``, which may be computed.
+
+        None where there is none.
+        """
         try:
             return STEP_WATCH.get().run(self._name, MAKING_LIMIT_S, getattr, curve, name, None)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
             failed = config_notice("trajectory.attribute", name=self._name, attribute=name)
-            raise ConfigError(KEY, config_notice("value.refused", value=failed, why=describe_error(error))) from error
+            raise ConfigError(
+                KEY, config_notice("value.refused", value=failed, why=describe_error(error))
+            ) from error
 
     def _time_of(self, curve: Any, name: str) -> float | None:
         value = self._read(curve, name)
         if value is None:
             return None
         if not isinstance(value, Real) or not 0.0 <= float(value) < math.inf:
-            raise ConfigError(KEY, config_notice("trajectory.seconds", name=self._name, attribute=name, found=value))
+            raise ConfigError(
+                KEY,
+                config_notice("trajectory.seconds", name=self._name, attribute=name, found=value),
+            )
         return float(value)
 
     def _joints_of(self, curve: Any, ends: Sequence[float]) -> Sequence[float]:
@@ -136,7 +163,9 @@ class OwnTrajectory(Positioned):
         raise ConfigError(KEY, config_notice("trajectory.joints", name=self._name, found=value))
 
     def at(self, time_s: float) -> Reference:
-        """The reference ``time_s`` after the start [s]; numbers may be any that Python makes floats of.
+        """The reference ``time_s`` after the start [s].
+
+        Numbers may be any that Python makes floats of.
 
         Raises:
             UserCodeFault: the user's code failed, or this is no reference of finite numbers.
@@ -147,25 +176,44 @@ class OwnTrajectory(Positioned):
         is_over = self.duration_s is not None and time_s >= self.duration_s
         what = f"trajectory {self._name}"
         try:
-            found = STEP_WATCH.get().run(what, limit_s, self._at, self.duration_s if is_over else time_s)
+            found = STEP_WATCH.get().run(
+                what, limit_s, self._at, self.duration_s if is_over else time_s
+            )
         except KeyboardInterrupt:
             raise  # Ctrl-C
         except BaseException as error:  # sys.exit is no end of a flight either
             raise UserCodeFault(what, error) from error
         if not isinstance(found, Reference):
-            hint = " (a factory's argument must be called options)" if hasattr(found, "at") else coroutine_hint(found)
+            hint = (
+                " (a factory's argument must be called options)"
+                if hasattr(found, "at")
+                else coroutine_hint(found)
+            )
             kind = type(found).__name__
-            raise UserCodeFault(config_notice("code.returned", what=what, type=kind, wanted="Reference", hint=hint))
+            raise UserCodeFault(
+                config_notice("code.returned", what=what, type=kind, wanted="Reference", hint=hint)
+            )
         try:
-            vectors = (found.position_ned, found.velocity_ned, found.acceleration_ned, found.jerk_ned)
+            vectors = (
+                found.position_ned,
+                found.velocity_ned,
+                found.acceleration_ned,
+                found.jerk_ned,
+            )
             # Which takes no text for a number, as float does.
-            finite = all(map(math.isfinite, (found.yaw_rad, found.yaw_rate_rad_s, *chain(*vectors))))
+            finite = all(
+                map(math.isfinite, (found.yaw_rad, found.yaw_rate_rad_s, *chain(*vectors)))
+            )
             position, *derivatives = [(float(x), float(y), float(z)) for x, y, z in vectors]
             yaw, yaw_rate = float(found.yaw_rad), float(found.yaw_rate_rad_s)
         except (OverflowError, TypeError, ValueError):
-            raise UserCodeFault(config_notice("trajectory.vectors", what=what, found=found)) from None
+            raise UserCodeFault(
+                config_notice("trajectory.vectors", what=what, found=found)
+            ) from None
         if not finite:
-            raise UserCodeFault(config_notice("trajectory.not_finite", what=what, found=found, time_s=time_s))
+            raise UserCodeFault(
+                config_notice("trajectory.not_finite", what=what, found=found, time_s=time_s)
+            )
         if is_over:
             return Reference(position, yaw_rad=yaw)
         velocity, acceleration, jerk = derivatives
@@ -173,10 +221,18 @@ class OwnTrajectory(Positioned):
 
 
 class Tilted:
-    """``curve``, whose side towards one bearing is raised. See :class:`Trajectory` for ``at`` and ``position_at``."""
+    """``curve``, whose side towards one bearing is raised.
 
-    def __init__(self, curve: PeriodicTrajectory, middle_ned: Vec3, tilt_rad: float, uphill_rad: float) -> None:
-        """Raise the side at bearing ``uphill_rad`` by ``tilt_rad``; the curve is level at the height of its middle."""
+    See :class:`Trajectory` for ``at`` and ``position_at``.
+    """
+
+    def __init__(
+        self, curve: PeriodicTrajectory, middle_ned: Vec3, tilt_rad: float, uphill_rad: float
+    ) -> None:
+        """Raise the side at bearing ``uphill_rad`` by ``tilt_rad``.
+
+        The curve is level at the height of its middle.
+        """
         self._curve = curve
         self._middle = middle_ned
         self._north, self._east = math.cos(uphill_rad), math.sin(uphill_rad)
@@ -225,12 +281,16 @@ class Tilted:
 
 
 class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Keys of every closed curve. Without them it is level, at full speed from the start, and never ends."""
+    """Keys of every closed curve.
+
+    Without them it is level, at full speed from the start, and never ends.
+    """
 
     laps: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=100_000)] | None,
         msgspec.Meta(
-            description="Whole turns to fly, then it rests where it began; needs `ramp_s`. Without it, it never ends."
+            description="Whole turns to fly, then it rests where it began; needs `ramp_s`. Without "
+            "it, it never ends."
         ),
     ] = None
     ramp_s: Annotated[
@@ -245,18 +305,26 @@ class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         msgspec.Meta(
             ge=-90.0,
             le=90.0,
-            description="Turns the figure out of the level plane, about its middle [deg]; 90 is upright.",
+            description="Turns the figure out of the level plane, about its middle [deg]; 90 is "
+            "upright.",
         ),
     ] = 0.0
     uphill_deg: Annotated[
-        Degrees, msgspec.Meta(description="Bearing of the side that `tilt_deg` raises [deg], from north towards east.")
+        Degrees,
+        msgspec.Meta(
+            description="Bearing of the side that `tilt_deg` raises [deg], from north towards east."
+        ),
     ] = 0.0
 
     def __post_init__(self) -> None:
         if self.laps is not None and self.ramp_s == 0.0:
             raise ValueError(config_notice("trajectory.no_ramp"))
         if self.laps is not None and self.ramp_s > self.laps * self.lap_s:
-            raise ValueError(config_notice("trajectory.ramp", length_s=self.laps * self.lap_s, ramp_s=self.ramp_s))
+            raise ValueError(
+                config_notice(
+                    "trajectory.ramp", length_s=self.laps * self.lap_s, ramp_s=self.ramp_s
+                )
+            )
 
     @property
     def lap_s(self) -> float:
@@ -264,34 +332,49 @@ class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         raise NotImplementedError
 
     def pace_and_tilt(self, curve: PeriodicTrajectory, middle_ned: Vec3) -> PeriodicTrajectory:
-        """The level ``curve``, as these keys have it; its plane is turned about ``middle_ned`` [m]."""
+        """The level ``curve``, as these keys have it.
+
+        Its plane is turned about ``middle_ned`` [m].
+        """
         if self.ramp_s > 0.0:
             length_s = None if self.laps is None else self.laps * curve.period_s
             curve = Paced(curve, self.ramp_s, length_s, curve.period_s)
         if self.tilt_deg != 0.0:
-            curve = Tilted(curve, middle_ned, math.radians(self.tilt_deg), math.radians(self.uphill_deg))
+            curve = Tilted(
+                curve, middle_ned, math.radians(self.tilt_deg), math.radians(self.uphill_deg)
+            )
         return curve
 
 
-class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="circle"):
+class CircleConfig(
+    Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="circle"
+):
     """A circle at constant speed, level unless it is tilted."""
 
     radius_m: Annotated[Length, msgspec.Meta(description="Radius [m].")] = 1.0
     speed_m_s: Annotated[Speed, msgspec.Meta(description="Speed along the circle [m/s].")] = 0.5
-    altitude_m: Annotated[Coordinate, msgspec.Meta(description="Height above `centre_ned` [m].")] = 1.0
+    altitude_m: Annotated[
+        Coordinate, msgspec.Meta(description="Height above `centre_ned` [m].")
+    ] = 1.0
     centre_ned: Annotated[
         Point, msgspec.Meta(description="The point below the middle of the circle [m], world NED.")
     ] = (0.0, 0.0, 0.0)
     start_deg: Annotated[
         Degrees,
         msgspec.Meta(
-            description="Where on the circle it starts: bearing from the centre [deg], from north towards east."
+            description="Where on the circle it starts: bearing from the centre [deg], from north "
+            "towards east."
         ),
     ] = 0.0
     clockwise: Annotated[
-        bool, msgspec.Meta(description="Turn from north towards east (seen from above), or the other way.")
+        bool,
+        msgspec.Meta(
+            description="Turn from north towards east (seen from above), or the other way."
+        ),
     ] = True
-    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading [deg], from north towards east; it stays.")] = 0.0
+    yaw_deg: Annotated[
+        Degrees, msgspec.Meta(description="Heading [deg], from north towards east; it stays.")
+    ] = 0.0
 
     @property
     def lap_s(self) -> float:
@@ -305,7 +388,10 @@ class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, 
 
 
 class Circle(Endless):
-    """pd = centre + r (cos θ, sin θ), θ = θ0 ± (V/r) t. See :class:`Trajectory` for ``at`` and ``position_at``."""
+    """pd = centre + r (cos θ, sin θ), θ = θ0 ± (V/r) t.
+
+    See :class:`Trajectory` for ``at`` and ``position_at``.
+    """
 
     def __init__(self, config: CircleConfig) -> None:
         self._north, self._east, down = config.centre_ned
@@ -320,7 +406,11 @@ class Circle(Endless):
         """Position [m], world NED."""
         angle = self._start + self._rate * math.remainder(time_s, self.period_s)
         radius = self._radius
-        return (self._north + radius * math.cos(angle), self._east + radius * math.sin(angle), self._down)
+        return (
+            self._north + radius * math.cos(angle),
+            self._east + radius * math.sin(angle),
+            self._down,
+        )
 
     def at(self, time_s: float) -> Reference:
         """The reference ``time_s`` after the start [s]."""
@@ -359,24 +449,31 @@ _QUARTER: float = math.pi / 2.0 * 2 ** len(_RATIOS) / _FACTOR
 """K(-1), a quarter of the period in u: am(K) = π/2."""
 
 
-class LemniscateConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="lemniscate"):
+class LemniscateConfig(
+    Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="lemniscate"
+):
     """A figure of eight at constant speed, level unless it is tilted."""
 
-    scale_m: Annotated[Length, msgspec.Meta(description="From the crossing to the far end of a lobe [m].")] = 1.0
+    scale_m: Annotated[
+        Length, msgspec.Meta(description="From the crossing to the far end of a lobe [m].")
+    ] = 1.0
     speed_m_s: Annotated[Speed, msgspec.Meta(description="Speed along the curve [m/s].")] = 0.5
-    altitude_m: Annotated[Coordinate, msgspec.Meta(description="Height above `centre_ned` [m].")] = 1.0
+    altitude_m: Annotated[
+        Coordinate, msgspec.Meta(description="Height above `centre_ned` [m].")
+    ] = 1.0
     rotation_deg: Annotated[
         Degrees,
         msgspec.Meta(
-            description="Turns the figure about down [deg], from north towards east; at 0 its lobes lie east and west."
+            description="Turns the figure about down [deg], from north towards east; at 0 its "
+            "lobes lie east and west."
         ),
     ] = -45.0
-    centre_ned: Annotated[Point, msgspec.Meta(description="The point below the crossing [m], world NED.")] = (
-        0.0,
-        0.0,
-        0.0,
-    )
-    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading [deg], from north towards east; it stays.")] = 0.0
+    centre_ned: Annotated[
+        Point, msgspec.Meta(description="The point below the crossing [m], world NED.")
+    ] = (0.0, 0.0, 0.0)
+    yaw_deg: Annotated[
+        Degrees, msgspec.Meta(description="Heading [deg], from north towards east; it stays.")
+    ] = 0.0
 
     @property
     def lap_s(self) -> float:
@@ -390,15 +487,20 @@ class LemniscateConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class Lemniscate(Endless):
-    """Figure of eight at constant speed, the trajectory of the paper's experiment. See the port for its methods.
+    """Figure of eight at constant speed, the trajectory of the paper's experiment.
 
-        pd = Rz(rotation) [ sinφ cosφ, cosφ ] / (1 + sin²φ) · scale,    φ˙ = (V/scale) √(1 + sin²φ),    φ(0) = 0
+    See the port for its methods.
 
-    (the paper prints sin² t, whose speed is not constant). In u = V t / scale the solution is the Jacobi amplitude
-    φ = am(u | m = -1). It comes from the arithmetic-geometric mean and the descending Landen transformation
-    (Abramowitz & Stegun 16.4), exact to rounding, with nothing to integrate.
+        pd = Rz(rotation) [ sinφ cosφ, cosφ ] / (1 + sin²φ) · scale,    φ˙ = (V/scale) √(1 + sin²φ),
+                                                                        φ(0) = 0
 
-    With s = sinφ, c = cosφ, d = √(1 + s²):  ds/du = c d,  dc/du = -s d,  dd/du = s c.  Hence, all per unit of scale:
+    (the paper prints sin² t, whose speed is not constant). In u = V t / scale the solution is the
+    Jacobi amplitude φ = am(u | m = -1). It comes from the arithmetic-geometric mean and the
+    descending Landen transformation (Abramowitz & Stegun 16.4), exact to rounding, with nothing to
+    integrate.
+
+    With s = sinφ, c = cosφ, d = √(1 + s²):  ds/du = c d,  dc/du = -s d,  dd/du = s c.  Hence, all
+    per unit of scale:
         unit tangent  T = (1 - 3s², -s (3 - s²)) / d³        (the speed is V)
         curvature     κ = -3 c / d,   dκ/du = 6 s / d²
         dT/du = κ N,  d²T/du² = κ' N - κ² T,                 N = T turned by +90° about down
@@ -474,13 +576,21 @@ LEAST_SWING_DEG = 1.6
 
 
 class ExcitationConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="excitation"
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="excitation",
 ):
     """Motions of many frequencies about a point, to identify the vehicle from their recording."""
 
     position_ned: Annotated[
         Point,
-        msgspec.Meta(description="The point about which it moves [m], world NED; 1 m up is -1 in the third place."),
+        msgspec.Meta(
+            description="The point about which it moves [m], world NED; 1 m up is -1 in the third "
+            "place."
+        ),
     ] = (0.0, 0.0, -1.0)
     acceleration_m_s2: Annotated[
         Acceleration,
@@ -490,35 +600,51 @@ class ExcitationConfig(
         ),
     ] = 3.0
     lowest_hz: Annotated[
-        Frequency, msgspec.Meta(description="Slowest sine [Hz]; gusts are slower, and take more room.")
+        Frequency,
+        msgspec.Meta(description="Slowest sine [Hz]; gusts are slower, and take more room."),
     ] = 0.4
     highest_hz: Annotated[
         Frequency,
-        msgspec.Meta(description="Fastest sine [Hz]; best for lags is 1/(2 pi lag), where body rates allow it."),
+        msgspec.Meta(
+            description="Fastest sine [Hz]; best for lags is 1/(2 pi lag), where body rates allow "
+            "it."
+        ),
     ] = 1.6
     yaw_swing_deg: Annotated[
         float,
         msgspec.Meta(
             ge=0.0,
             le=90.0,
-            description="How far the heading swings to either side [deg]; 0 leaves the lag of the yaw rate unknown.",
+            description="How far the heading swings to either side [deg]; 0 leaves the lag of the "
+            "yaw rate unknown.",
         ),
     ] = 10.0
-    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading in the middle [deg], from north towards east.")] = 0.0
-    period_s: Annotated[float, msgspec.Meta(ge=5.0, le=100.0, description="After this time it begins anew [s].")] = 20.0
+    yaw_deg: Annotated[
+        Degrees, msgspec.Meta(description="Heading in the middle [deg], from north towards east.")
+    ] = 0.0
+    period_s: Annotated[
+        float, msgspec.Meta(ge=5.0, le=100.0, description="After this time it begins anew [s].")
+    ] = 20.0
     laps: Annotated[int, msgspec.Meta(ge=1, le=20, description="How many periods are flown.")] = 3
     ramp_s: Annotated[
         float,
         msgspec.Meta(
-            ge=1.0, le=5.0, description="From rest to full speed in this time, and back to rest at the end [s]."
+            ge=1.0,
+            le=5.0,
+            description="From rest to full speed in this time, and back to rest at the end [s].",
         ),
     ] = 2.0
 
     def __post_init__(self) -> None:
         if 0.0 < self.yaw_swing_deg < LEAST_SWING_DEG:
             found_deg = self.yaw_swing_deg
-            raise ValueError(config_notice("trajectory.swing", least_deg=LEAST_SWING_DEG, found_deg=found_deg))
-        if math.floor(self.highest_hz * self.period_s) - math.ceil(self.lowest_hz * self.period_s) < 7:
+            raise ValueError(
+                config_notice("trajectory.swing", least_deg=LEAST_SWING_DEG, found_deg=found_deg)
+            )
+        if (
+            math.floor(self.highest_hz * self.period_s) - math.ceil(self.lowest_hz * self.period_s)
+            < 7
+        ):
             needed = self.lowest_hz + 8.0 / self.period_s
             raise ValueError(config_notice("trajectory.band", least_hz=needed))
 
@@ -538,10 +664,10 @@ class Sine(NamedTuple):
 class Excitation(Endless, Positioned):
     """The sines at full speed, for ever. See :class:`Trajectory` for ``at`` and ``position_at``.
 
-    Each axis, and the heading, is a sum of sines at whole multiples of 1/period, no two of them at the same frequency,
-    so that the effects of the axes can be separated. All sines of an axis have the same acceleration;
-    Schroeder's phases (IEEE Trans. Inf. Theory 16, 1970) keep their sum flat. The whole is scaled to the acceleration
-    that is asked for. It begins and ends at rest.
+    Each axis, and the heading, is a sum of sines at whole multiples of 1/period, no two of them at
+    the same frequency, so that the effects of the axes can be separated. All sines of an axis have
+    the same acceleration; Schroeder's phases (IEEE Trans. Inf. Theory 16, 1970) keep their sum
+    flat. The whole is scaled to the acceleration that is asked for. It begins and ends at rest.
     """
 
     def __init__(self, config: ExcitationConfig) -> None:
@@ -555,7 +681,8 @@ class Excitation(Endless, Positioned):
             axis.append(line)
         north, east, down, heading = (_spread(axis) for axis in lines)
         looks = [config.period_s * i / (LOOKS * last) for i in range(LOOKS * last)]
-        # The same acceleration, or yaw rate, at every frequency of an axis: it decides what actuators must do.
+        # The same acceleration, or yaw rate, at every frequency of an axis: it decides what
+        # actuators must do.
         axes = [_sines(axis, config.period_s, 2) for axis in (north, east, down)]
         peak = max(math.hypot(*(_sum(sines, t)[2] for sines in axes)) for t in looks)
         self._axes = tuple(_scale(sines, config.acceleration_m_s2 / peak) for sines in axes)
@@ -587,7 +714,9 @@ def _spread(lines: list[int]) -> list[int]:
 
 
 def _sines(lines: list[int], period_s: float, order: int) -> list[Sine]:
-    """Sines at these multiples of 1/period, whose derivatives of that ``order`` all have amplitude 1."""
+    """Sines at these multiples of 1/period, whose derivatives of that ``order`` all have amplitude
+    1.
+    """
     rates = [2.0 * math.pi * line / period_s for line in lines]
     return [Sine(rate**-order, rate, -math.pi * i * i / len(rates)) for i, rate in enumerate(rates)]
 
@@ -605,13 +734,23 @@ def _sum(sines: tuple[Sine, ...] | list[Sine], t: float) -> tuple[float, float, 
     return a, b, c, d
 
 
-class HoldConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="hold"):
+class HoldConfig(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="hold",
+):
     """A point to stay at."""
 
     position_ned: Annotated[
-        Point, msgspec.Meta(description="The point [m], world NED; 1 m up is -1 in the third place.")
+        Point,
+        msgspec.Meta(description="The point [m], world NED; 1 m up is -1 in the third place."),
     ] = (0.0, 0.0, -1.0)
-    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading [deg], from north towards east.")] = 0.0
+    yaw_deg: Annotated[
+        Degrees, msgspec.Meta(description="Heading [deg], from north towards east.")
+    ] = 0.0
 
     def build(self) -> "Hold":
         """The trajectory of this config."""

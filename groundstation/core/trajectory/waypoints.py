@@ -1,24 +1,29 @@
 """Waypoints: smooth ways through given points, sparse or dense, from a configuration or a CSV file.
 
-From rest at the first, through all of them, to rest at the last. Between them fly polynomials of degree 7 with the
-least snap (C⁶ at every waypoint), or of degree 5 with the least jerk (C⁴; jerk steps at both ends). Times are given, or
-found from limits of speed and acceleration: first those of least ∫|p^(r)|² for a given duration, by the sign of the
-gradient (Rprop, in the logarithm of each leg's time). With the derivatives at the knots in d, a leg of h seconds costs
-E = dᵀ S H S d h^(1-2r), S = diag(h^k), so dE/dh with d held is all of the gradient. Then each leg is moved towards what
-its own speed and acceleration ask for. A course flown k times slower has a k-th of the speed and a k²-th of the
-acceleration everywhere, so every round is brought within both limits exactly; the shortest is kept.
+From rest at the first, through all of them, to rest at the last. Between them fly polynomials of
+degree 7 with the least snap (C⁶ at every waypoint), or of degree 5 with the least jerk (C⁴; jerk
+steps at both ends). Times are given, or found from limits of speed and acceleration: first those of
+least ∫|p^(r)|² for a given duration, by the sign of the gradient (Rprop, in the logarithm of each
+leg's time). With the derivatives at the knots in d, a leg of h seconds costs E = dᵀ S H S d
+h^(1-2r), S = diag(h^k), so dE/dh with d held is all of the gradient. Then each leg is moved towards
+what its own speed and acceleration ask for. A course flown k times slower has a k-th of the speed
+and a k²-th of the acceleration everywhere, so every round is brought within both limits exactly;
+the shortest is kept.
 
-A CSV file has one waypoint a line, in columns of any order that the first line names; # begins a comment:
+A CSV file has one waypoint a line, in columns of any order that the first line names; # begins a
+comment:
 
     t_s, north_m, east_m, up_m [, yaw_deg] [, v_north_m_s, v_east_m_s, v_up_m_s]
 
-``down_m`` may replace ``up_m``; ``t``, ``x``, ``y``, ``z``, ``vx``, ``vy``, ``vz`` are in world NED: z counts down.
+``down_m`` may replace ``up_m``; ``t``, ``x``, ``y``, ``z``, ``vx``, ``vy``, ``vz`` are in world
+NED: z counts down.
 
-The unknowns are the derivatives 1 to r-1 at the knots. A span has the polynomial p(x h) = Σ cᵢ xⁱ, c = A⁻¹ S d, and
-H = A⁻ᵀ Q A⁻¹, Q = ∫₀¹ of the products of the r-th derivatives of xⁱ. Setting the gradient to zero where a derivative is
-free is a block-tridiagonal system, symmetric and positive definite, solved in one sweep forth and back. Prescribing
-derivatives costs smoothness there alone; at a free end the conditions are the natural ones.
-Minimum snap: D. Mellinger, V. Kumar, ICRA 2011; in the derivatives at the knots: C. Richter, A. Bry, N. Roy, ISRR 2013.
+The unknowns are the derivatives 1 to r-1 at the knots. A span has the polynomial p(x h) = Σ cᵢ xⁱ,
+c = A⁻¹ S d, and H = A⁻ᵀ Q A⁻¹, Q = ∫₀¹ of the products of the r-th derivatives of xⁱ. Setting the
+gradient to zero where a derivative is free is a block-tridiagonal system, symmetric and positive
+definite, solved in one sweep forth and back. Prescribing derivatives costs smoothness there alone;
+at a free end the conditions are the natural ones. Minimum snap: D. Mellinger, V. Kumar, ICRA 2011;
+in the derivatives at the knots: C. Richter, A. Bry, N. Roy, ISRR 2013.
 """
 
 import csv
@@ -64,8 +69,8 @@ def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
 
     Args:
         times_s: the knots (N,), rising [s]; N >= 2.
-        known: derivatives 0 to ``order`` - 1 at each knot, for several axes: (N, order, axes); nan where free, which
-            must be the same for all axes. The points themselves must be given.
+        known: derivatives 0 to ``order`` - 1 at each knot, for several axes: (N, order, axes); nan
+            where free, which must be the same for all axes. The points themselves must be given.
         order: r of this file's heading, 3 or 4.
 
     Returns:
@@ -77,7 +82,12 @@ def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
     scale = np.concatenate([powers, powers], axis=1)
     inverse = np.linalg.inv(ends(order))
     cost = inverse.T @ roughness(order) @ inverse
-    blocks = scale[:, :, None] * cost * scale[:, None, :] * ((spans / unit) ** (1 - 2 * order))[:, None, None]
+    blocks = (
+        scale[:, :, None]
+        * cost
+        * scale[:, None, :]
+        * ((spans / unit) ** (1 - 2 * order))[:, None, None]
+    )
     own = np.zeros((len(times_s), order, order))
     own[:-1] += blocks[:, :order, :order]
     own[1:] += blocks[:, order:, order:]
@@ -144,7 +154,9 @@ class _Span(NamedTuple):
 
 
 class Spline:
-    """Position and heading as polynomials in time, evaluated in plain floats. See :class:`Trajectory` for its methods.
+    """Position and heading as polynomials in time, evaluated in plain floats.
+
+    See :class:`Trajectory` for its methods.
 
     Before its start and after its end it is at rest at its first and its last point.
     """
@@ -155,12 +167,16 @@ class Spline:
     """Where one polynomial meets the next [s], from 0 on."""
 
     def __init__(self, times_s: "Array", coefficients: "Array") -> None:
-        """Take the knots (N,) [s], and coefficients (N - 1, DEGREE + 1, 4): north, east, down [m], heading [rad]."""
+        """Take the knots (N,) [s], and coefficients (N - 1, DEGREE + 1, 4): north, east, down [m],
+        heading [rad].
+        """
         self.joints_s = [float(t - times_s[0]) for t in times_s]
         self.duration_s = self.joints_s[-1]
         self._spans = [
             _Span(start, 1.0 / (end - start), *(tuple(axis) for axis in span.T.tolist()))
-            for start, end, span in zip(self.joints_s, self.joints_s[1:], coefficients, strict=False)
+            for start, end, span in zip(
+                self.joints_s, self.joints_s[1:], coefficients, strict=False
+            )
         ]
         self._start = rest_there(self._moving(0.0))
         self._end = rest_there(self._moving(self.duration_s))
@@ -229,8 +245,8 @@ EXAMPLE = "t_s,north_m,east_m,up_m,yaw_deg"
 def parse_course(text: str, least: int = 2) -> dict[str, Any]:
     """The course of at least ``least`` points in ``text`` as keys of a section; world NED.
 
-    Always ``points_ned`` [m]; where their columns are there, ``times_s`` [s], ``yaws_deg`` [deg] and
-    ``velocities_ned`` [m/s].
+    Always ``points_ned`` [m]; where their columns are there, ``times_s`` [s], ``yaws_deg`` [deg]
+    and ``velocities_ned`` [m/s].
 
     Raises:
         ValueError: with the line and the column, what is wrong there.
@@ -249,7 +265,9 @@ def parse_course(text: str, least: int = 2) -> dict[str, Any]:
             rows.append(_row(cells, names, line))
             if "t_s" in names and len(rows) > 1 and rows[-1]["t_s"] <= rows[-2]["t_s"]:
                 before, here = rows[-2]["t_s"], rows[-1]["t_s"]
-                raise ValueError(config_notice("course.order", line=line, before_s=before, found_s=here))
+                raise ValueError(
+                    config_notice("course.order", line=line, before_s=before, found_s=here)
+                )
     except csv.Error as error:
         raise ValueError(config_notice("course.not_csv", line=reader.line_num, why=error)) from None
     if len(rows) < least:
@@ -268,7 +286,8 @@ def with_course(table: dict[str, Any], text: str, *columns: str) -> dict[str, An
     """The section ``table`` with the course in ``text``, of which it takes the keys ``columns``.
 
     Raises:
-        ValueError: as :func:`parse_course`; or the course has what the section can't use, or has itself.
+        ValueError: as :func:`parse_course`; or the course has what the section can't use, or has
+            itself.
     """
     course = parse_course(text)
     for key in course:
@@ -298,7 +317,9 @@ def _header(cells: list[str], line: int) -> list[str]:
 
 def _row(cells: list[str], names: list[str], line: int) -> dict[str, float]:
     if len(cells) != len(names):
-        raise ValueError(config_notice("course.values", line=line, count=len(names), found=len(cells)))
+        raise ValueError(
+            config_notice("course.values", line=line, count=len(names), found=len(cells))
+        )
     row: dict[str, float] = {}
     for cell, name in zip(cells, names, strict=True):
         bound = _BOUNDS[name]
@@ -308,7 +329,9 @@ def _row(cells: list[str], names: list[str], line: int) -> dict[str, float]:
             value = math.nan
         if not abs(value) <= bound:
             found = cell.strip()[:40]
-            raise ValueError(config_notice("course.number", line=line, name=name, bound=bound, found=found))
+            raise ValueError(
+                config_notice("course.number", line=line, name=name, bound=bound, found=found)
+            )
         row[name] = value
     return row
 
@@ -321,16 +344,20 @@ def _vector(row: dict[str, float], axes: tuple[tuple[str, ...], ...]) -> list[fl
 
 
 SMOOTH_ROUNDS = 30
-"""Iterations that make the durations smooth [-]: their steps halve where the gradient turns, 0.2 to below 1e-4."""
+"""Iterations that make the durations smooth [-]: their steps halve where the gradient turns, 0.2 to
+below 1e-4."""
 LIMIT_ROUNDS = 12
 """Iterations after these that bring each leg to its own limits [-]: a step halves the distance."""
 INTERVALS = 48
 """Intervals between the samples of a leg at which its peaks are searched [-]."""
 MARGIN = 1.001
-"""Factor on the durations for true peaks between the samples [-]: they are less than a thousandth higher."""
+"""Factor on the durations for true peaks between the samples [-]: they are less than a thousandth
+higher."""
 
 
-def allocate_times(known: "Array", order: int, max_speed: float, max_acceleration: float) -> "Array":
+def allocate_times(
+    known: "Array", order: int, max_speed: float, max_acceleration: float
+) -> "Array":
     """Times (N,) [s] of a short and smooth course that keeps both limits.
 
     Args:
@@ -366,7 +393,9 @@ def _times(legs: "Array") -> "Array":
 
 
 def _slope(coefficients: "Array", legs: "Array", order: int) -> "Array":
-    """The gradient of log(∫|p^(r)|² · duration^(2r-1)), which no pace changes, by the logarithm of each leg's time."""
+    """The gradient of log(∫|p^(r)|² · duration^(2r-1)), which no pace changes, by the logarithm of
+    each leg's time.
+    """
     matrix = ends(order)
     inverse = np.linalg.inv(matrix)
     cost = inverse.T @ roughness(order) @ inverse
@@ -375,11 +404,15 @@ def _slope(coefficients: "Array", legs: "Array", order: int) -> "Array":
     scale = legs ** (1 - 2 * order)
     energy = np.einsum("mia,ij,mja->m", derivatives, cost, derivatives) * scale
     moved = 2.0 * np.einsum("mia,ij,mja->m", powers * derivatives, cost, derivatives) * scale
-    slope: Array = (moved + (1 - 2 * order) * energy) / energy.sum() + (2 * order - 1) * legs / legs.sum()
+    slope: Array = (moved + (1 - 2 * order) * energy) / energy.sum() + (
+        2 * order - 1
+    ) * legs / legs.sum()
     return slope
 
 
-def _find_demand(coefficients: "Array", legs: "Array", max_speed: float, max_acceleration: float) -> "Array":
+def _find_demand(
+    coefficients: "Array", legs: "Array", max_speed: float, max_acceleration: float
+) -> "Array":
     """Return the factor by which each leg must be slowed to keep both limits, (M,)."""
     x = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
     powers = np.arange(coefficients.shape[1])
@@ -399,15 +432,21 @@ class CourseConfig(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_u
     """Keys of every course: where its points come from, and its headings."""
 
     file: Annotated[
-        str | None, msgspec.Meta(description="CSV of the points, beside the configuration; they are then here.")
+        str | None,
+        msgspec.Meta(
+            description="CSV of the points, beside the configuration; they are then here."
+        ),
     ] = None
     yaws_deg: Annotated[
         tuple[Annotated[float, msgspec.Meta(ge=-36000.0, le=36000.0)], ...] | None,
-        msgspec.Meta(description="Heading at each point [deg], from north towards east; it turns the shorter way."),
+        msgspec.Meta(
+            description="Heading at each point [deg], from north towards east; it turns the "
+            "shorter way."
+        ),
     ] = None
-    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading where `yaws_deg` is not given [deg]; it stays.")] = (
-        0.0
-    )
+    yaw_deg: Annotated[
+        Degrees, msgspec.Meta(description="Heading where `yaws_deg` is not given [deg]; it stays.")
+    ] = 0.0
 
     def __post_init__(self) -> None:
         if self.file is not None:
@@ -415,7 +454,12 @@ class CourseConfig(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_u
 
 
 class WaypointsConfig(
-    CourseConfig, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="waypoints"
+    CourseConfig,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="waypoints",
 ):
     """A course through points, from rest to rest."""
 
@@ -429,24 +473,33 @@ class WaypointsConfig(
     ]
     times_s: Annotated[
         tuple[Moment, ...] | None,
-        msgspec.Meta(description="When to be at each [s], from the first on; without them the limits below say."),
+        msgspec.Meta(
+            description="When to be at each [s], from the first on; without them the limits below "
+            "say."
+        ),
     ] = None
     method: Annotated[
         Literal["minimum_snap", "quintic"],
-        msgspec.Meta(description="Polynomials of degree 7 and least snap, or of degree 5 and least jerk."),
+        msgspec.Meta(
+            description="Polynomials of degree 7 and least snap, or of degree 5 and least jerk."
+        ),
     ] = "minimum_snap"
     max_speed_m_s: Annotated[
         Speed, msgspec.Meta(description="Never faster than this, where no times are given [m/s].")
     ] = 0.5
     max_acceleration_m_s2: Annotated[
-        Acceleration, msgspec.Meta(description="Never more acceleration than this, where no times are given [m/s²].")
+        Acceleration,
+        msgspec.Meta(
+            description="Never more acceleration than this, where no times are given [m/s²]."
+        ),
     ] = 1.0
     laps: Annotated[
         int,
         msgspec.Meta(
             ge=1,
             le=MAX_POINTS,
-            description="How often the course is flown without a stop; for more than once it must end where it began.",
+            description="How often the course is flown without a stop; for more than once it must "
+            "end where it began.",
         ),
     ] = 1
 
@@ -454,7 +507,9 @@ class WaypointsConfig(
         super().__post_init__()
         check_lists(self.points_ned, self.times_s, yaws_deg=self.yaws_deg)
         if self.times_s is None:
-            for i, (a, b) in enumerate(zip(self.points_ned, self.points_ned[1:], strict=False), start=1):
+            for i, (a, b) in enumerate(
+                zip(self.points_ned, self.points_ned[1:], strict=False), start=1
+            ):
                 if math.dist(a, b) < 1e-6:
                     raise ValueError(config_notice("trajectory.same_point", index=i))
         if self.laps > 1 and math.dist(self.points_ned[0], self.points_ned[-1]) > 1e-9:
@@ -473,10 +528,13 @@ class WaypointsConfig(
 
 
 STILL_M = 0.05
-"""Length up to which a course stays at one place [m], so that its speed does not tell the unit of its times."""
+"""Length up to which a course stays at one place [m], so that its speed does not tell the unit of
+its times."""
 
 
-def check_lists(points: tuple[Vec3, ...], times_s: tuple[float, ...] | None, **lists: tuple[Any, ...] | None) -> None:
+def check_lists(
+    points: tuple[Vec3, ...], times_s: tuple[float, ...] | None, **lists: tuple[Any, ...] | None
+) -> None:
     """Check that ``times_s`` rise and that there is one of everything for each point.
 
     Also that the course is no slower than ``SLOWEST_M_S``: then its times are in another unit.
@@ -486,15 +544,26 @@ def check_lists(points: tuple[Vec3, ...], times_s: tuple[float, ...] | None, **l
     """
     for key, values in {"times_s": times_s, **lists}.items():
         if values is not None and len(values) != len(points):
-            raise ValueError(config_notice("trajectory.lists", key=key, points=len(points), count=len(values)))
-    for i, (before, here) in enumerate(zip(times_s or (), (times_s or ())[1:], strict=False), start=1):
+            raise ValueError(
+                config_notice("trajectory.lists", key=key, points=len(points), count=len(values))
+            )
+    for i, (before, here) in enumerate(
+        zip(times_s or (), (times_s or ())[1:], strict=False), start=1
+    ):
         if here - before < 1e-3:
-            raise ValueError(config_notice("trajectory.times", index=i, before_s=before, found_s=here))
+            raise ValueError(
+                config_notice("trajectory.times", index=i, before_s=before, found_s=here)
+            )
     if times_s is not None:
         length_m, lasts_s = sum(map(math.dist, points, points[1:])), times_s[-1] - times_s[0]
         if length_m > STILL_M and length_m < SLOWEST_M_S * lasts_s:
             raise ValueError(
-                config_notice("trajectory.unit", length_m=length_m, lasts_s=lasts_s, slowest_mm_s=1e3 * SLOWEST_M_S)
+                config_notice(
+                    "trajectory.unit",
+                    length_m=length_m,
+                    lasts_s=lasts_s,
+                    slowest_mm_s=1e3 * SLOWEST_M_S,
+                )
             )
 
 
@@ -512,7 +581,11 @@ def headings(yaws_deg: tuple[float, ...] | None, yaw_deg: float, count: int) -> 
 def _plan(config: WaypointsConfig) -> Spline:
     points = np.array(config.points_ned[:1] + config.points_ned[1:] * config.laps)
     single = config.yaws_deg
-    yaws = headings(None if single is None else single[:1] + single[1:] * config.laps, config.yaw_deg, len(points))
+    yaws = headings(
+        None if single is None else single[:1] + single[1:] * config.laps,
+        config.yaw_deg,
+        len(points),
+    )
     order = 4 if config.method == "minimum_snap" else 3
     known = np.full((len(points), order, 4), np.nan)
     known[:, 0, :3] = points
@@ -531,37 +604,53 @@ MAX_SAMPLES = 50_000
 
 
 class SamplesConfig(
-    CourseConfig, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="samples"
+    CourseConfig,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="samples",
 ):
     """A motion given densely in time, such as one computed or recorded elsewhere.
 
-    Between the samples fly polynomials of degree 7 with the least snap: C⁶, or C⁵ where velocities are given too. They
-    go through every sample exactly: what is noise in the file is flown as well. At both ends it moves as the file does,
-    unless ``ramp_s`` brings it up from rest and back to rest; the way is then the same, only its time is stretched at
-    the ends.
+    Between the samples fly polynomials of degree 7 with the least snap: C⁶, or C⁵ where velocities
+    are given too. They go through every sample exactly: what is noise in the file is flown as well.
+    At both ends it moves as the file does, unless ``ramp_s`` brings it up from rest and back to
+    rest; the way is then the same, only its time is stretched at the ends.
     """
 
     times_s: Annotated[
         tuple[Moment, ...],
-        msgspec.Meta(min_length=2, max_length=MAX_SAMPLES, description="When each was [s], from the first on."),
+        msgspec.Meta(
+            min_length=2,
+            max_length=MAX_SAMPLES,
+            description="When each was [s], from the first on.",
+        ),
     ]
     points_ned: Annotated[
-        tuple[Point, ...], msgspec.Meta(description="The positions [m], world NED; 1 m up is -1 in the third place.")
+        tuple[Point, ...],
+        msgspec.Meta(description="The positions [m], world NED; 1 m up is -1 in the third place."),
     ]
     velocities_ned: Annotated[
-        tuple[Velocity, ...] | None, msgspec.Meta(description="The velocities [m/s], world NED, where they are known.")
+        tuple[Velocity, ...] | None,
+        msgspec.Meta(description="The velocities [m/s], world NED, where they are known."),
     ] = None
     ramp_s: Annotated[
         Ramp,
         msgspec.Meta(
-            description="From rest to the samples' own speed in this time, and back at the end [s]; "
-            "0: as they begin and end."
+            description="From rest to the samples' own speed in this time, and back at the end "
+            "[s]; 0: as they begin and end."
         ),
     ] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_lists(self.points_ned, self.times_s, velocities_ned=self.velocities_ned, yaws_deg=self.yaws_deg)
+        check_lists(
+            self.points_ned,
+            self.times_s,
+            velocities_ned=self.velocities_ned,
+            yaws_deg=self.yaws_deg,
+        )
         length = self.times_s[-1] - self.times_s[0]
         if self.ramp_s > length:
             raise ValueError(config_notice("trajectory.ramp", length_s=length, ramp_s=self.ramp_s))

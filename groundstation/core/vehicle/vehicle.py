@@ -1,11 +1,13 @@
 """Vehicle: its configuration, its limits, and the model by which it is integrated forward in time.
 
-The configuration is the section ``[vehicle]``, or a file of its own. The limits (section ``[limits]``) restrict a
-flight further. The model is (1), (2) of the paper, p˙ = v, v˙ = g e3 + d - (T/m) R e3 - c v, with first-order lags on
-thrust and body rates, the actuators; lags and their inverse are exact for a command that is held. A step has two parts.
-Attitude and thrust depend on the commands only, and so do the integrals of the thrust (:func:`integrate_actuators`, one
-call for each command that acts). All else is added once, at the end (:func:`integrate_motion`): position and velocity
-are linear in thrust over mass, gravity and wind. Elementwise: floats, or arrays of shape (N,).
+The configuration is the section ``[vehicle]``, or a file of its own. The limits (section
+``[limits]``) restrict a flight further. The model is (1), (2) of the paper, p˙ = v, v˙ = g e3 + d -
+(T/m) R e3 - c v, with first-order lags on thrust and body rates, the actuators; lags and their
+inverse are exact for a command that is held. A step has two parts. Attitude and thrust depend on
+the commands only, and so do the integrals of the thrust (:func:`integrate_actuators`, one call for
+each command that acts). All else is added once, at the end (:func:`integrate_motion`): position and
+velocity are linear in thrust over mass, gravity and wind. Elementwise: floats, or arrays of shape
+(N,).
 """
 
 import math
@@ -45,17 +47,21 @@ Mass = Annotated[float, msgspec.Meta(ge=0.005, le=100.0)]
 Thrust = Annotated[float, msgspec.Meta(gt=0.0, le=5000.0)]
 """A thrust [N], of at most five times the weight of the heaviest vehicle."""
 Lag = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
-"""A time constant of an actuator [s]: a larger number is in milliseconds, or of a rotor that no loop can fly."""
+"""A time constant of an actuator [s]: a larger number is in milliseconds, or of a rotor that no
+loop can fly."""
 Delay = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
 """A dead time of an actuator [s]: a larger number is in milliseconds."""
 Drag = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 """Linear drag [1/s]: at 10, a thrust of twice the weight reaches less than 2 m/s."""
 FramePeriod = Annotated[float, msgspec.Meta(ge=0.001, le=0.25)]
-"""A period of commands [s]: a larger number is in milliseconds, and no link carries more than 1000 a second."""
+"""A period of commands [s]: a larger number is in milliseconds, and no link carries more than 1000
+a second."""
 Size = Annotated[float, msgspec.Meta(ge=0.03, le=10.0)]
-"""An extent [m]: a larger number is in millimetres, and no vehicle is smaller than the triangle of its markers."""
+"""An extent [m]: a larger number is in millimetres, and no vehicle is smaller than the triangle of
+its markers."""
 RateLimit = Annotated[float, msgspec.Meta(ge=15.0, le=1e5)]
-"""A body rate [deg/s]: 100000 is no limit at all, and a smaller number than 15 is in radians per second."""
+"""A body rate [deg/s]: 100000 is no limit at all, and a smaller number than 15 is in radians per
+second."""
 WeightShare = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
 """A thrust as a share of the weight [-]."""
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
@@ -66,7 +72,8 @@ Inside = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 GRAVITY = 9.81
 """Default g [m/s²]: the paper's."""
 APART_S = 0.002
-"""Difference of the delays of thrust and rates up to which they count as equal [s]: a tenth of a frame."""
+"""Difference of the delays of thrust and rates up to which they count as equal [s]: a tenth of a
+frame."""
 
 
 class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -76,29 +83,35 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     preset: Annotated[
         str | None,
         msgspec.Meta(
-            description="Vehicle that comes along to start from, see `groundstation config vehicles`; its "
-            "keys are then here."
+            description="Vehicle that comes along to start from, see `groundstation config "
+            "vehicles`; its keys are then here."
         ),
     ] = None
     file: Annotated[
         str | None,
-        msgspec.Meta(description="Vehicle file to start from, beside the configuration; its keys are then here."),
+        msgspec.Meta(
+            description="Vehicle file to start from, beside the configuration; its keys are then "
+            "here."
+        ),
     ] = None
     name: Annotated[
         str,
         msgspec.Meta(
-            pattern=name_pattern(VEHICLE_LETTERS), description="Name for the operator, who types it before arming."
+            pattern=name_pattern(VEHICLE_LETTERS),
+            description="Name for the operator, who types it before arming.",
         ),
     ] = "mqx"
     mass_kg: Annotated[Mass, msgspec.Meta(description="With battery and markers [kg].")] = 0.080
     thrust_max_n: Annotated[
         Thrust,
         msgspec.Meta(
-            description="Largest thrust to command [N]; without hover_thrust also what the full signal (1) gives."
+            description="Largest thrust to command [N]; without hover_thrust also what the full "
+            "signal (1) gives."
         ),
     ] = 1.37
     thrust_min_n: Annotated[
-        Thrust, msgspec.Meta(description="Least thrust to command in the air [N]; the law needs T > 0.")
+        Thrust,
+        msgspec.Meta(description="Least thrust to command in the air [N]; the law needs T > 0."),
     ] = 0.02
     thrust_curve: Annotated[
         Share,
@@ -119,36 +132,39 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         tuple[RateLimit, RateLimit, RateLimit],
         msgspec.Meta(description="Largest commanded roll, pitch and yaw rate [deg/s]."),
     ] = (200.0, 200.0, 300.0)
-    thrust_lag_s: Annotated[Lag, msgspec.Meta(description="Time constant from commanded to actual thrust [s].")] = (
-        1.0 / (2.0 * math.pi * 1.5)
-    )
-    rate_lag_s: Annotated[Lag, msgspec.Meta(description="Time constant from commanded to actual body rates [s].")] = (
-        1.0 / (2.0 * math.pi * 1.5)
-    )
+    thrust_lag_s: Annotated[
+        Lag, msgspec.Meta(description="Time constant from commanded to actual thrust [s].")
+    ] = 1.0 / (2.0 * math.pi * 1.5)
+    rate_lag_s: Annotated[
+        Lag, msgspec.Meta(description="Time constant from commanded to actual body rates [s].")
+    ] = 1.0 / (2.0 * math.pi * 1.5)
     command_delay_s: Annotated[
         Delay, msgspec.Meta(description="From a command leaving us to the actuators seeing it [s].")
     ] = 0.0
     thrust_delay_s: Annotated[
         Delay,
         msgspec.Meta(
-            description="From the arrival of a command at the actuators to the beginning of the thrust's lag [s]."
+            description="From the arrival of a command at the actuators to the beginning of the "
+            "thrust's lag [s]."
         ),
     ] = 0.0
     rate_delay_s: Annotated[
         Delay,
         msgspec.Meta(
-            description="The same for body rates [s]: rotors and the autopilot's rate loop respond like a lag behind a "
-            "delay."
+            description="The same for body rates [s]: rotors and the autopilot's rate loop respond "
+            "like a lag behind a delay."
         ),
     ] = 0.0
     drag_per_s: Annotated[
         Drag,
         msgspec.Meta(
-            description="Linear drag: deceleration per speed [1/s]; 0 leaves it to what is found out as wind."
+            description="Linear drag: deceleration per speed [1/s]; 0 leaves it to what is found "
+            "out as wind."
         ),
     ] = 0.0
     frame_period_s: Annotated[
-        FramePeriod, msgspec.Meta(description="How long a command is held: the period of command frames [s].")
+        FramePeriod,
+        msgspec.Meta(description="How long a command is held: the period of command frames [s]."),
     ] = 0.0225
     size_m: Annotated[
         Size,
@@ -188,7 +204,9 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             ValueError: one of them is given elsewhere.
         """
         if self.preset is not None or self.file is not None:
-            raise ValueError(config_notice("file.in_python", key="file" if self.preset is None else "preset"))
+            raise ValueError(
+                config_notice("file.in_python", key="file" if self.preset is None else "preset")
+            )
 
     @property
     def acting_delay_s(self) -> float:
@@ -196,7 +214,9 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         return self.command_delay_s + max(self.thrust_delay_s, self.rate_delay_s)
 
     def wind_bound_m_s2(self, gravity: float) -> float:
-        """Return ``wind_share`` of the disturbance that full thrust can trim sideways, at ``gravity`` [m/s²]."""
+        """Return ``wind_share`` of the disturbance that full thrust can trim sideways, at
+        ``gravity`` [m/s²].
+        """
         most = self.thrust_max_n / self.mass_kg
         return self.wind_share * math.sqrt(max(most * most - gravity * gravity, 0.0))
 
@@ -228,7 +248,9 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             if base is not None:
                 known = presets(cls)
                 if not isinstance(base, str) or base not in known:
-                    raise Problem(("preset",), config_notice("value.choice", choices=list(known), found=base))
+                    raise Problem(
+                        ("preset",), config_notice("value.choice", choices=list(known), found=base)
+                    )
                 values = {**parse_toml(known[base]), **values}
             convert(cls, values)
         except Problem as problem:
@@ -240,14 +262,15 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
 
 
 _OPTIONAL = (
-    "preset", "file", "command_delay_s", "thrust_delay_s", "rate_delay_s", "drag_per_s", "thrust_curve",
+    "preset", "file", "command_delay_s", "thrust_delay_s", "rate_delay_s", "drag_per_s",
+    "thrust_curve",
     "hover_thrust", "hover_range", "size_m", "hover_n", "wind_share",
 )  # fmt: skip
 """Keys that a vehicle file may omit."""
 
 
 class LimitsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Bounds on the planned flight; a trajectory that would leave them is refused before take-off."""
+    """Bounds on the planned flight: a trajectory that would leave them is refused at start."""
 
     max_speed_m_s: Annotated[
         Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] | None,
@@ -260,7 +283,9 @@ class LimitsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     max_tilt_deg: Annotated[
         float,
         msgspec.Meta(
-            ge=2.0, le=80.0, description="Farthest the vehicle may lean to follow the reference in still air [deg]."
+            ge=2.0,
+            le=80.0,
+            description="Farthest the vehicle may lean to follow the reference in still air [deg].",
         ),
     ] = 45.0
     reserve: Annotated[
@@ -299,12 +324,17 @@ class ActuatorCommand(NamedTuple):
 
 
 def schedule(
-    drives: deque[tuple[float, ActuatorCommand]], vehicle: Vehicle, seen_s: float, drive: ActuatorCommand
+    drives: deque[tuple[float, ActuatorCommand]],
+    vehicle: Vehicle,
+    seen_s: float,
+    drive: ActuatorCommand,
 ) -> float:
-    """Put ``drive``, which the actuators see at ``seen_s`` [s], into ``drives``: what acts from which instant on.
+    """Put ``drive``, which the actuators see at ``seen_s`` [s], into ``drives``: what acts from
+    which instant on.
 
-    It replaces what was to act later: thrust from thrust_delay_s on, rates from rate_delay_s on; between the two the
-    other keeps its older commands. Return the instant from which on anything has changed [s].
+    It replaces what was to act later: thrust from thrust_delay_s on, rates from rate_delay_s on;
+    between the two the other keeps its older commands. Return the instant from which on anything
+    has changed [s].
     """
     thrust_s, rates_s = seen_s + vehicle.thrust_delay_s, seen_s + vehicle.rate_delay_s
     if thrust_s == rates_s:
@@ -322,14 +352,21 @@ def schedule(
         between.insert(0, (first_s, drives[-1][1] if drives else drive))
     for time_s, other in between:
         drives.append(
-            (time_s, drive._replace(rates=other.rates) if thrust_s < rates_s else other._replace(rates=drive.rates))
+            (
+                time_s,
+                drive._replace(rates=other.rates)
+                if thrust_s < rates_s
+                else other._replace(rates=drive.rates),
+            )
         )
     drives.append((last_s, drive))
     return first_s
 
 
 class ActuatorResponse(NamedTuple):
-    """Response of thrust, rates and attitude to commands since an interval began, and the integrals of the thrust."""
+    """Response of thrust, rates and attitude to commands since an interval began, and the integrals
+    of the thrust.
+    """
 
     attitude: Quat
     """Unit quaternion w, x, y, z, body FRD to world NED."""
@@ -349,12 +386,19 @@ def begin_response(motion: Motion) -> ActuatorResponse:
 
 
 def integrate_actuators(
-    ops: Ops, before: ActuatorResponse, drive: ActuatorCommand, duration: Real, thrust_lag: float, rate_lag: float
+    ops: Ops,
+    before: ActuatorResponse,
+    drive: ActuatorCommand,
+    duration: Real,
+    thrust_lag: float,
+    rate_lag: float,
 ) -> ActuatorResponse:
-    """Integrate the actuators from ``before`` for ``duration`` [s] of ``drive``, through the lags [s].
+    """Integrate the actuators from ``before`` for ``duration`` [s] of ``drive``, through the lags
+    [s].
 
-    The lags are exact; attitude turns by the exact integral of the rates; what thrust gives is its exact integral
-    along the attitude at mid-step, so the error is of third order in ``duration`` (keep it below 25 ms).
+    The lags are exact; attitude turns by the exact integral of the rates; what thrust gives is its
+    exact integral along the attitude at mid-step, so the error is of third order in ``duration``
+    (keep it below 25 ms).
     """
     h, half, attitude = duration, 0.5 * duration, before.attitude
     rate_rise, half_rise = approach(ops, h, rate_lag), approach(ops, half, rate_lag)
@@ -391,7 +435,8 @@ def integrate_motion(
         after: response to the commands at its end.
         duration: its length [s].
         mass: [kg].
-        other: all other acceleration, gravity and wind, at the beginning [m/s², NED]; exact, whatever the duration.
+        other: all other acceleration, gravity and wind, at the beginning [m/s², NED]; exact,
+            whatever the duration.
         other_rate: its time derivative [m/s³, NED].
         drag: linear drag c, -c v on top of it [1/s]; exact up to the third order of c ``duration``.
     """
@@ -399,11 +444,16 @@ def integrate_motion(
     pushed = add_scaled(motion.position, per_kg, after.reach)
     speed = add_scaled(motion.velocity, half, add_scaled(other, h / 3.0, other_rate))
     position = add_scaled(pushed, h, speed)
-    velocity = add_scaled(add_scaled(motion.velocity, per_kg, after.impulse), h, add_scaled(other, half, other_rate))
+    velocity = add_scaled(
+        add_scaled(motion.velocity, per_kg, after.impulse), h, add_scaled(other, half, other_rate)
+    )
     if drag:
-        # ∫v dt is the way itself; ∫∫v dt dt by the way and the speed at its beginning, exact for a steady push.
+        # ∫v dt is the way itself; ∫∫v dt dt by the way and the speed at its beginning, exact for a
+        # steady push.
         free = subtract(position, motion.position)
-        way = add_scaled(add_scaled(free, -drag * h / 3.0, free), -drag * h * h / 6.0, motion.velocity)
+        way = add_scaled(
+            add_scaled(free, -drag * h / 3.0, free), -drag * h * h / 6.0, motion.velocity
+        )
         position, velocity = add(motion.position, way), add_scaled(velocity, -drag, way)
     return Motion(position, velocity, after.attitude, after.thrust, after.rates)
 
@@ -421,7 +471,9 @@ def integrate(
     rate_lag: float,
     drag: float = 0.0,
 ) -> Motion:
-    """Integrate ``motion`` for ``duration`` [s] of one ``drive``, a constant ``disturbance`` [m/s², NED], and drag."""
+    """Integrate ``motion`` for ``duration`` [s] of one ``drive``, a constant ``disturbance``
+    [m/s², NED], and drag.
+    """
     x, y, z = disturbance
     after = integrate_actuators(ops, begin_response(motion), drive, duration, thrust_lag, rate_lag)
     return integrate_motion(motion, after, duration, mass, (x, y, z + gravity), ZERO, drag)
@@ -433,8 +485,10 @@ def approach(ops: Ops, duration: Real, lag: float) -> Real:
 
 
 def lead(ops: Ops, hold: Real, lag: float) -> Real:
-    """Inverse of the lag for a command held ``hold`` seconds: x_cmd = x + lead · x˙ makes x rise by hold · x˙.
+    """Inverse of the lag for a command held ``hold`` seconds: x_cmd = x + lead · x˙ makes x rise by
+    hold · x˙.
 
-    h/(1 - e^(-h/τ)) → τ for h → 0; h where there is no lag. With τ instead only 0.8-0.9 of a step arrives.
+    h/(1 - e^(-h/τ)) → τ for h → 0; h where there is no lag. With τ instead only 0.8-0.9 of a step
+    arrives.
     """
     return hold / approach(ops, hold, lag)

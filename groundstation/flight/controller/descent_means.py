@@ -1,4 +1,7 @@
-"""Means by which a flight comes down after its poses have failed: the best that still responds. Sans-IO."""
+"""Means by which a flight comes down after its poses have failed: the best that still responds.
+
+Sans-IO.
+"""
 
 import math
 from enum import IntEnum
@@ -8,12 +11,15 @@ from groundstation.core.pilot import Pilot
 from links.core import Attitude, CommandLink
 
 AUTOPILOT_S = 0.3
-"""Age up to which the autopilot's own attitude replaces that of the poses [s]: three of its messages at 10 Hz."""
+"""Age up to which the autopilot's own attitude replaces that of the poses [s]: three of its
+messages at 10 Hz."""
 BRAKED_M_S = 1.0
-"""Speed by the model below which the autopilot is asked to land by its own position [m/s]: LAND of PX4 and ArduPilot
-brakes by 2 m/s² only, so a vehicle that false poses have made fast is braked by the model before."""
+"""Speed by the model below which the autopilot is asked to land by its own position [m/s]: LAND of
+PX4 and ArduPilot brakes by 2 m/s² only, so a vehicle that false poses have made fast is braked by
+the model before."""
 BLIND_SINK_M_S = 0.7
-"""Mean sink rate of a blind descent [m/s]; it gives the time of its end: its height is not measured."""
+"""Mean sink rate of a blind descent [m/s]; it gives the time of its end: its height is not
+measured."""
 BLIND_MORE_S = 1.0
 """Time in addition to that [s]: braking comes before, and what held the vehicle may release it."""
 
@@ -28,7 +34,8 @@ class Means(IntEnum):
     AUTOPILOT = 2
     """The autopilot's own attitude arrives: the same by that."""
     NOTHING = 3
-    """Commands end with a bring-down: nothing responds, or the autopilot lands by its own position."""
+    """Commands end with a bring-down: nothing responds, or the autopilot lands by its own
+    position."""
     FLOOR = 4
     """Commands end with motors off: the time of the blind descent is over."""
 
@@ -72,5 +79,7 @@ class DescentMeans:
         elif pilot.state.health.is_attitude_usable:
             self.chosen = Means.ATTITUDE
         else:
-            self.chosen = Means.AUTOPILOT if now_s - self._attitude_s < AUTOPILOT_S else Means.NOTHING
+            self.chosen = (
+                Means.AUTOPILOT if now_s - self._attitude_s < AUTOPILOT_S else Means.NOTHING
+            )
         return self.chosen

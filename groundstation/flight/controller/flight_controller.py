@@ -1,9 +1,11 @@
-"""Flight controller: one flight from a pose to a command, and on to the next phase of the mission. Sans-IO.
+"""Flight controller: one flight from a pose to a command, and on to the next phase of the mission.
 
-A pose goes to the estimator and to its health (:class:`groundstation.core.pilot.Pilot`). At a frame the mission answers
-what has failed; then the phase gives the reference, and controller and limits make the command. After the command has
-left, the guards judge it, and the mission may move on: the next phase is what comes back. The caller owns time and
-wires.
+Sans-IO.
+
+A pose goes to the estimator and to its health (:class:`groundstation.core.pilot.Pilot`). At a frame
+the mission answers what has failed; then the phase gives the reference, and controller and limits
+make the command. After the command has left, the guards judge it, and the mission may move on: the
+next phase is what comes back. The caller owns time and wires.
 """
 
 import math
@@ -49,16 +51,18 @@ from links.core import Attitude, Command, CommandLink
 from links.text import to_ms
 
 LAST_CHANCE_S = 0.004
-"""If no frame comes earlier, one more command leaves this long before the deadline of the last one [s], so that the
-descent on the model begins in time."""
+"""If no frame comes earlier, one more command leaves this long before the deadline of the last one
+[s], so that the descent on the model begins in time."""
 LAST_CHANCE_ROUNDING_S = 1e-3
-"""A frame so much earlier counts as that last one [s]: timers are late by this much at most. Chosen."""
+"""A frame so much earlier counts as that last one [s]: timers are late by this much at most.
+Chosen."""
 LANDING_MARGIN_S = 10.0
 """Time allowed for a landing in addition to the way down [s]."""
 LANDING_FACTOR = 2.0
 """Factor on the time of that way at the slowest speed of a landing [-]."""
 DESCENT_M_S = 0.5
-"""Sink rate of the failsafe descent [m/s]: ArduPilot's own landing (LAND_SPEED); 4 s from a height of 2 m."""
+"""Sink rate of the failsafe descent [m/s]: ArduPilot's own landing (LAND_SPEED); 4 s from a height
+of 2 m."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height during a descent has detected the landing [m]."""
 
@@ -80,7 +84,10 @@ class FlightListener(Protocol):
 
 
 class FlightController:
-    """Controller of one flight: mission, phases, and the pilot that flies them. Times are on the loop's clock [s]."""
+    """Controller of one flight: mission, phases, and the pilot that flies them.
+
+    Times are on the loop's clock [s].
+    """
 
     def __init__(
         self,
@@ -128,14 +135,16 @@ class FlightController:
         self._course = Course(config, others)
         self.phase: SpoolUp | FlightPhase | DescentPhase | None = None
         """Phase that is flown, or was flown last; None before the flight."""
-        # Only simulations start in the air; guards and health would end them for the error that they start with.
+        # Only simulations start in the air; guards and health would end them for the error that
+        # they start with.
         self._guards = self._make_guards(monitors) if config.flight.start == "floor" else None
         self._escalation = Escalation(config.guards.lasting_s)
 
     def _make_guards(self, monitors: Monitors) -> Guards:
         config, link, clearance = self._config, self._link, self._course.clearance
         return monitors.guards(
-            config.guards, clearance.fence, config.vehicle, lambda: link.period_s, clearance.separation,
+            config.guards, clearance.fence, config.vehicle, lambda: link.period_s,
+            clearance.separation,
             config.flight.floor_z_m, config.controller.gravity, config.flight.coast_s,
         )  # fmt: skip
 
@@ -156,15 +165,23 @@ class FlightController:
 
     @property
     def is_low(self) -> bool:
-        """Whether the autopilot may have detected a landing: by the last estimate, the vehicle is at the floor."""
+        """Whether the autopilot may have detected a landing: by the last estimate, the vehicle is
+        at the floor.
+        """
         floor = self._config.flight.floor_z_m
-        return self.tick is not None and floor - self.tick.estimate.motion.position[2] < DISARMED_HEIGHT_M
+        return (
+            self.tick is not None
+            and floor - self.tick.estimate.motion.position[2] < DISARMED_HEIGHT_M
+        )
 
     @property
     def is_at_floor(self) -> bool:
         """Whether the newest pose shows the vehicle on the floor, or nearly."""
         pose = self._pilot.state.newest_pose
-        return pose is not None and self._config.flight.floor_z_m - pose.position_ned[2] < DISARMED_HEIGHT_M
+        return (
+            pose is not None
+            and self._config.flight.floor_z_m - pose.position_ned[2] < DISARMED_HEIGHT_M
+        )
 
     def on_pose(self, pose: Pose) -> None:
         """Take a pose: estimate the state, and the health of the poses."""
@@ -175,7 +192,11 @@ class FlightController:
             self.standing.add(pose)
         self.witness.add_pose(pose)
         self._pose_latency.add_pose(pose)
-        news = None if self.is_dismissed else self._pilot.state.response.describe_news(self._pose_latency.estimate)
+        news = (
+            None
+            if self.is_dismissed
+            else self._pilot.state.response.describe_news(self._pose_latency.estimate)
+        )
         if news is not None:
             self._listener.say(news.as_warning(), "latency")
 
@@ -189,7 +210,9 @@ class FlightController:
         if self.state in IN_AIR:
             self._pilot.set_autopilot_agreement(witness.agrees(now_s))
         in_poses = witness.in_poses(attitude)
-        if attitude.rates_rad_s is not None:  # by radio, a stall of the telemetry does not concern commands
+        if (
+            attitude.rates_rad_s is not None
+        ):  # by radio, a stall of the telemetry does not concern commands
             self._uplink.take_telemetry(now_s)
         if in_poses is not None:
             self._means.take_attitude(attitude, in_poses, now_s)
@@ -220,7 +243,8 @@ class FlightController:
         return self._made.command
 
     def on_sent(self, now_s: float) -> None:
-        """Take that the command of the frame has left: judge it by the guards, and end its phase if it is over.
+        """Take that the command of the frame has left: judge it by the guards, and end its phase if
+        it is over.
 
         The response of the newest pose is checked now, unless it was before.
         """
@@ -258,7 +282,10 @@ class FlightController:
         return False
 
     def _answer_failed_poses(self, now_s: float) -> bool:
-        """After a failure of the poses, come down by what still responds; return whether commands end."""
+        """After a failure of the poses, come down by what still responds.
+
+        Return whether commands end.
+        """
         health = self._pilot.state.health
         if self._guards is None:
             return False
@@ -300,19 +327,28 @@ class FlightController:
             return
         suspect = self._health is HealthState.SUSPECT
         self._listener.say(
-            notice(health.reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news"
+            notice(health.reason_id if suspect else "pose.answers"),
+            kind="suspicion" if suspect else "news",
         )
 
     def _report_disagreement(self) -> None:
-        """Report poses that are later than configured, or, while they are used, disagree with the own attitude."""
+        """Report poses that are later than configured, or, while they are used, disagree with the
+        own attitude.
+        """
         if news := self._pose_latency.describe_news(0.5 * (self._link.status.rtt_s or 0.0)):
             self._listener.say(news.as_warning(), "latency")
         state = self.state
-        if state in IN_AIR and state is not State.DESCENT and (news := self.witness.describe_news()):
+        if (
+            state in IN_AIR
+            and state is not State.DESCENT
+            and (news := self.witness.describe_news())
+        ):
             self._listener.say(news.as_warning())
 
     def _ensure_pose(self, now_s: float) -> None:
-        """If no frame is left before the newest pose is too old for a command, descend on the model."""
+        """If no frame is left before the newest pose is too old for a command, descend on the
+        model.
+        """
         pose = self._pilot.state.newest_pose
         guarded = self._guards is not None and self._config.guards.level_s > 0.0
         if guarded and pose is not None and now_s - pose.time_s > self._usable_s:
@@ -333,7 +369,9 @@ class FlightController:
         phase = self.phase if self.state in IN_AIR else None
         assert not isinstance(phase, SpoolUp), "a spool-up has no tick"
         move = None if phase is None else phase.find_end(tick, uplink_ok=not self._uplink.is_down)
-        self._pilot.set_ground_contact(isinstance(phase, LandPhase) and self._course.touchdown.may_have_contact)
+        self._pilot.set_ground_contact(
+            isinstance(phase, LandPhase) and self._course.touchdown.may_have_contact
+        )
         if move is not None and isinstance(phase, GoToPhase):
             self._go_on(phase, move, tick.time_s)
         elif move is not None:
@@ -342,7 +380,8 @@ class FlightController:
     def _take_step(self, finding: GuardFinding | None, now_s: float) -> None:
         """Take the step that a guard requests, or the next possible one after it.
 
-        A step that leaves the state as it is changes nothing: a hold while landing, a descent while descending.
+        A step that leaves the state as it is changes nothing: a hold while landing, a descent while
+        descending.
         """
         answer = None if finding is None else self._escalation.escalate(finding, now_s)
         if answer is None:
@@ -388,19 +427,29 @@ class FlightController:
         before = self.state
         state = self.mission.on(event, reason)
         if state is before:
-            if event is Event.HOLD and isinstance(self.phase, HoldPhase):  # it no longer ends by itself
+            if event is Event.HOLD and isinstance(
+                self.phase, HoldPhase
+            ):  # it no longer ends by itself
                 self.phase.waits = True
             return
         self._listener.on_state(state, reason)
         if state not in IN_AIR:
             return
-        if isinstance(self.phase, SpoolUp) and self.phase.lift_off is None:  # still on the floor: nothing to fly
+        if (
+            isinstance(self.phase, SpoolUp) and self.phase.lift_off is None
+        ):  # still on the floor: nothing to fly
             self.go(Event.TOUCHDOWN, notice("mission.still_on_floor"), now_s)
         elif state is State.DESCENT:
-            if isinstance(self.phase, SpoolUp):  # a pose has shown the lift-off, and no frame has come since
+            if isinstance(
+                self.phase, SpoolUp
+            ):  # a pose has shown the lift-off, and no frame has come since
                 self._climb_away(now_s)
             self.phase = DescentPhase(self._course, now_s + self._way_down_s())
-            self._descend(now_s, blind=blind, rest_s=0.0 if self._guards is None else self._config.guards.level_s)
+            self._descend(
+                now_s,
+                blind=blind,
+                rest_s=0.0 if self._guards is None else self._config.guards.level_s,
+            )
         elif event is Event.ARMED:
             self._spool_up(now_s)
         else:
@@ -409,15 +458,22 @@ class FlightController:
             self._begin(phase or self._plan_phase(event, state, now_s))
 
     def fly_to(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> Sentence | None:
-        """Begin to fly to ``points``; return the obstacle, or None. Points are checked now, each leg before it."""
+        """Begin to fly to ``points``; return the obstacle, or None.
+
+        Points are checked now, each leg before it.
+        """
         for number, point in enumerate(points, 1):
             if refusal := self._course.clearance.find_obstacle(point.place_ned):
                 place = list(point.place_ned)
-                return notice("goto.point", number=number, count=len(points), place=place, why=refusal)
+                return notice(
+                    "goto.point", number=number, count=len(points), place=place, why=refusal
+                )
         phase = GoToPhase(self._course, *self._motion(now_s), points)
         if refusal := self._course.clearance.find_leg_obstacle(phase.leg, now_s):
             return notice("goto.way", target=phase.target, why=refusal)
-        self.go(Event.GOTO, notice("mission.goto", target=phase.target, why=why), now_s, phase=phase)
+        self.go(
+            Event.GOTO, notice("mission.goto", target=phase.target, why=why), now_s, phase=phase
+        )
         return None
 
     def _go_on(self, reached: GoToPhase, arrived: MissionMove, now_s: float) -> None:
@@ -426,7 +482,11 @@ class FlightController:
         if following is None:
             self.go(arrived.event, arrived.reason, now_s)
         elif refusal := self._course.clearance.find_leg_obstacle(following.leg, now_s):
-            self.go(Event.HOLD, notice("mission.not_to_point", target=following.target, why=refusal), now_s)
+            self.go(
+                Event.HOLD,
+                notice("mission.not_to_point", target=following.target, why=refusal),
+                now_s,
+            )
         else:
             self._listener.say(notice("mission.to_point", target=following.target), "course")
             self._begin(following)
@@ -436,14 +496,22 @@ class FlightController:
         course, config = self._course, self._config
         if state is State.TRACKING:
             back = Event.LAND if course.home is None else Event.RETURN
-            leg = Leg(course.trajectory, now_s) if event is Event.AIRBORNE else course.track(*self._motion(now_s))
+            leg = (
+                Leg(course.trajectory, now_s)
+                if event is Event.AIRBORNE
+                else course.track(*self._motion(now_s))
+            )
             return TrackPhase(leg, config.flight.duration_s, back)
         now, time_s = self._motion(now_s)
         if state is State.LANDING:
             return LandPhase(course, course.land(now, time_s), now_s + self._way_down_s())
         if state is State.RETURNING:
-            return TransitPhase(course.go_home(now, time_s), MissionMove(Event.HOME, notice("mission.home")))
-        return HoldPhase(config, course, course.hold(now, time_s), waits=event in (Event.HOLD, Event.ARRIVED))
+            return TransitPhase(
+                course.go_home(now, time_s), MissionMove(Event.HOME, notice("mission.home"))
+            )
+        return HoldPhase(
+            config, course, course.hold(now, time_s), waits=event in (Event.HOLD, Event.ARRIVED)
+        )
 
     def _way_down_s(self) -> float:
         """Return the longest plausible duration of the way down from here [s]."""
@@ -471,8 +539,8 @@ class FlightController:
     def _motion(self, now_s: float) -> tuple[Reference, float]:
         """Return the motion that the next leg begins with, and its time [s].
 
-        It is the reference of now. A landing off its reference begins at the vehicle's own motion: a vehicle that is
-        held below its reference would shoot up when released.
+        It is the reference of now. A landing off its reference begins at the vehicle's own motion:
+        a vehicle that is held below its reference would shoot up when released.
         """
         climb = self.phase.lift_off if isinstance(self.phase, SpoolUp) else None
         if climb is not None:  # it has just left the floor
@@ -480,7 +548,10 @@ class FlightController:
             return motion, now_s + self._config.vehicle.acting_delay_s
         assert self.tick is not None, "a flying vehicle has a tick"
         reference, here = self.tick.reference, self.tick.estimate.motion
-        if self.state is State.LANDING and math.dist(reference.position_ned, here.position) > OFF_REFERENCE_M:
+        if (
+            self.state is State.LANDING
+            and math.dist(reference.position_ned, here.position) > OFF_REFERENCE_M
+        ):
             reference = Reference(here.position, here.velocity, yaw_rad=reference.yaw_rad)
         return reference, self.tick.estimate.time_s
 

@@ -1,7 +1,8 @@
 """Phases: what is flown from one move of the mission to the next. Sans-IO.
 
-A phase owns its reference, its profile (gain set, limits and tones), and the test by which it ends. The spool-up before
-all others has no reference (:class:`groundstation.core.safety.takeoff.SpoolUp`), nor has the failsafe descent.
+A phase owns its reference, its profile (gain set, limits and tones), and the test by which it ends.
+The spool-up before all others has no reference
+(:class:`groundstation.core.safety.takeoff.SpoolUp`), nor has the failsafe descent.
 """
 
 import math
@@ -45,7 +46,9 @@ class FlightPhase:
 
 
 class TransitPhase(FlightPhase):
-    """A way to rest at its end: the climb to the take-off height, the way back over the place of take-off."""
+    """A way to rest at its end: the climb to the take-off height, the way back over the place of
+    take-off.
+    """
 
     def __init__(self, leg: Leg, arrival: MissionMove) -> None:
         """``arrival`` is the move at the end of the way."""
@@ -61,9 +64,16 @@ class GoToPhase(TransitPhase):
     """A way to a point, one of several that are flown to one after the other."""
 
     def __init__(
-        self, course: Course, now: Reference, time_s: float, points: tuple[Waypoint, ...], index: int = 0
+        self,
+        course: Course,
+        now: Reference,
+        time_s: float,
+        points: tuple[Waypoint, ...],
+        index: int = 0,
     ) -> None:
-        """Plan the way to the point ``index`` of ``points``, from the motion ``now`` at ``time_s`` [s]."""
+        """Plan the way to the point ``index`` of ``points``, from the motion ``now`` at ``time_s``
+        [s].
+        """
         which = f", {index + 1} of {len(points)}" if len(points) > 1 else ""
         self.target = course.describe(points[index], which)
         """Description of the point."""
@@ -74,11 +84,18 @@ class GoToPhase(TransitPhase):
     def begin_next(self, now: Reference, time_s: float) -> "GoToPhase | None":
         """Return the phase to the next point from the motion ``now``; None after the last one."""
         index = self._index + 1
-        return GoToPhase(self._course, now, time_s, self._points, index) if index < len(self._points) else None
+        return (
+            GoToPhase(self._course, now, time_s, self._points, index)
+            if index < len(self._points)
+            else None
+        )
 
 
 class HoldPhase(FlightPhase):
-    """Stay at one place; after the climb until the hover thrust is known, else until a request ends it."""
+    """Stay at one place.
+
+    After the climb until the hover thrust is known, else until a request ends it.
+    """
 
     profile = HOLDING
 
@@ -89,10 +106,14 @@ class HoldPhase(FlightPhase):
         self.waits = waits
         """Whether it lasts until a request ends it."""
         self._thrusts_n: list[float] | None = None if waits else []
-        """Commanded thrusts, whose mean is the hover thrust [N]; None without its measurement, or once that is done."""
+        """Commanded thrusts, whose mean is the hover thrust [N]; None without its measurement, or
+        once that is done."""
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Go on to the trajectory, or land if the hover thrust does not fit the vehicle; see :class:`FlightPhase`."""
+        """Go on to the trajectory, or land if the hover thrust does not fit the vehicle.
+
+        See :class:`FlightPhase`.
+        """
         hold_s, weight = self._config.takeoff.hold_s, self._config.weight_n
         thrusts = self._thrusts_n
         if not uplink_ok or thrusts is None:
@@ -108,7 +129,13 @@ class HoldPhase(FlightPhase):
         if low <= hover / weight <= high:
             hovers = notice("mission.hovers", hover_n=hover, percent=percent)
             return None if self.waits else MissionMove(Event.TRACK, hovers)
-        why = notice("mission.hover_thrust", hover_n=hover, percent=percent, low=to_percent(low), high=to_percent(high))
+        why = notice(
+            "mission.hover_thrust",
+            hover_n=hover,
+            percent=percent,
+            low=to_percent(low),
+            high=to_percent(high),
+        )
         return MissionMove(Event.LAND, why, fault=True)
 
 
@@ -118,7 +145,10 @@ class TrackPhase(FlightPhase):
     profile = TRACKING
 
     def __init__(self, leg: Leg, duration_s: float | None, back: Event) -> None:
-        """``back`` is the event after ``duration_s`` on the trajectory [s]; None: until a request ends it."""
+        """``back`` is the event after ``duration_s`` on the trajectory [s].
+
+        None: until a request ends it.
+        """
         super().__init__(leg)
         self._duration_s, self._back = duration_s, back
 
@@ -139,7 +169,10 @@ class LandPhase(FlightPhase):
         self._course, self._over_by_s = course, over_by_s
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Stop the motors on the floor, or descend where there is none; see :class:`FlightPhase`."""
+        """Stop the motors on the floor, or descend where there is none.
+
+        See :class:`FlightPhase`.
+        """
         behind_m = tick.reference.position_ned[2] - tick.estimate.motion.position[2]
         if self._course.detect_touchdown(tick, behind_m, uplink_ok=uplink_ok):
             return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down"))
@@ -156,9 +189,14 @@ class DescentPhase:
         self._course, self._over_by_s = course, over_by_s
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Stop the motors on the floor, or end the commands where there is none; see :class:`FlightPhase`."""
+        """Stop the motors on the floor, or end the commands where there is none.
+
+        See :class:`FlightPhase`.
+        """
         if self._course.detect_touchdown(tick, math.inf, uplink_ok=uplink_ok):
             return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down"))
         if not tick.time_s > self._over_by_s:
             return None
-        return MissionMove(Event.ABORT, notice("fault.no_floor_end", why=notice("fault.no_floor")), fault=True)
+        return MissionMove(
+            Event.ABORT, notice("fault.no_floor_end", why=notice("fault.no_floor")), fault=True
+        )

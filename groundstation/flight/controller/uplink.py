@@ -1,4 +1,7 @@
-"""Uplink of commands: whether they reach the vehicle, by its acknowledgements and its telemetry. Sans-IO."""
+"""Uplink of commands: whether they reach the vehicle, by its acknowledgements and its telemetry.
+
+Sans-IO.
+"""
 
 import math
 
@@ -8,8 +11,9 @@ from links.core import Arrival, CommandLink
 from links.text import to_ms
 
 SILENCE_S = 0.15
-"""Silence of a vehicle after which it may not receive commands [s]: of its telemetry, or of its acknowledgements, which
-are overdue by then. Messages at 10 Hz are never silent for so long unless one is lost."""
+"""Silence of a vehicle after which it may not receive commands [s]: of its telemetry, or of its
+acknowledgements, which are overdue by then. Messages at 10 Hz are never silent for so long unless
+one is lost."""
 TELEMETRY_LOST_S = 3.0
 """After this long a silence only the telemetry counts as lost [s]."""
 TELEMETRY_INTERVAL_S = 0.02
@@ -17,11 +21,15 @@ TELEMETRY_INTERVAL_S = 0.02
 INTERVAL_WEIGHT = 0.1
 """Weight of each interval in its running mean [-]."""
 UPLINK_LOST_S = 0.5
-"""Acknowledgements overdue for this long: the operator is informed, and the vehicle descends [s]."""
+"""Acknowledgements overdue for this long: the operator is informed, and the vehicle descends
+[s]."""
 
 
 class CommandUplink:
-    """Whether commands reach the vehicle, and whether its telemetry stalls. Times are on the loop's clock [s]."""
+    """Whether commands reach the vehicle, and whether its telemetry stalls.
+
+    Times are on the loop's clock [s].
+    """
 
     def __init__(self, link: CommandLink) -> None:
         self._link = link
@@ -34,14 +42,19 @@ class CommandUplink:
     def check(self, now_s: float) -> Sentence | None:
         """Check once a frame whether acknowledgements are overdue or late.
 
-        Return why commands can't fly the vehicle although its telemetry arrives; None if they reach it in time.
+        Return why commands can't fly the vehicle although its telemetry arrives; None if they reach
+        it in time.
         """
         autopilot = self._link.autopilot
         overdue_s, late_s = Arrival() if autopilot is None else autopilot.arrival(now_s)
         self.is_down, self.is_late = overdue_s > SILENCE_S, late_s > 0.0
         if self.is_late:
             return notice("fault.late_commands", late_ms=to_ms(late_s))
-        return notice("fault.unanswered", overdue_ms=to_ms(overdue_s)) if overdue_s > UPLINK_LOST_S else None
+        return (
+            notice("fault.unanswered", overdue_ms=to_ms(overdue_s))
+            if overdue_s > UPLINK_LOST_S
+            else None
+        )
 
     def take_telemetry(self, now_s: float) -> None:
         """Take the time of a telemetry message."""

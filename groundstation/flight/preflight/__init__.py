@@ -1,4 +1,6 @@
-"""Pre-flight: may this configuration fly, the checks, the proof on file, the prompts, and the arming sequence."""
+"""Pre-flight: may this configuration fly, the checks, the proof on file, the prompts, and the
+arming sequence.
+"""
 
 from groundstation.flight.preflight.checks import (
     Checks,
@@ -19,6 +21,17 @@ from groundstation.flight.preflight.configuration import (
     is_simulated,
     load_link_key,
 )
-from groundstation.flight.preflight.prompts import LISTEN_S, confirm_arming, ensure_named, line_from_terminal
-from groundstation.flight.preflight.proof import Proof, hash_sections, proof_path, read_proof, save_proof
+from groundstation.flight.preflight.prompts import (
+    LISTEN_S,
+    confirm_arming,
+    ensure_named,
+    line_from_terminal,
+)
+from groundstation.flight.preflight.proof import (
+    Proof,
+    hash_sections,
+    proof_path,
+    read_proof,
+    save_proof,
+)
 from groundstation.flight.preflight.sequence import ArmingSequence, FlightEnded

@@ -34,11 +34,7 @@ from groundstation.core.safety import (
     limit_n,
     usual_limit_n,
 )
-from groundstation.core.trajectory import (
-    FeasibilityReport,
-    Reference,
-    Trajectory,
-)
+from groundstation.core.trajectory import FeasibilityReport, Reference, Trajectory
 from groundstation.flight.controller import Course
 from groundstation.flight.preflight.configuration import (
     examine_trajectory,
@@ -65,14 +61,16 @@ OLD_SHARE = 0.5
 WARN_AGE_S = 0.08
 """Pose age above which the check warns [s]."""
 NOISE_M = 0.005
-"""Position noise above this fails, 1σ per axis [m]: the excitation tones move the vehicle by 2 mm, and 4 mm of noise
-were flown (`groundstation-sim dev alarms --floors`)."""
+"""Position noise above this fails, 1σ per axis [m]: the excitation tones move the vehicle by 2 mm,
+and 4 mm of noise were flown (`groundstation-sim dev alarms --floors`)."""
 NOISE_DEG = 0.8
-"""Roll and pitch noise above this fails, 1σ [°]: 0.6 was flown (`groundstation-sim dev alarms --floors`)."""
+"""Roll and pitch noise above this fails, 1σ [°]: 0.6 was flown
+(`groundstation-sim dev alarms --floors`)."""
 MOVED_M = 0.03
 """Largest spread of the positions of a vehicle at rest [m]."""
 WANDERED_M = 0.5
-"""Largest such spread if the poses have a velocity [m]: an autopilot's own estimate wanders, by GPS."""
+"""Largest such spread if the poses have a velocity [m]: an autopilot's own estimate wanders, by
+GPS."""
 TILT_DEG = 15.0
 """Tilt at rest above this fails [°]."""
 WARN_TILT_DEG = 6.0
@@ -105,31 +103,44 @@ def tilt_noise_deg(poses: Sequence[Pose]) -> float:
         math.dist([2.0 * y for y in b], [x + z for x, z in zip(a, c, strict=True)])
         for a, b, c in zip(axes, axes[1:], axes[2:], strict=False)
     ]
-    # The second difference of white noise has 1 + 4 + 1 = 6 times its variance; two axes make it 12.
+    # The second difference of white noise has 1 + 4 + 1 = 6 times its variance; two axes make it
+    # 12.
     squares = sum(one * one for one in second_differences)
     return math.degrees(math.sqrt(squares / (12.0 * max(1, len(second_differences)))))
 
 
 def explain_drops(source: PoseStatus) -> Sentence | None:
-    """Return the source's advice, or else the most frequent reason of dropped poses; None without either."""
+    """Return the source's advice, or else the most frequent reason of dropped poses.
+
+    None without either.
+    """
     dropped = source.dropped
     if source.advice:
         return notice("pose.advice", says=source.advice)
     if not any(dropped.values()):
         return None
-    losses = {reason: count for reason, count in dropped.items() if count and reason not in USUAL_POSE_DROPS}
+    losses = {
+        reason: count
+        for reason, count in dropped.items()
+        if count and reason not in USUAL_POSE_DROPS
+    }
     most = losses or dropped
     reason = max(most, key=lambda reason: most[reason])
-    return notice("pose.most_dropped", count=dropped[reason], why=describe_drop(reason, source.excesses))
+    return notice(
+        "pose.most_dropped", count=dropped[reason], why=describe_drop(reason, source.excesses)
+    )
 
 
 class Checks:
     """The checks of one configuration. Times are on the event loop's clock [s]."""
 
-    def __init__(self, config: Config, others: Others | None = None, proof: Proof | None = None) -> None:
+    def __init__(
+        self, config: Config, others: Others | None = None, proof: Proof | None = None
+    ) -> None:
         """Make the checks that need no vehicle, once: they take some tenths of a second.
 
-        ``others`` are vehicles to keep away from; ``proof`` is the kept test with the propellers off.
+        ``others`` are vehicles to keep away from; ``proof`` is the kept test with the propellers
+        off.
         """
         self._config = config
         self._proof, self._real = proof, find_real_key(config) is not None
@@ -138,7 +149,8 @@ class Checks:
         self._trajectory = config.trajectory.build()
         demands = examine_trajectory(config)
         self._fixed = [
-            self._flyable(demands), self._certificate(demands), self._thrust_limit(), *self._simulation(),
+            self._flyable(demands), self._certificate(demands), self._thrust_limit(),
+            *self._simulation(),
         ]  # fmt: skip
 
     def __call__(
@@ -157,7 +169,8 @@ class Checks:
             noise_m: measured noise of these, 1σ [m].
             link: status of the command link.
             now_s: present time [s].
-            witness: comparison of the poses with the autopilot's own attitude; None if it sends none.
+            witness: comparison of the poses with the autopilot's own attitude; None if it sends
+                none.
             source: status of the pose source.
         """
         poses = list(standing.poses)
@@ -199,7 +212,12 @@ class Checks:
         nominal = "" if wanted is None else f", pose.rate_hz says {wanted:g}"
         if rate < FEW_HZ:
             return report(
-                "pose rate", Verdict.FAIL, "check.pose_rate_low", rate_hz=rate, nominal=nominal, limit_hz=FEW_HZ
+                "pose rate",
+                Verdict.FAIL,
+                "check.pose_rate_low",
+                rate_hz=rate,
+                nominal=nominal,
+                limit_hz=FEW_HZ,
             )
         verdict = Verdict.WARN if wanted is not None and rate < WARN_RATE * wanted else Verdict.PASS
         return report("pose rate", verdict, "check.pose_rate", rate_hz=rate, nominal=nominal)
@@ -215,7 +233,9 @@ class Checks:
 
     def _props_off(self, link: LinkStatus) -> Check:
         """Check that the test with the propellers off was passed with the present configuration."""
-        if not self._real or self._config.rehearsal is not None:  # a rehearsal's pseudo-terminal looks like any port
+        if (
+            not self._real or self._config.rehearsal is not None
+        ):  # a rehearsal's pseudo-terminal looks like any port
             return report("props-off test", Verdict.OFF, "check.props_off_simulated")
         why = explain_missing_proof(self._proof, self._config, link.firmware)
         if why is not None:
@@ -230,12 +250,16 @@ class Checks:
         values = {"coast_ms": to_ms(coast_s), "level_ms": to_ms(level_s)}
         if coast_s + level_s <= usual_s + ROUNDING_S:
             return report("deadline", Verdict.PASS, "check.deadline", **values)
-        return report("deadline", Verdict.WARN, "check.deadline_long", usual_ms=to_ms(usual_s), **values)
+        return report(
+            "deadline", Verdict.WARN, "check.deadline_long", usual_ms=to_ms(usual_s), **values
+        )
 
     def _noise(self, noise_m: float, noise_deg: float) -> Check:
         """Check the noise of position and of roll and pitch; the worse by its limit decides."""
         verdict = find_verdict(max(noise_m / NOISE_M, noise_deg / NOISE_DEG), WARN_SHARE, 1.0)
-        return report("pose noise", verdict, "check.pose_noise", noise_mm=to_mm(noise_m), noise_deg=noise_deg)
+        return report(
+            "pose noise", verdict, "check.pose_noise", noise_mm=to_mm(noise_m), noise_deg=noise_deg
+        )
 
     def _rest(self, poses: list[Pose], source: PoseStatus) -> Check:
         if source.origin_moves > 1:
@@ -247,11 +271,15 @@ class Checks:
             return report("at rest", Verdict.FAIL, "check.far", away_m=away, limit_m=FARTHEST_M)
         far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
         limit = MOVED_M if poses[0].velocity_ned is None else WANDERED_M
-        return report("at rest", find_verdict(far, limit, limit), "check.at_rest", spread_cm=to_cm(far))
+        return report(
+            "at rest", find_verdict(far, limit, limit), "check.at_rest", spread_cm=to_cm(far)
+        )
 
     def _tilt(self, pose: Pose) -> Check:
         tilt = angle_deg(third_column(pose.attitude)[2])
-        return report("tilt", find_verdict(tilt, WARN_TILT_DEG, TILT_DEG), "check.tilt", tilt_deg=tilt)
+        return report(
+            "tilt", find_verdict(tilt, WARN_TILT_DEG, TILT_DEG), "check.tilt", tilt_deg=tilt
+        )
 
     def _witness(self, found: Agreement | None) -> Check:
         """Check that the autopilot's own attitude agrees with the poses."""
@@ -264,14 +292,28 @@ class Checks:
                 return report(name, Verdict.OFF, "check.witness_radio")
             return report(name, Verdict.WARN, "check.witness_silent")
         if found.unlike:
-            sign = "; or correct link.attitude_pitch" if by_radio and found.unlike == ("pitch",) else ""
-            return report(name, Verdict.FAIL, "check.witness_unlike", axes=" and ".join(found.unlike), sign=sign)
+            sign = (
+                "; or correct link.attitude_pitch"
+                if by_radio and found.unlike == ("pitch",)
+                else ""
+            )
+            return report(
+                name,
+                Verdict.FAIL,
+                "check.witness_unlike",
+                axes=" and ".join(found.unlike),
+                sign=sign,
+            )
         if found.mounting_deg > MOUNTING_DEG:
             return report(name, Verdict.FAIL, "check.witness_askew", askew_deg=found.mounting_deg)
         if found.disagrees_since_s is not None:
             return report(name, Verdict.WARN, "check.witness_carried")
-        alike = f"; {', '.join(found.alike)} went the same way as it was moved" if found.alike else ""
-        return report(name, Verdict.PASS, "check.witness", askew_deg=found.mounting_deg, alike=alike)
+        alike = (
+            f"; {', '.join(found.alike)} went the same way as it was moved" if found.alike else ""
+        )
+        return report(
+            name, Verdict.PASS, "check.witness", askew_deg=found.mounting_deg, alike=alike
+        )
 
     def _floor(self, pose: Pose, place: Vec3) -> Check:
         if self._config.flight.start == "air":
@@ -279,7 +321,13 @@ class Checks:
         off = abs(place[2] - self._config.flight.floor_z_m)
         limit = FLOOR_M if pose.velocity_ned is None else FLOOR_WANDERS_M
         floor_m = self._config.flight.floor_z_m
-        return report("floor", find_verdict(off, limit, limit), "check.floor", down_m=place[2], floor_m=floor_m)
+        return report(
+            "floor",
+            find_verdict(off, limit, limit),
+            "check.floor",
+            down_m=place[2],
+            floor_m=floor_m,
+        )
 
     def _inside(self, place: Vec3) -> Check:
         if self._fence is None:
@@ -297,16 +345,23 @@ class Checks:
         config, unknown = separation.config, separation.unknown(now_s)
         near = separation.nearest(place, (0.0, 0.0, 0.0), now_s)
         if near is not None and not near.distance_m >= config.distance_m:
-            values = {"distance_m": near.distance_m, "name": near.name, "limit_m": config.distance_m}
+            values = {
+                "distance_m": near.distance_m,
+                "name": near.name,
+                "limit_m": config.distance_m,
+            }
             return report(name, Verdict.FAIL, "check.others_near", **values)
         if unknown:
             verdict = Verdict.WARN if config.unknown == "warn" else Verdict.FAIL
             return report(name, verdict, "check.others_unseen", names=", ".join(unknown))
         assert near is not None, "all are seen"
-        return report(name, Verdict.PASS, "check.others", name=near.name, distance_m=near.distance_m)
+        return report(
+            name, Verdict.PASS, "check.others", name=near.name, distance_m=near.distance_m
+        )
 
     def _ways(self, place: Vec3) -> Check:
-        """Check the hold after take-off, the ways onto the trajectory and the trajectory against the fence.
+        """Check the hold after take-off, the ways onto the trajectory and the trajectory against
+        the fence.
 
         Each point counts with the vehicle's braking distance.
         """
@@ -342,14 +397,21 @@ class Checks:
         )
         soon = share is not None and share < c.battery_share + BATTERY_MARGIN
         verdict = Verdict.FAIL if low else Verdict.WARN if soon else Verdict.PASS
-        return report("battery", verdict, "check.battery_low" if low else "check.battery", charge=", ".join(charge))
+        return report(
+            "battery",
+            verdict,
+            "check.battery_low" if low else "check.battery",
+            charge=", ".join(charge),
+        )
 
     def _round_trip(self, link: LinkStatus) -> Check:
         if link.rtt_s is None:
             return report("round trip", Verdict.OFF, "check.rtt_unknown")
         limit = self._config.guards.rtt_s
         verdict = find_verdict(link.rtt_s, WARN_SHARE * limit, limit)
-        return report("round trip", verdict, "check.rtt", rtt_ms=to_ms(link.rtt_s), limit_ms=to_ms(limit))
+        return report(
+            "round trip", verdict, "check.rtt", rtt_ms=to_ms(link.rtt_s), limit_ms=to_ms(limit)
+        )
 
     def _arm(self, link: LinkStatus) -> Check:
         name, said = "ready to arm", f"; it said last: “{link.text}”" if link.text else ""
@@ -360,7 +422,8 @@ class Checks:
             return report(name, Verdict.FAIL, id, state=link.state, text=link.text)
         if link.unfit:
             return report(name, Verdict.FAIL, "check.unfit", why=link.unfit)
-        # Only a warning: the autopilot's own checks may concern its present mode alone, and arming will show.
+        # Only a warning: the autopilot's own checks may concern its present mode alone, and arming
+        # will show.
         if link.ready is False:
             return report(name, Verdict.WARN, "check.prearm_fails", said=said)
         return report(name, Verdict.PASS, "check.ready", said=said)
@@ -377,7 +440,12 @@ class Checks:
     def _link_drops(self, link: LinkStatus) -> Check:
         name, drops = "link drops", find_link_drops(link)
         if drops:
-            return report(name, Verdict.WARN, "check.link_drops", drops="; ".join(drop.says.text for drop in drops))
+            return report(
+                name,
+                Verdict.WARN,
+                "check.link_drops",
+                drops="; ".join(drop.says.text for drop in drops),
+            )
         return report(name, Verdict.PASS, "link.few_dropped", total=link.received)
 
     def _pose_drops(self, source: PoseStatus) -> Check:
@@ -399,19 +467,38 @@ class Checks:
     def _thrust_limit(self) -> Check:
         """Check the thrust limit on the floor, where the poses may be another body's."""
         vehicle, weight_n = self._config.vehicle, self._config.weight_n
-        limit, usual = limit_n(self._config.takeoff, vehicle, weight_n), usual_limit_n(vehicle, weight_n)
+        limit, usual = (
+            limit_n(self._config.takeoff, vehicle, weight_n),
+            usual_limit_n(vehicle, weight_n),
+        )
         values = {"thrust_n": limit, "percent": to_percent(limit / self._config.weight_n)}
         if limit <= usual:
             return report("take-off thrust", Verdict.PASS, "check.thrust_limit", **values)
-        return report("take-off thrust", Verdict.WARN, "check.thrust_limit_high", usual_n=usual, **values)
+        return report(
+            "take-off thrust", Verdict.WARN, "check.thrust_limit_high", usual_n=usual, **values
+        )
 
     def _simulation(self) -> list[Check]:
-        """Warn of ``link.simulated``, which drops the demand for a fence: it must not stay in a file unnoticed."""
+        """Warn of ``link.simulated``, which drops the demand for a fence: it must not stay in a
+        file unnoticed.
+        """
         link = self._config.link
         if not link.simulated or self._config.rehearsal is not None:
             return []  # a rehearsal sets the key itself
-        believed = "no fence and no speed limit are asked for" if is_simulated(link) else "not believed of this port"
-        return [report("simulated", Verdict.WARN, "check.simulated", believed=believed, endpoint=link.endpoint)]
+        believed = (
+            "no fence and no speed limit are asked for"
+            if is_simulated(link)
+            else "not believed of this port"
+        )
+        return [
+            report(
+                "simulated",
+                Verdict.WARN,
+                "check.simulated",
+                believed=believed,
+                endpoint=link.endpoint,
+            )
+        ]
 
     def _certificate(self, demands: FeasibilityReport) -> Check:
         """Check the a-priori bound on thrust (docs/explanation/law.md, section 4)."""
@@ -422,7 +509,13 @@ class Checks:
         if bound > 0.0:
             return report("thrust bound", Verdict.PASS, "check.bound", bound_m_s2=bound)
         least_n = self._config.vehicle.thrust_min_n
-        return report("thrust bound", Verdict.OFF, "check.bound_by_limit", thrust_min_n=least_n, bound_m_s2=bound)
+        return report(
+            "thrust bound",
+            Verdict.OFF,
+            "check.bound_by_limit",
+            thrust_min_n=least_n,
+            bound_m_s2=bound,
+        )
 
     def _flyable(self, demands: FeasibilityReport) -> Check:
         """Check that the vehicle can follow the trajectory."""
@@ -434,7 +527,9 @@ class Checks:
 
 def describe_failures(checks: Iterable[Check]) -> str:
     """Join the failed checks into one sentence; empty if none failed."""
-    return "; ".join(f"{check.name}: {check.says}" for check in checks if check.verdict is Verdict.FAIL)
+    return "; ".join(
+        f"{check.name}: {check.says}" for check in checks if check.verdict is Verdict.FAIL
+    )
 
 
 def describe_checks(checks: list[Check]) -> str:
@@ -446,7 +541,11 @@ class Company:
     """Checks of the surroundings of one flight. Times are on the event loop's clock [s]."""
 
     def __init__(
-        self, config: Config, bodies: Others | None, running: Callable[[], Sequence[Running]], hold: HoldToRun | None
+        self,
+        config: Config,
+        bodies: Others | None,
+        running: Callable[[], Sequence[Running]],
+        hold: HoldToRun | None,
     ) -> None:
         """Look at nothing yet.
 
@@ -461,9 +560,17 @@ class Company:
         self._running = running
         self._hold = hold
 
-    def __call__(self, standing: StandingPoses, now_s: float, *, arming: bool = False) -> list[Check]:
-        """Make the checks; the operator's hold fails only with ``arming``, and before that it warns."""
-        return [self._names(), self._bodies_near(standing, now_s), self._hand(Verdict.FAIL if arming else Verdict.WARN)]
+    def __call__(
+        self, standing: StandingPoses, now_s: float, *, arming: bool = False
+    ) -> list[Check]:
+        """Make the checks; the operator's hold fails only with ``arming``, and before that it
+        warns.
+        """
+        return [
+            self._names(),
+            self._bodies_near(standing, now_s),
+            self._hand(Verdict.FAIL if arming else Verdict.WARN),
+        ]
 
     def leave(self) -> None:
         """Stop looking for bodies that are not configured: take-off begins."""
@@ -487,7 +594,9 @@ class Company:
         if not failures and not warnings:
             return report(name, Verdict.PASS, "check.flights")
         clashes = "; ".join(one.text for one in failures + warnings)
-        return report(name, Verdict.FAIL if failures else Verdict.WARN, "check.flights_clash", clashes=clashes)
+        return report(
+            name, Verdict.FAIL if failures else Verdict.WARN, "check.flights_clash", clashes=clashes
+        )
 
     def _bodies_near(self, standing: StandingPoses, now_s: float) -> Check:
         """Check that no other body is within the vehicle's size."""
@@ -508,7 +617,10 @@ class Company:
         return report(name, Verdict.FAIL, "check.bodies_near", size_m=size, **values)
 
     def _hand(self, otherwise: Verdict) -> Check:
-        """Check that the operator holds the control that must be held; without it the verdict is ``otherwise``."""
+        """Check that the operator holds the control that must be held.
+
+        Without it the verdict is ``otherwise``.
+        """
         name, hold = "operator's hold", self._hold
         if hold is None:
             return report(name, Verdict.OFF, "check.hold_none")

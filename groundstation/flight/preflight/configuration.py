@@ -1,20 +1,15 @@
-"""May this configuration fly? Its trajectory, its fence, its key files: before anything is opened."""
+"""May this configuration fly?
+
+Its trajectory, its fence, its key files: before anything is opened.
+"""
 
 import math
 from pathlib import Path
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import (
-    Sentence,
-    notice,
-)
+from groundstation.core.messages import Sentence, notice
 from groundstation.core.safety import Fence
-from groundstation.core.trajectory import (
-    Demand,
-    FeasibilityReport,
-    Trajectory,
-    check_feasibility,
-)
+from groundstation.core.trajectory import Demand, FeasibilityReport, Trajectory, check_feasibility
 from groundstation.settings import Config
 from links.core import LinkKind
 from links.io import is_pseudo_terminal, read_key
@@ -33,12 +28,15 @@ def examine_trajectory(config: Config) -> FeasibilityReport:
 
 
 ALIKE = 0.1
-"""Relative difference up to which a declared and a computed derivative count as equally long [-]: then their
-directions differ, and the sentence says so. Chosen."""
+"""Relative difference up to which a declared and a computed derivative count as equally long [-]:
+then their directions differ, and the sentence says so. Chosen."""
 
 
 def explain_refusal(config: Config, report: FeasibilityReport) -> Sentence | None:
-    """Return why the trajectory must not be flown, with the time, the limit and the remedy; None if it may."""
+    """Return why the trajectory must not be flown, with the time, the limit and the remedy.
+
+    None if it may.
+    """
     odd = report.inconsistency
     if odd is not None and odd.name == "period":
         return notice("trajectory.period", at_s=odd.time_s, span_s=odd.declared, far_m=odd.found)
@@ -56,8 +54,12 @@ def explain_refusal(config: Config, report: FeasibilityReport) -> Sentence | Non
     return explain_infeasibility(report, getattr(config.trajectory, "speed_m_s", None))
 
 
-def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = None) -> Sentence | None:
-    """Return why the vehicle or its room can't follow the trajectory, and the remedy; None if they can.
+def explain_infeasibility(
+    report: FeasibilityReport, speed_m_s: float | None = None
+) -> Sentence | None:
+    """Return why the vehicle or its room can't follow the trajectory, and the remedy.
+
+    None if they can.
 
     ``speed_m_s`` is the trajectory's configured speed; None if it has no such key.
     """
@@ -65,7 +67,9 @@ def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = N
     if worst is None or worst.limit is None:
         return None
     if worst.key == "flight.floor_z_m":
-        return notice("trajectory.below_floor", at_s=worst.time_s, depth_m=-worst.value, key=worst.key)
+        return notice(
+            "trajectory.below_floor", at_s=worst.time_s, depth_m=-worst.value, key=worst.key
+        )
     needed, limit = f"{worst.value:.3g}", f"{worst.limit:.3g}"
     if needed == limit:
         needed, limit = f"{worst.value:.6g}", f"{worst.limit:.6g}"
@@ -74,7 +78,10 @@ def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = N
     elif speed_m_s is None:
         advice = notice("trajectory.slow_down", percent=math.floor(to_percent(report.share)))
     else:
-        advice = notice("trajectory.slow_down_to", speed_m_s=math.floor(1000.0 * report.share * speed_m_s) / 1000.0)
+        advice = notice(
+            "trajectory.slow_down_to",
+            speed_m_s=math.floor(1000.0 * report.share * speed_m_s) / 1000.0,
+        )
     return notice(
         "trajectory.demand",
         at_s=worst.time_s,
@@ -93,7 +100,9 @@ STEP_S = 0.05
 
 
 def least_braking_room(fence: Fence, way: Trajectory, lasts_s: float) -> tuple[float, float]:
-    """Return the least room to the fence after braking from a point of ``way`` [m], and the time of that point [s]."""
+    """Return the least room to the fence after braking from a point of ``way`` [m], and the time of
+    that point [s].
+    """
     least_m, at_s = math.inf, 0.0
     for i in range(int(lasts_s / STEP_S) + 2):
         time_s = min(i * STEP_S, lasts_s)
@@ -105,7 +114,10 @@ def least_braking_room(fence: Fence, way: Trajectory, lasts_s: float) -> tuple[f
 
 
 def explain_fence(config: Config) -> Sentence | None:
-    """Return why the trajectory does not fit into the fence; None if it does, or without a fence."""
+    """Return why the trajectory does not fit into the fence.
+
+    None if it does, or without a fence.
+    """
     if config.fence is None:
         return None
     trajectory = config.trajectory.build()
@@ -128,10 +140,13 @@ def ensure_flyable(config: Config) -> FeasibilityReport:
 
 
 def find_real_key(config: Config) -> str | None:
-    """Return the setting by which a real vehicle or real poses may be reached; None if all stays on this machine.
+    """Return the setting by which a real vehicle or real poses may be reached.
 
-    Each kind of link and of poses decides; one that does not decide counts as real. Loopback counts as a simulator: a
-    user who forwards it to a real vehicle must set a fence and a speed limit without being asked for them.
+    None if all stays on this machine.
+
+    Each kind of link and of poses decides; one that does not decide counts as real. Loopback counts
+    as a simulator: a user who forwards it to a real vehicle must set a fence and a speed limit
+    without being asked for them.
     """
     link, pose = config.link, config.pose
     if link.real is not None and not is_simulated(link):
@@ -140,12 +155,15 @@ def find_real_key(config: Config) -> str | None:
 
 
 def is_simulated(link: LinkKind) -> bool:
-    """Whether ``link`` is configured as simulated, and its port is a pseudo-terminal, as a simulator's is."""
+    """Whether ``link`` is configured as simulated, and its port is a pseudo-terminal, as a
+    simulator's is.
+    """
     return link.simulated and is_pseudo_terminal(link.endpoint)
 
 
 def ensure_guarded(config: Config) -> None:
-    """Require a fence, a speed limit and a start from the floor of a configuration that may fly a real vehicle.
+    """Require a fence, a speed limit and a start from the floor of a configuration that may fly a
+    real vehicle.
 
     Raises:
         ConfigError: one of them is missing.
@@ -190,7 +208,8 @@ def describe_trajectory(config: Config, report: FeasibilityReport) -> str:
     floor_z_m, low, high = config.flight.floor_z_m, report.lowest_ned, report.highest_ned
     lines = [
         f"{config.trajectory.__struct_config__.tag} for {config.vehicle.name}: {ends}, "
-        f"{report.length_m:.2f} m in {report.span_s:.2f} s{looked}, starts at {report.start_speed_m_s:.2f} m/s",
+        f"{report.length_m:.2f} m in {report.span_s:.2f} s{looked}, starts at "
+        f"{report.start_speed_m_s:.2f} m/s",
         f"stays within north {low[0]:.2f} to {high[0]:.2f}, east {low[1]:.2f} to {high[1]:.2f} m, "
         f"{floor_z_m - high[2]:.2f} to {floor_z_m - low[2]:.2f} m above the floor",
         f"{'':24}{'needs':>16}{'at':>12}{'limit':>18}",

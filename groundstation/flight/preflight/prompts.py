@@ -8,12 +8,14 @@ from groundstation.core.messages import notice
 from groundstation.settings import Config
 
 LISTEN_S = 1.2
-"""Time of listening before the first checks, and before an arming that nobody types [s]: autopilots send one heartbeat
-a second, and another one with the same id must be heard before. Poses of that time make the first checks."""
+"""Time of listening before the first checks, and before an arming that nobody types [s]: autopilots
+send one heartbeat a second, and another one with the same id must be heard before. Poses of that
+time make the first checks."""
 
 
 def ensure_named(arm: str | None, config: Config) -> None:
-    """Require that ``--arm`` names the vehicle of the configuration: the operator must know which one will move.
+    """Require that ``--arm`` names the vehicle of the configuration: the operator must know which
+    one will move.
 
     Raises:
         ConfigError: it names another.
@@ -23,7 +25,9 @@ def ensure_named(arm: str | None, config: Config) -> None:
 
 
 async def confirm_arming(config: Config, arm: str | None) -> bool:
-    """Return whether arming is confirmed: soon with ``--arm``, else by asking the operator at the terminal."""
+    """Return whether arming is confirmed: soon with ``--arm``, else by asking the operator at the
+    terminal.
+    """
     if arm is not None:
         if config.flight.start == "air":  # from the floor, the checks have listened
             await asyncio.sleep(LISTEN_S)
@@ -37,7 +41,10 @@ async def confirm_arming(config: Config, arm: str | None) -> bool:
 
 
 async def line_from_terminal(prompt: str) -> str:
-    """Read one line from the terminal without blocking the event loop; empty at the end of the input."""
+    """Read one line from the terminal without blocking the event loop.
+
+    Empty at the end of the input.
+    """
     loop = asyncio.get_running_loop()
     line: asyncio.Future[str] = loop.create_future()
 

@@ -1,4 +1,6 @@
-"""Proof on file: the result of the last test with the propellers off, kept for the operator's own vehicle."""
+"""Proof on file: the result of the last test with the propellers off, kept for the operator's own
+vehicle.
+"""
 
 import hashlib
 import os
@@ -7,10 +9,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core.messages import (
-    Sentence,
-    notice,
-)
+from groundstation.core.messages import Sentence, notice
 from groundstation.machine import FILE, RecordingConfig, folder_of, is_ours
 from groundstation.settings import Config
 
@@ -36,7 +35,9 @@ class Proof(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 def hash_sections(config: Config) -> str:
-    """Hash ``SECTIONS``, without file names and ``flight.duration_s``, which start and stop no motor."""
+    """Hash ``SECTIONS``, without file names and ``flight.duration_s``, which start and stop no
+    motor.
+    """
     values = msgspec.to_builtins(config)
     sections = {name: _without_files(values[name]) for name in SECTIONS}
     del sections["flight"]["duration_s"]
@@ -44,7 +45,9 @@ def hash_sections(config: Config) -> str:
 
 
 def proof_path(config: Config) -> Path:
-    """File of the vehicle's newest test: props-off/VEHICLE.json in $XDG_STATE_HOME/groundstation (~/.local/state)."""
+    """File of the vehicle's newest test: props-off/VEHICLE.json in $XDG_STATE_HOME/groundstation
+    (~/.local/state).
+    """
     return folder_of(RecordingConfig()).parent / "props-off" / f"{config.vehicle.name}.json"
 
 
@@ -56,7 +59,11 @@ def save_proof(proof: Proof, path: Path) -> None:
     """
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     new = path.with_name(f".{path.name}.{os.getpid()}")
-    with open(new, "wb", opener=lambda name, flags: os.open(name, flags | os.O_EXCL | os.O_NOFOLLOW, 0o600)) as file:
+    with open(
+        new,
+        "wb",
+        opener=lambda name, flags: os.open(name, flags | os.O_EXCL | os.O_NOFOLLOW, 0o600),
+    ) as file:
         file.write(msgspec.json.format(msgspec.json.encode(proof)) + b"\n")
     new.replace(path)
 
@@ -72,15 +79,22 @@ def read_proof(path: Path) -> Proof | None:
 
 
 def explain_missing_proof(proof: Proof | None, config: Config, firmware: str) -> Sentence | None:
-    """Return why ``proof`` does not cover this vehicle with its present configuration and firmware; None if it does."""
+    """Return why ``proof`` does not cover this vehicle with its present configuration and firmware.
+
+    None if it does.
+    """
     if proof is None or proof.vehicle != config.vehicle.name:
         return notice("check.props_off_none", vehicle=config.vehicle.name, command=COMMAND)
     if proof.digest != hash_sections(config):
         sections = f"[{'], ['.join(SECTIONS)}]"
-        return notice("check.props_off_changed", date=proof.date, sections=sections, command=COMMAND)
+        return notice(
+            "check.props_off_changed", date=proof.date, sections=sections, command=COMMAND
+        )
     if proof.firmware != firmware:
         proven, found = proof.firmware or "unknown", firmware or "unknown"
-        return notice("check.props_off_firmware", date=proof.date, proven=proven, found=found, command=COMMAND)
+        return notice(
+            "check.props_off_firmware", date=proof.date, proven=proven, found=found, command=COMMAND
+        )
     return None
 
 

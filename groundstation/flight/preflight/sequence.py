@@ -16,7 +16,13 @@ from groundstation.core.messages import (
 from groundstation.core.mission import Event
 from groundstation.core.pilot import Pilot
 from groundstation.flight.controller import FlightController
-from groundstation.flight.preflight.checks import Checks, Company, describe_failures, explain_drops, report
+from groundstation.flight.preflight.checks import (
+    Checks,
+    Company,
+    describe_failures,
+    explain_drops,
+    report,
+)
 from groundstation.flight.preflight.prompts import LISTEN_S
 from groundstation.flight.preflight.proof import proof_path, read_proof
 from groundstation.settings import Config
@@ -24,7 +30,8 @@ from links.core import CommandLink, LinkError
 from links.text import to_ms
 
 RECHECK_S = 1.0
-"""Period at which the checks are repeated until the operator arms [s]: screens show checks that are no older."""
+"""Period at which the checks are repeated until the operator arms [s]: screens show checks that are
+no older."""
 
 
 class FlightEnded(Exception):
@@ -83,7 +90,9 @@ class ArmingSequence:
         """The owner sets this event at the first pose."""
 
     async def depart(self, deliver: Callable[[Pose], None]) -> None:
-        """Run the whole sequence; when it returns, the vehicle may be armed. ``deliver`` gets all poses from now on.
+        """Run the whole sequence; when it returns, the vehicle may be armed.
+
+        ``deliver`` gets all poses from now on.
 
         Raises:
             FlightEnded: no pose arrives, a check fails, or the operator does not confirm.
@@ -99,7 +108,11 @@ class ArmingSequence:
             await self._stand()
             for one in self._check():
                 if one.verdict in (Verdict.WARN, Verdict.FAIL):
-                    self._say(notice("flight.preflight", verdict=one.verdict, check=one.name, says=one.says))
+                    self._say(
+                        notice(
+                            "flight.preflight", verdict=one.verdict, check=one.name, says=one.says
+                        )
+                    )
             self._ensure_passed("fault.preflight")
         status = self._source.status
         ready = notice("mission.ready", rate_hz=status.rate_hz, latency_ms=to_ms(status.latency_s))
@@ -113,7 +126,10 @@ class ArmingSequence:
         self._controller.witness.arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
-        """Connect and make the checks, without arming; a connection that fails is a failed check."""
+        """Connect and make the checks, without arming.
+
+        A connection that fails is a failed check.
+        """
         try:
             await self._connect(deliver)
             await self._stand()
@@ -121,10 +137,16 @@ class ArmingSequence:
         except (FlightEnded, LinkError, OSError) as error:
             conflict = self._link.status.conflict
             found = [report("connection", Verdict.FAIL, "check.connection", why=error)]
-            return [*found, report("frames", Verdict.FAIL, "check.conflict", why=conflict)] if conflict else found
+            return (
+                [*found, report("frames", Verdict.FAIL, "check.conflict", why=conflict)]
+                if conflict
+                else found
+            )
 
     async def _stand(self) -> None:
-        """Collect poses of the vehicle at rest for ``LISTEN_S``, and let the link examine its autopilot."""
+        """Collect poses of the vehicle at rest for ``LISTEN_S``, and let the link examine its
+        autopilot.
+        """
         self._look = Checks(self._config, self._others, read_proof(proof_path(self._config)))
         await asyncio.gather(asyncio.sleep(LISTEN_S), self._link.examine())
 
@@ -133,7 +155,14 @@ class ArmingSequence:
         assert self._look is not None, "_stand comes first"
         now, standing = asyncio.get_running_loop().time(), self._controller.standing
         agreement = self._controller.witness.verdict(now)
-        checks = self._look(standing, self._pilot.state.noise_m, self._link.status, now, agreement, self._source.status)
+        checks = self._look(
+            standing,
+            self._pilot.state.noise_m,
+            self._link.status,
+            now,
+            agreement,
+            self._source.status,
+        )
         checks += self._company(standing, now, arming=arming)
         self.checks = tuple(checks)
         return checks
@@ -151,7 +180,9 @@ class ArmingSequence:
         try:
             await asyncio.wait_for(self.first_pose.wait(), wait)
         except TimeoutError:
-            raise FlightEnded(notice("fault.no_first_pose", wait_s=wait, why=self._explain_silence())) from None
+            raise FlightEnded(
+                notice("fault.no_first_pose", wait_s=wait, why=self._explain_silence())
+            ) from None
 
     def _explain_silence(self) -> Sentence:
         """Return why no pose has arrived."""
@@ -168,12 +199,17 @@ class ArmingSequence:
 
     async def _operator(self) -> None:
         """Wait until the operator arms: at the terminal, or by a request."""
-        confirmed, asked = asyncio.ensure_future(self._confirm()), asyncio.ensure_future(self.arm_asked.wait())
+        confirmed, asked = (
+            asyncio.ensure_future(self._confirm()),
+            asyncio.ensure_future(self.arm_asked.wait()),
+        )
         try:
             while not (confirmed.done() or asked.done()):
                 if self._look is not None:
                     self._check()  # the screens show the present checks until the operator arms
-                await asyncio.wait({confirmed, asked}, timeout=RECHECK_S, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait(
+                    {confirmed, asked}, timeout=RECHECK_S, return_when=asyncio.FIRST_COMPLETED
+                )
             if not asked.done() and not confirmed.result():
                 raise FlightEnded(notice("fault.not_confirmed"))
         finally:

@@ -10,5 +10,13 @@ from groundstation.interfaces.api.client import (
     stop_all,
     stop_all_command,
 )
-from groundstation.interfaces.api.messages import Allowance, Control, Core, OrderAnswer, TokenBucket, decode, new_events
+from groundstation.interfaces.api.messages import (
+    Allowance,
+    Control,
+    Core,
+    OrderAnswer,
+    TokenBucket,
+    decode,
+    new_events,
+)
 from groundstation.interfaces.api.server import Server

@@ -1,4 +1,5 @@
-"""Client of a running ground station: the newest snapshot, who holds control, and orders with their answers.
+"""Client of a running ground station: the newest snapshot, who holds control, and orders with their
+answers.
 
 ::
 
@@ -8,7 +9,8 @@
         async for message in client:  # Snapshot or Control; ends when the ground station does
             ...
 
-It is also what gives orders from a shell: ``groundstation request`` to one ground station, ``stop-all`` to all.
+It is also what gives orders from a shell: ``groundstation request`` to one ground station,
+``stop-all`` to all.
 """
 
 import argparse
@@ -55,14 +57,19 @@ ANSWER_S = 3.0
 
 
 class StationClient:
-    """One connection, made by :func:`open_client`; iterate over it for the newest snapshot and changes of control."""
+    """One connection, made by :func:`open_client`.
+
+    Iterate over it for the newest snapshot and changes of control.
+    """
 
     hello: StationHello
     """The station's introduction."""
     control: Control
     """The newest message on who holds control."""
 
-    def __init__(self, path: Path, name: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def __init__(
+        self, path: Path, name: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
         """``path`` is named in errors; ``name`` is what the other clients read of this one."""
         self._path = path
         self._name = name
@@ -86,7 +93,9 @@ class StationClient:
         Raises:
             ApiError: the connection is lost, or there was no answer.
         """
-        return await self._order(ask=request.ask, why=request.why, vehicle=vehicle, points=request.points)
+        return await self._order(
+            ask=request.ask, why=request.why, vehicle=vehicle, points=request.points
+        )
 
     async def take_control(self) -> OrderAnswer:
         """Take control; refused where somebody else holds it.
@@ -123,7 +132,11 @@ class StationClient:
         points: tuple[Waypoint, ...] = (),
     ) -> OrderAnswer:
         if self._over:
-            raise ApiError(notice("value.refused", value=self._path, why=self._trouble or notice("station.lost")))
+            raise ApiError(
+                notice(
+                    "value.refused", value=self._path, why=self._trouble or notice("station.lost")
+                )
+            )
         number, self._next_id = self._next_id, self._next_id + 1
         loop = asyncio.get_running_loop()
         order = ClientOrder(
@@ -166,7 +179,9 @@ class StationClient:
                 try:
                     return cast("Snapshot", decode(line))
                 except ValueError as error:
-                    raise ApiError(notice("station.other_version", path=self._path, why=error)) from error
+                    raise ApiError(
+                        notice("station.other_version", path=self._path, why=error)
+                    ) from error
             if self._trouble:
                 raise ApiError(f"{self._trouble} ({self._path})")
             if self._over:
@@ -214,7 +229,9 @@ class StationClient:
         match message:
             case StationHello():
                 if message.version != VERSION:
-                    self._trouble = f"speaks version {message.version} of the protocol, this program {VERSION}"
+                    self._trouble = (
+                        f"speaks version {message.version} of the protocol, this program {VERSION}"
+                    )
                 self.hello = message
             case Control():
                 self.control = message
@@ -239,10 +256,13 @@ async def open_client(path: Path, name: str = "client") -> AsyncIterator[Station
 
     Raises:
         OSError: nobody serves there.
-        ApiError: what serves there is no ground station of this version, has too many clients, or is another user's.
+        ApiError: what serves there is no ground station of this version, has too many clients, or
+            is another user's.
     """
     try:
-        client = StationClient(path, name, *await asyncio.open_unix_connection(path, limit=LINE_MAX_BYTES))
+        client = StationClient(
+            path, name, *await asyncio.open_unix_connection(path, limit=LINE_MAX_BYTES)
+        )
     except PermissionError:
         raise ApiError(notice("station.other_user", path=path, user=owner(path))) from None
     try:
@@ -273,7 +293,8 @@ STOP_ANSWER_S = 1.0
 
 
 def request_command(request: Request, vehicle: str | None, socket: Path | None) -> Exit:
-    """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody is there.
+    """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody
+    is there.
 
     Where a kill is not answered, the process that is meant gets the signal instead.
     """
@@ -303,7 +324,10 @@ async def _at_once(asked: Awaitable[OrderAnswer]) -> OrderAnswer:
 
 
 def _find_flight(vehicle: str | None, socket: Path | None) -> Running | None:
-    """The one flight of this machine that a request is for; None where there is none, or more than one."""
+    """The one flight of this machine that a request is for.
+
+    None where there is none, or more than one.
+    """
     there = [
         one
         for one in running_processes()
@@ -314,10 +338,13 @@ def _find_flight(vehicle: str | None, socket: Path | None) -> Running | None:
     return there[0] if len(there) == 1 else None
 
 
-async def ask_station(request: Request, vehicle: str | None = None, socket: Path | str | None = None) -> OrderAnswer:
+async def ask_station(
+    request: Request, vehicle: str | None = None, socket: Path | str | None = None
+) -> OrderAnswer:
     """Send ``request`` and return the answer; control is taken meanwhile where it is needed.
 
-    ``vehicle`` is the name of the one that is meant; without it, it is the only one that is flown here.
+    ``vehicle`` is the name of the one that is meant; without it, it is the only one that is flown
+    here.
 
     Raises:
         ConfigError: one of the arguments is not of its type.
@@ -335,7 +362,9 @@ async def ask_station(request: Request, vehicle: str | None = None, socket: Path
             if request.ask is Ask.ARM and vehicle is None:
                 raise ApiError(notice("request.name_it", vehicle=served))
             if vehicle is not None and vehicle != served:
-                raise ApiError(notice("request.other_vehicle", path=path, found=served, wanted=vehicle))
+                raise ApiError(
+                    notice("request.other_vehicle", path=path, found=served, wanted=vehicle)
+                )
             if request.ask not in ANYONE:
                 taken = await client.take_control()
                 if not taken.done:
@@ -371,7 +400,9 @@ class StopReport(msgspec.Struct, frozen=True):
 
 
 async def stop_all(ask: Ask, why: str = "stop-all") -> list[StopReport]:
-    """Ask all that run to come down by ``ask``, each on its own: none waits for another that hangs."""
+    """Ask all that run to come down by ``ask``, each on its own: none waits for another that
+    hangs.
+    """
     return list(await asyncio.gather(*(_stop(one, ask, why) for one in running_processes())))
 
 
@@ -380,7 +411,10 @@ async def _stop(one: Running, ask: Ask, why: str) -> StopReport:
     if one.command == BRIDGE:
         return _bridge(one, ask)
     try:
-        async with asyncio.timeout(STOP_ANSWER_S), open_client(Path(one.socket), "stop-all") as client:
+        async with (
+            asyncio.timeout(STOP_ANSWER_S),
+            open_client(Path(one.socket), "stop-all") as client,
+        ):
             answer = await client.ask(Request(ask, why))
         return StopReport(True, str(notice("stop_all.answered", who=who, answer=answer.says)))
     except TimeoutError:
@@ -408,7 +442,10 @@ def _bridge(one: Running, ask: Ask) -> StopReport:
     who = f"{BRIDGE} at {one.vehicle} (process {one.pid})"
     if ask is Ask.KILL:
         done = send_signal(one, signal.SIGQUIT)
-        return StopReport(done, str(notice("stop_all.bridge_killed" if done else "stop_all.bridge_ended", who=who)))
+        return StopReport(
+            done,
+            str(notice("stop_all.bridge_killed" if done else "stop_all.bridge_ended", who=who)),
+        )
     return StopReport(True, str(notice("stop_all.bridge", who=who, pid=f"{one.pid}")))
 
 

@@ -2,23 +2,31 @@
 
 To a client, told apart by their one key::
 
-    {"hello": {"version": 1, "vehicle": "mqx", "pid": 7, "groundstation": "0.1.0", "config": "TOML in force"}}
-    {"control": {"holder": "tui 1234", "yours": false}}      first, and whenever it changes; holder null: nobody
-    {"snapshot": {...}}                                      a :class:`~groundstation.core.messages.snapshot.Snapshot`
+    {"hello": {"version": 1, "vehicle": "mqx", "pid": 7, "groundstation": "0.1.0", "config": "TOML
+    in force"}}
+    {"control": {"holder": "tui 1234", "yours": false}}      first, and whenever it changes; holder
+                                                             null: nobody
+    {"snapshot": {...}}                                      a
+                                                             :class:`~groundstation.core.messages.snapshot.Snapshot`
     {"answer": {"id": 7, "done": true, "says": "landing: told by tui 1234"}}
-    {"refused": "..."}                                       a line that was no order: it has done nothing
+    {"refused": "..."}                                       a line that was no order: it has done
+                                                             nothing
 
-From a client, an :class:`ClientOrder`; its ids grow, so that a line that is played again does nothing::
+From a client, an :class:`ClientOrder`; its ids grow, so that a line that is played again does
+nothing::
 
-    {"id": 7, "ask": "land", "why": "too windy"}             land, descend, abort, kill: anyone attached
+    {"id": 7, "ask": "land", "why": "too windy"}             land, descend, abort, kill: anyone
+                                                             attached
     {"id": 8, "control": "take", "name": "tui"}              or "give"
     {"id": 9, "ask": "hold"}                                 arm, hold, track, return: needs control
-    {"id": 10, "ask": "arm", "vehicle": "mqx", "until_s": 8123.4}    names the vehicle, as --arm does; late, it is none
+    {"id": 10, "ask": "arm", "vehicle": "mqx", "until_s": 8123.4}    names the vehicle, as --arm
+                                                                     does; late, it is none
     {"id": 11, "set": {"controller.k1": 3.2}}                needs control
-    {"id": 12, "ask": "goto", "points": [[1.0, 0.5, -1.2], [0, 0, -1, 90]]}    needs control; north, east, down, yaw
+    {"id": 12, "ask": "goto", "points": [[1.0, 0.5, -1.2], [0, 0, -1, 90]]}    needs control; north,
+                                                                               east, down, yaw
 
-A number that is not finite is ``null``. Keys may be added to what a client hears: it ignores those it does not know.
-What a client says has no others.
+A number that is not finite is ``null``. Keys may be added to what a client hears: it ignores those
+it does not know. What a client says has no others.
 
 The control desk: one client holds control; anyone attached may bring the vehicle down. Sans-IO.
 """
@@ -53,15 +61,17 @@ LINE_MAX_BYTES = 1 << 20
 """Nothing that a client hears is longer."""
 
 
-class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+class ClientOrder(
+    msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True
+):
     """Order of a client: exactly one of ``ask``, ``control`` and ``set``."""
 
     id: Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
     """Greater than that of any order before it on this connection."""
     ask: Ask | None = None
     control: Literal["take", "give"] | None = None
-    gains: Annotated[dict[str, float], msgspec.Meta(min_length=1, max_length=8)] | None = msgspec.field(
-        name="set", default=None
+    gains: Annotated[dict[str, float], msgspec.Meta(min_length=1, max_length=8)] | None = (
+        msgspec.field(name="set", default=None)
     )
     """Dotted keys of the configuration, and the values that they shall have."""
     points: Waypoints = ()
@@ -73,8 +83,8 @@ class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
     name: Annotated[str, msgspec.Meta(max_length=32)] = ""
     """The client's name for itself; remembered from then on."""
     until_s: float | None = None
-    """When it is too late for what starts or steers, on this machine's monotonic clock [s]; what brings the vehicle
-    down is done at any time."""
+    """When it is too late for what starts or steers, on this machine's monotonic clock [s]; what
+    brings the vehicle down is done at any time."""
 
     def __post_init__(self) -> None:
         ensure_points(self.ask, self.points)
@@ -124,14 +134,21 @@ class Refusal(msgspec.Struct, frozen=True):
 
 Message: TypeAlias = StationHello | Control | Snapshot | OrderAnswer | Refusal
 
-_KEYS: dict[type, str] = {StationHello: "hello", Control: "control", Snapshot: "snapshot", OrderAnswer: "answer"}
+_KEYS: dict[type, str] = {
+    StationHello: "hello",
+    Control: "control",
+    Snapshot: "snapshot",
+    OrderAnswer: "answer",
+}
 _TYPES: dict[str, Any] = {key: kind for kind, key in _KEYS.items()}
 SNAPSHOT_PREFIX = b'{"snapshot":'
 """A client that wants only the newest knows one by this, without decoding it."""
 
 
 def new_events(before: tuple[Notice, ...], now: tuple[Notice, ...]) -> tuple[Notice, ...]:
-    """The events of ``now`` that follow those of ``before``, both being windows of one growing list."""
+    """The events of ``now`` that follow those of ``before``, both being windows of one growing
+    list.
+    """
     for start in range(len(before)):
         tail = before[start:]
         if now[: len(tail)] == tail:
@@ -209,7 +226,10 @@ def _with_nan(body: Any, kind: Any) -> Any:
         return [_with_nan(item, part) for item, part in zip(body, each, strict=True)]
     if isinstance(body, dict) and isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
-        return {key: _with_nan(value, fields[key]) if key in fields else value for key, value in body.items()}
+        return {
+            key: _with_nan(value, fields[key]) if key in fields else value
+            for key, value in body.items()
+        }
     return body
 
 
@@ -301,11 +321,16 @@ class Desk:
         return self._holder is not None
 
     def take(self, order: ClientOrder, party: Party, now_s: float) -> OrderAnswer:
-        """Do what ``order`` says, or say why not; ``now_s`` is on this machine's monotonic clock [s]."""
+        """Do what ``order`` says, or say why not.
+
+        ``now_s`` is on this machine's monotonic clock [s].
+        """
         if order.name:
             party.introduce(order.name)
         if order.control is not None:
-            reply = self._take_control(party) if order.control == "take" else self._give_control(party)
+            reply = (
+                self._take_control(party) if order.control == "take" else self._give_control(party)
+            )
         elif order.ask is not None and order.ask in ANYONE:
             reply = self._ask(order, party)
         elif order.until_s is not None and now_s > order.until_s:
@@ -315,7 +340,9 @@ class Desk:
         elif order.ask is None:
             reply = self._set(order)
         elif order.ask is Ask.ARM and order.vehicle != self._vehicle:
-            reply = Reply.of(False, notice("order.other_vehicle", expected=self._vehicle, found=order.vehicle))
+            reply = Reply.of(
+                False, notice("order.other_vehicle", expected=self._vehicle, found=order.vehicle)
+            )
         else:
             reply = self._ask(order, party)
         return OrderAnswer(order.id, reply.done, reply.says, reply.id, reply.numbers)

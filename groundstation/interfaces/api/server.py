@@ -1,4 +1,7 @@
-"""Local server: a flight to the clients of a UNIX socket. None of them can hold it up: see docs/reference/api.md."""
+"""Local server: a flight to the clients of a UNIX socket.
+
+None of them can hold it up: see docs/reference/api.md.
+"""
 
 import asyncio
 import socket
@@ -57,10 +60,11 @@ class Server:
         config_text: str = "",
         log: Say = lambda _: None,
     ) -> None:
-        """Serve what ``latest`` holds for the vehicle of that name, and have ``core`` do what is ordered.
+        """Serve what ``latest`` holds for the vehicle of that name, and have ``core`` do what is
+        ordered.
 
-        Snapshots leave when it is ``quiet``.
-        ``pid``, ``version`` and ``config_text`` are told to clients; ``log`` takes a line about each that misbehaves.
+        Snapshots leave when it is ``quiet``. ``pid``, ``version`` and ``config_text`` are told to
+        clients; ``log`` takes a line about each that misbehaves.
         """
         self.path = socket_path(config, vehicle)
         self.desk = Desk(vehicle, core)
@@ -69,7 +73,9 @@ class Server:
         self._quiet = quiet or IdleSlots()
         self._hello = encode(StationHello(VERSION, vehicle, pid, version, config_text))
         self._log = log
-        self._clients: dict[_AttachedClient, int] = {}  # to the number of the snapshot that it got last
+        self._clients: dict[
+            _AttachedClient, int
+        ] = {}  # to the number of the snapshot that it got last
         self._attached = asyncio.Event()
         self._line = (0, b"")
         self._server: asyncio.Server | None = None
@@ -83,7 +89,11 @@ class Server:
         await claim_socket(self.path)
         try:
             self._server = await asyncio.start_unix_server(
-                self._talk, self.path, limit=ORDER_MAX_BYTES, start_serving=False, backlog=CLIENTS_MAX
+                self._talk,
+                self.path,
+                limit=ORDER_MAX_BYTES,
+                start_serving=False,
+                backlog=CLIENTS_MAX,
             )
         except (OSError, ValueError) as error:
             raise ApiError(notice("socket.failed", path=self.path, why=error)) from error
@@ -91,11 +101,20 @@ class Server:
         await self._server.start_serving()
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Take the lines of one more client, as many as it may send by then; the others fill its own socket."""
-        client, allowance, loop = _AttachedClient(writer.transport), TokenBucket(ORDERS), asyncio.get_running_loop()
+        """Take the lines of one more client, as many as it may send by then.
+
+        The others fill its own socket.
+        """
+        client, allowance, loop = (
+            _AttachedClient(writer.transport),
+            TokenBucket(ORDERS),
+            asyncio.get_running_loop(),
+        )
         self._attach(client)
         try:
-            while (line := await reader.readline()).endswith(b"\n") and not client.transport.is_closing():
+            while (line := await reader.readline()).endswith(
+                b"\n"
+            ) and not client.transport.is_closing():
                 while not allowance.take(loop.time()):  # noqa: ASYNC110  # time allows it, not an event
                     await asyncio.sleep(1.0 / ORDERS.rate_hz)
                 self._order(line, client)
@@ -125,7 +144,10 @@ class Server:
             client.transport.close()
 
     def _attach(self, client: "_AttachedClient") -> None:
-        """Take a new client, whose order may be the one that counts; where there are too many, another one goes."""
+        """Take a new client, whose order may be the one that counts.
+
+        Where there are too many, another one goes.
+        """
         if len(self._clients) >= CLIENTS_MAX + GUESTS_MAX:
             self._make_room()
         self._clients[client] = 0
@@ -134,7 +156,10 @@ class Server:
         client.write(encode(self.desk.control(client.party)))
 
     def _make_room(self) -> None:
-        """Drop the guest that came first of those that only read; else who only reads, else who lacks control."""
+        """Drop the guest that came first of those that only read.
+
+        Else who only reads, else who lacks control.
+        """
         there = list(self._clients)
         guests = there[CLIENTS_MAX:]
         reading = [client for client in (*guests, *there) if not client.orders]
@@ -156,7 +181,9 @@ class Server:
         if not isinstance(order, ClientOrder):
             return self._refuse(client, "malformed", order)
         if client.party.replays(order):
-            return self._refuse(client, "replayed", f"id {order.id} is not greater than those before it")
+            return self._refuse(
+                client, "replayed", f"id {order.id} is not greater than those before it"
+            )
         client.orders = True
         before = self.desk.control(client.party)
         client.write(encode(self.desk.take(order, client.party, asyncio.get_running_loop().time())))
@@ -210,7 +237,10 @@ class _AttachedClient:
 
 def _pid(transport: asyncio.BaseTransport) -> int | None:
     """The process at the other end, as the system has it; None where that is no UNIX socket."""
-    wire, peer = transport.get_extra_info("socket"), getattr(socket, "SO_PEERCRED", None)  # Linux has it (unix(7))
+    wire, peer = (
+        transport.get_extra_info("socket"),
+        getattr(socket, "SO_PEERCRED", None),
+    )  # Linux has it (unix(7))
     if wire is None or peer is None:
         return None
     try:

@@ -1,6 +1,7 @@
 """Commands of ``groundstation``: what each does with its command line.
 
-And completion: scripts by which a shell completes our command lines. No key press runs any program of ours.
+And completion: scripts by which a shell completes our command lines. No key press runs any program
+of ours.
 """
 
 import argparse
@@ -58,13 +59,21 @@ Say = Callable[[str], None]
 
 def advise_name(program: str, old: str, today: str) -> None:
     """Tell the operator how the command ``old`` of ``program`` is spelled today."""
-    print(f"{program}: {notice('command.moved', old=f'{program} {old}', new=f'{program} {today}')}", file=sys.stderr)
+    print(
+        f"{program}: {notice('command.moved', old=f'{program} {old}', new=f'{program} {today}')}",
+        file=sys.stderr,
+    )
 
 
-def _load(args: argparse.Namespace, require: Callable[[Config], Config] = lambda config: config) -> Config:
-    """The configuration, which must have what ``require`` asks for; of a rehearsal with every address turned.
+def _load(
+    args: argparse.Namespace, require: Callable[[Config], Config] = lambda config: config
+) -> Config:
+    """The configuration, which must have what ``require`` asks for.
 
-    What a real flight must have is asked of the file as it stands. With ``--rehearse`` standard error says what it is.
+    Of a rehearsal with every address turned.
+
+    What a real flight must have is asked of the file as it stands. With ``--rehearse`` standard
+    error says what it is.
     """
     config = require(load(args.config, Config, args.overrides))
     if not args.rehearse:
@@ -92,11 +101,16 @@ def fly(args: argparse.Namespace) -> int:
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", notice("arm.no_terminal", vehicle=config.vehicle.name))
     say = _terminal_writer()
-    return fly_command(config, partial(confirm_arming, config, args.arm), _mark_lines(say) if args.rehearse else say)
+    return fly_command(
+        config,
+        partial(confirm_arming, config, args.arm),
+        _mark_lines(say) if args.rehearse else say,
+    )
 
 
 def _find_recording(name: Path | None) -> Path:
-    """Return the recording ``name``, as ``groundstation logs`` lists it, too, or without its ending; else the newest.
+    """Return the recording ``name``, as ``groundstation logs`` lists it, too, or without its
+    ending; else the newest.
 
     Raises:
         ConfigError: nothing is recorded.
@@ -125,7 +139,9 @@ def daemon(args: argparse.Namespace) -> Exit:
     StepTimer.start()
     config = _load(args, require_flyable)
     ensure_named(args.arm, config)
-    return daemon_command(config, arm=args.arm is not None, once=args.once, style=Format(args.log_format))
+    return daemon_command(
+        config, arm=args.arm is not None, once=args.once, style=Format(args.log_format)
+    )
 
 
 def daemon_health(args: argparse.Namespace) -> Exit:
@@ -164,27 +180,39 @@ def _radio(what: str, args: argparse.Namespace) -> Exit:
     config = load(args.config, Config, args.overrides)
     if not isinstance(config.link, RfLinkConfig):
         raise ConfigError("link.kind", notice("radio.link_kind", choices=sorted(RF_CODECS)))
-    done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, what, args.seconds, _terminal_writer()))
+    done = asyncio.run(
+        _serve(config.link, config.vehicle.thrust_max_n, what, args.seconds, _terminal_writer())
+    )
     return Exit.DONE if done else Exit.FAILED
 
 
-radio_bind, radio_range_check, radio_idle = (partial(_radio, what) for what in ("bind", "range-check", "idle"))
+radio_bind, radio_range_check, radio_idle = (
+    partial(_radio, what) for what in ("bind", "range-check", "idle")
+)
 
 
 def radio_bridge(args: argparse.Namespace) -> Exit:
-    """Pace the commands of another computer out by an RF module; or make the key that both share."""
+    """Pace the commands of another computer out by an RF module.
+
+    Or make the key that both share.
+    """
     from groundstation.flight.preflight import load_link_key
 
     say = _terminal_writer()
     if args.make_key is not None:
         _make_key("--make-key", args.make_key)
-        say(f"{args.make_key}: a new key, for your eyes only. Copy it to the other computer by a safe way, mode 0600")
+        say(
+            f"{args.make_key}: a new key, for your eyes only. Copy it to the other computer by a "
+            "safe way, mode 0600"
+        )
         return Exit.DONE
     if args.config is None:
         raise ConfigError("CONFIG.toml", notice("radio.no_file"))
     config = load(args.config, BridgeConfig, args.overrides)
     shared = load_link_key(config.key_file, "key_file")
-    one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=config.link.destination)
+    one = Running(
+        pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=config.link.destination
+    )
     try:
         with registration(one):
             return Exit.DONE if asyncio.run(_bridge(config, shared, say)) else Exit.FAILED
@@ -222,7 +250,9 @@ def request(args: argparse.Namespace) -> Exit:
 
 
 def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
-    """Where ``goto`` and ``follow`` lead: the points travel in the request, as files here are none of the station's."""
+    """Where ``goto`` and ``follow`` lead: the points travel in the request, as files here are none
+    of the station's.
+    """
     rows: list[list[Any]]
     if ask == "follow":
         if len(where) != 1:
@@ -232,9 +262,14 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
         try:
             course = parse_course(text, least=1)
         except ValueError as error:
-            raise ConfigError("follow", notice("value.refused", value=where[0], why=error)) from None
+            raise ConfigError(
+                "follow", notice("value.refused", value=where[0], why=error)
+            ) from None
         if "times_s" in course or "velocities_ned" in course:
-            print("its times and speeds are left out: each leg is flown from rest to rest", file=sys.stderr)
+            print(
+                "its times and speeds are left out: each leg is flown from rest to rest",
+                file=sys.stderr,
+            )
         yaws = course.get("yaws_deg") or [None] * len(course["points_ned"])
         rows = [[*place, yaw] for place, yaw in zip(course["points_ned"], yaws, strict=True)]
     elif ask == "goto":
@@ -253,7 +288,11 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
             numbers: list[Any] = [None if each is None else float(each) for each in row]
             points.append(Waypoint(*numbers))
         except ValueError as error:
-            says = notice("follow.point", path=where[0], number=number, why=error) if ask == "follow" else str(error)
+            says = (
+                notice("follow.point", path=where[0], number=number, why=error)
+                if ask == "follow"
+                else str(error)
+            )
             raise ConfigError(ask, says) from None
     return tuple(points)
 
@@ -269,8 +308,8 @@ def mqtt_make_key(args: argparse.Namespace) -> Exit:
     """Write the new key of a client."""
     _make_key("mqtt make-key", args.file)
     print(
-        f"{args.file}: a new key, for your eyes only. Copy it to the client by a safe way, mode 0600, and name it "
-        "as key_file of mqtt.requests.clients.NAME",
+        f"{args.file}: a new key, for your eyes only. Copy it to the client by a safe way, mode "
+        "0600, and name it as key_file of mqtt.requests.clients.NAME",
         file=sys.stderr,
     )
     return Exit.DONE
@@ -301,14 +340,19 @@ def mqtt_schemas(args: argparse.Namespace) -> Exit:
 
 
 def replay(args: argparse.Namespace) -> Exit:
-    """Compute a recording of ours again, exactly as in flight; of a .tlog, how well our estimator predicts it."""
+    """Compute a recording of ours again, exactly as in flight.
+
+    Of a .tlog, how well our estimator predicts it.
+    """
     args.file = _find_recording(args.file)
     if args.file.suffix == ".mcap":
         from groundstation.analysis import replay_command
 
         if args.config is not None:
             raise ConfigError("--config", notice("replay.own_config"))
-        return replay_command(args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules)
+        return replay_command(
+            args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules
+        )
     from groundstation.analysis.evidence import evidence_command
 
     config = load(args.config, Config, args.overrides) if args.config is not None else None
@@ -326,8 +370,12 @@ def doctor(args: argparse.Namespace) -> Exit:
     words += ["--board", args.board] if args.board is not None else []
     command = shlex.join(["groundstation", "doctor", str(args.config), *words])
     folder = folder_of(config.recording)
-    orders = DoctorOrders(command, tuple(args.fix), args.restore, args.yes, args.json, folder, args.board)
-    return asyncio.run(run_doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, print))
+    orders = DoctorOrders(
+        command, tuple(args.fix), args.restore, args.yes, args.json, folder, args.board
+    )
+    return asyncio.run(
+        run_doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, print)
+    )
 
 
 def props_off(args: argparse.Namespace) -> Exit:
@@ -335,7 +383,9 @@ def props_off(args: argparse.Namespace) -> Exit:
     from groundstation.interfaces.service import require_flyable
     from groundstation.lab import props_off_command
 
-    return props_off_command(require_flyable(load(args.config, Config, args.overrides)), 1e-3 * wall_ms())
+    return props_off_command(
+        require_flyable(load(args.config, Config, args.overrides)), 1e-3 * wall_ms()
+    )
 
 
 def logs(args: argparse.Namespace) -> Exit:
@@ -398,7 +448,9 @@ def replay_evidence(args: argparse.Namespace) -> Exit:
     """Replay recorded flights against our estimator."""
     from groundstation.analysis.evidence import evidence_command
 
-    return evidence_command([_find_recording(name) for name in args.files or [None]], as_json=args.json)
+    return evidence_command(
+        [_find_recording(name) for name in args.files or [None]], as_json=args.json
+    )
 
 
 def config_show(args: argparse.Namespace) -> Exit:
@@ -430,14 +482,22 @@ def carry(args: argparse.Namespace) -> Exit:
     from groundstation.lab import carry_command
 
     config = _load(args)
-    # What a rehearsal finds is of the simulated cameras: it must not stay in the file of the real ones.
-    return carry_command(config, args.config, args.overrides, as_json=args.json, keep=args.dry_run or args.rehearse)
+    # What a rehearsal finds is of the simulated cameras: it must not stay in the file of the real
+    # ones.
+    return carry_command(
+        config, args.config, args.overrides, as_json=args.json, keep=args.dry_run or args.rehearse
+    )
 
 
 def trajectory(args: argparse.Namespace) -> Exit:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
     from groundstation.flight import StepTimer
-    from groundstation.flight.preflight import describe_trajectory, examine_trajectory, explain_fence, explain_refusal
+    from groundstation.flight.preflight import (
+        describe_trajectory,
+        examine_trajectory,
+        explain_fence,
+        explain_refusal,
+    )
 
     StepTimer.start()
     config = load(args.config, Config, args.overrides)
@@ -458,7 +518,10 @@ def trajectory(args: argparse.Namespace) -> Exit:
 
 
 def check(args: argparse.Namespace) -> Exit:
-    """Connect, run the pre-flight checks, and disconnect; or show the pose source live. Nothing is armed."""
+    """Connect, run the pre-flight checks, and disconnect; or show the pose source live.
+
+    Nothing is armed.
+    """
     if args.seconds is not None and not args.watch:
         raise ConfigError("--seconds", notice("option.only_with", option="--watch"))
     if args.watch:
@@ -484,7 +547,8 @@ def check(args: argparse.Namespace) -> Exit:
     if args.limits:
         facts["limits"] = [msgspec.to_builtins(one._asdict()) for one in limits]
     lines = [
-        f"{one.says} ({one.key}{'' if one.limit is None else f' = {one.limit}'}) for {one.lasts_s:g} s: {one.step}"
+        f"{one.says} ({one.key}{'' if one.limit is None else f' = {one.limit}'}) for "
+        f"{one.lasts_s:g} s: {one.step}"
         for one in limits
     ]
     print(json.dumps(facts) if args.json else "\n".join([describe_checks(found), *lines, verdict]))
@@ -508,7 +572,9 @@ def config_vehicles(args: argparse.Namespace) -> Exit:
 
 
 def _terminal_writer() -> Say:
-    """Tell the operator in flight: a terminal that stands still (Ctrl-S) or is gone must not hold up a command."""
+    """Tell the operator in flight: a terminal that stands still (Ctrl-S) or is gone must not hold
+    up a command.
+    """
     return NonBlockingWriter(1).say
 
 
@@ -555,7 +621,10 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
         loop.add_signal_handler(number, end, number.name)
     loop.add_signal_handler(signal.SIGQUIT, kill)
     if real:
-        say(f"{link.port} may be a real module: whoever has the key {config.key_file} can start its vehicle's motors")
+        say(
+            f"{link.port} may be a real module: whoever has the key {config.key_file} can start "
+            "its vehicle's motors"
+        )
     say(
         f"radio bridge at udp {config.listen}: {link.kind} module on {link.port}, a frame every "
         f"{1e3 * link.period_s:g} ms. Ctrl-C ends"
@@ -572,13 +641,15 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
 
 
 Words = Callable[[str, str], list[str]]
-"""A command (``config new``) and the name of an argument of its → what that may be, as far as it can be listed."""
+"""A command (``config new``) and the name of an argument of its → what that may be, as far as it
+can be listed."""
 
 _DEFINITION = {
     "bash": """{name}() {{ compgen -W "{words}" -- "$1"; }}""",
     "zsh": """{name}() {{ compadd {no_space}-- {words}; }}""",
 }
-# A value follows `KEY=` at once. In bash `compopt` says so, from the function alone that bash itself calls.
+# A value follows `KEY=` at once. In bash `compopt` says so, from the function alone that bash
+# itself calls.
 _BASH_END = """
 _{name}() {{
   _shtab_{name} "$@"
@@ -607,7 +678,9 @@ def completion_script(parser: argparse.ArgumentParser, shell: str, words: Words)
             action.complete = completes  # type: ignore[attr-defined]  # where shtab looks
     preamble = [
         _DEFINITION[shell].format(
-            name=function, words=" ".join(choice), no_space="-S '' " if choice[0].endswith("=") else ""
+            name=function,
+            words=" ".join(choice),
+            no_space="-S '' " if choice[0].endswith("=") else "",
         )
         for choice, function in functions.items()
     ]
@@ -615,10 +688,13 @@ def completion_script(parser: argparse.ArgumentParser, shell: str, words: Words)
     return script + (_BASH_END.format(name=name, prog=parser.prog) if shell == "bash" else "")
 
 
-def _arguments(parser: argparse.ArgumentParser, command: str, shell: str) -> Iterator[tuple[str, argparse.Action]]:
+def _arguments(
+    parser: argparse.ArgumentParser, command: str, shell: str
+) -> Iterator[tuple[str, argparse.Action]]:
     """Every argument of every command.
 
-    Below a command with arguments of its own (``fleet relay``) only bash completes: shtab's zsh takes no files beside.
+    Below a command with arguments of its own (``fleet relay``) only bash completes: shtab's zsh
+    takes no files beside.
     """
     if isinstance(parser, Program) and parser.below and not parser.offers and shell == "bash":
         parser.offer_below()

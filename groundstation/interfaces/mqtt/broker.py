@@ -1,4 +1,6 @@
-"""MQTT broker: its address, the password and certificates read from their files, and a client to connect with."""
+"""MQTT broker: its address, the password and certificates read from their files, and a client to
+connect with.
+"""
 
 import asyncio
 import logging
@@ -48,9 +50,12 @@ class MqttBroker(msgspec.Struct, frozen=True):
         return f"{self.config.host}:{self.config.tcp_port}"
 
     def client(self, *, heard_max_bytes: int | None = None, **more: Any) -> "aiomqtt.Client":
-        """A client that is not connected yet. Nothing is kept for it at the broker while it is away.
+        """A client that is not connected yet.
 
-        Entering it raises MqttError, or ValueError for what can be no host name. ``more`` goes to aiomqtt.
+        Nothing is kept for it at the broker while it is away.
+
+        Entering it raises MqttError, or ValueError for what can be no host name. ``more`` goes to
+        aiomqtt.
         """
         import aiomqtt
         from paho.mqtt.packettypes import PacketTypes
@@ -86,19 +91,29 @@ def open_broker(config: MqttConfig, section: str = "mqtt.", *, warn: bool = True
     Raises:
         ConfigError: a file can't be read or used, or others may read it.
     """
-    password = _password(Path(config.password_file), f"{section}password_file") if config.password_file else None
+    password = (
+        _password(Path(config.password_file), f"{section}password_file")
+        if config.password_file
+        else None
+    )
     if warn and not config.tls.enabled and config.insecure:
-        log.warning("NOT ENCRYPTED: everybody on the way to the broker %s may read what is sent", config.host)
+        log.warning(
+            "NOT ENCRYPTED: everybody on the way to the broker %s may read what is sent",
+            config.host,
+        )
     if warn and not config.tls.verify:
-        log.warning("NOT VERIFIED: mqtt.tls.verify = false, so anybody may pose as the broker %s", config.host)
+        log.warning(
+            "NOT VERIFIED: mqtt.tls.verify = false, so anybody may pose as the broker %s",
+            config.host,
+        )
     return MqttBroker(config, password, _context(config, section) if config.tls.enabled else None)
 
 
 def heed_cancellation() -> None:
     """To be called after whatever aiomqtt waits for with a time limit.
 
-    It does so by ``asyncio.wait_for``, which before Python 3.12 forgets a cancellation that comes as the wait ends: the
-    task would go on, and whoever has cancelled it would wait for ever.
+    It does so by ``asyncio.wait_for``, which before Python 3.12 forgets a cancellation that comes
+    as the wait ends: the task would go on, and whoever has cancelled it would wait for ever.
     """
     task = asyncio.current_task()
     if task is not None and task.cancelling():
@@ -107,14 +122,19 @@ def heed_cancellation() -> None:
 
 def describe_error(error: Exception) -> str:
     """Describe a broker's failure without the numbers of the libraries below."""
-    return re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error))) or "the connection was lost"
+    return (
+        re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error)))
+        or "the connection was lost"
+    )
 
 
 OPTIONS = {"tls.ca_file": "--ca", "username": "--user", "password_file": "--password-file"}
 """Key of a configuration → the option of a command line in its place."""
 
 
-def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file: Path | None = None) -> MqttBroker:
+def from_url(
+    url: str, *, ca: Path | None = None, user: str = "", password_file: Path | None = None
+) -> MqttBroker:
     """The broker at ``mqtts://[USER@]HOST[:PORT][/PREFIX]``, or ``mqtt://`` on this machine.
 
     Raises:
@@ -128,7 +148,13 @@ def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file:
     except ValueError as error:
         raise ConfigError(url, str(error)) from None
     tls = parts.scheme == "mqtts"
-    if parts.scheme not in ("mqtt", "mqtts") or not parts.hostname or parts.query or parts.fragment or parts.password:
+    if (
+        parts.scheme not in ("mqtt", "mqtts")
+        or not parts.hostname
+        or parts.query
+        or parts.fragment
+        or parts.password
+    ):
         raise ConfigError(url, notice("mqtt.url"))
     if not tls and not is_loopback(parts.hostname):
         raise ConfigError(url, notice("mqtt.unencrypted", host=parts.hostname))
@@ -158,7 +184,9 @@ def _password(path: Path, key: str) -> str:
 
 def _for_us_alone(info: os.stat_result, path: Path, key: str) -> None:
     if info.st_uid not in (os.getuid(), 0) or stat.S_IMODE(info.st_mode) & 0o077:
-        raise ConfigError(key, notice("file.mode", path=path, mode=f"{stat.S_IMODE(info.st_mode):04o}"))
+        raise ConfigError(
+            key, notice("file.mode", path=path, mode=f"{stat.S_IMODE(info.st_mode):04o}")
+        )
 
 
 def _context(config: MqttConfig, section: str) -> "ssl.SSLContext":
@@ -170,7 +198,9 @@ def _context(config: MqttConfig, section: str) -> "ssl.SSLContext":
     if not tls.verify:
         context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     if tls.cert_file:
-        with refuse_io(f"{section}tls.cert_file", "file.unusable", f"{tls.cert_file} with {tls.key_file}"):
+        with refuse_io(
+            f"{section}tls.cert_file", "file.unusable", f"{tls.cert_file} with {tls.key_file}"
+        ):
             _for_us_alone(Path(tls.key_file).stat(), Path(tls.key_file), f"{section}tls.key_file")
             context.load_cert_chain(tls.cert_file, tls.key_file)
     return context

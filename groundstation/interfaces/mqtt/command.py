@@ -18,7 +18,12 @@ from groundstation.config import (
     is_name,
 )
 from groundstation.core.messages import RemoteAsk, Waypoint, notice
-from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
+from groundstation.interfaces.mqtt.broker import (
+    MqttBroker,
+    describe_error,
+    from_url,
+    heed_cancellation,
+)
 from groundstation.interfaces.mqtt.messages import (
     ANSWER,
     OFFLINE,
@@ -43,7 +48,8 @@ if TYPE_CHECKING:
 LIFE_MS = 4000
 """Validity of a request, and the longest wait for its answer [ms]."""
 SESSIONS_TRIED = 2
-"""Sessions that one request is sealed for [-]: the retained one may be of a station that has ended."""
+"""Sessions that one request is sealed for [-]: the retained one may be of a station that has
+ended."""
 AGAIN_S = 0.3
 """A kill that is not answered is published again so often, the same, and obeyed once [s]."""
 
@@ -53,12 +59,17 @@ class Unanswered(Exception):
 
 
 def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> Exit:
-    """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody answers.
+    """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody
+    answers.
 
     Raises:
         ConfigError: something on the command line is missing or can't be used.
     """
-    for name, value in (("--vehicle", args.vehicle), ("--client", args.client), ("--key", args.key)):
+    for name, value in (
+        ("--vehicle", args.vehicle),
+        ("--client", args.client),
+        ("--key", args.key),
+    ):
         if not value:
             raise ConfigError(name, notice("mqtt.missing_option"))
     if args.ask == "arm":
@@ -72,7 +83,9 @@ def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> 
     broker = from_url(args.mqtt, ca=args.ca, user=args.user, password_file=args.password_file)
     key = _key(args.key)
     try:
-        asking = request_by_mqtt(broker, args.vehicle, args.client, key, args.ask, args.why[:200], points)
+        asking = request_by_mqtt(
+            broker, args.vehicle, args.client, key, args.ask, args.why[:200], points
+        )
         answer = asyncio.run(asking)
     except Unanswered as error:
         print(f"groundstation: request: {error}", file=sys.stderr)
@@ -103,16 +116,26 @@ async def request_by_mqtt(
         async with asyncio.timeout(1e-3 * LIFE_MS), broker.client() as connection:
             return await asking.run(connection)
     except (aiomqtt.MqttError, msgspec.MsgspecError, ValueError, RecursionError) as error:
-        raise Unanswered(notice("mqtt.broker_failed", broker=broker, why=describe_error(error))) from None
+        raise Unanswered(
+            notice("mqtt.broker_failed", broker=broker, why=describe_error(error))
+        ) from None
     except TimeoutError:
         raise Unanswered(asking.why_not()) from None
 
 
 class _Asking:
-    """One request: sent once a session is known, and again for another, as the first may be of a station that ended."""
+    """One request: sent once a session is known, and again for another, as the first may be of a
+    station that ended.
+    """
 
     def __init__(
-        self, place: Place, client: str, key: bytes, ask: RemoteAsk, why: str, points: tuple[Waypoint, ...]
+        self,
+        place: Place,
+        client: str,
+        key: bytes,
+        ask: RemoteAsk,
+        why: str,
+        points: tuple[Waypoint, ...],
     ) -> None:
         self._place, self._client, self._key, self._ask, self._why = place, client, key, ask, why
         self._points = points
@@ -140,7 +163,11 @@ class _Asking:
                         await self._send(connection, root + REQUEST.name, message.payload)
                     case ANSWER.name:
                         answer = open_answer(message.payload, self._key, self._place)
-                        if answer is not None and answer.client == self._client and answer.id in self._ids:
+                        if (
+                            answer is not None
+                            and answer.client == self._client
+                            and answer.id in self._ids
+                        ):
                             return answer
         finally:
             if self._repeating is not None:
@@ -153,7 +180,15 @@ class _Asking:
         now_ms = wall_ms()
         self._ids.add(now_ms)
         request = seal_request(
-            self._key, self._place, session, self._client, now_ms, self._ask, now_ms + LIFE_MS, self._why, self._points
+            self._key,
+            self._place,
+            session,
+            self._client,
+            now_ms,
+            self._ask,
+            now_ms + LIFE_MS,
+            self._why,
+            self._points,
         )
         await self._publish(connection, topic, request)
         if self._ask == "kill":
@@ -178,11 +213,16 @@ class _Asking:
         if self._state == OFFLINE:
             return f"no station flies {vehicle!r} now"
         if not self._ids:
-            there = "takes no requests by MQTT" if self._state else "is not known to this broker, or hidden from us"
+            there = (
+                "takes no requests by MQTT"
+                if self._state
+                else "is not known to this broker, or hidden from us"
+            )
             return f"{vehicle!r} {there}"
         return (
-            f"{vehicle!r} has not answered: it may not know {self._client!r} by this key, the broker may not let us "
-            "publish, or the clocks of both computers differ; the station's log says which"
+            f"{vehicle!r} has not answered: it may not know {self._client!r} by this key, the "
+            "broker may not let us publish, or the clocks of both computers differ; the station's "
+            "log says which"
         )
 
 
@@ -216,16 +256,23 @@ def topics_table() -> str:
         way = "**in**: " if topic.inward else ""
         expires = "" if topic.expires_s is None else f"{topic.expires_s} s"
         retained = "yes" if topic.retained else ""
-        lines.append(f"| `{topic.name}` | {way}{topic.says}{schema} | {retained} | {topic.quality} | {expires} |")
+        lines.append(
+            f"| `{topic.name}` | {way}{topic.says}{schema} | {retained} | {topic.quality} | "
+            f"{expires} |"
+        )
     return "\n".join(lines)
 
 
 def _schema(topic: Topic) -> dict[str, Any]:
     assert topic.message is not None, "the caller has looked"
-    (_,), components = msgspec.json.schema_components([topic.message], ref_template="#/$defs/{name}")
+    (_,), components = msgspec.json.schema_components(
+        [topic.message], ref_template="#/$defs/{name}"
+    )
     for component in components.values():
         for field in component.get("properties", {}).values():
-            if "pattern" in field:  # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends
+            if (
+                "pattern" in field
+            ):  # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends
                 field["pattern"] = f"^{describe_pattern(field['pattern'])}$"
     made = _with_null(components)
     root = made.pop(topic.message.__name__)

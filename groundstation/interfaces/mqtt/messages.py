@@ -22,14 +22,24 @@ class EventMessage(msgspec.Struct, frozen=True):
 
     number: Annotated[
         int,
-        msgspec.Meta(description="Grows by one from event to event of one station; one that comes twice has the same."),
+        msgspec.Meta(
+            description="Grows by one from event to event of one station; one that comes twice has "
+            "the same."
+        ),
     ]
     time_s: Annotated[
-        float, msgspec.Meta(description="When, on the station's clock, which `time_s` of a snapshot is on too [s].")
+        float,
+        msgspec.Meta(
+            description="When, on the station's clock, which `time_s` of a snapshot is on too [s]."
+        ),
     ]
     text: Annotated[str, msgspec.Meta(description="What happened, for the operator.")]
     id: Annotated[
-        str, msgspec.Meta(description="Which sentence that is (docs/reference/messages.md); empty where it is none.")
+        str,
+        msgspec.Meta(
+            description="Which sentence that is (docs/reference/messages.md); empty where it is "
+            "none."
+        ),
     ] = ""
     numbers: Annotated[Numbers, msgspec.Meta(description="Its numbers, by their names.")] = {}
 
@@ -38,15 +48,19 @@ class HealthMessage(msgspec.Struct, frozen=True):
     """Health of the station's telemetry itself."""
 
     groundstation: Annotated[str, msgspec.Meta(description="The program's version.")]
-    connections: Annotated[int, msgspec.Meta(description="How often it has connected to the broker.")]
+    connections: Annotated[
+        int, msgspec.Meta(description="How often it has connected to the broker.")
+    ]
     snapshots: Annotated[int, msgspec.Meta(description="How many it has published.")]
     events_lost: Annotated[
-        int, msgspec.Meta(description="Events that nobody got: more than 100 waited for the broker.")
+        int,
+        msgspec.Meta(description="Events that nobody got: more than 100 waited for the broker."),
     ]
     requests: Annotated[
         dict[str, int],
         msgspec.Meta(
-            description="Requests by what became of them: `done`, `not_possible`, and those dropped, by reason."
+            description="Requests by what became of them: `done`, `not_possible`, and those "
+            "dropped, by reason."
         ),
     ]
 
@@ -54,27 +68,40 @@ class HealthMessage(msgspec.Struct, frozen=True):
 class SessionMessage(msgspec.Struct, frozen=True):
     """Session that a request must name."""
 
-    session: Annotated[Session, msgspec.Meta(description="Random; another one after every start of the station.")]
+    session: Annotated[
+        Session, msgspec.Meta(description="Random; another one after every start of the station.")
+    ]
 
 
 class SealedRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One request."""
 
-    session: Annotated[Session, msgspec.Meta(description="The station's, as retained in `request/session`.")]
-    client: Annotated[Client, msgspec.Meta(description="Who asks: a name in the station's configuration.")]
+    session: Annotated[
+        Session, msgspec.Meta(description="The station's, as retained in `request/session`.")
+    ]
+    client: Annotated[
+        Client, msgspec.Meta(description="Who asks: a name in the station's configuration.")
+    ]
     id: Annotated[
-        Number, msgspec.Meta(description="Greater than that of any request before it of this client in this session.")
+        Number,
+        msgspec.Meta(
+            description="Greater than that of any request before it of this client in this session."
+        ),
     ]
     ask: Annotated[RemoteAsk, msgspec.Meta(description="What.")]
     expires_ms: Annotated[
         Number,
         msgspec.Meta(
-            description="When it must no longer be obeyed, by the wall clock [ms since 1970]: at most 10 s from now."
+            description="When it must no longer be obeyed, by the wall clock [ms since 1970]: at "
+            "most 10 s from now."
         ),
     ]
     points: Annotated[
         Waypoints,
-        msgspec.Meta(description="Where to, for `goto`, which the station's `mqtt.requests.authority` must allow."),
+        msgspec.Meta(
+            description="Where to, for `goto`, which the station's `mqtt.requests.authority` must "
+            "allow."
+        ),
     ] = ()
     why: Annotated[str, msgspec.Meta(max_length=200, description="Why, in words.")] = ""
     mac: Annotated[Seal, msgspec.Meta(description="The seal on it.")]
@@ -111,18 +138,41 @@ class Topic(msgspec.Struct, frozen=True):
     """Read by the station."""
 
 
-STATE = Topic("state", None, f"state of the mission; `{OFFLINE}` where nobody flies it, also as last will", True, 1)
-SNAPSHOT = Topic("snapshot", Snapshot, "all about the flight, the newest, `mqtt.rate_hz` times a second", expires_s=2)
+STATE = Topic(
+    "state",
+    None,
+    f"state of the mission; `{OFFLINE}` where nobody flies it, also as last will",
+    True,
+    1,
+)
+SNAPSHOT = Topic(
+    "snapshot",
+    Snapshot,
+    "all about the flight, the newest, `mqtt.rate_hz` times a second",
+    expires_s=2,
+)
 EVENT = Topic(
-    "event", EventMessage, "every event once; after an outage, the newest 100 that were not delivered", quality=1
+    "event",
+    EventMessage,
+    "every event once; after an outage, the newest 100 that were not delivered",
+    quality=1,
 )
 HEALTH = Topic(
-    "health", HealthMessage, "about the connection itself and the requests, every `mqtt.health_period_s`", retained=True
+    "health",
+    HealthMessage,
+    "about the connection itself and the requests, every `mqtt.health_period_s`",
+    retained=True,
 )
 SESSION = Topic(
-    "request/session", SessionMessage, "what requests must name; absent where none are taken", retained=True, quality=1
+    "request/session",
+    SessionMessage,
+    "what requests must name; absent where none are taken",
+    retained=True,
+    quality=1,
 )
-REQUEST = Topic("request", SealedRequest, "asks something of the flight; never retained", quality=1, inward=True)
+REQUEST = Topic(
+    "request", SealedRequest, "asks something of the flight; never retained", quality=1, inward=True
+)
 ANSWER = Topic("answer", SealedAnswer, "what became of it", quality=1, expires_s=10)
 TOPICS = (STATE, SNAPSHOT, EVENT, HEALTH, SESSION, REQUEST, ANSWER)
 

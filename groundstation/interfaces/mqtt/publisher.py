@@ -1,7 +1,10 @@
-"""MQTT publisher: telemetry to a v5 broker, and requests from it. A broker away or slow is never noticed by the flight.
+"""MQTT publisher: telemetry to a v5 broker, and requests from it.
 
-The topics are in messages.py and docs/reference/mqtt.md. Nothing is queued but the newest 100 events: whoever reads
-late reads the newest. What a request asks for is done where the gatekeeper (requests.py) lets it through.
+A broker away or slow is never noticed by the flight.
+
+The topics are in messages.py and docs/reference/mqtt.md. Nothing is queued but the newest 100
+events: whoever reads late reads the newest. What a request asks for is done where the gatekeeper
+(requests.py) lets it through.
 """
 
 import asyncio
@@ -64,7 +67,8 @@ def read_client_keys(config: MqttConfig) -> dict[str, ClientKey]:
     """The clients by name, their keys read.
 
     Raises:
-        ConfigError: by its dotted key, where one can't be read, others may read it, or two clients share it.
+        ConfigError: by its dotted key, where one can't be read, others may read it, or two clients
+            share it.
     """
     clients: dict[str, ClientKey] = {}
     for name, client in config.requests.clients.items():
@@ -140,7 +144,9 @@ class RequestListener:
             if self._gate.is_overrun(now_s):
                 await self._pause(client)
                 continue
-            answer = self._gate.take(message.payload, retained=message.retain, now_s=now_s, wall_ms=wall_ms())
+            answer = self._gate.take(
+                message.payload, retained=message.retain, now_s=now_s, wall_ms=wall_ms()
+            )
             if answer is not None:
                 self._answers.append(answer)
                 self._more.set()
@@ -161,7 +167,9 @@ class RequestListener:
         """Subscribe, but not to what the broker has kept; False where it refuses."""
         from paho.mqtt.subscribeoptions import SubscribeOptions
 
-        options = SubscribeOptions(qos=REQUEST.quality, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND)
+        options = SubscribeOptions(
+            qos=REQUEST.quality, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND
+        )
         granted = await client.subscribe(self._topic, options=options)
         heed_cancellation()
         return not any(code.is_failure for code in granted if not isinstance(code, int))
@@ -208,13 +216,16 @@ async def publish_forever(
     if clients is not None and ask is not None:
         place = Place(config.prefix, first.vehicle)
         publisher.requests = RequestListener(place, clients, ask, _warn)
-    # The same name in each connection: the broker drops one that is half dead, with its last will, for the next.
+    # The same name in each connection: the broker drops one that is half dead, with its last will,
+    # for the next.
     name = f"groundstation-{first.vehicle}-{os.urandom(4).hex()}"
     collecting = asyncio.create_task(publisher.collect())
     reachable = True
     try:
         while True:
-            will = aiomqtt.Will(publisher.topic(STATE), OFFLINE, qos=STATE.quality, retain=STATE.retained)
+            will = aiomqtt.Will(
+                publisher.topic(STATE), OFFLINE, qos=STATE.quality, retain=STATE.retained
+            )
             try:
                 async with broker.client(
                     identifier=name,
@@ -223,14 +234,18 @@ async def publish_forever(
                     max_queued_incoming_messages=HEARD_QUEUE,
                 ) as client:
                     log.log(
-                        logging.INFO if reachable else logging.WARNING, "%s", notice("mqtt.publishing", broker=broker)
+                        logging.INFO if reachable else logging.WARNING,
+                        "%s",
+                        notice("mqtt.publishing", broker=broker),
                     )
                     reachable = True
                     heed_cancellation()
                     await publisher.run(client)
             except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
                 if reachable:
-                    log.warning("%s", notice("mqtt.no_broker", broker=broker, why=describe_error(error)))
+                    log.warning(
+                        "%s", notice("mqtt.no_broker", broker=broker, why=describe_error(error))
+                    )
                 reachable = False
             heed_cancellation()
             await asyncio.sleep(RETRY_S)
@@ -263,7 +278,9 @@ class _Publisher:
         async for snapshot in self._latest.values():
             for one in new_events(seen, snapshot.events):
                 number += 1
-                self._events.append(EventMessage(number, round(one.time_s, 3), one.says, one.id, one.numbers))
+                self._events.append(
+                    EventMessage(number, round(one.time_s, 3), one.says, one.id, one.numbers)
+                )
                 self._more.set()
             seen = snapshot.events
             while len(self._events) > EVENTS_KEPT:
@@ -271,17 +288,25 @@ class _Publisher:
                 self._counts["events_lost"] += 1
 
     async def run(self, client: "aiomqtt.Client") -> None:
-        """Publish over one connection until it breaks or we are cancelled; then say goodbye if we still can."""
+        """Publish over one connection until it breaks or we are cancelled.
+
+        Then say goodbye if we still can.
+        """
         import aiomqtt
 
         self._counts["connections"] += 1
         work = [self._snapshots(client), self._publish_events(client), self._health(client)]
         if self.requests is not None:
-            work += [self.requests.listen(client, self._put), self.requests.answer(client, self._put)]
+            work += [
+                self.requests.listen(client, self._put),
+                self.requests.answer(client, self._put),
+            ]
         try:
             await _together(work)
         except asyncio.CancelledError:
-            with contextlib.suppress(aiomqtt.MqttError):  # a clean end does not trigger the last will
+            with contextlib.suppress(
+                aiomqtt.MqttError
+            ):  # a clean end does not trigger the last will
                 await self._send(client, STATE, OFFLINE.encode(), timeout_s=1.0)
                 if self.requests is not None:
                     await self._send(client, SESSION, b"", timeout_s=1.0)
@@ -301,7 +326,9 @@ class _Publisher:
             while self._events:
                 event = self._events[0]
                 await self._put(client, EVENT, msgspec.json.encode(event))
-                if self._events and self._events[0] is event:  # else the newest have pushed it out meanwhile
+                if (
+                    self._events and self._events[0] is event
+                ):  # else the newest have pushed it out meanwhile
                     self._events.popleft()
             self._more.clear()
             await self._more.wait()
@@ -309,18 +336,24 @@ class _Publisher:
     async def _health(self, client: "aiomqtt.Client") -> None:
         """Publish the health, and again what the broker retains.
 
-        An earlier connection of this vehicle, of a program that was killed or behind a network that was
-        gone, can overwrite what is retained long after we have published it: by its last will, or by
-        messages that were still on their way.
+        An earlier connection of this vehicle, of a program that was killed or behind a network that
+        was gone, can overwrite what is retained long after we have published it: by its last will,
+        or by messages that were still on their way.
         """
         while True:
             counts = self._counts
             requests = {} if self.requests is None else dict(sorted(self.requests.counts.items()))
             health = HealthMessage(
-                __version__, counts["connections"], counts["snapshots"], counts["events_lost"], requests
+                __version__,
+                counts["connections"],
+                counts["snapshots"],
+                counts["events_lost"],
+                requests,
             )
             await self._put(client, HEALTH, msgspec.json.encode(health))
-            await self._put(client, SESSION, b"" if self.requests is None else self.requests.session_message())
+            await self._put(
+                client, SESSION, b"" if self.requests is None else self.requests.session_message()
+            )
             await asyncio.sleep(self._health_s)
             if self._state:
                 await self._put(client, STATE, self._state.encode())
@@ -329,7 +362,9 @@ class _Publisher:
         await self._send(client, topic, payload)
         heed_cancellation()
 
-    async def _send(self, client: "aiomqtt.Client", topic: Topic, payload: bytes, timeout_s: float = TIMEOUT_S) -> None:
+    async def _send(
+        self, client: "aiomqtt.Client", topic: Topic, payload: bytes, timeout_s: float = TIMEOUT_S
+    ) -> None:
         await client.publish(
             self.topic(topic),
             payload,

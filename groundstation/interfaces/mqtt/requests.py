@@ -1,7 +1,9 @@
-"""Remote requests: seals, and a gatekeeper that lets through what is sealed, new, in time and allowed. Sans-IO.
+"""Remote requests: seals, and a gatekeeper that lets through what is sealed, new, in time and
+allowed. Sans-IO.
 
-Whoever is on the network, or runs the broker, can publish: only the seal says who asks. It is the HMAC-SHA256, in hex,
-under the client's key, over these lines (UTF-8, joined by one line feed, none at the end)::
+Whoever is on the network, or runs the broker, can publish: only the seal says who asks. It is the
+HMAC-SHA256, in hex, under the client's key, over these lines (UTF-8, joined by one line feed, none
+at the end)::
 
     groundstation request 1             groundstation answer 1
     PREFIX                              PREFIX
@@ -13,8 +15,9 @@ under the client's key, over these lines (UTF-8, joined by one line feed, none a
     EXPIRES_MS                          SAYS
     WHY
 
-Only the last line is free text, so that no two messages have the same lines. What is meant for one vehicle says nothing
-to another, and what was said to one run of the station says nothing to the next.
+Only the last line is free text, so that no two messages have the same lines. What is meant for one
+vehicle says nothing to another, and what was said to one run of the station says nothing to the
+next.
 """
 
 import hmac
@@ -52,9 +55,18 @@ def seal_request(  # every field of it
     points: tuple[Waypoint, ...] = (),
 ) -> bytes:
     """The JSON of a request."""
-    mac = _seal(key, "request", place, session, client, number, ask, expires_ms, *_point_line(points), why)
+    mac = _seal(
+        key, "request", place, session, client, number, ask, expires_ms, *_point_line(points), why
+    )
     request = SealedRequest(
-        session=session, client=client, id=number, ask=ask, expires_ms=expires_ms, points=points, why=why, mac=mac.hex()
+        session=session,
+        client=client,
+        id=number,
+        ask=ask,
+        expires_ms=expires_ms,
+        points=points,
+        why=why,
+        mac=mac.hex(),
     )
     return msgspec.json.encode(request)
 
@@ -65,14 +77,20 @@ def _point_line(points: tuple[Waypoint, ...]) -> tuple[str, ...]:
     Each number has four decimals; a dash means no heading. The line stands before the free words.
     """
     told = (
-        " ".join("-" if number is None else f"{number:.4f}" for number in (*point.place_ned, point.yaw_deg))
+        " ".join(
+            "-" if number is None else f"{number:.4f}"
+            for number in (*point.place_ned, point.yaw_deg)
+        )
         for point in points
     )
     return ("; ".join(told),) if points else ()
 
 
 def decode_request(data: bytes) -> SealedRequest | str:
-    """The request in ``data``, its seal unchecked; or the reason why there is none: ``oversized``, ``malformed``."""
+    """The request in ``data``, its seal unchecked.
+
+    Or the reason why there is none: ``oversized``, ``malformed``.
+    """
     if len(data) > REQUEST_MAX_BYTES:
         return "oversized"
     try:
@@ -84,7 +102,18 @@ def decode_request(data: bytes) -> SealedRequest | str:
 def is_sealed(request: SealedRequest, key: bytes, place: Place) -> bool:
     """Whether whoever has ``key`` has made ``request`` for that vehicle."""
     r = request
-    made = _seal(key, "request", place, r.session, r.client, r.id, r.ask, r.expires_ms, *_point_line(r.points), r.why)
+    made = _seal(
+        key,
+        "request",
+        place,
+        r.session,
+        r.client,
+        r.id,
+        r.ask,
+        r.expires_ms,
+        *_point_line(r.points),
+        r.why,
+    )
     return hmac.compare_digest(made.hex(), r.mac)
 
 
@@ -92,7 +121,9 @@ def seal_answer(key: bytes, place: Place, to: SealedRequest, done: bool, says: s
     """The JSON of the answer to a request."""
     mac = _seal(key, "answer", place, to.session, to.client, to.id, _word(done), says)
     return msgspec.json.encode(
-        SealedAnswer(session=to.session, client=to.client, id=to.id, done=done, says=says, mac=mac.hex())
+        SealedAnswer(
+            session=to.session, client=to.client, id=to.id, done=done, says=says, mac=mac.hex()
+        )
     )
 
 
@@ -122,7 +153,8 @@ CLIENT_REQUESTS = Allowance(rate_hz=2.0, burst=10.0)
 ANY_MESSAGES = Allowance(rate_hz=50.0, burst=100.0)
 """Messages from all clients; above it all requests except ``kill`` are ignored."""
 MOST_MESSAGES = Allowance(rate_hz=1000.0, burst=1000.0)
-"""Messages from all clients; above it ``kill`` is ignored too: reading takes time that flights need."""
+"""Messages from all clients; above it ``kill`` is ignored too: reading takes time that flights
+need."""
 TELL_S = 60.0
 """A reason for which requests are dropped is told once in this time [s]."""
 SESSIONS_KEPT = 64
@@ -172,7 +204,8 @@ class Gatekeeper:
         self._tell = tell
         self._told_s: dict[str, float] = {}
         self._sessions: dict[str, dict[str, int]] = {}
-        """Each session that counts, oldest first: who may name it, and the newest number of that client in it."""
+        """Each session that counts, oldest first: who may name it, and the newest number of that
+        client in it."""
         self._each = {name: TokenBucket(CLIENT_REQUESTS) for name in clients}
         self._any = TokenBucket(ANY_MESSAGES)
         self._most = TokenBucket(MOST_MESSAGES)
@@ -190,20 +223,28 @@ class Gatekeeper:
             del self._sessions[next(iter(self._sessions))]
 
     def is_overrun(self, now_s: float) -> bool:
-        """Count one more message, whatever it is; True where they are so many that it is better not to listen."""
+        """Count one more message, whatever it is.
+
+        True where they are so many that it is better not to listen.
+        """
         if self._most.take(now_s):
             return False
-        self._drop(Dropped("overrun", "far too many messages, of whomever: not listening for a moment"), now_s)
+        self._drop(
+            Dropped("overrun", "far too many messages, of whomever: not listening for a moment"),
+            now_s,
+        )
         return True
 
     def take(self, data: bytes, *, retained: bool, now_s: float, wall_ms: int) -> bytes | None:
-        """Do what a message asks for, and return its answer; None where it is dropped, counted by reason.
+        """Do what a message asks for, and return its answer.
+
+        None where it is dropped, counted by reason.
 
         In a flood only a kill is taken, for which one seal is checked, and all else dropped unread.
 
-        A kill is answered even where it is dropped, so that whoever has asked for it knows that the motors still run:
-        but for what was not sealed by a client, what came before and was answered then, and one too many of who may
-        not kill.
+        A kill is answered even where it is dropped, so that whoever has asked for it knows that the
+        motors still run: but for what was not sealed by a client, what came before and was answered
+        then, and one too many of who may not kill.
 
         Args:
             data: What was published.
@@ -228,12 +269,16 @@ class Gatekeeper:
             if Ask(found.ask) is not Ask.KILL or late.reason in ("replayed", "too_many"):
                 return None
             return self._answer(
-                client, found, Reply.of(False, notice("order.not_killed", reason=late.reason, why=late.text))
+                client,
+                found,
+                Reply.of(False, notice("order.not_killed", reason=late.reason, why=late.text)),
             )
         if Ask(found.ask) not in client.may:
             self._drop(Dropped("not_allowed", f"of {found.client!r}, to {found.ask}"), now_s)
             return self._answer(
-                client, found, Reply.of(False, notice("order.not_allowed", client=found.client, ask=found.ask))
+                client,
+                found,
+                Reply.of(False, notice("order.not_allowed", client=found.client, ask=found.ask)),
             )
         told = printable(found.why).strip()
         why = f"{told} ({found.client} by MQTT)" if told else f"told by {found.client} by MQTT"
@@ -254,23 +299,33 @@ class Gatekeeper:
         return request
 
     def _find_refusal(self, request: SealedRequest, now_s: float, wall_ms: int) -> "Dropped | None":
-        """Why a sealed request is not obeyed: it is of another session, old, or one too many; None where it is."""
+        """Why a sealed request is not obeyed: it is of another session, old, or one too many.
+
+        None where it is.
+        """
         client = request.client
         whose = f"of {client!r}, to {request.ask}"
         newest = self._sessions.get(request.session, {}).get(client)
         if newest is None:
-            return Dropped("other_session", f"{whose}: sealed for another session than {self.session}")
+            return Dropped(
+                "other_session", f"{whose}: sealed for another session than {self.session}"
+            )
         if request.id <= newest:
-            return Dropped("replayed", f"{whose}: id {request.id} is not greater than those before it")
+            return Dropped(
+                "replayed", f"{whose}: id {request.id} is not greater than those before it"
+            )
         self._sessions[request.session][client] = request.id
-        # The rate comes first: nobody makes sessions faster. But a kill of whoever may waits for no turn.
+        # The rate comes first: nobody makes sessions faster. But a kill of whoever may waits for no
+        # turn.
         turn = self._each[client].take(now_s)
-        if not turn and not (Ask(request.ask) is Ask.KILL and Ask.KILL in self._clients[client].may):
+        if not turn and not (
+            Ask(request.ask) is Ask.KILL and Ask.KILL in self._clients[client].may
+        ):
             return Dropped("too_many", whose)
         left_ms = request.expires_ms - wall_ms
         if left_ms > LIFE_MAX_MS:
-            # Kept by somebody, it would come into force one day: so nothing that this client has sealed so far shall.
-            # What others have sealed is in time, and counts.
+            # Kept by somebody, it would come into force one day: so nothing that this client has
+            # sealed so far shall. What others have sealed is in time, and counts.
             if turn:
                 for numbers in self._sessions.values():
                     numbers.pop(client, None)
@@ -288,4 +343,6 @@ class Gatekeeper:
         self.counts[reason] += 1
         if now_s - self._told_s.get(reason, -TELL_S) >= TELL_S:
             self._told_s[reason] = now_s
-            self._tell(notice("mqtt.dropped", reason=reason, count=self.counts[reason], why=what.text))
+            self._tell(
+                notice("mqtt.dropped", reason=reason, count=self.counts[reason], why=what.text)
+            )

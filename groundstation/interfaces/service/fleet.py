@@ -1,9 +1,10 @@
-"""Fleet supervisor: runs the cores of a fleet, one process each, and the relay of poses between them.
+"""Fleet supervisor: runs the cores of a fleet, one process each, and the relay of poses between
+them.
 
-It prints what they say, and passes signals on. Nothing is shared: a core that crashes or stands still takes no other
-with it. None is ever started again: who knows where its vehicle is. Cores have sessions of their own: a terminal's
-Ctrl-C reaches each of them once, from here. Vehicles are armed once every core stands ready: a program that still
-starts would disturb who flies.
+It prints what they say, and passes signals on. Nothing is shared: a core that crashes or stands
+still takes no other with it. None is ever started again: who knows where its vehicle is. Cores have
+sessions of their own: a terminal's Ctrl-C reaches each of them once, from here. Vehicles are armed
+once every core stands ready: a program that still starts would disturb who flies.
 """
 
 import argparse
@@ -55,7 +56,8 @@ async def arm_vehicle(name: str, socket: Path) -> str:
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
-"""Passed on to every core, each of which knows what it means: land, failsafe descent, motors off."""
+"""Passed on to every core, each of which knows what it means: land, failsafe descent, motors
+off."""
 READY_S = 120.0
 """Timeout for the relay to begin, and then for all cores to be ready to be armed [s]."""
 
@@ -66,8 +68,8 @@ class Supervisor:
     def __init__(self, fleet: FleetPlan, arm: Collection[str], say: Callable[[str], None]) -> None:
         """``say`` takes lines for the operator.
 
-        ``arm`` names the vehicles that are armed without asking, for one flight; the others are served until a signal
-        comes.
+        ``arm`` names the vehicles that are armed without asking, for one flight; the others are
+        served until a signal comes.
         """
         self._fleet = fleet
         self._arm = arm
@@ -82,7 +84,8 @@ class Supervisor:
     async def run(self) -> Exit:
         """Run all until each has ended; 0 where every flight went as it was meant to, else 1."""
         loop = asyncio.get_running_loop()
-        # The relay lives for as long as anybody holds the other end of this pipe: we, or a core that outlives us.
+        # The relay lives for as long as anybody holds the other end of this pipe: we, or a core
+        # that outlives us.
         relay_lives, held = os.pipe()
         with tempfile.TemporaryDirectory(prefix="groundstation-fleet-") as folder:
             try:
@@ -130,22 +133,37 @@ class Supervisor:
         if any(core.returncode is None for core in self.cores.values()):
             self._say(str(notice("fleet.relay_ended", code=code)))
 
-    async def _start_core(self, member: Member, folder: Path, held: int) -> asyncio.subprocess.Process:
+    async def _start_core(
+        self, member: Member, folder: Path, held: int
+    ) -> asyncio.subprocess.Process:
         file = folder / f"{member.name}.toml"
         write_whole(file, dump(member.core))  # what was checked is what flies
         once = ["--once"] if member.name in self._arm else []
-        words = ["groundstation.interfaces.service.fleet_core", str(os.getpid()), "daemon", str(file), *once]
+        words = [
+            "groundstation.interfaces.service.fleet_core",
+            str(os.getpid()),
+            "daemon",
+            str(file),
+            *once,
+        ]
         return await _python(words, keeps=(held,))
 
     async def _arm_all(self, watching: Mapping[str, "asyncio.Future[int]"]) -> None:
-        """Once every core is ready, arm those that were named; where one does not get there, end the flights."""
+        """Once every core is ready, arm those that were named.
+
+        Where one does not get there, end the flights.
+        """
         sockets = {one.name: socket_path(one.core.status, one.name) for one in self._fleet.members}
-        ready = {name: asyncio.ensure_future(until_ready(socket)) for name, socket in sockets.items()}
+        ready = {
+            name: asyncio.ensure_future(until_ready(socket)) for name, socket in sockets.items()
+        }
         all_ready = asyncio.ensure_future(asyncio.wait(ready.values()))
         ends: set[asyncio.Future[Any]] = {all_ready, *watching.values()}
         try:
             await asyncio.wait(ends, timeout=READY_S, return_when=asyncio.FIRST_COMPLETED)
-            late = [name for name, task in ready.items() if not task.done() or watching[name].done()]
+            late = [
+                name for name, task in ready.items() if not task.done() or watching[name].done()
+            ]
         finally:
             for task in (all_ready, *ready.values()):
                 task.cancel()
@@ -176,7 +194,9 @@ class Supervisor:
         while True:
             try:
                 line = await process.stdout.readline()
-            except ValueError:  # longer than any line of ours, 64 KiB: the reader has thrown it away
+            except (
+                ValueError
+            ):  # longer than any line of ours, 64 KiB: the reader has thrown it away
                 continue
             if not line:
                 return await process.wait()
@@ -189,7 +209,8 @@ class Supervisor:
 
     def _pass_on(self, number: signal.Signals) -> None:
         told = []
-        # The same to a core; but while it starts, SIGTERM ends it in silence, and SIGINT with Python's own traceback.
+        # The same to a core; but while it starts, SIGTERM ends it in silence, and SIGINT with
+        # Python's own traceback.
         sent = signal.SIGTERM if number is signal.SIGINT else number
         self._passed_on.add(sent)
         for name, core in self.cores.items():
@@ -218,14 +239,23 @@ async def _python(
 
 def _relay_words(listen: str, targets: Iterable[str]) -> list[str]:
     """The command line of a relay."""
-    return ["groundstation", "fleet", "relay", listen, *(word for target in targets for word in ("--to", target))]
+    return [
+        "groundstation",
+        "fleet",
+        "relay",
+        listen,
+        *(word for target in targets for word in ("--to", target)),
+    ]
 
 
 def describe_core(fleet: FleetPlan, member: Member) -> str:
     """The configuration of one core as TOML, with the relay's command line where it needs one."""
     lines = [f"# {member.name} alone: groundstation fly THIS_FILE"]
     if fleet.relay_listen is not None:
-        lines.append(f"# Its poses come from: {shlex.join(_relay_words(fleet.relay_listen, fleet.relay_targets))}")
+        lines.append(
+            "# Its poses come from: "
+            f"{shlex.join(_relay_words(fleet.relay_listen, fleet.relay_targets))}"
+        )
     return "\n".join([*lines, "", dump(member.core)])
 
 
@@ -258,8 +288,8 @@ def require_flyable(config: Config) -> Config:
     """``config``, which must have all that a flight needs.
 
     Raises:
-        ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence or no speed limit,
-            or a key can't be used.
+        ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence
+            or no speed limit, or a key can't be used.
     """
     if config.pose.never_flies is not None:
         raise ConfigError(*config.pose.never_flies)

@@ -1,4 +1,7 @@
-"""Fleet core: one vehicle's process. Where the supervisor dies it gets SIGHUP, as from a closed terminal, and lands."""
+"""Fleet core: one vehicle's process.
+
+Where the supervisor dies it gets SIGHUP, as from a closed terminal, and lands.
+"""
 
 import runpy
 import signal

@@ -1,8 +1,10 @@
-"""Flights in real time: one in a terminal, or as a daemon one after the other, each armed anew by name.
+"""Flights in real time: one in a terminal, or as a daemon one after the other, each armed anew by
+name.
 
-Signals are requests: the first Ctrl-C or SIGTERM lands, more of them do more, SIGQUIT kills. A flight has a crew, who
-watch it and ask of it: clients of the socket, and MQTT. It ends with none of them. systemd knows a daemon by its unit
-(docs/how-to/install.md) and hears of it by sd_notify(3), here without its library.
+Signals are requests: the first Ctrl-C or SIGTERM lands, more of them do more, SIGQUIT kills. A
+flight has a crew, who watch it and ask of it: clients of the socket, and MQTT. It ends with none of
+them. systemd knows a daemon by its unit (docs/how-to/install.md) and hears of it by sd_notify(3),
+here without its library.
 
 A daemon is monitored by log lines, and by whoever attaches to its socket.
 """
@@ -43,7 +45,15 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, State
 from groundstation.core.safety import CERTAIN_S
-from groundstation.flight import DISARM_WAIT_S, Flight, FlightOutcome, StepTimer, make_ends, make_flight, recorder
+from groundstation.flight import (
+    DISARM_WAIT_S,
+    Flight,
+    FlightOutcome,
+    StepTimer,
+    make_ends,
+    make_flight,
+    recorder,
+)
 from groundstation.flight.preflight import confirm_arming, entry_of, examine_trajectory
 from groundstation.interfaces.api import ANSWER_S, Core, Server, open_client
 from groundstation.machine import (
@@ -67,7 +77,10 @@ from links.io import make_child_command
 
 
 def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -> Exit:
-    """Print how a flight or daemon is; 0 where it is well, 1 where it is not, 2 where there is none."""
+    """Print how a flight or daemon is.
+
+    0 where it is well, 1 where it is not, 2 where there is none.
+    """
     try:
         wrong, facts = asyncio.run(_look(vehicle, socket))
     except ApiError as error:
@@ -81,7 +94,8 @@ def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -
 
 
 async def _look(vehicle: str | None, socket: Path | None) -> tuple[str, dict[str, Any]]:
-    """Return the fault of whoever flies ``vehicle``, or serves at ``socket``, empty for none, and what is flown.
+    """Return the fault of whoever flies ``vehicle``, or serves at ``socket``, empty for none, and
+    what is flown.
 
     Raises:
         ApiError: nobody does.
@@ -133,10 +147,19 @@ class LogHandler(logging.Handler):
             self._writer.lost += 1
 
     def _write(self, level: int, message: str, event: Notice | Sentence | None = None) -> bool:
-        return self._writer.write(line_of(level, message, self._style, event, journal=self._journal))
+        return self._writer.write(
+            line_of(level, message, self._style, event, journal=self._journal)
+        )
 
 
-def line_of(level: int, message: str, style: Format, event: Notice | Sentence | None = None, *, journal: bool) -> str:
+def line_of(
+    level: int,
+    message: str,
+    style: Format,
+    event: Notice | Sentence | None = None,
+    *,
+    journal: bool,
+) -> str:
     """One line: ``level`` is logging's, ``event`` what it tells of."""
     message = " ".join(message.split("\n"))
     prefix = f"<{_PRIORITY.get(level, 6)}>" if journal else ""
@@ -148,18 +171,31 @@ def line_of(level: int, message: str, style: Format, event: Notice | Sentence | 
             line = f"{prefix}level={name.lower()} msg={json.dumps(message, ensure_ascii=False)}"
             if event is None or not event.id:
                 return line
-            numbers = [f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in event.numbers.items()]
+            numbers = [
+                f"{key}={json.dumps(value, ensure_ascii=False)}"
+                for key, value in event.numbers.items()
+            ]
             return " ".join([line, f"id={event.id}", *numbers])
         case Format.JSON:
             told = {} if event is None else {"event": msgspec.to_builtins(event)}
-            return prefix + json.dumps({"level": name.lower(), "msg": message, **told}, ensure_ascii=False)
+            return prefix + json.dumps(
+                {"level": name.lower(), "msg": message, **told}, ensure_ascii=False
+            )
 
 
-_PRIORITY = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
+_PRIORITY = {
+    logging.DEBUG: 7,
+    logging.INFO: 6,
+    logging.WARNING: 4,
+    logging.ERROR: 3,
+    logging.CRITICAL: 2,
+}
 
 
 def is_journal(number: int) -> bool:
-    """Whether what is written to ``number`` goes to the journal (systemd.exec(5), ``$JOURNAL_STREAM``)."""
+    """Whether what is written to ``number`` goes to the journal (systemd.exec(5),
+    ``$JOURNAL_STREAM``).
+    """
     info = os.fstat(number)
     return os.environ.get("JOURNAL_STREAM", "") == f"{info.st_dev}:{info.st_ino}"
 
@@ -182,7 +218,8 @@ BRING_DOWN_S = 15.0
 def longest_landing_s(config: Config) -> float:
     """Return the longest time from SIGTERM to the process's end for this configuration [s].
 
-    From the top of the fence, or else the highest point that it flies to, at the speeds of the landing.
+    From the top of the fence, or else the highest point that it flies to, at the speeds of the
+    landing.
     """
     floor = config.flight.floor_z_m
     top = max(floor - examine_trajectory(config).lowest_ned[2], config.takeoff.height_m)
@@ -195,14 +232,21 @@ def longest_landing_s(config: Config) -> float:
 
 
 def unit_file(config: Config, path: Path, overrides: list[str], *, user: str) -> str:
-    """The unit file's text; ``path`` is the configuration's, ``overrides`` as on the command line."""
+    """The unit file's text.
+
+    ``path`` is the configuration's, ``overrides`` as on the command line.
+    """
     sets = [word for override in overrides for word in ("--set", override)]
     words = [*_program(), "daemon", str(path.resolve()), *sets, "--log-format", "logfmt"]
     command = shlex.join(words).replace("%", "%%").replace("$", "$$")
     landing_s = longest_landing_s(config)
     text = Template((Path(__file__).parent / "groundstation.service").read_text("utf-8"))
     return text.substitute(
-        vehicle=config.vehicle.name, command=command, user=user, stop_s=f"{landing_s:.0f}", landing_s=f"{landing_s:.0f}"
+        vehicle=config.vehicle.name,
+        command=command,
+        user=user,
+        stop_s=f"{landing_s:.0f}",
+        landing_s=f"{landing_s:.0f}",
     )
 
 
@@ -217,15 +261,24 @@ WATCHDOG_SHARE = 1.0 / 3.0
 
 
 class Notify:
-    """Datagrams to ``$NOTIFY_SOCKET``, if there is one. Never raises, nor waits: a manager that is gone is no fault."""
+    """Datagrams to ``$NOTIFY_SOCKET``, if there is one.
+
+    Never raises, nor waits: a manager that is gone is no fault.
+    """
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         """Read where to, and how often the watchdog wants to be fed."""
         address = environment.get("NOTIFY_SOCKET", "")
-        self._address = "\0" + address[1:] if address.startswith("@") else address  # @: an abstract name
+        self._address = (
+            "\0" + address[1:] if address.startswith("@") else address
+        )  # @: an abstract name
         usec = environment.get("WATCHDOG_USEC", "")
         ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
-        self.feed_s = float(usec) / 1e6 * WATCHDOG_SHARE if usec.isdigit() and ours and int(usec) > 0 else None
+        self.feed_s = (
+            float(usec) / 1e6 * WATCHDOG_SHARE
+            if usec.isdigit() and ours and int(usec) > 0
+            else None
+        )
         """Period of feeding the watchdog [s]; None for never."""
 
     def send(self, text: str) -> None:
@@ -308,7 +361,8 @@ async def _isolate(what: str, work: Awaitable[None], say: Say) -> None:
 
 
 PAUSE_S = 5.0
-"""Between a flight's end and the next one's beginning [s], also where something that it needs is missing."""
+"""Between a flight's end and the next one's beginning [s], also where something that it needs is
+missing."""
 RENEW_S = 3600.0
 """A flight not armed for this long begins anew with a new recording [s]: poses at rest would fill
 the disk."""
@@ -317,8 +371,13 @@ the disk."""
 class Daemon:
     """Flies when it is told to, until it is stopped."""
 
-    def __init__(self, config: Config, notify: Notify, *, arm: bool = False, once: bool = False) -> None:
-        """``arm``: the first flight arms without being asked. ``once``: end with the first flight."""
+    def __init__(
+        self, config: Config, notify: Notify, *, arm: bool = False, once: bool = False
+    ) -> None:
+        """``arm``: the first flight arms without being asked.
+
+        ``once``: end with the first flight.
+        """
         self._config = config
         self._notify = notify
         self._arm = arm
@@ -355,7 +414,8 @@ class Daemon:
     # ---- its life
 
     async def run(self) -> Exit:
-        """Serve clients, and fly, until :meth:`stop`, or with ``once`` until the first flight is over.
+        """Serve clients, and fly, until :meth:`stop`, or with ``once`` until the first flight is
+        over.
 
         Raises:
             ApiError: the socket can't be served.
@@ -384,7 +444,11 @@ class Daemon:
             first = False
             flew = self._armed > before
             if self._once or (flew and self._stop.is_set()):
-                return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAILED
+                return (
+                    Exit.DONE
+                    if outcome.state is State.LANDED and not outcome.fault
+                    else Exit.FAILED
+                )
             next_flight = notice("service.next", state=self._flight.state, pause_s=PAUSE_S)
             self._notify.send(f"STATUS={next_flight}")
             with suppress(TimeoutError):
@@ -392,7 +456,10 @@ class Daemon:
         return Exit.DONE
 
     async def _fly(self) -> FlightOutcome:
-        """One flight from connecting to its end, recorded; of one that was never armed no recording is kept."""
+        """One flight from connecting to its end, recorded.
+
+        Of one that was never armed no recording is kept.
+        """
         before = self._armed
 
         def keep() -> bool:
@@ -401,7 +468,9 @@ class Daemon:
         def describe_error() -> Sentence | None:
             return self._flight.describe_error() if self._armed > before else None
 
-        async with recorder(self._config, _log, self._quiet, keep, describe_error=describe_error) as give:
+        async with recorder(
+            self._config, _log, self._quiet, keep, describe_error=describe_error
+        ) as give:
             self._flight = self._make_flight(give)
             renewing = asyncio.ensure_future(self._renew(self._flight))
             try:
@@ -460,7 +529,10 @@ def obey(
     timer: StepTimer,
     on_stop: Callable[[], None] = lambda: None,
 ) -> None:
-    """Have ``ask`` do what signals mean from now on; ``timer`` has SIGALRM, ``on_stop`` hears of each."""
+    """Have ``ask`` do what signals mean from now on.
+
+    ``timer`` has SIGALRM, ``on_stop`` hears of each.
+    """
     loop = asyncio.get_running_loop()
     interrupts = Interrupts()
 
@@ -484,7 +556,9 @@ def obey(
     # A terminal that closes is no second opinion: it lands, and never more than that.
     loop.add_signal_handler(signal.SIGHUP, order, Request(Ask.LAND, "the terminal closed"))
     land = {  # by default they end the program at once
-        number: partial(order, Request(Ask.LAND, f"told by {number.name}"), notice("key.lands", key=number.name))
+        number: partial(
+            order, Request(Ask.LAND, f"told by {number.name}"), notice("key.lands", key=number.name)
+        )
         for number in (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM)
     }
     for number in (signal.SIGUSR1, signal.SIGUSR2):
@@ -493,10 +567,14 @@ def obey(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT):
         timer.interrupt_by(number)  # the loop hears of it as before, by its descriptor
     loop.add_signal_handler(signal.SIGTSTP, say, notice("key.no_pause"))
-    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # one in the background would be stopped as it prints
+    signal.signal(
+        signal.SIGTTOU, signal.SIG_IGN
+    )  # one in the background would be stopped as it prints
 
 
-def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None]) -> Exit:
+def fly_command(
+    config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None]
+) -> Exit:
     """One flight, with the lock of its vehicle held."""
     try:
         with hold_lock(socket_path(config.status, config.vehicle.name), config.vehicle.name):
@@ -510,7 +588,9 @@ def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], write: C
         raise ConfigError("status.path", str(error)) from None
 
 
-async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None]) -> Exit:
+async def _fly(
+    config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None]
+) -> Exit:
     """Fly until landed or aborted, and land on the first signal."""
 
     def say(sentence: Sentence, /) -> None:
@@ -526,7 +606,12 @@ async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], write: Ca
     async with recorder(config, say, quiet, describe_error=describe_error) as give:
         subscribers = (tell_lines(write),)
         flight = make_flight(
-            config, confirm=confirm, subscribers=subscribers, give=give, quiet=quiet, running=running_processes
+            config,
+            confirm=confirm,
+            subscribers=subscribers,
+            give=give,
+            quiet=quiet,
+            running=running_processes,
         )
         obey(flight.ask, say, timer)
         calm_memory()
@@ -580,7 +665,9 @@ def _run_precisely(work: Coroutine[None, None, Exit]) -> Exit:
 
 
 def calm_memory() -> None:
-    """No long garbage collection in flight: what start-up made is never looked at again, whole sweeps are rare."""
+    """No long garbage collection in flight: what start-up made is never looked at again, whole
+    sweeps are rare.
+    """
     gc.collect()
     gc.freeze()
     gc.set_threshold(700, 10, 1000)  # short ones as often as Python itself has them

@@ -1,9 +1,11 @@
-"""Dashboard: a process of its own that shows what a feed brings, and passes on what the operator orders.
+"""Dashboard: a process of its own that shows what a feed brings, and passes on what the operator
+orders.
 
-What is pressed is confirmed where it must be, asked of the feed, and answered in words. ``groundstation tui`` and
-``groundstation fly --tui`` show it.
+What is pressed is confirmed where it must be, asked of the feed, and answered in words.
+``groundstation tui`` and ``groundstation fly --tui`` show it.
 
-Its feed is a running ground station, attached to again when it was lost, or a recording, played back.
+Its feed is a running ground station, attached to again when it was lost, or a recording, played
+back.
 """
 
 import argparse
@@ -81,7 +83,16 @@ from groundstation.interfaces.tui.pages import (
     PageFrame,
 )
 from groundstation.interfaces.tui.terminal import TolerantDriver, find_multiplexer
-from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, Help, Knobs, Typed, require_terminal
+from groundstation.interfaces.tui.widgets import (
+    TALL,
+    THEMES,
+    Choice,
+    Dialog,
+    Help,
+    Knobs,
+    Typed,
+    require_terminal,
+)
 from groundstation.machine import (
     NICE,
     ApiError,
@@ -114,7 +125,8 @@ class Attached:
     def __init__(self, path: Path, pid: int | None = None, gone: Callable[[], str] = str) -> None:
         """For the socket at ``path``; it may come and go.
 
-        ``pid``: only this process is meant; ``gone`` says more about it where it does not serve, or nothing.
+        ``pid``: only this process is meant; ``gone`` says more about it where it does not serve, or
+            nothing.
         """
         self._path = path
         self._pid, self._gone = pid, gone
@@ -128,7 +140,9 @@ class Attached:
                 async with open_client(self._path, NAME) as self._client:
                     hello = self._client.hello
                     if self._pid not in (None, hello.pid):
-                        raise ApiError(notice("screen.other_station", path=self._path, pid=hello.pid))
+                        raise ApiError(
+                            notice("screen.other_station", path=self._path, pid=hello.pid)
+                        )
                     origin = f"process {hello.pid}, groundstation {hello.groundstation}"
                     yield FlightIdentity(hello.vehicle, origin, hello.config)
                     async for message in self._client:
@@ -150,7 +164,9 @@ class Attached:
 
     async def control(self, *, take: bool) -> Reply:
         """Take control, or give it back."""
-        return await self._order(lambda client: client.take_control() if take else client.give_control())
+        return await self._order(
+            lambda client: client.take_control() if take else client.give_control()
+        )
 
     async def set_gain(self, key: str, value: float) -> Reply:
         """Change a gain in flight."""
@@ -176,7 +192,10 @@ class Playback(Feed):
     """A recording, played back."""
 
     def __init__(self, hello: FlightIdentity, snapshots: Sequence[Snapshot]) -> None:
-        """Whom it is about, and the snapshots in their order; it begins at the first one, playing."""
+        """Whom it is about, and the snapshots in their order.
+
+        It begins at the first one, playing.
+        """
         self._hello, self._snapshots = hello, snapshots
         self._times = [snapshot.time_s for snapshot in snapshots]
         self._at_s = self._times[0] if snapshots else 0.0
@@ -185,7 +204,10 @@ class Playback(Feed):
         self.paused = False
 
     async def news(self) -> AsyncIterator[News]:
-        """The snapshots as their time comes; where it was wound, also those before, for the plots."""
+        """The snapshots as their time comes.
+
+        Where it was wound, also those before, for the plots.
+        """
         loop = asyncio.get_running_loop()
         yield self._hello
         shown, last_s = 0, loop.time()
@@ -222,7 +244,9 @@ class Playback(Feed):
             case "start":
                 self.seek(0.0)
             case "slower" | "faster":
-                self._speed = max(0, min(len(SPEEDS) - 1, self._speed + (1 if what == "faster" else -1)))
+                self._speed = max(
+                    0, min(len(SPEEDS) - 1, self._speed + (1 if what == "faster" else -1))
+                )
 
     def seek(self, passed_s: float) -> None:
         """Go on from ``passed_s`` after its beginning [s]."""
@@ -251,7 +275,10 @@ T = TypeVar("T", LinkStatus, PoseStatus)
 
 
 class Tape:
-    """One recording, read once. What is not recorded is missing: V is without b̃, pre-flight checks are events."""
+    """One recording, read once.
+
+    What is not recorded is missing: V is without b̃, pre-flight checks are events.
+    """
 
     def __init__(self, path: Path) -> None:
         """Look at the beginning.
@@ -261,7 +288,9 @@ class Tape:
         """
         self._recording = Recording(path)
         about = self._recording.about
-        self.hello = FlightIdentity(about.get("vehicle", "?"), f"recording {path.name}", about.get("config", ""))
+        self.hello = FlightIdentity(
+            about.get("vehicle", "?"), f"recording {path.name}", about.get("config", "")
+        )
         try:
             config = parse_toml(self.hello.config)
         except ValueError:
@@ -279,7 +308,9 @@ class Tape:
         self._steady = SteadyError()
         controller = config.get("controller", {})
         named = {name: controller.get(name) for name in LIVE}
-        self._gains = {PREFIX + name: float(value) for name, value in named.items() if value is not None}
+        self._gains = {
+            PREFIX + name: float(value) for name, value in named.items() if value is not None
+        }
 
     def snapshots(self) -> Iterator[Snapshot]:
         """Yield the recording's snapshots to its end, or to its damage."""
@@ -288,7 +319,9 @@ class Tape:
         for entry in self._recording.entries(_TOPICS):
             if shift is None:
                 told = entry.value()
-                shift = float(told.get("time_s", told.get("arrival_s", 0.0))) - 1e-9 * entry.stamp_ns
+                shift = (
+                    float(told.get("time_s", told.get("arrival_s", 0.0))) - 1e-9 * entry.stamp_ns
+                )
             now = 1e-9 * entry.stamp_ns + shift
             if now >= due:
                 if due > -math.inf:
@@ -329,9 +362,13 @@ class Tape:
                     self._gains[PREFIX + told["what"].removeprefix(GAIN)] = told["values"][0]
             case "/request":
                 told = entry.value()
-                self._events.append(Notice(now, self._state, f"asked to {told['what']}: {told['reason']}"))
+                self._events.append(
+                    Notice(now, self._state, f"asked to {told['what']}: {told['reason']}")
+                )
             case "/lost":
-                self._events.append(Notice(now, self._state, f"{entry.value()['count']} records are missing here"))
+                self._events.append(
+                    Notice(now, self._state, f"{entry.value()['count']} records are missing here")
+                )
 
     def _part(self, topic: str) -> dict[str, Any]:
         data = self._parts.get(topic)
@@ -339,7 +376,9 @@ class Tape:
         return found
 
     def _snapshot(self, now: float) -> Snapshot:
-        command, reference, estimate, errors, adaptation, lyapunov = (self._part(topic) for topic in _TICK)
+        command, reference, estimate, errors, adaptation, lyapunov = (
+            self._part(topic) for topic in _TICK
+        )
         measured = self._part("/measured")
         here = estimate or measured
         source = _status(self._part("/source"), PoseStatus(accepted=0, dropped={}))
@@ -381,7 +420,9 @@ class Tape:
         )
 
 
-def _diagnostics(errors: dict[str, Any], adaptation: dict[str, Any], lyapunov: dict[str, Any]) -> Diagnostics:
+def _diagnostics(
+    errors: dict[str, Any], adaptation: dict[str, Any], lyapunov: dict[str, Any]
+) -> Diagnostics:
     return Diagnostics(
         z1=_vector(errors, "z1_m"),
         z2=_vector(errors, "z2_m_s"),
@@ -430,7 +471,9 @@ def _vector(part: dict[str, Any], key: str) -> Vec3:
 
 def _quaternion(part: dict[str, Any]) -> Quat:
     attitude = part.get("attitude", {})
-    w, x, y, z = (_number(attitude, key, default) for key, default in zip("wxyz", (1.0, 0, 0, 0), strict=True))
+    w, x, y, z = (
+        _number(attitude, key, default) for key, default in zip("wxyz", (1.0, 0, 0, 0), strict=True)
+    )
     return w, x, y, z
 
 
@@ -449,17 +492,28 @@ NO_SCREEN = frozenset((*ON_GROUND, *FINAL))
 
 
 class Dashboard(App[None]):
-    """Pages by the keys 1 to 5; what brings the vehicle down works on all of them and in every dialog."""
+    """Pages by the keys 1 to 5.
+
+    What brings the vehicle down works on all of them and in every dialog.
+    """
 
     DEFAULT_MODE = "fly"
     ENABLE_COMMAND_PALETTE = True
     CSS = """
-    ToastRack { margin-bottom: 6; }  /* what brings the vehicle down stays in sight, and can be clicked on */
+    /* what brings the vehicle down stays in sight, and can be clicked on */
+    ToastRack { margin-bottom: 6; }
     .short ToastRack { margin-bottom: 2; }  /* they cover the events, never the numbers */
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        *(Binding(str(number), f"page('{name.lower()}')", name) for number, name in enumerate(PAGES, 1)),
-        *(Binding(",".join(o.keys), o.action, show=False, priority=o.always) for o in ORDERS if o.keys),
+        *(
+            Binding(str(number), f"page('{name.lower()}')", name)
+            for number, name in enumerate(PAGES, 1)
+        ),
+        *(
+            Binding(",".join(o.keys), o.action, show=False, priority=o.always)
+            for o in ORDERS
+            if o.keys
+        ),
         Binding("question_mark", "keys", "keys", key_display="?"),
         Binding("ctrl+p", "command_palette", "more", priority=True),
         Binding("colon", "command_palette", show=False),
@@ -488,8 +542,8 @@ class Dashboard(App[None]):
             feed: What to show, and whom to ask.
             read_only: Nothing can be ordered at all.
             take_control: Take control as soon as somebody is there; after that only when told to.
-            which: The options that name this flight to other commands, for who leaves while it flies; without it, its
-                vehicle's name.
+            which: The options that name this flight to other commands, for who leaves while it
+                flies; without it, its vehicle's name.
             notice: What is said to the operator at first.
         """
         super().__init__(driver_class=TolerantDriver)
@@ -553,7 +607,9 @@ class Dashboard(App[None]):
             now,
             stale=now - picture.arrived_s > SILENCE_S,
             again=self._twice.waits(now),
-            whose="" if newest is None else f"{_title(newest.vehicle)}  {flight_time(newest.flight_time_s)}",
+            whose=""
+            if newest is None
+            else f"{_title(newest.vehicle)}  {flight_time(newest.flight_time_s)}",
             holder=self._beside(),
         )
         for screen in self.screen_stack:
@@ -573,19 +629,29 @@ class Dashboard(App[None]):
         holder = self.picture.holder
         if holder.yours:
             return str(notice("control.yours"))
-        return str(notice("control.held", client=holder.holder) if holder.holder else notice("screen.control_free"))
+        return str(
+            notice("control.held", client=holder.holder)
+            if holder.holder
+            else notice("screen.control_free")
+        )
 
     # ---- what goes out
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """No orders to a recording; a screen that may only look says so; nothing to play in a flight."""
+        """No orders to a recording.
+
+        A screen that may only look says so; nothing to play in a flight.
+        """
         del parameters
         if action in ("order", "control", "land_all"):
             return self._orders or self._read_only
         return self._plays if action == "play" else True
 
     def action_order(self, ask: str) -> None:
-        """Order what a key, a button or the palette says. What brings the vehicle down does not ask back."""
+        """Order what a key, a button or the palette says.
+
+        What brings the vehicle down does not ask back.
+        """
         order = BY_ASK[Ask(ask)]
         now = asyncio.get_running_loop().time()
         if not self._orders:
@@ -616,10 +682,14 @@ class Dashboard(App[None]):
         elif not self.picture.holder.yours:
             self._say(Reply.of(False, notice("screen.take_first")))
         elif not possible(order, newest.state):
-            self._say(Reply.of(False, notice("mission.not_possible", ask=order.ask, state=newest.state)))
+            self._say(
+                Reply.of(False, notice("mission.not_possible", ask=order.ask, state=newest.state))
+            )
         elif order.ask is Ask.ARM:
             says = str(notice("screen.arm", vehicle=newest.vehicle))
-            typed = await self.push_screen_wait(Typed(f"ARM {newest.vehicle}?", says, wanted=newest.vehicle))
+            typed = await self.push_screen_wait(
+                Typed(f"ARM {newest.vehicle}?", says, wanted=newest.vehicle)
+            )
             if typed is not None:
                 self._ask(order.ask, typed)
         else:
@@ -632,7 +702,10 @@ class Dashboard(App[None]):
         self._later(lambda: self._feed.ask(ask, "", vehicle))
 
     def action_land_all(self) -> None:
-        """Land this vehicle, and every other one that this user flies from this machine. It does not ask back."""
+        """Land this vehicle, and every other one that this user flies from this machine.
+
+        It does not ask back.
+        """
         if not self._orders:
             self._only_looks()
             return
@@ -669,7 +742,11 @@ class Dashboard(App[None]):
         if typed is None:
             return
         value = gain.read(typed)
-        self._say(Reply.of(False, value) if isinstance(value, Sentence) else await self._feed.set_gain(gain.key, value))
+        self._say(
+            Reply.of(False, value)
+            if isinstance(value, Sentence)
+            else await self._feed.set_gain(gain.key, value)
+        )
 
     def _only_looks(self) -> None:
         """Whoever tries to stop a vehicle from here must not wait for it."""
@@ -707,7 +784,9 @@ class Dashboard(App[None]):
 
     def _keys(self) -> Iterable[tuple[str, str]]:
         if self._orders:
-            yield from ((order.shown, f"{order.label}: {order.says}") for order in ORDERS if order.key)
+            yield from (
+                (order.shown, f"{order.label}: {order.says}") for order in ORDERS if order.key
+            )
             yield "c", "take control, or give it back"
             yield "Enter", "on the page Control: change a gain"
         if self._plays:
@@ -719,7 +798,10 @@ class Dashboard(App[None]):
         yield "q", "leave" if self._plays else "leave; what flies goes on flying"
 
     def action_command_palette(self) -> None:
-        """Show the palette; Textual's own has an id, which the next one must not share while it is still closing."""
+        """Show the palette.
+
+        Textual's own has an id, which the next one must not share while it is still closing.
+        """
         if not isinstance(self.screen, CommandPalette):
             self.push_screen(CommandPalette())
 
@@ -728,14 +810,22 @@ class Dashboard(App[None]):
         del screen
         if self._orders:
             for order in ORDERS:
-                do = self.action_land_all if order.everywhere else partial(self.action_order, order.ask)
+                do = (
+                    self.action_land_all
+                    if order.everywhere
+                    else partial(self.action_order, order.ask)
+                )
                 yield SystemCommand(order.label, order.says, do)
             yield SystemCommand("Control", "take control, or give it back", self.action_control)
         for name in PAGES:
-            yield SystemCommand(f"Page {name}", "show this page", partial(self.action_page, name.lower()))
+            yield SystemCommand(
+                f"Page {name}", "show this page", partial(self.action_page, name.lower())
+            )
         for theme in THEMES:
             wear = partial(setattr, self, "theme", theme.name)
-            yield SystemCommand(f"Colours {theme.name} (color theme)", "all eyes can tell them apart", wear)
+            yield SystemCommand(
+                f"Colours {theme.name} (color theme)", "all eyes can tell them apart", wear
+            )
         yield SystemCommand("Keys", "show all keys", self.action_keys)
         yield SystemCommand("Quit", "leave; what flies goes on flying", self.action_quit)
 
@@ -750,13 +840,19 @@ class Dashboard(App[None]):
 
     async def _leave(self, vehicle: str, state: str) -> None:
         says = str(notice("screen.leave", vehicle=vehicle, state=state))
-        options: Sequence[tuple[str, str]] = [("stay", "Stay"), ("leave", "Leave; the flight goes on")]
-        if await self.push_screen_wait(Choice("Leave?", says, options, orders=self._orders)) == "leave":
+        options: Sequence[tuple[str, str]] = [
+            ("stay", "Stay"),
+            ("leave", "Leave; the flight goes on"),
+        ]
+        if (
+            await self.push_screen_wait(Choice("Leave?", says, options, orders=self._orders))
+            == "leave"
+        ):
             which = self._which or f"--vehicle {vehicle}"
             self.left = True
             self.exit(
-                message=f"{notice('screen.left', vehicle=vehicle, state=state)}\n"
-                f"  see it again  groundstation tui {which}\n  land          groundstation request land {which}"
+                message=f"{notice('screen.left', vehicle=vehicle, state=state)}\n  see it again  "
+                f"groundstation tui {which}\n  land          groundstation request land {which}"
             )
 
 
@@ -780,7 +876,9 @@ def tui_command(args: argparse.Namespace) -> int:
 
 
 def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
-    """Start the ground station as a process of its own, which outlives this one, and show what it does."""
+    """Start the ground station as a process of its own, which outlives this one, and show what it
+    does.
+    """
     vehicle = config.vehicle.name
     path = socket_path(config.status, vehicle)
     require_terminal("groundstation fly without --tui needs none")
@@ -806,12 +904,16 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     which = _which(path if config.status.path else None)
 
     def make(notice: str) -> Dashboard:
-        return Dashboard(Attached(path, core.pid, describe_end), take_control=True, which=which, notice=notice)
+        return Dashboard(
+            Attached(path, core.pid, describe_end), take_control=True, which=which, notice=notice
+        )
 
     os.nice(NICE)  # what flies comes first, where both want the same processor
     dashboard = make("")
     code = _run(dashboard, args.theme)
-    while not dashboard.left and core.poll() is None and sys.stdin.isatty():  # without a terminal nobody sees it
+    while (
+        not dashboard.left and core.poll() is None and sys.stdin.isatty()
+    ):  # without a terminal nobody sees it
         says = str(notice("screen.begins_anew", pid=core.pid))
         print(says, file=sys.stderr)
         try:
@@ -832,7 +934,11 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         return code
     told = newest is not None and newest.state in FINAL
     last = _last_line(log)  # of a flight that was recorded: its error figures and the path
-    ended = f"{vehicle} {newest.state}: {newest.reason}\n{last}" if told and newest is not None else last
+    ended = (
+        f"{vehicle} {newest.state}: {newest.reason}\n{last}"
+        if told and newest is not None
+        else last
+    )
     print(notice("screen.station_ended", ended=ended, log=log))
     return core.returncode
 
@@ -880,4 +986,6 @@ def served_socket(vehicle: str | None) -> Path:
 
 def _last_line(log: Path) -> str:
     lines = log.read_text("utf-8", "replace").split("\n")
-    return next((line for line in reversed(lines) if line.strip()), str(notice("screen.silent_log")))
+    return next(
+        (line for line in reversed(lines) if line.strip()), str(notice("screen.silent_log"))
+    )

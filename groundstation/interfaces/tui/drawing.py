@@ -1,4 +1,6 @@
-"""Drawing by characters: plots in braille dots, bars, large letters, a snapshot's numbers as styled text. Sans-IO."""
+"""Drawing by characters: plots in braille dots, bars, large letters, a snapshot's numbers as styled
+text. Sans-IO.
+"""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,7 +31,8 @@ class PlotTrack(msgspec.Struct, frozen=True):
     """One line of a top view."""
 
     points: Sequence[Point]
-    """(north, east) [m], oldest first; a point that is not a number, or a thousand kilometres away, breaks the line."""
+    """(north, east) [m], oldest first; a point that is not a number, or a thousand kilometres away,
+    breaks the line."""
     style: str
     head: str
     """The character that marks the newest point; empty: none."""
@@ -45,7 +48,9 @@ def top_view(tracks: Sequence[PlotTrack], width: int, height: int) -> tuple[list
     north, east, dot_m = _frame(drawable, 2 * width, 4 * height)
 
     def dot(point: Point) -> tuple[int, int]:
-        return round(width + (point[1] - east) / dot_m), round(2 * height - (point[0] - north) / dot_m)
+        return round(width + (point[1] - east) / dot_m), round(
+            2 * height - (point[0] - north) / dot_m
+        )
 
     canvas = Canvas(width, height)
     for track in tracks:
@@ -85,7 +90,12 @@ class Canvas:
     def rows(self) -> list[Spans]:
         """Return the drawn rows."""
         return [
-            _join_spans([(mark or chr(0x2800 + bit), style) for (mark, style), bit in zip(marks, bits, strict=True)])
+            _join_spans(
+                [
+                    (mark or chr(0x2800 + bit), style)
+                    for (mark, style), bit in zip(marks, bits, strict=True)
+                ]
+            )
             for marks, bits in zip(self._cells, self._bits, strict=True)
         ]
 
@@ -98,11 +108,14 @@ class PlotLine(msgspec.Struct, frozen=True):
     style: str
 
 
-def in_time(lines: Sequence[PlotLine], width: int, height: int, least: float) -> tuple[list[Spans], float, float]:
+def in_time(
+    lines: Sequence[PlotLine], width: int, height: int, least: float
+) -> tuple[list[Spans], float, float]:
     """Lines that share their axes: the newest value at the right, one column of dots for each.
 
     Returns:
-        ``height`` rows of ``width`` characters, and the values at bottom and top; at least ``least`` lies between them.
+        ``height`` rows of ``width`` characters, and the values at bottom and top; at least
+        ``least`` lies between them.
     """
     shown = [line.values[-2 * width :] for line in lines]
     known = [value for values in shown for value in values if abs(value) < 1e9]
@@ -125,17 +138,29 @@ def in_time(lines: Sequence[PlotLine], width: int, height: int, least: float) ->
 
 
 def _frame(points: Sequence[Point], width: int, height: int) -> tuple[float, float, float]:
-    """Centre (north, east) [m] and size of a dot [m] for all ``points`` to fit; in steps, so that it seldom moves."""
+    """Centre (north, east) [m] and size of a dot [m] for all ``points`` to fit.
+
+    In steps, so that it seldom moves.
+    """
     if not points or width < 8 or height < 8:
         return 0.0, 0.0, 0.1
     (south, north), (west, east) = (
-        (min(axis), max(axis)) for axis in ([point[0] for point in points], [point[1] for point in points])
+        (min(axis), max(axis))
+        for axis in ([point[0] for point in points], [point[1] for point in points])
     )
     least = max((north - south) / (height - 6), (east - west) / (width - 6), 0.005)
     decade = 10.0 ** math.floor(math.log10(least))
-    size = next(step * decade for step in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if step * decade >= least * 0.999)
+    size = next(
+        step * decade
+        for step in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)
+        if step * decade >= least * 0.999
+    )
     grid = 4.0 * size
-    return grid * round((north + south) / 2.0 / grid), grid * round((east + west) / 2.0 / grid), size
+    return (
+        grid * round((north + south) / 2.0 / grid),
+        grid * round((east + west) / 2.0 / grid),
+        size,
+    )
 
 
 def _line(start: tuple[int, int], end: tuple[int, int]) -> Iterable[tuple[int, int]]:
@@ -147,7 +172,9 @@ def _line(start: tuple[int, int], end: tuple[int, int]) -> Iterable[tuple[int, i
 
 
 def nice_top(values: Iterable[float], least: float) -> float:
-    """The smallest of 1, 2, 5 times a power of ten that no finite value exceeds, at least ``least``."""
+    """The smallest of 1, 2, 5 times a power of ten that no finite value exceeds, at least
+    ``least``.
+    """
     largest = max((value for value in values if math.isfinite(value)), default=0.0)
     largest = max(largest, least)
     decade = 10.0 ** math.floor(math.log10(largest))
@@ -161,7 +188,9 @@ def bar(value: float, limit: float, width: int) -> str:
 
 
 def two_sided_bar(value: float, limit: float, half: int) -> str:
-    """``value`` from -``limit`` to ``limit`` as a bar of ``half`` characters to either side of its zero."""
+    """``value`` from -``limit`` to ``limit`` as a bar of ``half`` characters to either side of its
+    zero.
+    """
     cells = _cells(abs(value), limit, half)
     left, right = (cells, 0) if value < 0.0 else (0, cells)
     return "░" * (half - left) + "█" * left + "│" + "█" * right + "░" * (half - right)
@@ -233,9 +262,14 @@ _HALF = {("#", "#"): "█", ("#", "."): "▀", (".", "#"): "▄", (".", "."): " 
 
 
 def big(text: str) -> tuple[str, str, str]:
-    """``text`` as three rows of half blocks; a character without a glyph becomes a question mark."""
+    """``text`` as three rows of half blocks.
+
+    A character without a glyph becomes a question mark.
+    """
     pixels = [*_pixels(text), "." * len(_pixels(text)[0])]
-    top, middle, bottom = ("".join(_HALF[pair] for pair in zip(*pixels[i : i + 2], strict=True)) for i in (0, 2, 4))
+    top, middle, bottom = (
+        "".join(_HALF[pair] for pair in zip(*pixels[i : i + 2], strict=True)) for i in (0, 2, 4)
+    )
     return top, middle, bottom
 
 
@@ -254,13 +288,18 @@ SMALL = 0.02
 
 
 def number_rows(snapshot: Snapshot) -> list[Spans]:
-    """Position, attitude, thrust, certificate, pose, link, battery, disturbance and rates, the most important first."""
+    """Position, attitude, thrust, certificate, pose, link, battery, disturbance and rates, the most
+    important first.
+    """
     roll, pitch, yaw = (math.degrees(angle) for angle in euler_zyx(snapshot.attitude))
     return [
         [("            north     east   height", LABEL)],
         row("position", f"{_place(snapshot.position_ned, snapshot.floor_z_m)} m"),
         row("reference", f"{_place(snapshot.reference_ned, snapshot.floor_z_m)} m"),
-        row("error", f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}"),
+        row(
+            "error",
+            f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}",
+        ),
         row("attitude", f"roll {roll:+.1f} pitch {pitch:+.1f} yaw {yaw:+.1f}°"),
         _thrust(snapshot),
         _certificate(snapshot),
@@ -314,16 +353,23 @@ def _split(found: DisturbanceReading) -> str:
     if found.wind_down_error_m_s2 is None or found.thrust_scale_error is None:
         return "intervals not recorded"
     wind = f"{found.wind_down_m_s2:+z.2f} ±{found.wind_down_error_m_s2:.2f}"
-    return f"{wind}  thrust {100.0 * found.thrust_scale:.0f} ±{100.0 * found.thrust_scale_error:.0f} %"
+    return (
+        f"{wind}  thrust {100.0 * found.thrust_scale:.0f} ±{100.0 * found.thrust_scale_error:.0f} %"
+    )
 
 
 def arrow(vector_ned: Vec3) -> str:
-    """Where a vector points: across as seen from above, north up, and then up or down; a dot where it is small."""
+    """Where a vector points: across as seen from above, north up, and then up or down.
+
+    A dot where it is small.
+    """
     north, east, down = vector_ned
     across = math.hypot(north, east)
     if not across < math.inf or not abs(down) < math.inf:
         return "?"
-    flat = "·" if across < SMALL else "↑↗→↘↓↙←↖"[round(math.atan2(east, north) / (math.pi / 4.0)) % 8]
+    flat = (
+        "·" if across < SMALL else "↑↗→↘↓↙←↖"[round(math.atan2(east, north) / (math.pi / 4.0)) % 8]
+    )
     return flat + ("" if abs(down) < SMALL else "▼" if down > 0.0 else "▲")
 
 
@@ -344,8 +390,16 @@ def _pose(snapshot: Snapshot) -> Spans:
     if snapshot.pose_id < 0:
         return row("pose", fit(["none yet", *_drops(snapshot.poses_dropped)]), WARNING)
     old = not snapshot.pose_age_s < OLD_POSE_S
-    age = f"{snapshot.pose_age_s:.1f} s" if snapshot.pose_age_s >= 1.0 else f"{1e3 * snapshot.pose_age_s:.0f} ms"
-    told = [f"age {age}{'!' if old else ''}", f"{snapshot.pose_rate_hz:.0f} Hz", *_drops(snapshot.poses_dropped)]
+    age = (
+        f"{snapshot.pose_age_s:.1f} s"
+        if snapshot.pose_age_s >= 1.0
+        else f"{1e3 * snapshot.pose_age_s:.0f} ms"
+    )
+    told = [
+        f"age {age}{'!' if old else ''}",
+        f"{snapshot.pose_rate_hz:.0f} Hz",
+        *_drops(snapshot.poses_dropped),
+    ]
     return row("pose", fit(told), WARNING if old else NORMAL)
 
 
@@ -423,13 +477,28 @@ def flight_time(time_s: float) -> str:
 def check_rows(made: Sequence[Check]) -> list[Spans]:
     """The pre-flight list, what stands in the way first."""
     if not made:
-        return [[("no pre-flight checks yet: they need link and poses; a start in the air has none", LABEL)]]
+        return [
+            [
+                (
+                    "no pre-flight checks yet: they need link and poses; a start in the air has "
+                    "none",
+                    LABEL,
+                )
+            ]
+        ]
     order = (Verdict.FAIL, Verdict.WARN, Verdict.PASS, Verdict.OFF)
     rows: list[Spans] = [[("─ before take-off ", LABEL)]]
     for check in sorted(made, key=lambda one: order.index(one.verdict)):
         bad = check.verdict in (Verdict.FAIL, Verdict.WARN)
-        mark = {Verdict.FAIL: "✗", Verdict.WARN: "!", Verdict.PASS: "✓", Verdict.OFF: "-"}[check.verdict]
+        mark = {Verdict.FAIL: "✗", Verdict.WARN: "!", Verdict.PASS: "✓", Verdict.OFF: "-"}[
+            check.verdict
+        ]
         style = "bold $bad reverse" if check.verdict is Verdict.FAIL else WARNING if bad else NORMAL
-        rows.append([(f"{mark} {check.verdict:4} ", style), (f"{printable(check.name)}: ", style if bad else NORMAL)])
+        rows.append(
+            [
+                (f"{mark} {check.verdict:4} ", style),
+                (f"{printable(check.name)}: ", style if bad else NORMAL),
+            ]
+        )
         rows[-1].append((printable(check.says), style if bad else LABEL))
     return rows

@@ -1,4 +1,6 @@
-"""Fleet screen: all vehicles at a broker, by what they publish, read-only: a process that no station knows of."""
+"""Fleet screen: all vehicles at a broker, by what they publish, read-only: a process that no
+station knows of.
+"""
 
 import asyncio
 import math
@@ -41,7 +43,8 @@ from groundstation.interfaces.tui.widgets import THEMES, Banner, Events, Numbers
 from links.text import printable
 
 COLUMNS = (
-    ("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6),
+    ("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link",
+        8), ("data", 6),
     ("newest event", 60),
 )  # fmt: skip
 """Heading and width of all columns; those that do not fit are scrolled to."""
@@ -67,12 +70,16 @@ class VehicleView:
 
     def hear(self, topic: str, payload: bytes, now_s: float) -> None:
         """Take what came on ``topic``, below the vehicle's; what is not understood is dropped."""
-        with suppress(ValueError, msgspec.MsgspecError, RecursionError):  # UnicodeError is a ValueError
+        with suppress(
+            ValueError, msgspec.MsgspecError, RecursionError
+        ):  # UnicodeError is a ValueError
             if topic == STATE.name:
                 self.offline = payload == OFFLINE.encode()
             elif topic == SNAPSHOT.name:
                 snapshot = decode(b'{"snapshot":%s}' % payload)
-                if isinstance(snapshot, Snapshot):  # a station's end before its `offline`: this one is another's will
+                if isinstance(
+                    snapshot, Snapshot
+                ):  # a station's end before its `offline`: this one is another's will
                     self.snapshot, self._arrived_s, self.offline = snapshot, now_s, False
 
     def age_s(self, now_s: float) -> float:
@@ -120,9 +127,17 @@ def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
     state = MARKS[urgency] + shown.big.upper()
     shot = seen.snapshot
     if shot is None:
-        return FleetRow(seen.name, urgency, (seen.name, state, "-", "-", "-", "-", "-", "never", ""))
+        return FleetRow(
+            seen.name, urgency, (seen.name, state, "-", "-", "-", "-", "-", "never", "")
+        )
     share, volts = shot.link.battery_share, shot.link.battery_v
-    battery = f"{100.0 * share:.0f} %" if share is not None else f"{volts:.1f}V" if volts is not None else "-"
+    battery = (
+        f"{100.0 * share:.0f} %"
+        if share is not None
+        else f"{volts:.1f}V"
+        if volts is not None
+        else "-"
+    )
     event = shot.events[-1].says if shot.events else ""
     metres = (_short(shot.error_m, "m"), _short(shot.rms_m, "m"))
     cells = (
@@ -134,11 +149,16 @@ def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
 
 def fleet_rows(fleet: Iterable[VehicleView], now_s: float) -> list[FleetRow]:
     """All vehicles, those that need somebody first."""
-    return sorted((fleet_row(seen, now_s) for seen in fleet), key=lambda one: (one.urgency, one.name))
+    return sorted(
+        (fleet_row(seen, now_s) for seen in fleet), key=lambda one: (one.urgency, one.name)
+    )
 
 
 def fleet_headline(shown: list[FleetRow], trouble: str) -> BannerText:
-    """The worst, and how many of each; ``trouble`` is why the broker is not heard, empty where it is."""
+    """The worst, and how many of each.
+
+    ``trouble`` is why the broker is not heard, empty where it is.
+    """
     if trouble:
         return BannerText("NO BROKER", ALARM, trouble)
     if not shown:
@@ -178,7 +198,9 @@ class FleetScreen(App[None]):
 
     CSS = """
     DataTable { height: 1fr; min-height: 6; }
-    #details { height: 33%; min-height: 7; max-height: 24; border-top: solid $primary; padding: 0 1; }
+    #details {
+        height: 33%; min-height: 7; max-height: 24; border-top: solid $primary; padding: 0 1;
+    }
     #details Numbers { width: 46; }
     #details Events { width: 1fr; height: 1fr; }
     """
@@ -260,7 +282,12 @@ class FleetScreen(App[None]):
         table.clear()
         for row, one in enumerate(shown):
             style = STYLES[one.urgency]
-            table.add_row(*(Text(cell, style if i < 2 or style == "dim" else "") for i, cell in enumerate(one.cells)))
+            table.add_row(
+                *(
+                    Text(cell, style if i < 2 or style == "dim" else "")
+                    for i, cell in enumerate(one.cells)
+                )
+            )
             if at is not None and one.name == at.name:
                 table.move_cursor(row=row, animate=False)
 
@@ -272,7 +299,11 @@ class FleetScreen(App[None]):
     def _draw_details(self, now_s: float) -> None:
         seen = self._under_cursor()
         shot = None if seen is None else seen.snapshot
-        chosen = "no vehicle is chosen" if seen is None else f"{seen.name}: {seen.headline(now_s).big.upper()}"
+        chosen = (
+            "no vehicle is chosen"
+            if seen is None
+            else f"{seen.name}: {seen.headline(now_s).big.upper()}"
+        )
         if shot is not None and shot.reason:
             chosen += f" - {printable(shot.reason)}"
         self.query_one("#chosen", Static).update(Text(chosen))

@@ -1,4 +1,6 @@
-"""Dashboard model: the port of its feeds, what it knows, what its banner says, and what may be ordered. Sans-IO."""
+"""Dashboard model: the port of its feeds, what it knows, what its banner says, and what may be
+ordered. Sans-IO.
+"""
 
 import math
 from collections import deque
@@ -19,7 +21,8 @@ class FlightIdentity(msgspec.Struct, frozen=True):
 
     vehicle: str
     origin: str
-    """Where the data come from, for the operator: ``process 1234, groundstation 0.1`` or the name of a recording."""
+    """Where the data come from, for the operator: ``process 1234, groundstation 0.1`` or the name
+    of a recording."""
     config: str
     """The configuration in force, as TOML; empty where it is not known."""
 
@@ -50,10 +53,16 @@ class Feed(Protocol):
         return False
 
     def news(self) -> AsyncIterator[News]:
-        """Everything that is to be shown, as it comes; it may end, but never raises. Iterated once."""
+        """Everything that is to be shown, as it comes; it may end, but never raises.
+
+        Iterated once.
+        """
 
     async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
-        """Ask for ``ask`` now or never: what can't be said at once is not said later. Arming names the ``vehicle``."""
+        """Ask for ``ask`` now or never: what can't be said at once is not said later.
+
+        Arming names the ``vehicle``.
+        """
         del ask, why, vehicle
         return NOBODY
 
@@ -106,12 +115,18 @@ def headline(snapshot: Snapshot | None, silence_s: float, trouble: str) -> Banne
     """
     silent = silence_s > SILENCE_S
     if snapshot is None:
-        return BannerText("NO DATA", ALARM, f"since {silence_s:.0f} s: {trouble or 'attached, nothing came yet'}")
+        return BannerText(
+            "NO DATA", ALARM, f"since {silence_s:.0f} s: {trouble or 'attached, nothing came yet'}"
+        )
     if silent and snapshot.state in FINAL:
         reason = f"{snapshot.reason}; ended {silence_s:.0f} s ago"
         return BannerText(_big(snapshot), _TONES.get(snapshot.state, CALM), reason)
     if silent:
-        return BannerText("NO DATA", ALARM, f"since {silence_s:.0f} s, it was {snapshot.state}. {trouble}".rstrip())
+        return BannerText(
+            "NO DATA",
+            ALARM,
+            f"since {silence_s:.0f} s, it was {snapshot.state}. {trouble}".rstrip(),
+        )
     if snapshot.link.phase == "bring_down":
         return BannerText("COMING DOWN", ALARM, snapshot.reason)
     if snapshot.state == "aborted":
@@ -120,7 +135,9 @@ def headline(snapshot: Snapshot | None, silence_s: float, trouble: str) -> Banne
         return BannerText("LINK LOST", ALARM, f"while {snapshot.state}: {snapshot.reason}")
     if snapshot.state in IN_AIR and not snapshot.pose_age_s < OLD_POSE_S:
         return BannerText(
-            "NO POSE", ALARM, f"for {snapshot.pose_age_s:.1f} s while {snapshot.state}: {snapshot.reason}"
+            "NO POSE",
+            ALARM,
+            f"for {snapshot.pose_age_s:.1f} s while {snapshot.state}: {snapshot.reason}",
         )
     return BannerText(_big(snapshot), _TONES.get(snapshot.state, CALM), snapshot.reason)
 
@@ -160,7 +177,9 @@ class OperatorOrder(msgspec.Struct, frozen=True):
     @property
     def shown(self) -> str:
         """Keys as written on the screen; ×2: to be pressed twice."""
-        shown = "/".join(key.upper().replace("CTRL+", "^") if "+" in key else key for key in self.keys)
+        shown = "/".join(
+            key.upper().replace("CTRL+", "^") if "+" in key else key for key in self.keys
+        )
         return f"{shown}×2" if self.ask is Ask.KILL else shown
 
     @property
@@ -170,12 +189,22 @@ class OperatorOrder(msgspec.Struct, frozen=True):
 
 
 ORDERS = (
-    OperatorOrder(Ask.ARM, "a", "ARM", "start the motors and take off; asks for the vehicle's name"),
+    OperatorOrder(
+        Ask.ARM, "a", "ARM", "start the motors and take off; asks for the vehicle's name"
+    ),
     OperatorOrder(Ask.TRACK, "t", "FLY", "leave the hold for the trajectory; asks once more"),
     OperatorOrder(Ask.HOLD, "h", "HOLD", "stop and stay there", tone="calm"),
-    OperatorOrder(Ask.RETURN, "r", "RETURN", "fly back over the place of take-off and land there", tone="calm"),
     OperatorOrder(
-        Ask.LAND, "ctrl+l", "LAND", "land here; before take-off, end the flight", "ctrl+d", always=True, tone="land"
+        Ask.RETURN, "r", "RETURN", "fly back over the place of take-off and land there", tone="calm"
+    ),
+    OperatorOrder(
+        Ask.LAND,
+        "ctrl+l",
+        "LAND",
+        "land here; before take-off, end the flight",
+        "ctrl+d",
+        always=True,
+        tone="land",
     ),
     OperatorOrder(
         Ask.LAND,
@@ -188,19 +217,38 @@ ORDERS = (
         everywhere=True,
     ),
     OperatorOrder(
-        Ask.ABORT, "ctrl+x", "ABORT", "commands stop; the link brings it down", "ctrl+r", always=True, tone="abort"
+        Ask.ABORT,
+        "ctrl+x",
+        "ABORT",
+        "commands stop; the link brings it down",
+        "ctrl+r",
+        always=True,
+        tone="abort",
     ),
     OperatorOrder(
-        Ask.KILL, "ctrl+k", "KILL", "motors off, also in the air: twice within 1 s", "ctrl+y", always=True, tone="kill"
+        Ask.KILL,
+        "ctrl+k",
+        "KILL",
+        "motors off, also in the air: twice within 1 s",
+        "ctrl+y",
+        always=True,
+        tone="kill",
     ),
-    OperatorOrder(Ask.DESCEND, "", "DESCEND", "level and down by attitude and speed alone", always=True, tone="abort"),
+    OperatorOrder(
+        Ask.DESCEND,
+        "",
+        "DESCEND",
+        "level and down by attitude and speed alone",
+        always=True,
+        tone="abort",
+    ),
 )
 """Orders of the screen.
 
 No terminal multiplexer or serial terminal takes the second keys as delivered: GNU screen, picocom
 and minicom take Ctrl-A, tmux Ctrl-B, Zellij Ctrl-B, G, H, N, O, P, Q, S and T, dvtm Ctrl-G, tio
-Ctrl-T, docker Ctrl-P and Ctrl-Q, byobu the function keys. Ctrl-U, V and W are left out, too, because
-people press them to edit a line.
+Ctrl-T, docker Ctrl-P and Ctrl-Q, byobu the function keys. Ctrl-U, V and W are left out, too,
+because people press them to edit a line.
 """
 BY_ASK = {order.ask: order for order in ORDERS if not order.everywhere}
 STOP_KEYS = frozenset(key for order in ORDERS if order.always for key in order.keys)
@@ -208,7 +256,10 @@ STOP_KEYS = frozenset(key for order in ORDERS if order.always for key in order.k
 
 
 def possible(order: OperatorOrder, state: str | None) -> bool:
-    """Whether the mission's table has a move by it; from a state that is not known, everything may be tried."""
+    """Whether the mission's table has a move by it.
+
+    From a state that is not known, everything may be tried.
+    """
     if order.everywhere:
         return True
     try:
@@ -219,7 +270,10 @@ def possible(order: OperatorOrder, state: str | None) -> bool:
 
 
 class Twice:
-    """Keys that must be pressed twice; one that is held down repeats itself, which is no second press."""
+    """Keys that must be pressed twice.
+
+    One that is held down repeats itself, which is no second press.
+    """
 
     def __init__(self) -> None:
         self._first_s = self._newest_s = -math.inf
@@ -227,7 +281,10 @@ class Twice:
         """Whether the newest press was the repetition of a key that is held down."""
 
     def press(self, now_s: float) -> bool:
-        """Take one press; return whether it is the second in time. It counts if no repetition follows it."""
+        """Take one press; return whether it is the second in time.
+
+        It counts if no repetition follows it.
+        """
         second = self.waits(now_s)
         self.is_held = not second and now_s - self._newest_s < REPEAT_S
         self._first_s = -math.inf if second or self.is_held else now_s
@@ -253,7 +310,10 @@ class GainRow(msgspec.Struct, frozen=True):
         return str(notice("screen.gain", now=self.value, least=least, most=most, ramp_s=RAMP_S))
 
     def read(self, typed: str) -> float | Sentence:
-        """The value that was typed, or why it can't be taken; bounds are the ground station's to judge."""
+        """The value that was typed, or why it can't be taken.
+
+        Bounds are the ground station's to judge.
+        """
         try:
             value = float(typed)
         except ValueError:
@@ -331,7 +391,9 @@ class Picture:
         elif last is not None and last.state in FINAL and new.state not in FINAL:
             self.flown.clear()  # the next flight of a daemon
         self.newest, self.arrived_s, self.trouble = new, now_s, ""
-        self.events.extend(new_events(last.events if last is not None and self.events else (), new.events))
+        self.events.extend(
+            new_events(last.events if last is not None and self.events else (), new.events)
+        )
         law, seen = new.diagnostics, new.certificate
         self.flown.append(
             PlotSample(

@@ -1,4 +1,6 @@
-"""Pages of the dashboard: the state on top, each one's own matter in the middle, orders and the other pages below."""
+"""Pages of the dashboard: the state on top, each one's own matter in the middle, orders and the
+other pages below.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -160,7 +162,12 @@ class FlyPage(Page):
         self.query_one(TopView).show(snapshot, flown)
         self.query_one("#error", Curves).show([[100.0 * one.error_m for one in flown]])
         for axis, plot in enumerate(self.query("#middle Curves").results(Curves)):
-            plot.show([[one.reference_neh[axis] for one in flown], [one.position_neh[axis] for one in flown]])
+            plot.show(
+                [
+                    [one.reference_neh[axis] for one in flown],
+                    [one.position_neh[axis] for one in flown],
+                ]
+            )
         self.query_one(Preflight).show(snapshot)
         self.query_one(Numbers).show(snapshot, frame.stale)
         self.query_one(Events).show(list(picture.events)[-40:])
@@ -195,7 +202,9 @@ class ControlPage(Page):
         with Horizontal(id="body"):
             with Vertical(id="left"):
                 yield Static(id="law")
-                yield Curves("", [("|z1| m", AXES[0]), ("|z2| m/s", AXES[1]), ("|z3| m/s²", AXES[2])], 0.01)
+                yield Curves(
+                    "", [("|z1| m", AXES[0]), ("|z2| m/s", AXES[1]), ("|z3| m/s²", AXES[2])], 0.01
+                )
                 yield Curves("", [("V", ERROR)], 0.001)
             with Vertical(id="right"):
                 table: DataTable[str] = DataTable(cursor_type="row", zebra_stripes=True)
@@ -227,7 +236,9 @@ class ControlPage(Page):
 
     def on_data_table_row_selected(self, event: "DataTable.RowSelected") -> None:
         """Change this one."""
-        self.post_message(self.Chosen(next(one for one in self._shown if one.key == event.row_key.value)))
+        self.post_message(
+            self.Chosen(next(one for one in self._shown if one.key == event.row_key.value))
+        )
 
 
 def law_rows(snapshot: Snapshot) -> list[Spans]:
@@ -236,7 +247,10 @@ def law_rows(snapshot: Snapshot) -> list[Spans]:
     if d is None:
         return [[("no control law runs", LABEL)]]
     rows: list[Spans] = [[("              north     east     down", LABEL)]]
-    rows += [row(name, f"{three(z)} {unit}") for name, z, unit in (("z1", d.z1, "m"), ("z2", d.z2, "m/s"))]
+    rows += [
+        row(name, f"{three(z)} {unit}")
+        for name, z, unit in (("z1", d.z1, "m"), ("z2", d.z2, "m/s"))
+    ]
     rows += [row("z3", f"{three(d.z3)} m/s²"), row("u*", f"{three(d.u_star)} m/s²")]
     rows += [row("b̂ rate", f"{three(d.b_hat_dot)} m/s³")]
     v, w = d.v_terms, d.w_terms
@@ -248,9 +262,15 @@ def law_rows(snapshot: Snapshot) -> list[Spans]:
     excess = f"{seen.state}!, {seen.excess:.3g} above its bound" if bad else seen.state
     rows.append(row("V", f"{seen.v:.4g}  {printable(excess)}", WARNING if bad else ""))
     if seen.violated_fraction >= 0.0:  # a recording does not tell
-        shares = (f"{100.0 * share:.1f} %" for share in (seen.violated_fraction, seen.suspended_fraction))
+        shares = (
+            f"{100.0 * share:.1f} %" for share in (seen.violated_fraction, seen.suspended_fraction)
+        )
         rows.append(row("", "violated {}  suspended {} of the time".format(*shares)))
-    fraction = "-" if seen.b_hat_fraction is None else f"{100.0 * seen.b_hat_fraction:.0f} % of what it may be"
+    fraction = (
+        "-"
+        if seen.b_hat_fraction is None
+        else f"{100.0 * seen.b_hat_fraction:.0f} % of what it may be"
+    )
     return [*rows, row("b̂", fraction), row("bound", printable(seen.bound))]
 
 
@@ -288,7 +308,11 @@ class LinksPage(Page):
 
 def pose_rows(snapshot: Snapshot) -> list[Spans]:
     """Rates, latency and counters of the poses."""
-    newest = "none yet" if snapshot.pose_id < 0 else f"{snapshot.pose_id}, {1e3 * snapshot.pose_age_s:.0f} ms old"
+    newest = (
+        "none yet"
+        if snapshot.pose_id < 0
+        else f"{snapshot.pose_id}, {1e3 * snapshot.pose_age_s:.0f} ms old"
+    )
     mean, most = 1e3 * snapshot.pose_latency_s, 1e3 * snapshot.pose_latency_max_s
     return [
         [("─ poses ─", LABEL)],
@@ -305,7 +329,11 @@ def link_rows(snapshot: Snapshot) -> list[Spans]:
     status = snapshot.link
     trip = "not known" if status.rtt_s is None else f"{1e3 * status.rtt_s:.2f} ms (shortest lately)"
     ahead = status.offset_s
-    clock = "not known" if ahead is None else f"{abs(ahead):.3f} s {'behind' if ahead < 0.0 else 'ahead of'} ours"
+    clock = (
+        "not known"
+        if ahead is None
+        else f"{abs(ahead):.3f} s {'behind' if ahead < 0.0 else 'ahead of'} ours"
+    )
     return [
         [("─ command link ─", LABEL)],
         row(
@@ -339,7 +367,9 @@ def _uplink(status: LinkStatus) -> str:
     if status.uplink_share is None:
         return "not told"
     share = 100.0 * status.uplink_share
-    return f"{share:.0f} % of frames   {status.uplink_dbm} dBm   {status.uplink_snr_db} dB over noise"
+    return (
+        f"{share:.0f} % of frames   {status.uplink_dbm} dBm   {status.uplink_snr_db} dB over noise"
+    )
 
 
 def _lateness(snapshot: Snapshot) -> str:
@@ -354,7 +384,10 @@ def _drops(dropped: dict[str, int]) -> list[Spans]:
     found = [(reason, count) for reason, count in dropped.items() if count]
     if not found:
         return [row("dropped", "none")]
-    return [row("dropped" if i == 0 else "", f"{count} {printable(reason)}") for i, (reason, count) in enumerate(found)]
+    return [
+        row("dropped" if i == 0 else "", f"{count} {printable(reason)}")
+        for i, (reason, count) in enumerate(found)
+    ]
 
 
 class TextPage(Page):

@@ -1,7 +1,8 @@
 """Terminal input: no paste or line noise orders anything, or takes the kill key away.
 
-Terminals mark what is pasted; a paste without these marks (a serial line, an old terminal, line noise) looks like keys.
-It is told from them by how many different ones come at once, and dropped: a key waits until nothing follows it.
+Terminals mark what is pasted; a paste without these marks (a serial line, an old terminal, line
+noise) looks like keys. It is told from them by how many different ones come at once, and dropped: a
+key waits until nothing follows it.
 """
 
 import codecs
@@ -36,8 +37,8 @@ of its end."""
 class KeyGate:
     """Passes on what is pressed, in its order, and drops the keys of a paste.
 
-    A key that repeats counts once, for a person may hold it down; those that stop a vehicle do not count, for a
-    person may hammer on them while the connection stands still.
+    A key that repeats counts once, for a person may hold it down; those that stop a vehicle do not
+    count, for a person may hammer on them while the connection stands still.
     """
 
     def __init__(self) -> None:
@@ -79,7 +80,9 @@ class KeyGate:
 
 
 class InputParser:
-    """Textual's own, which outlives what it can't make sense of, and which no paste without an end keeps."""
+    """Textual's own, which outlives what it can't make sense of, and which no paste without an end
+    keeps.
+    """
 
     def __init__(self, debug: bool) -> None:
         """``debug``: Textual shall write what it reads into a file."""
@@ -98,7 +101,9 @@ class InputParser:
             seen = self._tail + text
             self._tail = seen[1 - len(BRACKETED_PASTE_START) :]
             yield from self._feed(text)
-            if self._paste_s is None and seen.rfind(BRACKETED_PASTE_START) > seen.rfind(BRACKETED_PASTE_END):
+            if self._paste_s is None and seen.rfind(BRACKETED_PASTE_START) > seen.rfind(
+                BRACKETED_PASTE_END
+            ):
                 self._paste_s = now_s
         yield from self._parser.tick()
         if self._paste_s is not None and now_s - self._paste_s >= PASTE_S:
@@ -118,7 +123,9 @@ class InputParser:
 
 
 class TolerantDriver(LinuxDriver):
-    """Textual's own, which reads the keys that a person pressed, for as long as the terminal is there."""
+    """Textual's own, which reads the keys that a person pressed, for as long as the terminal is
+    there.
+    """
 
     def run_input_thread(self) -> None:
         """Wait for input until told to end, and pass it on."""

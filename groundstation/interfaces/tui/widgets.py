@@ -1,7 +1,10 @@
-"""Widgets of the pages and dialogs: each keeps what it shows and draws itself; none knows where data come from.
+"""Widgets of the pages and dialogs: each keeps what it shows and draws itself.
 
-Themes are three sets of colours, told apart by colour-blind eyes: Okabe and Ito's (jfly.uni-koeln.de/color), for
-paper. A style in the texts of drawing.py is a name from here, such as ``$flown``. Meaning never rests on colour alone.
+None knows where data come from.
+
+Themes are three sets of colours, told apart by colour-blind eyes: Okabe and Ito's
+(jfly.uni-koeln.de/color), for paper. A style in the texts of drawing.py is a name from here, such
+as ``$flown``. Meaning never rests on colour alone.
 """
 
 import os
@@ -41,7 +44,15 @@ from groundstation.interfaces.tui.drawing import (
     number_rows,
     top_view,
 )
-from groundstation.interfaces.tui.model import ALARM, CALM, ORDERS, BannerText, OperatorOrder, PlotSample, possible
+from groundstation.interfaces.tui.model import (
+    ALARM,
+    CALM,
+    ORDERS,
+    BannerText,
+    OperatorOrder,
+    PlotSample,
+    possible,
+)
 from links.text import printable
 
 TALL = 36
@@ -57,11 +68,16 @@ def join_rows(rows: Sequence[Spans]) -> Content:
 
 def content(rows: Sequence[Spans], width: int) -> Content:
     """Rows of styled pieces as what a widget draws, cut off at ``width``."""
-    return Content("\n").join([Content.assemble(*row).truncate(width, ellipsis=True) for row in rows])
+    return Content("\n").join(
+        [Content.assemble(*row).truncate(width, ellipsis=True) for row in rows]
+    )
 
 
 class Banner(Widget):
-    """The state in large letters, and beside it whose it is and why. On a large screen, and for alarms, larger."""
+    """The state in large letters, and beside it whose it is and why.
+
+    On a large screen, and for alarms, larger.
+    """
 
     DEFAULT_CSS = "Banner { height: 3; }"
 
@@ -80,11 +96,17 @@ class Banner(Widget):
     def _letters(self) -> tuple[str, ...]:
         large = huge(self._shown.big)
         tall = self.screen.size.height >= TALL
-        if (tall or self._shown.tone == ALARM) and len(large[0]) + WORDS_WIDTH <= self.screen.size.width:
+        if (tall or self._shown.tone == ALARM) and len(
+            large[0]
+        ) + WORDS_WIDTH <= self.screen.size.width:
             blank = " " * len(large[0])
             return (blank, *large, blank) if tall else large
         letters = big(self._shown.big)
-        return letters if len(letters[0]) + WORDS_WIDTH <= self.screen.size.width else ("",) * len(letters)
+        return (
+            letters
+            if len(letters[0]) + WORDS_WIDTH <= self.screen.size.width
+            else ("",) * len(letters)
+        )
 
     def on_resize(self) -> None:
         """Other letters may fit now."""
@@ -100,7 +122,10 @@ class Banner(Widget):
         whose, holder = self._beside
         first = whose if letters[0] else f"{self._shown.big.upper()}  {whose}"
         lines = max(1, len(letters) - 1)
-        words = [first, *wrap(printable(self._shown.detail), room, max_lines=lines, placeholder=" …")]
+        words = [
+            first,
+            *wrap(printable(self._shown.detail), room, max_lines=lines, placeholder=" …"),
+        ]
         if holder and len(letters) > len(words):
             words += [""] * (len(letters) - len(words) - 1) + [holder]
         words = (words + [""] * len(letters))[: len(letters)]
@@ -135,13 +160,17 @@ class Knob(Widget):
         self.styles.width = f"{len(self._both)}fr"
 
     def show(self, state: str | None, again: bool) -> None:
-        """Take the mission's state, and whether this has been pressed once and waits for the second press."""
+        """Take the mission's state, and whether this has been pressed once and waits for the second
+        press.
+        """
         self.set_class(not possible(self.order, state), "off")
         self.set_class(again, "again")
         self._again = again
 
     def render(self) -> Content:
-        """Keys and name; where there is no room, the key that no multiplexer takes and the name, or the name alone."""
+        """Keys and name; where there is no room, the key that no multiplexer takes and the name, or
+        the name alone.
+        """
         fitting = (text for text in (self._both, self._brief) if len(text) <= self.size.width)
         return Content("AGAIN!" if self._again else next(fitting, self.order.label))
 
@@ -181,7 +210,9 @@ class Knobs(Widget):
         for name, always in (("go", False), ("always", True)):
             if always or not self._always_only:
                 with Horizontal(id=name):
-                    yield from (Knob(order) for order in ORDERS if order.key and order.always == always)
+                    yield from (
+                        Knob(order) for order in ORDERS if order.key and order.always == always
+                    )
 
     def show(self, state: str | None, again: bool) -> None:
         """Take the mission's state, and whether a kill waits for its second press."""
@@ -213,7 +244,9 @@ class TopView(Widget):
         if width < 8 or height < 3:
             return Content("")
         tracks = [
-            PlotTrack(points=[one.reference_neh[:2] for one in self._flown], style=WANTED, head="+"),
+            PlotTrack(
+                points=[one.reference_neh[:2] for one in self._flown], style=WANTED, head="+"
+            ),
             PlotTrack(points=[one.position_neh[:2] for one in self._flown], style=FLOWN, head="●"),
         ]
         slim = width < 28  # its signs alone then
@@ -221,11 +254,20 @@ class TopView(Widget):
         if self._wind is not None and self._flown:
             north, east, _ = self._flown[-1].position_neh
             tip = (north + WIND_S2 * self._wind[0], east + WIND_S2 * self._wind[1])
-            tracks.insert(1, PlotTrack(points=[(north, east), tip], style=WIND, head=arrow((*self._wind[:2], 0.0))))
+            tracks.insert(
+                1,
+                PlotTrack(
+                    points=[(north, east), tip], style=WIND, head=arrow((*self._wind[:2], 0.0))
+                ),
+            )
             legend.append(("→" if slim else " → b̂", WIND))
         rows, cell_m = top_view(tracks, width, height)
         cells = max(1, min(width - 30, 10))
-        scale = f"├{'─' * (cells - 2)}┤ {cells * cell_m:.2g} m  N↑  " if cells > 2 else f"─ {cell_m:.2g} m "
+        scale = (
+            f"├{'─' * (cells - 2)}┤ {cells * cell_m:.2g} m  N↑  "
+            if cells > 2
+            else f"─ {cell_m:.2g} m "
+        )
         return content([*rows, [(scale, LABEL), *legend]], width)
 
 
@@ -234,7 +276,9 @@ class Curves(Widget):
 
     DEFAULT_CSS = "Curves { height: 1fr; min-height: 3; }"
 
-    def __init__(self, title: str, names: Sequence[tuple[str, str]], least: float, id: str | None = None) -> None:
+    def __init__(
+        self, title: str, names: Sequence[tuple[str, str]], least: float, id: str | None = None
+    ) -> None:
         """``names`` with their styles; at least ``least`` lies between bottom and top."""
         super().__init__(id=id)
         self._title, self._names, self._least = title, names, least
@@ -250,10 +294,16 @@ class Curves(Widget):
         width, height = self.size.width, max(1, self.size.height - 1)
         if width < 8:
             return Content("")
-        lines = [PlotLine(values, style) for values, (_, style) in zip(self._values, self._names, strict=False)]
+        lines = [
+            PlotLine(values, style)
+            for values, (_, style) in zip(self._values, self._names, strict=False)
+        ]
         drawn, low, high = in_time(lines, width, height, self._least)
         head: Spans = [(f"{self._title} {low:.3g} to {high:.3g}  ", LABEL)]
-        return content([[*head, *((f"{name} ", f"bold {style}") for name, style in self._names)], *drawn], width)
+        return content(
+            [[*head, *((f"{name} ", f"bold {style}") for name, style in self._names)], *drawn],
+            width,
+        )
 
 
 class Preflight(Widget):
@@ -315,7 +365,8 @@ def event_row(event: Notice) -> Spans:
 T = TypeVar("T")
 CSS = """
 Dialog { align: center middle; background: $background 60%; }
-Dialog #box { width: 70; max-width: 96%; height: auto; max-height: 90%; padding: 1 2; background: $raised;
+Dialog #box { width: 70; max-width: 96%; height: auto; max-height: 90%; padding: 1 2;
+    background: $raised;
     border: heavy $flown; }
 Dialog #title { text-style: bold; margin: 0 0 1 0; }
 Dialog #says { color: $label; margin: 1 0 0 0; }
@@ -358,7 +409,9 @@ class Dialog(ModalScreen[T]):
 class Typed(Dialog[str]):
     """Asks for a line, which ``wanted`` must equal where it is given."""
 
-    def __init__(self, title: str, text: str, *, wanted: str | None = None, value: str = "") -> None:
+    def __init__(
+        self, title: str, text: str, *, wanted: str | None = None, value: str = ""
+    ) -> None:
         """``value`` stands there at first."""
         super().__init__(title, text)
         self._wanted, self._value = wanted, value
@@ -383,7 +436,9 @@ class Typed(Dialog[str]):
 class Choice(Dialog[str]):
     """Asks for one of several answers; the first is the one that does least."""
 
-    def __init__(self, title: str, text: str, options: Sequence[tuple[str, str]], *, orders: bool = True) -> None:
+    def __init__(
+        self, title: str, text: str, options: Sequence[tuple[str, str]], *, orders: bool = True
+    ) -> None:
         """``options``: what each answers, and its words."""
         super().__init__(title, text, orders=orders)
         self._options = options
@@ -477,8 +532,8 @@ THEMES = tuple(
 def require_terminal(otherwise: str) -> None:
     """Raise ConfigError without a terminal to draw on.
 
-    The screen follows the terminal's own size: one that a shell exports stays as it was, and the orders, which stand at
-    the bottom, would be drawn outside of a terminal that has become smaller.
+    The screen follows the terminal's own size: one that a shell exports stays as it was, and the
+    orders, which stand at the bottom, would be drawn outside of a terminal that has become smaller.
     """
     for name in ("LINES", "COLUMNS"):
         os.environ.pop(name, None)

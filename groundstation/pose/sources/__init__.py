@@ -1,4 +1,6 @@
-"""Pose sources by vendor, one or two files each, and what they share: intake, the outlier gate, and datagrams."""
+"""Pose sources by vendor, one or two files each, and what they share: intake, the outlier gate, and
+datagrams.
+"""
 
 from groundstation.pose.sources import (
     json_codec as json_codec,
@@ -7,7 +9,13 @@ from groundstation.pose.sources import (
     qualisys_codec as qualisys_codec,
     vicon_codec as vicon_codec,
 )
-from groundstation.pose.sources.datagram import GatedSource, JsonConfig, cannot_listen, join, send_by
+from groundstation.pose.sources.datagram import (
+    GatedSource,
+    JsonConfig,
+    cannot_listen,
+    join,
+    send_by,
+)
 from groundstation.pose.sources.intake import (
     Gate,
     GateConfig,

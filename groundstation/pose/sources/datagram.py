@@ -14,25 +14,50 @@ from typing import Annotated, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseSource, PoseStatus, Sentence, SourceError, notice
-from groundstation.pose.sources.intake import Gate, GateConfig, Intake, Outbreaks, PoseReader, ReaderSource
+from groundstation.core.messages import (
+    Others,
+    Pose,
+    PoseKind,
+    PoseSource,
+    PoseStatus,
+    Sentence,
+    SourceError,
+    notice,
+)
+from groundstation.pose.sources.intake import (
+    Gate,
+    GateConfig,
+    Intake,
+    Outbreaks,
+    PoseReader,
+    ReaderSource,
+)
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from links.io import NETWORK, advise_on_address, beyond, parse_address
 
 LOOK_S = 0.0493717
 """Period at which drop counters and lost poses are examined [s].
 
-Not a round number: a timer more at the very instants of cameras and frames would change the last bits of
-a simulation."""
+Not a round number: a timer more at the very instants of cameras and frames would change the last
+bits of a simulation."""
 
 
 class GatedSource:
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`: passes the plausible poses of another source."""
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`: passes the plausible poses
+    of another source.
+    """
 
     def __init__(
-        self, source: PoseSource, config: GateConfig, *, lost_s: float, say: Callable[[Sentence], None]
+        self,
+        source: PoseSource,
+        config: GateConfig,
+        *,
+        lost_s: float,
+        say: Callable[[Sentence], None],
     ) -> None:
-        """``say`` takes news of the poses for the operator; they are lost after ``lost_s`` [s] without one.
+        """``say`` takes news of the poses for the operator.
+
+        They are lost after ``lost_s`` [s] without one.
 
         A pose that is older than that on arrival is counted and dropped: no command could use it.
         """
@@ -92,7 +117,10 @@ class DatagramSource(ReaderSource, asyncio.DatagramProtocol):
     """Implements :class:`groundstation.core.messages.pose.PoseSource` on one UDP socket."""
 
     def __init__(self, what: str, listen: str, reader: PoseReader) -> None:
-        """``what`` names the poses that come to ``listen`` (host:port) for the operator; nothing is opened yet."""
+        """``what`` names the poses that come to ``listen`` (host:port) for the operator.
+
+        Nothing is opened yet.
+        """
         super().__init__(reader)
         self._what = what
         self._listen = listen
@@ -102,7 +130,9 @@ class DatagramSource(ReaderSource, asyncio.DatagramProtocol):
         """Begin to listen; ``deliver`` is called on the event loop for each pose."""
         self._begin(deliver, asyncio.get_running_loop().time)
         try:
-            self._transport, _ = await NETWORK.get().open_datagram(lambda: self, parse_address(self._listen))
+            self._transport, _ = await NETWORK.get().open_datagram(
+                lambda: self, parse_address(self._listen)
+            )
         except OSError as error:
             raise cannot_listen(self._what, self._listen, error) from error
 
@@ -122,21 +152,27 @@ class DatagramSource(ReaderSource, asyncio.DatagramProtocol):
 def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
     """Describe ``error`` for the operator: what was to arrive where, and what to do."""
     why, advice = error.strerror or str(error), advise_on_address(error)
-    return SourceError(notice("pose.cannot_listen", what=what, address=address, why=why, advice=advice))
+    return SourceError(
+        notice("pose.cannot_listen", what=what, address=address, why=why, advice=advice)
+    )
 
 
 def join(transport: asyncio.DatagramTransport, group: str, interface: str) -> None:
-    """Have the socket of ``transport`` receive what is sent to ``group``, by way of ``interface`` (IPv4 addresses).
+    """Have the socket of ``transport`` receive what is sent to ``group``, by way of ``interface``
+    (IPv4 addresses).
 
     Raises:
         OSError: this machine has no such interface, or ``group`` is no multicast address.
     """
     membership = socket.inet_aton(group) + socket.inet_aton(interface)
-    transport.get_extra_info("socket").setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+    transport.get_extra_info("socket").setsockopt(
+        socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership
+    )
 
 
 def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
-    """Have what is sent to groups from the socket of ``transport`` leave by way of ``interface`` (IPv4 address).
+    """Have what is sent to groups from the socket of ``transport`` leave by way of ``interface``
+    (IPv4 address).
 
     Raises:
         OSError: this machine has no such interface.
@@ -146,7 +182,9 @@ def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
 
 
 class AtAddress(PoseKind, frozen=True, kw_only=True):
-    """Base of the configuration of a source with one address: of this machine to listen at, or of the server."""
+    """Base of the configuration of a source with one address: of this machine to listen at, or of
+    the server.
+    """
 
     address_key: ClassVar[str] = "listen"
 
@@ -155,7 +193,10 @@ class AtAddress(PoseKind, frozen=True, kw_only=True):
 
     @property
     def real(self) -> str | None:
-        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        """The key by which real poses may come, and its value.
+
+        None where all stays on this machine.
+        """
         return beyond(self.address_key, self.address)
 
 
@@ -166,11 +207,13 @@ class JsonConfig(AtAddress, frozen=True, kw_only=True, tag="json"):
     is_relayed: ClassVar[bool] = True
     body_key: ClassVar[str] = "name"
     stamp_field: ClassVar[str] = "t"
-    name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME, description="Name of the vehicle's body.")] = (
-        "quad"
-    )
+    name: Annotated[
+        str,
+        msgspec.Meta(min_length=1, max_length=MAX_NAME, description="Name of the vehicle's body."),
+    ] = "quad"
     listen: Annotated[
-        str, msgspec.Meta(description="Address that the tracker sends to, host:port of this machine.")
+        str,
+        msgspec.Meta(description="Address that the tracker sends to, host:port of this machine."),
     ] = "127.0.0.1:51002"
     world: LabAxes = "nwu"
     body: BodyAxes = "flu"
@@ -180,7 +223,8 @@ class JsonConfig(AtAddress, frozen=True, kw_only=True, tag="json"):
         msgspec.Meta(
             ge=0.0,
             le=1.0,
-            description="Shortest time from the instant that the tracker stamps to the arrival here [s].",
+            description="Shortest time from the instant that the tracker stamps to the arrival "
+            "here [s].",
         ),
     ] = 0.02
     rate_hz: Annotated[

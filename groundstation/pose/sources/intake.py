@@ -1,26 +1,31 @@
-"""Pose intake: the source's clock, our frames, counters, shared by every reader; and the outlier gate. Sans-IO.
+"""Pose intake: the source's clock, our frames, counters, shared by every reader.
 
-The source's clock converts its time stamps to our clock, and measures how late its messages arrive. A message can only
-be late, never early: the smallest difference between arrival and stamp so far gives the source's zero on our clock.
-A message later than that is late, however long this lasts: a constant or growing queue can't be distinguished from a
-clock that was set back or a frame counter that paused, and the older answer is the safe one. Three things move the zero
-later: a slope within the plausible drift of the source's clock (``MAX_DRIFT``), as long as nothing is late by more than
-``SLACK_S``; an exchange of clocks, if there is one; and a new start.
-Stamps are seconds, or numbers of frames. Our time from one to the next is measured from the least delayed message of
-each half second (Theil and Sen: the median of the slopes between any two of them, which bursts and stalls do not
-move). Of frames any rate is accepted at first, as the configured one is often wrong; from then on a slower rate is
-lateness, too.
-Stamps in the wrong unit would make every message the newest ever, and none late. Stamps that run too fast, or of which
-each is a step, are therefore measured as the numbers of frames are. If the clock steps again and again, the message
-after a step counts as one usual interval newer than the one before: an unsteady clock makes no pose young.
+And the outlier gate. Sans-IO.
 
-Outlier gate: it drops implausible poses between a source and the flight. A reader knows one datagram at a time; the
-gate compares each pose with those before it. Drops are counted by reason, and reported once for each outbreak; the
-flight goes on with its model for as long as a command may use one pose (flight.coast_s). After a pose that did not fit
-the next ones must fit better, until one does. There are two ways to a new place. Either the source reports that it has
-moved its origin: accepted at once, as the vehicle did not move. Or the poses that do not fit agree among themselves for
-``settle_s``, which is longer than any command may use one pose: no flight survives it, and on the ground it recovers by
-itself. Outbreaks of dropped, late and missing poses are reported as they begin and as they end.
+The source's clock converts its time stamps to our clock, and measures how late its messages arrive.
+A message can only be late, never early: the smallest difference between arrival and stamp so far
+gives the source's zero on our clock. A message later than that is late, however long this lasts: a
+constant or growing queue can't be distinguished from a clock that was set back or a frame counter
+that paused, and the older answer is the safe one. Three things move the zero later: a slope within
+the plausible drift of the source's clock (``MAX_DRIFT``), as long as nothing is late by more than
+``SLACK_S``; an exchange of clocks, if there is one; and a new start. Stamps are seconds, or numbers
+of frames. Our time from one to the next is measured from the least delayed message of each half
+second (Theil and Sen: the median of the slopes between any two of them, which bursts and stalls do
+not move). Of frames any rate is accepted at first, as the configured one is often wrong; from then
+on a slower rate is lateness, too. Stamps in the wrong unit would make every message the newest
+ever, and none late. Stamps that run too fast, or of which each is a step, are therefore measured as
+the numbers of frames are. If the clock steps again and again, the message after a step counts as
+one usual interval newer than the one before: an unsteady clock makes no pose young.
+
+Outlier gate: it drops implausible poses between a source and the flight. A reader knows one
+datagram at a time; the gate compares each pose with those before it. Drops are counted by reason,
+and reported once for each outbreak; the flight goes on with its model for as long as a command may
+use one pose (flight.coast_s). After a pose that did not fit the next ones must fit better, until
+one does. There are two ways to a new place. Either the source reports that it has moved its origin:
+accepted at once, as the vehicle did not move. Or the poses that do not fit agree among themselves
+for ``settle_s``, which is longer than any command may use one pose: no flight survives it, and on
+the ground it recovers by itself. Outbreaks of dropped, late and missing poses are reported as they
+begin and as they end.
 """
 
 import math
@@ -49,9 +54,11 @@ from links.io import format_address
 T = TypeVar("T")
 
 MAX_DRIFT = 0.0015
-"""Largest drift of the source's clock against nominal [-]: beyond it, messages get later and later."""
+"""Largest drift of the source's clock against nominal [-]: beyond it, messages get later and
+later."""
 SLACK_S = 0.02
-"""Lateness of the least delayed message above which a block is late and does not move the zero [s]."""
+"""Lateness of the least delayed message above which a block is late and does not move the zero
+[s]."""
 BLOCK_S = 0.5
 """Duration of a block, of which the least delayed message is kept [s]."""
 BLOCKS = 40
@@ -67,10 +74,11 @@ RATES = 100.0
 RESTART_S = 1.0
 """A source that sends only old stamps for this long has restarted its clock [s]."""
 ANEW_S = 4.0
-"""Silence, and lateness of a frame, after which the clock is measured anew [s]. No flight lasts so long without a fresh
-pose: 1 s at most on one pose, then a bring-down of 2 s."""
+"""Silence, and lateness of a frame, after which the clock is measured anew [s]. No flight lasts so
+long without a fresh pose: 1 s at most on one pose, then a bring-down of 2 s."""
 STEP_S = 0.2
-"""A message that arrives earlier by more than this than any before is a step of the source's clock [s]."""
+"""A message that arrives earlier by more than this than any before is a step of the source's clock
+[s]."""
 BREAKS = 3
 """Number of steps and restarts within ``UNSTEADY_S`` that make a clock unsteady [-]."""
 UNSTEADY_S = 30.0
@@ -105,7 +113,8 @@ class StampScale(msgspec.Struct, gc=False):
     nominal: float
     """Reference of the drift: the value as configured or first measured."""
     band: float
-    """Largest share by which the slope may deviate from the nominal one [-]; infinite while the rate is unknown."""
+    """Largest share by which the slope may deviate from the nominal one [-]; infinite while the
+    rate is unknown."""
 
     @property
     def is_known(self) -> bool:
@@ -124,7 +133,9 @@ class Block(msgspec.Struct, gc=False):
 
 
 class BlockLine:
-    """The least delayed message of each newest block: a line, as long as the clock keeps its rate."""
+    """The least delayed message of each newest block: a line, as long as the clock keeps its
+    rate.
+    """
 
     def __init__(self) -> None:
         self.best: deque[StampedArrival] = deque(maxlen=BLOCKS)
@@ -168,8 +179,12 @@ class SourceClock:
     def _begin(self, stamp: float, arrival_s: float) -> None:
         """Measure anew from this message on."""
         self._is_anew = False
-        self._scale = StampScale(self._configured, self._configured, math.inf if self._frames else MAX_DRIFT)
-        self._own_s = self._arrival_s = arrival_s  # of the newest message, with the least delay so far
+        self._scale = StampScale(
+            self._configured, self._configured, math.inf if self._frames else MAX_DRIFT
+        )
+        self._own_s = self._arrival_s = (
+            arrival_s  # of the newest message, with the least delay so far
+        )
         self._seen = 0
         self._line = BlockLine()
         self._block = Block(StampedArrival(stamp, arrival_s))
@@ -193,7 +208,10 @@ class SourceClock:
 
     @property
     def stamp_rate(self) -> float | None:
-        """Seconds by the stamps (configured unit or rate) per second of ours [-]; None after too few messages."""
+        """Seconds by the stamps (configured unit or rate) per second of ours [-].
+
+        None after too few messages.
+        """
         if not self._recent:
             return None
         (first, begun_s), (last, ended_s) = self._recent[0], self._recent[-1]
@@ -232,8 +250,14 @@ class SourceClock:
         self._is_anew, self._stamp, self._old_since_s = True, None, None
 
     def time_s(self, stamp: float, arrival_s: float) -> float:
-        """Return when a message that is not stale left its source [s, our clock]: ``arrival_s`` or earlier."""
-        if self._is_anew or self._stamp is None or not self._goes_on(stamp - self._stamp, arrival_s):
+        """Return when a message that is not stale left its source [s, our clock]: ``arrival_s`` or
+        earlier.
+        """
+        if (
+            self._is_anew
+            or self._stamp is None
+            or not self._goes_on(stamp - self._stamp, arrival_s)
+        ):
             self._begin(stamp, arrival_s)
         self._stamp, self._arrival_s, self._old_since_s = stamp, arrival_s, None
         self._seen += 1
@@ -248,7 +272,10 @@ class SourceClock:
         return self._own_s
 
     def _goes_on(self, stamps: float, arrival_s: float) -> bool:
-        """Go on to the next message, ``stamps`` after the last; return False if the frame rate must have changed."""
+        """Go on to the next message, ``stamps`` after the last.
+
+        Return False if the frame rate must have changed.
+        """
         elapsed = stamps * self._scale.slope
         usual_s = self.interval_s
         is_gap = 0.0 < GAP_INTERVALS * usual_s < elapsed
@@ -265,7 +292,9 @@ class SourceClock:
         if late < -STEP_S:
             self._step(arrival_s)
             return True
-        if is_gap and late < -SLACK_S:  # a small step: a lost message does not make the next one early
+        if (
+            is_gap and late < -SLACK_S
+        ):  # a small step: a lost message does not make the next one early
             self._breaks.append(arrival_s)
         self._count(elapsed, arrival_s - self._arrival_s)
         if late < 0.0:
@@ -297,7 +326,9 @@ class SourceClock:
             self._line.best.clear()
 
     def apply_exchange(self, ahead_s: float) -> None:
-        """Use an exchange of clocks: a source that stamps seconds is at most ``ahead_s`` ahead of us [s]."""
+        """Use an exchange of clocks: a source that stamps seconds is at most ``ahead_s`` ahead of
+        us [s].
+        """
         if self._stamp is not None and not self._is_anew:
             own = self._stamp - ahead_s
             # A message that would have arrived long before it left was stamped by another clock.
@@ -324,7 +355,8 @@ class SourceClock:
         assert block.best is not None, "it holds this message"
         if scale.is_known:
             self._judge_block(
-                block.best, min((stamp - block.begun.stamp) * scale.slope, arrival_s - block.begun.arrival_s)
+                block.best,
+                min((stamp - block.begun.stamp) * scale.slope, arrival_s - block.begun.arrival_s),
             )
         line.best.append(block.best)
         self._block = Block(StampedArrival(stamp, arrival_s))
@@ -333,7 +365,10 @@ class SourceClock:
         self._measure()
 
     def _judge_block(self, best: StampedArrival, lasted_s: float) -> None:
-        """Judge whether the block of ``lasted_s`` [s] is late, or earlier than its clock may be; else keep its line."""
+        """Judge whether the block of ``lasted_s`` [s] is late, or earlier than its clock may be.
+
+        Else keep its line.
+        """
         line, scale, late = self._line, self._scale, self._lateness(best)
         # The clock is no slower than this; queued messages arrive in no time.
         most = lasted_s * (scale.nominal / scale.slope * (1.0 + scale.band) - 1.0)
@@ -366,7 +401,10 @@ class SourceClock:
         elif self._is_rate(slope):
             self._breaks.clear()
             scale.slope, scale.nominal, scale.band = slope, slope, ROUGH
-            self._own_s = min(self._own_s + min(map(self._lateness, line.best)), self._arrival_s) - self.late_s
+            self._own_s = (
+                min(self._own_s + min(map(self._lateness, line.best)), self._arrival_s)
+                - self.late_s
+            )
         elif not self._frames or self.is_unsteady:
             line.best.popleft()
 
@@ -380,20 +418,20 @@ class SourceClock:
 UNIT_TOLERANCE = 1e-3
 """Largest difference from 1 of a unit quaternion's length; 32-bit floats leave it within 1e-6."""
 LATEST = 1e19
-"""Largest plausible stamp [s or frames]: one in nanoseconds since 1970 is 1.8e18, where floats are 256 apart; its unit
-is found by its rate."""
+"""Largest plausible stamp [s or frames]: one in nanoseconds since 1970 is 1.8e18, where floats are
+256 apart; its unit is found by its rate."""
 _AVERAGED = 50
 """Poses over which the latency is averaged."""
 
 
 ALONE_S = 1.0
-"""After this long without a pose of the known sender another one takes its place [s]: longer than a flight may use one
-pose, so that no flight goes over to it."""
+"""After this long without a pose of the known sender another one takes its place [s]: longer than a
+flight may use one pose, so that no flight goes over to it."""
 BOTH_S = 3.0
 """Two senders count while both sent poses within this time [s], as with two autopilots."""
 FEW_POSES = 2
-"""Largest number of poses of an address that may be one of many ports of one program [-]: some send each datagram from
-a new port."""
+"""Largest number of poses of an address that may be one of many ports of one program [-]: some send
+each datagram from a new port."""
 
 
 class PoseSenders:
@@ -410,7 +448,9 @@ class PoseSenders:
         """Whether poses of another address were used while the known sender was new."""
 
     def is_second(self, sender: Any, arrival_s: float) -> bool:
-        """Whether the pose that came from ``sender`` at ``arrival_s`` [s] is of a second one, and must not be used."""
+        """Whether the pose that came from ``sender`` at ``arrival_s`` [s] is of a second one, and
+        must not be used.
+        """
         if sender == self._known or arrival_s - self._known_s > ALONE_S:
             self._count = self._count + 1 if sender == self._known else 1
             self._known, self._known_s = sender, arrival_s
@@ -422,7 +462,9 @@ class PoseSenders:
         return False
 
     def take_mixed(self) -> bool:
-        """Return once whether poses of another address were used before the known sender was told from it."""
+        """Return once whether poses of another address were used before the known sender was told
+        from it.
+        """
         was_mixed = self._is_mixed and self._count > FEW_POSES
         if was_mixed:
             self._is_mixed = False
@@ -438,7 +480,10 @@ class PoseSenders:
 
 
 class Intake:
-    """Makes numbered poses of the measurements of one source; rejected ones are counted by reason."""
+    """Makes numbered poses of the measurements of one source.
+
+    Rejected ones are counted by reason.
+    """
 
     def __init__(
         self,
@@ -450,8 +495,9 @@ class Intake:
     ) -> None:
         """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
 
-        ``frames`` converts the source's axes to ours; None: they are ours. ``frame_s``: configured period of stamps
-        that number frames [s]; None for stamps in seconds. ``others`` are further bodies to look for.
+        ``frames`` converts the source's axes to ours; None: they are ours. ``frame_s``: configured
+        period of stamps that number frames [s]; None for stamps in seconds. ``others`` are further
+        bodies to look for.
         """
         self.accepted = 0
         """Poses made."""
@@ -499,7 +545,10 @@ class Intake:
         return None
 
     def choose(self, own: Sequence[T], missing: str = "no_such_body") -> T | None:
-        """Return the only body with the vehicle's name; None, which is counted, without one, or with several."""
+        """Return the only body with the vehicle's name.
+
+        None, which is counted, without one, or with several.
+        """
         if len(own) == 1:
             return own[0]
         self.drop("same_name" if own else missing)
@@ -518,8 +567,9 @@ class Intake:
     ) -> Pose | None:
         """Make a pose; return None if it is dropped and counted.
 
-        ``stamp`` is the source's, in seconds or frames; ``age_s`` is the age of the pose at that time [s], in addition
-        to the latency. ``position`` [m] and ``attitude`` are in the source's axes, ``velocity_ned`` is in ours.
+        ``stamp`` is the source's, in seconds or frames; ``age_s`` is the age of the pose at that
+        time [s], in addition to the latency. ``position`` [m] and ``attitude`` are in the source's
+        axes, ``velocity_ned`` is in ours.
         """
         x, y, z = position
         if not math.isfinite(x + y + z + sum(attitude) + stamp + age_s):
@@ -547,17 +597,27 @@ class Intake:
         if self._frames is not None:
             position, attitude = self._frames.ours(position, attitude)
         return Pose(
-            self.accepted - 1, time_s, arrival_s, position, attitude, velocity_ned, resets + 256 * clock.restarts
+            self.accepted - 1,
+            time_s,
+            arrival_s,
+            position,
+            attitude,
+            velocity_ned,
+            resets + 256 * clock.restarts,
         )
 
     def see_other(self, name: str, arrival_s: float, position: Vec3, *, age_s: float = 0.0) -> None:
-        """Note that a body was at ``position`` [m, the source's axes] if it is one of :attr:`others`.
+        """Note that a body was at ``position`` [m, the source's axes] if it is one of
+        :attr:`others`.
 
-        Its bytes arrived at ``arrival_s`` [s]; ``age_s``: see :meth:`pose`. Its stamp is not needed.
+        Its bytes arrived at ``arrival_s`` [s]; ``age_s``: see :meth:`pose`. Its stamp is not
+        needed.
         """
         if self.others is not None and name in self.others:
             place = position if self._frames is None else self._frames.place(position)
-            self.others.see(name, arrival_s - self.clock.late_s - self._base_latency_s - age_s, place)
+            self.others.see(
+                name, arrival_s - self.clock.late_s - self._base_latency_s - age_s, place
+            )
 
 
 class PoseReader:
@@ -577,14 +637,18 @@ class PoseReader:
         return self.intake.status
 
     def is_second(self, arrival_s: float) -> bool:
-        """Whether a pose of the vehicle that came at ``arrival_s`` [s] is of a second sender, which is counted."""
+        """Whether a pose of the vehicle that came at ``arrival_s`` [s] is of a second sender, which
+        is counted.
+        """
         is_second = self.intake.senders.is_second(self.sender, arrival_s)
         if is_second:
             self.intake.drop("second_sender")
         return is_second
 
     def read(self, data: bytes, arrival_s: float) -> Sequence[Pose]:
-        """Return the poses in ``data``, which arrived at ``arrival_s`` [s, our clock]: mostly one or none."""
+        """Return the poses in ``data``, which arrived at ``arrival_s`` [s, our clock]: mostly one
+        or none.
+        """
         pose = self.read_pose(data, arrival_s)
         return () if pose is None else (pose,)
 
@@ -594,7 +658,9 @@ class PoseReader:
 
 
 class ReaderSource:
-    """Base of the sources that give received bytes to a reader, and deliver its poses on the event loop."""
+    """Base of the sources that give received bytes to a reader, and deliver its poses on the event
+    loop.
+    """
 
     def __init__(self, reader: PoseReader) -> None:
         self._reader = reader
@@ -610,7 +676,9 @@ class ReaderSource:
 
     @property
     def other_objects(self) -> tuple[str, ...]:
-        """Names of the bodies that the source shows: they distinguish a misspelt name from a silent stream."""
+        """Names of the bodies that the source shows: they distinguish a misspelt name from a silent
+        stream.
+        """
         return self._reader.names
 
     def _begin(self, deliver: Callable[[Pose], None], now: Callable[[], float]) -> None:
@@ -625,15 +693,17 @@ class ReaderSource:
 
 
 BASE_S = 0.05
-"""Speed is measured over at least this time [s]: from pose to pose it would be mostly noise and jitter."""
+"""Speed is measured over at least this time [s]: from pose to pose it would be mostly noise and
+jitter."""
 TURN_DEG = 15.0
 """Turn of a pose by noise and jitter [deg], in addition to ``rate_deg_s``."""
 DOUBT = 0.25
-"""Factor on the allowed deviation after a jump, until a pose fits [-]: of many wild poses one may come near by chance,
-and would disturb the estimate. The allowance is never more than ``jump_m``: however old the last pose is, a place a
-little aside of it is not where the vehicle has flown."""
+"""Factor on the allowed deviation after a jump, until a pose fits [-]: of many wild poses one may
+come near by chance, and would disturb the estimate. The allowance is never more than ``jump_m``:
+however old the last pose is, a place a little aside of it is not where the vehicle has flown."""
 EXACT_TOLERANCE = 1e-6
-"""Largest difference from 1 of the squared length of an attitude that is not normalised [-], as of 32-bit floats."""
+"""Largest difference from 1 of the squared length of an attitude that is not normalised [-], as of
+32-bit floats."""
 MOVES_S = 5.0
 """Time within which moves of the source's origin are counted [s], as in the guard against them."""
 MANY_MOVES = 3
@@ -650,17 +720,18 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         msgspec.Meta(
             gt=0.0,
             le=10.0,
-            description="How far a pose may be from the prediction by the ones before [m], in addition to "
-            "`acceleration_m_s2`.",
+            description="How far a pose may be from the prediction by the ones before [m], in "
+            "addition to `acceleration_m_s2`.",
         ),
     ] = 0.15
     acceleration_m_s2: Annotated[
         float,
-        msgspec.Meta(gt=0.0, le=1000.0, description="Largest acceleration that is believed [m/s²]."),
+        msgspec.Meta(
+            gt=0.0, le=1000.0, description="Largest acceleration that is believed [m/s²]."
+        ),
     ] = 30.0
     speed_m_s: Annotated[
-        float,
-        msgspec.Meta(gt=0.0, le=100.0, description="Fastest speed that is believed [m/s]."),
+        float, msgspec.Meta(gt=0.0, le=100.0, description="Fastest speed that is believed [m/s].")
     ] = 20.0
     rate_deg_s: Annotated[
         float,
@@ -671,7 +742,8 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         msgspec.Meta(
             ge=10.0,
             le=180.0,
-            description="Largest angle between the vehicle's vertical and the world's [deg]; 180 allows all.",
+            description="Largest angle between the vehicle's vertical and the world's [deg]; 180 "
+            "allows all.",
         ),
     ] = 120.0
     frozen_s: Annotated[
@@ -679,7 +751,8 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         msgspec.Meta(
             gt=0.0,
             le=60.0,
-            description="A pose that has been the same to the last bit for this long is no longer measured [s].",
+            description="A pose that has been the same to the last bit for this long is no longer "
+            "measured [s].",
         ),
     ] = 0.1
     drop_frozen: Annotated[
@@ -694,7 +767,8 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         msgspec.Meta(
             ge=1.0,
             le=60.0,
-            description="A place that does not fit is believed after the poses have agreed on it for this long [s].",
+            description="A place that does not fit is believed after the poses have agreed on it "
+            "for this long [s].",
         ),
     ] = 1.5
 
@@ -704,7 +778,8 @@ class Gate:
 
     def __init__(self, config: GateConfig) -> None:
         self.dropped: Counter[str] = Counter()
-        """Counts by reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump, spin."""
+        """Counts by reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump,
+        spin."""
         self.excesses: dict[str, Excess] = {}
         """Value and limit of the newest drop by reason, where there is a limit."""
         self._config = config
@@ -729,7 +804,10 @@ class Gate:
         return len(self._moved_s)
 
     def filter_pose(self, pose: Pose) -> tuple[Pose | None, Sentence | None]:
-        """Return ``pose`` with a normalised attitude, or None if it is dropped; and a sentence for the operator."""
+        """Return ``pose`` with a normalised attitude, or None if it is dropped.
+
+        And a sentence for the operator.
+        """
         checked = self._check_alone(pose)
         if checked is None:
             return None, None
@@ -742,7 +820,8 @@ class Gate:
         why, excess = track.refuses(checked, after_jump=other is not None and other.why == "jump")
         if why == "out_of_order":
             return self.drop(why), None
-        # The older the last pose, the more fits it: so the pose belongs to the nearer of two tracks.
+        # The older the last pose, the more fits it: so the pose belongs to the nearer of two
+        # tracks.
         if (
             other is not None
             and not other.refuses(checked)[0]
@@ -751,7 +830,9 @@ class Gate:
             other.add(checked)
             if checked.time_s - other.first_s >= self._config.settle_s:
                 self._unannounced += 1
-                return self._move_track(checked, track.last, notice("pose.agreed", settle_s=self._config.settle_s))
+                return self._move_track(
+                    checked, track.last, notice("pose.agreed", settle_s=self._config.settle_s)
+                )
             return self.drop(why or other.why, excess), None
         if why:
             self._other = PoseTrack(checked, self._config, why)
@@ -761,7 +842,10 @@ class Gate:
         return self._add_moves(checked), None
 
     def _check_alone(self, pose: Pose) -> Pose | None:
-        """Return ``pose`` with a unit quaternion that continues the last one; None if it is implausible by itself."""
+        """Return ``pose`` with a unit quaternion that continues the last one.
+
+        None if it is implausible by itself.
+        """
         w, x, y, z = pose.attitude
         if not math.isfinite(sum(pose.position_ned) + w + x + y + z + pose.time_s):
             return self.drop("not_finite")
@@ -782,7 +866,9 @@ class Gate:
         if w * last[0] + x * last[1] + y * last[2] + z * last[3] < 0.0:
             w, x, y, z = -w, -x, -y, -z
         attitude: Quat = (w, x, y, z)
-        return pose if attitude == pose.attitude else msgspec.structs.replace(pose, attitude=attitude)
+        return (
+            pose if attitude == pose.attitude else msgspec.structs.replace(pose, attitude=attitude)
+        )
 
     def _is_frozen(self, pose: Pose) -> bool:
         raw, self._raw = self._raw, pose
@@ -792,7 +878,10 @@ class Gate:
         return self._config.drop_frozen and pose.time_s - self._since_s >= self._config.frozen_s
 
     def drop(self, why: str, excess: Excess | None = None) -> Pose | None:
-        """Count a pose that is dropped, with the value beyond a limit, and the limit; return None in its place."""
+        """Count a pose that is dropped, with the value beyond a limit, and the limit.
+
+        Return None in its place.
+        """
         self.dropped[why] += 1
         if excess is not None:
             self.excesses[why] = excess
@@ -801,11 +890,19 @@ class Gate:
     def _add_moves(self, pose: Pose) -> Pose:
         if not self._unannounced:
             return pose
-        return msgspec.structs.replace(pose, reset_count=pose.reset_count + self._unannounced * UNANNOUNCED)
+        return msgspec.structs.replace(
+            pose, reset_count=pose.reset_count + self._unannounced * UNANNOUNCED
+        )
 
     def _move_track(self, pose: Pose, last: Pose, why: Sentence) -> tuple[Pose, Sentence | None]:
-        """Begin a new track at ``pose``; of many moves in a row only the first ones are reported."""
-        turn, far = turned_deg(last.attitude, pose.attitude), math.dist(last.position_ned, pose.position_ned)
+        """Begin a new track at ``pose``.
+
+        Of many moves in a row only the first ones are reported.
+        """
+        turn, far = (
+            turned_deg(last.attitude, pose.attitude),
+            math.dist(last.position_ned, pose.position_ned),
+        )
         self._track, self._other = PoseTrack(pose, self._config), None
         self._moved_s.append(pose.arrival_s)
         moves, before = self.count_moves(pose.arrival_s), self._moves_again
@@ -836,25 +933,35 @@ class PoseTrack:
             self._anchor, self._next_anchor = self._next_anchor, pose
 
     def refuses(self, pose: Pose, *, after_jump: bool = False) -> tuple[str, Excess | None]:
-        """Return why ``pose`` can't be of the same vehicle, empty if it can, and which value is beyond which limit.
+        """Return why ``pose`` can't be of the same vehicle, empty if it can, and which value is
+        beyond which limit.
 
         ``after_jump``: the one before jumped.
         """
         config, elapsed = self._config, pose.time_s - self.last.time_s
         if elapsed <= 0.0:
             return "out_of_order", None
-        # Without a speed any may be meant; with one, it had ``elapsed`` and half the base to change.
+        # Without a speed any may be meant; with one, it had ``elapsed`` and half the base to
+        # change.
         base = self._base_s
-        allowed = 0.5 * config.acceleration_m_s2 * elapsed * (elapsed + base) if base else config.speed_m_s * elapsed
+        allowed = (
+            0.5 * config.acceleration_m_s2 * elapsed * (elapsed + base)
+            if base
+            else config.speed_m_s * elapsed
+        )
         limit = config.jump_m + allowed
         limit = min(DOUBT * limit, config.jump_m) if after_jump else limit
         away = self._away_m(pose)
         if away > limit:
             return "jump", (away, limit)
-        far, took_s = math.dist(pose.position_ned, self._anchor.position_ned), pose.time_s - self._anchor.time_s
+        far, took_s = (
+            math.dist(pose.position_ned, self._anchor.position_ned),
+            pose.time_s - self._anchor.time_s,
+        )
         if far > config.jump_m + config.speed_m_s * took_s:
             return "too_fast", ((far - config.jump_m) / took_s, config.speed_m_s)
-        # The floor levels a leaning vehicle at touchdown in less time than passes between two poses.
+        # The floor levels a leaning vehicle at touchdown in less time than passes between two
+        # poses.
         levels = max(_lean_deg(self.last.attitude) - _lean_deg(pose.attitude), 0.0)
         turn = turned_deg(self.last.attitude, pose.attitude) - levels
         limit = TURN_DEG + config.rate_deg_s * elapsed
@@ -876,7 +983,9 @@ class PoseTrack:
         base, last = self._base_s, self.last
         ahead = (pose.time_s - last.time_s) / base if base else 0.0
         (x, y, z), (a, b, c) = last.position_ned, self._anchor.position_ned
-        return math.dist(pose.position_ned, (x + ahead * (x - a), y + ahead * (y - b), z + ahead * (z - c)))
+        return math.dist(
+            pose.position_ned, (x + ahead * (x - a), y + ahead * (y - b), z + ahead * (z - c))
+        )
 
 
 def _lean_deg(attitude: Quat) -> float:
@@ -897,7 +1006,10 @@ QUIET_S = 2.0
 
 
 class Outbreaks:
-    """Finds news in the counters of a source, each reported once. Times are on the event loop's clock [s]."""
+    """Finds news in the counters of a source, each reported once.
+
+    Times are on the event loop's clock [s].
+    """
 
     def __init__(self, lost_s: float) -> None:
         """Poses count as lost after ``lost_s`` [s] without one."""
@@ -916,12 +1028,16 @@ class Outbreaks:
         before, self._status = self._status, status
         news = self._find_lateness(now_s, status.late_s)
         if status.unsteady_clock != before.unsteady_clock:
-            news.append(describe_unsteady_clock() if status.unsteady_clock else notice("pose.steady_clock"))
+            news.append(
+                describe_unsteady_clock() if status.unsteady_clock else notice("pose.steady_clock")
+            )
         for reason, count in status.dropped.items():
             if count == (known := before.dropped.get(reason, 0)):
                 continue
             if reason not in self._running:
-                self._running[reason] = Outbreak(known, now_s if self._looked_s is None else self._looked_s)
+                self._running[reason] = Outbreak(
+                    known, now_s if self._looked_s is None else self._looked_s
+                )
                 news.append(notice("pose.dropping", why=describe_drop(reason, status.excesses)))
             self._running[reason].newest_s = now_s
         self._looked_s = now_s
@@ -931,7 +1047,10 @@ class Outbreaks:
         for reason, outbreak in [*self._running.items()]:
             if now_s - outbreak.newest_s >= QUIET_S:
                 del self._running[reason]
-                count, lasted_s = status.dropped[reason] - outbreak.before, outbreak.newest_s - outbreak.begun_s
+                count, lasted_s = (
+                    status.dropped[reason] - outbreak.before,
+                    outbreak.newest_s - outbreak.begun_s,
+                )
                 news.append(notice("pose.passed", reason=reason, count=count, lasted_s=lasted_s))
         return news if newest is None else [*news, *self._find_loss(now_s, newest)]
 
@@ -954,7 +1073,9 @@ class Outbreaks:
         self._lost = lost
         if lost:
             return [notice("pose.lost", age_ms=1e3 * (now_s - newest.time_s))]
-        return [notice("pose.back", gap_s=newest.time_s - before.time_s if before is not None else 0.0)]
+        return [
+            notice("pose.back", gap_s=newest.time_s - before.time_s if before is not None else 0.0)
+        ]
 
 
 class Outbreak(msgspec.Struct):
@@ -978,7 +1099,9 @@ def describe_unsteady_clock() -> Sentence:
 
 
 def describe_drop(reason: str, excesses: Mapping[str, Excess] = MappingProxyType({})) -> Sentence:
-    """Describe the reason of dropped poses, with the newest value and its limit if ``excesses`` has them."""
+    """Describe the reason of dropped poses, with the newest value and its limit if ``excesses`` has
+    them.
+    """
     if reason in excesses:
         value, limit = excesses[reason]
         return notice(f"drop.{reason}.by", value=value, limit=limit)

@@ -3,11 +3,10 @@
     {"name": "quad", "t": 12.345, "frame": 617, "position": [1.0, 0.5, 1.2],
      "quaternion": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}, "valid": true}
 
-``name``, ``position`` [m] and ``quaternion`` (body to world; also [w, x, y, z]) are required. ``t`` is the
-sender's clock at the exposure of the image [s, from any zero], ``frame`` a running number; the first
-accepted pose decides which of them is used, ``t`` before ``frame``. ``valid`` false, or null for position or
-quaternion, means that the body is not seen.
-All of it: docs/how-to/extend.md.
+``name``, ``position`` [m] and ``quaternion`` (body to world; also [w, x, y, z]) are required. ``t``
+is the sender's clock at the exposure of the image [s, from any zero], ``frame`` a running number;
+the first accepted pose decides which of them is used, ``t`` before ``frame``. ``valid`` false, or
+null for position or quaternion, means that the body is not seen. All of it: docs/how-to/extend.md.
 """
 
 import json
@@ -42,21 +41,26 @@ class NamedQuaternion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     z: float
 
 
-class JsonPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+class JsonPose(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True
+):
     """One body at one instant, as on the wire."""
 
     name: _Name
     """Name of the body."""
     position: tuple[float, float, float] | msgspec.UnsetType | None = msgspec.UNSET
     """[m]; None if the body is not seen."""
-    quaternion: tuple[float, float, float, float] | NamedQuaternion | msgspec.UnsetType | None = msgspec.UNSET
+    quaternion: tuple[float, float, float, float] | NamedQuaternion | msgspec.UnsetType | None = (
+        msgspec.UNSET
+    )
     """w, x, y, z or by name; body to world. None if the body is not seen."""
     t: float | None = None
     """The sender's clock [s]."""
     frame: Annotated[int, msgspec.Meta(ge=0, lt=2**53)] | None = None
     """Running number."""
     valid: bool = True
-    """False if the body is not seen: position and quaternion are then ignored, and may be left out."""
+    """False if the body is not seen: position and quaternion are then ignored, and may be left
+    out."""
 
     def __post_init__(self) -> None:
         """Refuse a visible body without a position.
@@ -75,13 +79,17 @@ _ENCODER = msgspec.json.Encoder()
 
 
 def encode(poses: Iterable[JsonPose]) -> bytes:
-    """Return the datagram of one instant, for simulators and tests: an object for one body, else an array."""
+    """Return the datagram of one instant, for simulators and tests: an object for one body, else an
+    array.
+    """
     bodies = list(poses)
     return _ENCODER.encode(bodies[0] if len(bodies) == 1 else bodies)
 
 
 def decode(datagram: bytes) -> list[JsonPose] | str:
-    """Return the bodies in a datagram, or why it can't be read: oversized, not_json, wrong_schema."""
+    """Return the bodies in a datagram, or why it can't be read: oversized, not_json,
+    wrong_schema.
+    """
     if len(datagram) > MAX_DATAGRAM:
         return "oversized"
     try:
@@ -112,7 +120,10 @@ class JsonReader(PoseReader):
     """Reads the poses of one body."""
 
     def __init__(self, name: str, intake: Intake, frames: Intake) -> None:
-        """Look for the body ``name``; ``intake`` takes stamps in seconds, ``frames`` frame numbers."""
+        """Look for the body ``name``.
+
+        ``intake`` takes stamps in seconds, ``frames`` frame numbers.
+        """
         super().__init__(intake)
         self._name = name
         self._frames = frames
@@ -147,7 +158,9 @@ class JsonReader(PoseReader):
             return None
         if (attitude := _unit(body.quaternion)) is None:
             return intake.drop("not_unit")
-        kind = self._kind or ("t" if body.t is not None else "frame" if body.frame is not None else "arrival")
+        kind = self._kind or (
+            "t" if body.t is not None else "frame" if body.frame is not None else "arrival"
+        )
         stamp = {"t": body.t, "frame": body.frame, "arrival": arrival_s}[kind]
         if stamp is None:
             return intake.drop("no_stamp")
@@ -165,7 +178,9 @@ def _seen_place(body: JsonPose) -> Vec3 | None:
 
 
 def _unit(given: tuple[float, float, float, float] | NamedQuaternion) -> Quat | None:
-    w, x, y, z = (given.w, given.x, given.y, given.z) if isinstance(given, NamedQuaternion) else given
+    w, x, y, z = (
+        (given.w, given.x, given.y, given.z) if isinstance(given, NamedQuaternion) else given
+    )
     length = math.hypot(w, x, y, z)
     if not abs(length - 1.0) <= ROUNDING:
         return None

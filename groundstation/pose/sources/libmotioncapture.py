@@ -1,7 +1,9 @@
-"""Poses by libmotioncapture: VRPN, Vicon DataStream and its other back ends, from a child process that is watched.
+"""Poses by libmotioncapture: VRPN, Vicon DataStream and its other back ends, from a child process
+that is watched.
 
-Its calls never return without an answer of the server, and it gives no stamps: so it runs in a process of its own,
-which is restarted whenever it ends or falls silent, and each frame is stamped as the library hands it over.
+Its calls never return without an answer of the server, and it gives no stamps: so it runs in a
+process of its own, which is restarted whenever it ends or falls silent, and each frame is stamped
+as the library hands it over.
 """
 
 import asyncio
@@ -42,19 +44,20 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
             "up, and never flies a vehicle."
         ),
     ] = "vrpn"
-    hostname: Annotated[str, msgspec.Meta(min_length=1, description="Name or address of the tracking computer.")] = (
-        "127.0.0.1"
-    )
+    hostname: Annotated[
+        str, msgspec.Meta(min_length=1, description="Name or address of the tracking computer.")
+    ] = "127.0.0.1"
     options: Annotated[
         dict[str, str],
         msgspec.Meta(
-            description="Further parameters of the back end, by libmotioncapture's own names, such as "
-            "`frequency` of `mock`."
+            description="Further parameters of the back end, by libmotioncapture's own names, such "
+            "as `frequency` of `mock`."
         ),
     ] = msgspec.field(default_factory=dict)
-    name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME, description="Name of the vehicle's body.")] = (
-        "quad"
-    )
+    name: Annotated[
+        str,
+        msgspec.Meta(min_length=1, max_length=MAX_NAME, description="Name of the vehicle's body."),
+    ] = "quad"
     world: LabAxes = "nwu"
     body: BodyAxes = "flu"
     alignment: LabAlignment = Alignment()
@@ -70,7 +73,10 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
 
     @property
     def real(self) -> str | None:
-        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        """The key by which real poses may come, and its value.
+
+        None where all stays on this machine.
+        """
         made_up = self.backend == "mock"
         return None if made_up or is_loopback(self.hostname) else f"hostname = {self.hostname}"
 
@@ -92,7 +98,9 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
 
 
 class LibmotioncaptureSource(ReaderSource):
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`; a child that ends is started again.
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`.
+
+    A child that ends is started again.
 
     Reason for drops beside those of JSON: child_lost.
     """
@@ -120,7 +128,9 @@ class LibmotioncaptureSource(ReaderSource):
         if not await self._open():
             await self._end()
             config = self._config
-            raise SourceError(notice("libmotioncapture.silent", backend=config.backend, hostname=config.hostname))
+            raise SourceError(
+                notice("libmotioncapture.silent", backend=config.backend, hostname=config.hostname)
+            )
         self._task = asyncio.create_task(self._stay())
 
     async def close(self) -> None:
@@ -159,7 +169,9 @@ class LibmotioncaptureSource(ReaderSource):
             await child.wait()
 
     async def _stay(self) -> None:
-        """Deliver the poses that the child sends, and start it again if it falls silent, until cancelled."""
+        """Deliver the poses that the child sends, and start it again if it falls silent, until
+        cancelled.
+        """
         while True:
             while line := await self._line(SILENT_S):
                 self._take(line.strip())

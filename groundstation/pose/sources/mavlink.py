@@ -1,7 +1,9 @@
-"""MAVLink pose sources: the autopilot's own estimate, and the messages of a motion-capture bridge to autopilots.
+"""MAVLink pose sources: the autopilot's own estimate, and the messages of a motion-capture bridge
+to autopilots.
 
-The estimate comes over the connection of the MAVLink link. A bridge's VISION_POSITION_ESTIMATE comes to a socket of its
-own: the link's connection receives one autopilot only, and an autopilot does not forward these.
+The estimate comes over the connection of the MAVLink link. A bridge's VISION_POSITION_ESTIMATE
+comes to a socket of its own: the link's connection receives one autopilot only, and an autopilot
+does not forward these.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,7 +21,9 @@ from links.mavlink.protocol import Message, Trip
 
 
 class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
-    """The autopilot's estimate: ODOMETRY from PX4, LOCAL_POSITION_NED and ATTITUDE_QUATERNION from ArduPilot."""
+    """The autopilot's estimate: ODOMETRY from PX4, LOCAL_POSITION_NED and ATTITUDE_QUATERNION from
+    ArduPilot.
+    """
 
     by_autopilot: ClassVar[bool] = True
     shares_link: ClassVar[bool] = True
@@ -29,7 +33,8 @@ class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
         msgspec.Meta(
             ge=0.0,
             le=1.0,
-            description="Time from the instant that the autopilot stamps to the earliest arrival here [s].",
+            description="Time from the instant that the autopilot stamps to the earliest arrival "
+            "here [s].",
         ),
     ] = 0.01
     rate_hz: Annotated[
@@ -37,13 +42,16 @@ class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
         msgspec.Meta(
             ge=1.0,
             le=1000.0,
-            description="Rate of poses to request [1/s]. PX4's estimator gives up to 124, ArduPilot's up to 250.",
+            description="Rate of poses to request [1/s]. PX4's estimator gives up to 124, "
+            "ArduPilot's up to 250.",
         ),
     ] = 100.0
 
 
 class MavlinkPoseSource:
-    """Implements :class:`groundstation.core.messages.pose.PoseSource` on the connection of a link."""
+    """Implements :class:`groundstation.core.messages.pose.PoseSource` on the connection of a
+    link.
+    """
 
     def __init__(self, config: MavlinkPoseConfig, link: MavlinkLink) -> None:
         self._config = config
@@ -92,35 +100,51 @@ class MavlinkPoseSource:
 
 
 class VisionConfig(AtAddress, frozen=True, kw_only=True, tag="vision"):
-    """MAVLink VISION_POSITION_ESTIMATE over UDP, as sent by bridges from motion capture to autopilots."""
+    """MAVLink VISION_POSITION_ESTIMATE over UDP, as sent by bridges from motion capture to
+    autopilots.
+    """
 
     shares_link: ClassVar[bool] = True
     stamp_field: ClassVar[str] = "usec"
     stamp_unit_s: ClassVar[float] = 1e-6
-    listen: Annotated[str, msgspec.Meta(description="Address that the bridge sends to, host:port of this machine.")] = (
-        "127.0.0.1:14551"
-    )
+    listen: Annotated[
+        str,
+        msgspec.Meta(description="Address that the bridge sends to, host:port of this machine."),
+    ] = "127.0.0.1:14551"
     system_id: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=255)] | None,
-        msgspec.Meta(description="MAVLink system of the bridge; without it, any sender of such messages is accepted."),
+        msgspec.Meta(
+            description="MAVLink system of the bridge; without it, any sender of such messages is "
+            "accepted."
+        ),
     ] = None
     component_id: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=255)] | None,
-        msgspec.Meta(description="MAVLink component of the bridge; without it, any of that system."),
+        msgspec.Meta(
+            description="MAVLink component of the bridge; without it, any of that system."
+        ),
     ] = None
     world: Annotated[
-        World, msgspec.Meta(description="Axes of position and angles; by the message's definition `ned`.")
+        World,
+        msgspec.Meta(description="Axes of position and angles; by the message's definition `ned`."),
     ] = "ned"
-    body: Annotated[Body, msgspec.Meta(description="Axes of the body; by the message's definition `frd`.")] = "frd"
+    body: Annotated[
+        Body, msgspec.Meta(description="Axes of the body; by the message's definition `frd`.")
+    ] = "frd"
     alignment: LabAlignment = Alignment()
     latency_s: Annotated[
         float,
         msgspec.Meta(
-            ge=0.0, le=1.0, description="Shortest time from the instant that the bridge stamps to the arrival here [s]."
+            ge=0.0,
+            le=1.0,
+            description="Shortest time from the instant that the bridge stamps to the arrival "
+            "here [s].",
         ),
     ] = 0.02
 
     def build(self, others: Others | None = None) -> DatagramSource:
         """Make the source; it shows no ``others``."""
         intake = Intake(self.latency_s, frames_of(self))
-        return DatagramSource("MAVLink poses", self.listen, VisionReader(intake, self.system_id, self.component_id))
+        return DatagramSource(
+            "MAVLink poses", self.listen, VisionReader(intake, self.system_id, self.component_id)
+        )

@@ -1,13 +1,15 @@
-"""MAVLink pose messages: an autopilot's estimate in its own numbers, and a motion-capture bridge's. Sans-IO.
+"""MAVLink pose messages: an autopilot's estimate in its own numbers, and a motion-capture bridge's.
 
-PX4 sends ODOMETRY. ArduPilot has none: there each LOCAL_POSITION_NED is joined with the newest ATTITUDE_QUATERNION,
-which is propagated by its own body rates if its stamp (time_boot_ms) differs. On ArduCopter 4.8 at 100 Hz
-the stamps are always the same, and the pose is exact.
+Sans-IO.
 
-Bridges send VISION_POSITION_ESTIMATE (MAVLink 102), which has no frame field: by its definition x, y, z and roll,
-pitch, yaw are NED and FRD; bridges that send other axes exist, and the config then names them. One datagram may hold
-several frames, of several senders.
-Source: message definitions of pymavlink 2.4.50; frames and stamps as sent by PX4 1.16-alpha and ArduCopter 4.8-dev.
+PX4 sends ODOMETRY. ArduPilot has none: there each LOCAL_POSITION_NED is joined with the newest
+ATTITUDE_QUATERNION, which is propagated by its own body rates if its stamp (time_boot_ms) differs.
+On ArduCopter 4.8 at 100 Hz the stamps are always the same, and the pose is exact.
+
+Bridges send VISION_POSITION_ESTIMATE (MAVLink 102), which has no frame field: by its definition x,
+y, z and roll, pitch, yaw are NED and FRD; bridges that send other axes exist, and the config then
+names them. One datagram may hold several frames, of several senders. Source: message definitions of
+pymavlink 2.4.50; frames and stamps as sent by PX4 1.16-alpha and ArduCopter 4.8-dev.
 """
 
 import math
@@ -33,15 +35,19 @@ class PoseDecoder(ABC):
     def __init__(self, latency_s: float, *, recorded: bool = False) -> None:
         """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
 
-        ``recorded``: clocks are not exchanged, and a simulated autopilot may have run at another pace than real time.
-        So the rate of its stamps is measured, as that of numbered frames.
+        ``recorded``: clocks are not exchanged, and a simulated autopilot may have run at another
+        pace than real time. So the rate of its stamps is measured, as that of numbered frames.
         """
         self.intake = Intake(latency_s, frame_s=1.0 if recorded else None)
-        """Intake of the poses; reasons for drops beside its own: wrong_frame, failed, no_attitude."""
+        """Intake of the poses; reasons for drops beside its own: wrong_frame, failed,
+        no_attitude."""
 
     @abstractmethod
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
-        """Return the pose that ``message`` completes; it arrived at ``arrival_s`` [s, our clock]."""
+        """Return the pose that ``message`` completes.
+
+        It arrived at ``arrival_s`` [s, our clock].
+        """
 
 
 class OdometryDecoder(PoseDecoder):
@@ -66,7 +72,12 @@ class OdometryDecoder(PoseDecoder):
                 return self.intake.drop("wrong_frame")
         position = (message.x, message.y, message.z)
         return self.intake.pose(
-            message.time_usec * 1e-6, arrival_s, position, (w, x, y, z), velocity, resets=message.reset_counter
+            message.time_usec * 1e-6,
+            arrival_s,
+            position,
+            (w, x, y, z),
+            velocity,
+            resets=message.reset_counter,
         )
 
 
@@ -78,23 +89,31 @@ class LocalPositionDecoder(PoseDecoder):
     _attitude: Message | None = None
 
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
-        """Return the pose that ``message`` completes: one for each LOCAL_POSITION_NED with an attitude near it."""
+        """Return the pose that ``message`` completes: one for each LOCAL_POSITION_NED with an
+        attitude near it.
+        """
         name = message.get_type()
         if name == "ATTITUDE_QUATERNION":
             self._attitude = message
         if name != "LOCAL_POSITION_NED":
             return None
         turned = self._attitude
-        apart_s = (message.time_boot_ms - turned.time_boot_ms) * 1e-3 if turned is not None else math.inf
+        apart_s = (
+            (message.time_boot_ms - turned.time_boot_ms) * 1e-3 if turned is not None else math.inf
+        )
         if turned is None or abs(apart_s) > OLDEST_ATTITUDE_S:
             return self.intake.drop("no_attitude")
         attitude: Quat = (turned.q1, turned.q2, turned.q3, turned.q4)
         rates = (turned.rollspeed, turned.pitchspeed, turned.yawspeed)
         if apart_s and math.isfinite(sum(rates) + sum(attitude)) and any(attitude):
-            attitude = so3.rotate(attitude, (apart_s * rates[0], apart_s * rates[1], apart_s * rates[2]))
+            attitude = so3.rotate(
+                attitude, (apart_s * rates[0], apart_s * rates[1], apart_s * rates[2])
+            )
         position = (message.x, message.y, message.z)
         velocity = (message.vx, message.vy, message.vz)
-        return self.intake.pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity)
+        return self.intake.pose(
+            message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity
+        )
 
 
 POSE_MESSAGES = frozenset((*OdometryDecoder.messages, *LocalPositionDecoder.messages))
@@ -134,10 +153,13 @@ def encode_vision(codec: MavlinkCodec, vision: VisionEstimate, resets: int = 0) 
 class VisionReader(PoseReader):
     """Reads VISION_POSITION_ESTIMATE; each sender's bytes are one stream.
 
-    Reasons for drops beside those of codec and intake: other_message, other_system, other_component.
+    Reasons for drops beside those of codec and intake: other_message, other_system,
+    other_component.
     """
 
-    def __init__(self, intake: Intake, system_id: int | None = None, component_id: int | None = None) -> None:
+    def __init__(
+        self, intake: Intake, system_id: int | None = None, component_id: int | None = None
+    ) -> None:
         """Read the messages of that MAVLink system and component; None: of any."""
         super().__init__(intake)
         self._codec = MavlinkCodec(255, 190)

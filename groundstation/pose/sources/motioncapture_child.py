@@ -1,7 +1,9 @@
-"""Child of the libmotioncapture source: the library's calls block, may hang for ever, and hold the interpreter.
+"""Child of the libmotioncapture source: the library's calls block, may hang for ever, and hold the
+interpreter.
 
-A line a frame on standard output, the JSON of a home-made tracker (json_codec.py): the wanted bodies first, each
-stamped with this machine's monotonic clock as the library gave the frame. The first line is empty: connected.
+A line a frame on standard output, the JSON of a home-made tracker (json_codec.py): the wanted
+bodies first, each stamped with this machine's monotonic clock as the library gave the frame. The
+first line is empty: connected.
 """
 
 import importlib
@@ -19,7 +21,10 @@ from groundstation.runtime import Exit
 
 
 def describe_body(body: Any) -> dict[str, Any]:
-    """Pose of one body of the library, for JSON; not ``valid`` where it is no number: it is not seen."""
+    """Pose of one body of the library, for JSON.
+
+    Not ``valid`` where it is no number: it is not seen.
+    """
     q = body.rotation
     place = [float(part) for part in body.position]
     turn = [float(part) for part in (q.w, q.x, q.y, q.z)]
@@ -29,12 +34,18 @@ def describe_body(body: Any) -> dict[str, Any]:
 
 
 def main() -> Exit:
-    """``PARENT_PID BACKEND OPTIONS NAMES``: the last two as JSON, an object of texts and an array of names."""
+    """``PARENT_PID BACKEND OPTIONS NAMES``: the last two as JSON, an object of texts and an array
+    of names.
+    """
     parent, backend, options, names = sys.argv[1:]
-    if not follow_parent(int(parent), signal.SIGKILL):  # nothing else ends a call of the library that hangs
+    if not follow_parent(
+        int(parent), signal.SIGKILL
+    ):  # nothing else ends a call of the library that hangs
         return Exit.FAILED
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # the library itself prints on standard output
+    os.dup2(
+        sys.stderr.fileno(), sys.stdout.fileno()
+    )  # the library itself prints on standard output
     motioncapture: Any = importlib.import_module("motioncapture")  # no stubs come along
     wanted = {name: rank for rank, name in enumerate(json.loads(names))}
     tracker = motioncapture.connect(backend, json.loads(options))
@@ -44,7 +55,9 @@ def main() -> Exit:
         tracker.waitForNextFrame()
         now_s = time.monotonic()
         bodies: list[dict[str, Any]] = []
-        for name, body in sorted(tracker.rigidBodies.items(), key=lambda one: wanted.get(one[0], len(wanted))):
+        for name, body in sorted(
+            tracker.rigidBodies.items(), key=lambda one: wanted.get(one[0], len(wanted))
+        ):
             if len(name) <= MAX_NAME and len(bodies) < MAX_BODIES:
                 bodies.append({"name": name, "t": now_s, **describe_body(body)})
         line = json.dumps(bodies).encode()

@@ -1,4 +1,6 @@
-"""Poses from OptiTrack: requests the stream of Motive's NatNet server (natnet_codec.py has the bytes)."""
+"""Poses from OptiTrack: requests the stream of Motive's NatNet server (natnet_codec.py has the
+bytes).
+"""
 
 import asyncio
 import ipaddress
@@ -19,7 +21,9 @@ BEAT_S = 0.5
 
 
 class NatNetConfig(AtAddress, frozen=True, kw_only=True, tag="natnet"):
-    """OptiTrack's NatNet 3.0 to 4.x, straight from Motive; its exposure stamps give the age of each pose."""
+    """OptiTrack's NatNet 3.0 to 4.x, straight from Motive. Its exposure stamps give the age of each
+    pose.
+    """
 
     shows_others: ClassVar[bool] = True
     body_key: ClassVar[str] = "name"
@@ -27,29 +31,45 @@ class NatNetConfig(AtAddress, frozen=True, kw_only=True, tag="natnet"):
     latency_key: ClassVar[str] = "network_s"
     stamp_field: ClassVar[str] = "Motive's transmit time, by the clock frequency that it reports,"
     name: Annotated[
-        str, msgspec.Meta(min_length=1, max_length=256, description="Name of the vehicle's rigid body in Motive.")
+        str,
+        msgspec.Meta(
+            min_length=1, max_length=256, description="Name of the vehicle's rigid body in Motive."
+        ),
     ] = "quad"
     id: Annotated[
-        int | None, msgspec.Meta(description="Its streaming id; without it the server is asked for the name.")
+        int | None,
+        msgspec.Meta(description="Its streaming id; without it the server is asked for the name."),
     ] = None
-    server: Annotated[str, msgspec.Meta(description="Command address of the machine that runs Motive, IPv4:port.")] = (
-        "127.0.0.1:1510"
-    )
-    interface: Annotated[str, msgspec.Meta(description="This machine's own IPv4 address in that network.")] = (
-        "127.0.0.1"
-    )
+    server: Annotated[
+        str, msgspec.Meta(description="Command address of the machine that runs Motive, IPv4:port.")
+    ] = "127.0.0.1:1510"
+    interface: Annotated[
+        str, msgspec.Meta(description="This machine's own IPv4 address in that network.")
+    ] = "127.0.0.1"
     multicast: Annotated[
-        bool, msgspec.Meta(description="Whether Motive is set to transmit by multicast; else it sends to us alone.")
+        bool,
+        msgspec.Meta(
+            description="Whether Motive is set to transmit by multicast; else it sends to us alone."
+        ),
     ] = False
-    group: Annotated[str, msgspec.Meta(description="Multicast group, where `multicast` is set.")] = "239.255.42.99"
-    data_port: Annotated[int, msgspec.Meta(ge=1, le=65535, description="UDP port of the multicast stream.")] = 1511
+    group: Annotated[
+        str, msgspec.Meta(description="Multicast group, where `multicast` is set.")
+    ] = "239.255.42.99"
+    data_port: Annotated[
+        int, msgspec.Meta(ge=1, le=65535, description="UDP port of the multicast stream.")
+    ] = 1511
     world: Annotated[
-        World, msgspec.Meta(description="Axes of the lab frame: `nue` for Motive's up axis Y, `nwu` for its up axis Z.")
+        World,
+        msgspec.Meta(
+            description="Axes of the lab frame: `nue` for Motive's up axis Y, `nwu` for its up "
+            "axis Z."
+        ),
     ] = "nue"
     body: Annotated[
         Body,
         msgspec.Meta(
-            description="Axes of the rigid body, made with its nose along x: `fur` where up is Y, `flu` where up is Z."
+            description="Axes of the rigid body, made with its nose along x: `fur` where up is Y, "
+            "`flu` where up is Z."
         ),
     ] = "fur"
     alignment: LabAlignment = Alignment()
@@ -58,7 +78,8 @@ class NatNetConfig(AtAddress, frozen=True, kw_only=True, tag="natnet"):
         msgspec.Meta(
             ge=0.0,
             le=0.1,
-            description="Shortest network time of a frame [s]; Motive itself reports its age at transmission.",
+            description="Shortest network time of a frame [s]; Motive itself reports its age at "
+            "transmission.",
         ),
     ] = 0.0003
 
@@ -86,7 +107,10 @@ class NatNetConfig(AtAddress, frozen=True, kw_only=True, tag="natnet"):
 
     @property
     def real(self) -> str | None:
-        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        """The key by which real poses may come, and its value.
+
+        None where all stays on this machine.
+        """
         here = None if is_loopback(self.interface) else f"interface = {self.interface}"
         return super().real or here
 
@@ -96,7 +120,8 @@ class NatNetConfig(AtAddress, frozen=True, kw_only=True, tag="natnet"):
 
 
 class NatNetSource(ReaderSource, asyncio.DatagramProtocol):
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`: a socket for commands and one for multicast.
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`: a socket for commands and
+    one for multicast.
 
     A unicast server streams to the socket that its client's commands come from.
     """
@@ -105,7 +130,9 @@ class NatNetSource(ReaderSource, asyncio.DatagramProtocol):
 
     def __init__(self, config: NatNetConfig, others: Others | None = None) -> None:
         intake = Intake(config.network_s, frames_of(config), others=others)
-        super().__init__(NatNetReader(config.name, intake, body_id=config.id, keep_alive=not config.multicast))
+        super().__init__(
+            NatNetReader(config.name, intake, body_id=config.id, keep_alive=not config.multicast)
+        )
         self._config = config
         self._server = parse_address(config.server)
         self._command: asyncio.DatagramTransport | None = None
@@ -120,9 +147,12 @@ class NatNetSource(ReaderSource, asyncio.DatagramProtocol):
         try:
             self._command, _ = await NETWORK.get().open_datagram(lambda: self, local)
             if config.multicast:
-                # A group is received by sockets bound to its address; others on this machine may listen as well.
+                # A group is received by sockets bound to its address; others on this machine may
+                # listen as well.
                 local = (config.group, config.data_port)
-                self._data, _ = await NETWORK.get().open_datagram(lambda: self, local, reuse_port=True)
+                self._data, _ = await NETWORK.get().open_datagram(
+                    lambda: self, local, reuse_port=True
+                )
                 join(self._data, config.group, config.interface)
         except OSError as error:
             await self.close()

@@ -1,29 +1,36 @@
-"""NatNet 3.0 to 4.x, as OptiTrack's Motive streams rigid bodies: messages both ways. Sans-IO; little-endian, packed.
+"""NatNet 3.0 to 4.x, as OptiTrack's Motive streams rigid bodies: messages both ways.
+
+Sans-IO; little-endian, packed.
 
     u16 message id, u16 bytes of payload, payload
 
-    SERVERINFO     char[256] name | u8[4] its version | u8[4] NatNet version | u64 clock frequency | u16 data port |
+    SERVERINFO     char[256] name | u8[4] its version | u8[4] NatNet version | u64 clock frequency |
+                   u16 data port |
                    u8 multicast | u8[4] group
-    FRAMEOFDATA    u32 frame, then sections, each u32 n, [4.1: u32 bytes], n elements: marker sets, unlabelled markers,
-                   rigid bodies, skeletons, [4.1: assets], labelled markers, force plates, devices; then the suffix:
-                   u32 timecode, u32 sub-frame | f64 time | u64 mid-exposure, data received, transmit (ticks) |
-                   [4.1: u32 s, u32 fraction] | u16 flags (bit 0 Motive records, bit 1 the list of models changed,
-                   bit 2 edit mode or playback, bit 3 the version of the bit stream changed)
-    rigid body     i32 id | f32[3] position [m] | f32[4] quaternion x, y, z, w | f32 error | u16 flags (bit 0: tracked)
+    FRAMEOFDATA    u32 frame, then sections, each u32 n, [4.1: u32 bytes], n elements: marker sets,
+                   unlabelled markers,
+                   rigid bodies, skeletons, [4.1: assets], labelled markers, force plates, devices;
+                   then the suffix: u32 timecode, u32 sub-frame | f64 time | u64 mid-exposure, data
+                   received, transmit (ticks) | [4.1: u32 s, u32 fraction] | u16 flags (bit 0 Motive
+                   records, bit 1 the list of models changed, bit 2 edit mode or playback, bit 3 the
+                   version of the bit stream changed)
+    rigid body     i32 id | f32[3] position [m] | f32[4] quaternion x, y, z, w | f32 error | u16
+                   flags (bit 0: tracked)
     MODELDEF       the names and streaming ids of rigid bodies, which are nowhere else:
                    u32 n, then n × (u32 type, [4.1: u32 bytes], description)
       0: marker set  text name | u32 n, n × text
-      1: rigid body  text name | i32 id | i32 parent | f32[3] offset | [4.2: f32[4] quaternion] | u32 n, n × f32[3],
-                     n × u32, [4.0: n × text]
+      1: rigid body  text name | i32 id | i32 parent | f32[3] offset | [4.2: f32[4] quaternion] |
+                     u32 n, n × f32[3], n × u32, [4.0: n × text]
       2: skeleton    text name | i32 id | u32 n, n × rigid body
 
-The ticks of mid-exposure and transmission give the age of a pose at its transmission: only the network time is unknown.
+The ticks of mid-exposure and transmission give the age of a pose at its transmission: only the
+network time is unknown.
 
-The bytes of a section or of a description do not count themselves: unknown contents are skipped by them.
-Public readers agree on bits 0 and 1. Of the later two one sample calls bit 2 the changed bit stream, and has no mask
-for edit mode that could work: so no frame with bit 2 set is used, and after either the server is asked anew.
-Source: public readers (libmotioncapture a91e8360, natnet 0.3.0, new-natnet-client 5.0.1, the NatNet SDK's sample),
-read for the layout only.
+The bytes of a section or of a description do not count themselves: unknown contents are skipped by
+them. Public readers agree on bits 0 and 1. Of the later two one sample calls bit 2 the changed bit
+stream, and has no mask for edit mode that could work: so no frame with bit 2 set is used, and after
+either the server is asked anew. Source: public readers (libmotioncapture a91e8360, natnet 0.3.0,
+new-natnet-client 5.0.1, the NatNet SDK's sample), read for the layout only.
 """
 
 import struct
@@ -66,7 +73,9 @@ class Payload:
         return int(self.take(U32)[0])
 
     def section(self, sized: bool, element: Callable[["Payload"], Any]) -> None:
-        """Skip the next section: by its bytes if it is ``sized``, else by ``element``, which skips one."""
+        """Skip the next section: by its bytes if it is ``sized``, else by ``element``, which skips
+        one.
+        """
         count = self.count()
         if sized:
             self.skip(self.count())
@@ -202,14 +211,17 @@ def decode_server_info(payload: bytes) -> ServerInfo:
     """Read the payload of SERVERINFO.
 
     Raises:
-        UnreadableNatNet: truncated; wrong_version (older than 3.0); absurd (a clock that does not tick).
+        UnreadableNatNet: truncated; wrong_version (older than 3.0); absurd (a clock that does not
+            tick).
     """
     name, _, (major, minor, *_), ticks, port, multicast, group = Payload(payload).take(_SERVER)
     if (major, minor) < OLDEST:
         raise UnreadableNatNet("wrong_version")
     if ticks == 0:
         raise UnreadableNatNet("absurd")
-    return ServerInfo(text_of(name), (major, minor), ticks, port, bool(multicast), ".".join(map(str, group)))
+    return ServerInfo(
+        text_of(name), (major, minor), ticks, port, bool(multicast), ".".join(map(str, group))
+    )
 
 
 def encode_server_info(info: ServerInfo) -> bytes:
@@ -218,7 +230,15 @@ def encode_server_info(info: ServerInfo) -> bytes:
     group = bytes(map(int, info.group.split(".")))
     return message(
         NatNetMessage.SERVERINFO,
-        _SERVER.pack(info.name.encode(), version, version, info.ticks_per_s, info.data_port, info.multicast, group),
+        _SERVER.pack(
+            info.name.encode(),
+            version,
+            version,
+            info.ticks_per_s,
+            info.data_port,
+            info.multicast,
+            group,
+        ),
     )
 
 
@@ -248,7 +268,8 @@ def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
         walk.take(_PRECISION)
     (flags,) = walk.take(_FLAGS)
     changed, edited, bitstream = (
-        bool(flags & bit) for bit in (SuffixFlag.MODELS_CHANGED, SuffixFlag.EDITED, SuffixFlag.BITSTREAM_CHANGED)
+        bool(flags & bit)
+        for bit in (SuffixFlag.MODELS_CHANGED, SuffixFlag.EDITED, SuffixFlag.BITSTREAM_CHANGED)
     )
     return NatNetFrame(number, bodies, exposure, transmit, changed, not edited, bitstream)
 
@@ -284,7 +305,8 @@ def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_
         return U32.pack(len(parts)) + (U32.pack(len(data)) if sized else b"") + data
 
     bodies = (
-        _BODY.pack(b.id, *b.position, *b.quaternion_xyzw, b.error_m, TRACKED if b.tracked else 0) for b in frame.bodies
+        _BODY.pack(b.id, *b.position, *b.quaternion_xyzw, b.error_m, TRACKED if b.tracked else 0)
+        for b in frame.bodies
     )
     ticks = frame.exposure_ticks
     payload = [
@@ -356,11 +378,19 @@ def _body_description(walk: Payload, version: Version) -> tuple[str, int]:
 
 
 def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
-    """Return the message MODELDEF with rigid bodies that have no markers, for simulators and tests."""
+    """Return the message MODELDEF with rigid bodies that have no markers, for simulators and
+    tests.
+    """
     parts = [U32.pack(len(bodies))]
     for name, number in bodies.items():
         turn = bytes(_QUATERNION.size) if version >= TURNED else b""
-        body = name.encode() + b"\0" + _BODY_DESCRIPTION.pack(number, -1, 0.0, 0.0, 0.0) + turn + U32.pack(0)
+        body = (
+            name.encode()
+            + b"\0"
+            + _BODY_DESCRIPTION.pack(number, -1, 0.0, 0.0, 0.0)
+            + turn
+            + U32.pack(0)
+        )
         parts += [U32.pack(1), U32.pack(len(body)) if version >= SIZED else b"", body]
     return message(NatNetMessage.MODELDEF, b"".join(parts))
 
@@ -374,16 +404,22 @@ OLDEST_S = 1.0
 
 
 class NatNetReader(PoseReader):
-    """Keeps the stream of a NatNet server alive, and reads the poses of one body; :meth:`due` gives what to send.
+    """Keeps the stream of a NatNet server alive, and reads the poses of one body.
 
-    Reasons for drops beside the intake's: truncated, wrong_version, wrong_layout, unknown_message, no_server_info,
-    no_such_body, same_name, not_tracked, not_live, no_exposure_stamp, other_address.
+    :meth:`due` gives what to send.
+
+    Reasons for drops beside the intake's: truncated, wrong_version, wrong_layout, unknown_message,
+    no_server_info, no_such_body, same_name, not_tracked, not_live, no_exposure_stamp,
+    other_address.
     """
 
-    def __init__(self, name: str, intake: Intake, *, body_id: int | None = None, keep_alive: bool = True) -> None:
+    def __init__(
+        self, name: str, intake: Intake, *, body_id: int | None = None, keep_alive: bool = True
+    ) -> None:
         """Look for the rigid body ``name``, or for the one with streaming id ``body_id``.
 
-        ``keep_alive``: a unicast server streams only to clients that send a keep-alive every second.
+        ``keep_alive``: a unicast server streams only to clients that send a keep-alive every
+            second.
         """
         super().__init__(intake)
         self.server: ServerInfo | None = None
@@ -414,7 +450,8 @@ class NatNetReader(PoseReader):
         return messages
 
     def take_from_other(self, datagram: bytes, address: str, port: int) -> None:
-        """Count a datagram from another ``address`` than the server's, which has the command ``port``.
+        """Count a datagram from another ``address`` than the server's, which has the command
+        ``port``.
 
         While the server itself is silent, or answers and streams nothing, what it should have sent
         may have come from a second address of its own.
@@ -422,10 +459,16 @@ class NatNetReader(PoseReader):
         self.intake.drop("other_address")
         with suppress(UnreadableNatNet):
             number = split(datagram)[0]
-            missed = self._frameless_beats if number == NatNetMessage.FRAMEOFDATA else self._silent_beats
+            missed = (
+                self._frameless_beats if number == NatNetMessage.FRAMEOFDATA else self._silent_beats
+            )
             if self.server is not None and missed <= ANSWER_BEATS:
                 return
-            if number in (NatNetMessage.SERVERINFO, NatNetMessage.MODELDEF, NatNetMessage.FRAMEOFDATA):
+            if number in (
+                NatNetMessage.SERVERINFO,
+                NatNetMessage.MODELDEF,
+                NatNetMessage.FRAMEOFDATA,
+            ):
                 self.intake.advice = notice("pose.other_server", address=address, port=port).text
 
     def read_pose(self, data: bytes, arrival_s: float) -> Pose | None:
@@ -464,8 +507,12 @@ class NatNetReader(PoseReader):
         others = self.intake.others
         if others is not None:
             own = self._ids[:1]
-            self._others = {number: name for name, number in models if name in others and number not in own}
-        self._ask_names = not self._ids or (others is not None and len(self._others) < len(others.names))
+            self._others = {
+                number: name for name, number in models if name in others and number not in own
+            }
+        self._ask_names = not self._ids or (
+            others is not None and len(self._others) < len(others.names)
+        )
 
     def _pose(self, frame: NatNetFrame, ticks_per_s: int, arrival_s: float) -> Pose | None:
         age_s = (frame.transmit_ticks - frame.exposure_ticks) / ticks_per_s
@@ -491,4 +538,6 @@ class NatNetReader(PoseReader):
         if not is_plausible:
             return self.intake.drop("absurd")
         x, y, z, w = own.quaternion_xyzw
-        return self.intake.pose(frame.transmit_ticks / ticks_per_s, arrival_s, own.position, (w, x, y, z), age_s=age_s)
+        return self.intake.pose(
+            frame.transmit_ticks / ticks_per_s, arrival_s, own.position, (w, x, y, z), age_s=age_s
+        )

@@ -1,4 +1,6 @@
-"""Poses from Qualisys Track Manager, by Qualisys' own package qtm-rt (qualisys_codec.py has the bytes)."""
+"""Poses from Qualisys Track Manager, by Qualisys' own package qtm-rt (qualisys_codec.py has the
+bytes).
+"""
 
 import asyncio
 import contextlib
@@ -26,7 +28,8 @@ ANSWER_S = 5.0
 BEAT_S = 0.1
 """Period at which the number of streamed bodies is compared with the names [s]."""
 LOOK_BEATS = 10
-"""The names are asked anew after so many of these periods in any case: one body may have replaced another."""
+"""The names are asked anew after so many of these periods in any case: one body may have replaced
+another."""
 AGAIN_S = 1.0
 """Pause before a lost connection is reopened [s]."""
 
@@ -40,16 +43,23 @@ class QualisysConfig(AtAddress, frozen=True, kw_only=True, tag="qualisys"):
     stamp_field: ClassVar[str] = "QTM's time stamp"
     stamp_unit_s: ClassVar[float] = 1e-6
     name: Annotated[
-        str, msgspec.Meta(min_length=1, max_length=256, description="Name of the vehicle's 6DOF body in QTM.")
+        str,
+        msgspec.Meta(
+            min_length=1, max_length=256, description="Name of the vehicle's 6DOF body in QTM."
+        ),
     ] = "quad"
-    server: Annotated[str, msgspec.Meta(description="QTM's little-endian RT port, host:port.")] = "127.0.0.1:22223"
+    server: Annotated[str, msgspec.Meta(description="QTM's little-endian RT port, host:port.")] = (
+        "127.0.0.1:22223"
+    )
     world: LabAxes = "nwu"
     body: BodyAxes = "flu"
     alignment: LabAlignment = Alignment()
     latency_s: Annotated[
         float,
         msgspec.Meta(
-            ge=0.0, le=1.0, description="Shortest time from the instant that QTM stamps to the arrival here [s]."
+            ge=0.0,
+            le=1.0,
+            description="Shortest time from the instant that QTM stamps to the arrival here [s].",
         ),
     ] = 0.015
 
@@ -59,12 +69,17 @@ class QualisysConfig(AtAddress, frozen=True, kw_only=True, tag="qualisys"):
 
 
 class QualisysSource(ReaderSource):
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`; a lost connection is reopened."""
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`.
+
+    A lost connection is reopened.
+    """
 
     _reader: QualisysReader
 
     def __init__(self, config: QualisysConfig, others: Others | None = None) -> None:
-        super().__init__(QualisysReader(config.name, Intake(config.latency_s, frames_of(config), others=others)))
+        super().__init__(
+            QualisysReader(config.name, Intake(config.latency_s, frames_of(config), others=others))
+        )
         self._config = config
         self._task: asyncio.Task[None] | None = None
 
@@ -102,7 +117,9 @@ class QualisysSource(ReaderSource):
                     if connection.lost.is_set():
                         break
                     if self._reader.other_bodies or beat % LOOK_BEATS == 0:
-                        with contextlib.suppress(OSError, ValueError):  # the old names are kept then
+                        with contextlib.suppress(
+                            OSError, ValueError
+                        ):  # the old names are kept then
                             self._reader.names = body_names(await connection.parameters())
                 self._reader.intake.drop("connection_lost")
             finally:
@@ -127,6 +144,8 @@ class QualisysSource(ReaderSource):
             connection.close()
             if isinstance(error, ValueError):
                 why = printable(str(error))
-                raise SourceError(notice("qualisys.bodies", server=self._config.server, why=why)) from None
+                raise SourceError(
+                    notice("qualisys.bodies", server=self._config.server, why=why)
+                ) from None
             raise
         return connection

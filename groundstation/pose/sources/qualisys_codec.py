@@ -1,13 +1,19 @@
-"""Qualisys Track Manager's real-time protocol (RTP), the part with rigid bodies. Sans-IO; little-endian, packed.
+"""Qualisys Track Manager's real-time protocol (RTP), the part with rigid bodies.
 
-    u32 size of the packet, these 8 bytes included | u32 type: 0 error, 1 command, 2 XML, 3 data, 4 no data, 6 event
+Sans-IO; little-endian, packed.
 
-    data: i64 microseconds | u32 frame | u32 n, then n components: u32 size, u32 type (5: 6D bodies), content
-    6D:   i32 n | i16 drop rate | i16 out-of-sync rate, then n × (f32[3] position [mm], f32[9] rotation)
+    u32 size of the packet, these 8 bytes included | u32 type: 0 error, 1 command, 2 XML, 3 data, 4
+    no data, 6 event
 
-The rotation is a matrix, body to lab, column by column; a body that is not seen is full of NaN. The bodies come in
-the order in which the parameters (XML) name them. qtm-rt keeps the connection: it asks and pairs answers.
-Source: qtm-rt 3.1.0 (Qualisys' own package, MIT); the order of the matrix from readers of Qualisys' C++ SDK.
+    data: i64 microseconds | u32 frame | u32 n, then n components: u32 size, u32 type (5: 6D
+        bodies), content
+    6D:   i32 n | i16 drop rate | i16 out-of-sync rate, then n × (f32[3] position [mm], f32[9]
+          rotation)
+
+The rotation is a matrix, body to lab, column by column; a body that is not seen is full of NaN. The
+bodies come in the order in which the parameters (XML) name them. qtm-rt keeps the connection: it
+asks and pairs answers. Source: qtm-rt 3.1.0 (Qualisys' own package, MIT); the order of the matrix
+from readers of Qualisys' C++ SDK.
 """
 
 import math
@@ -113,7 +119,9 @@ def text_packet(kind: int, text: str) -> bytes:
 
 
 def encode_data(stamp_us: int, frame: int, bodies: Iterable[tuple[Vec3, Quat] | None]) -> bytes:
-    """Return a data packet with 6D bodies (position [m], attitude; None: not seen), for simulators and tests."""
+    """Return a data packet with 6D bodies (position [m], attitude; None: not seen), for simulators
+    and tests.
+    """
     parts = []
     for body in bodies:
         if body is None:
@@ -132,19 +140,25 @@ def parameters_xml(names: Iterable[str]) -> str:
     """Return QTM's 6D parameters as far as they are read here, for simulators and tests."""
     from xml.sax.saxutils import escape
 
-    bodies = "".join(f"<Body><Name>{escape(name)}</Name><Enabled>true</Enabled></Body>" for name in names)
-    return f"<QTM_Parameters_Ver_1.25><The_6D><Bodies>{bodies}</Bodies></The_6D></QTM_Parameters_Ver_1.25>"
+    bodies = "".join(
+        f"<Body><Name>{escape(name)}</Name><Enabled>true</Enabled></Body>" for name in names
+    )
+    six_d = f"<The_6D><Bodies>{bodies}</Bodies></The_6D>"
+    return f"<QTM_Parameters_Ver_1.25>{six_d}</QTM_Parameters_Ver_1.25>"
 
 
 def body_names(xml: bytes) -> tuple[str, ...]:
-    """Return the names of the bodies in QTM's answer to ``getparameters 6d``, in the order of the stream.
+    """Return the names of the bodies in QTM's answer to ``getparameters 6d``, in the order of the
+    stream.
 
     Raises:
         ValueError: it is not the XML that QTM sends.
     """
     from xml.etree import ElementTree
 
-    if len(xml) > MAX_PACKET or b"<!" in xml:  # QTM sends no document types, and entities are a way to fill a memory
+    if (
+        len(xml) > MAX_PACKET or b"<!" in xml
+    ):  # QTM sends no document types, and entities are a way to fill a memory
         raise ValueError(notice("qualisys.no_plain_xml"))
     try:
         root = ElementTree.fromstring(xml.rstrip(b"\0"))  # noqa: S314  # no entities, bounded: just checked
@@ -154,7 +168,9 @@ def body_names(xml: bytes) -> tuple[str, ...]:
 
 
 def decode_bodies(content: bytes) -> tuple[float, list[tuple[float, ...]]] | str:
-    """Return time stamp [s] and the twelve numbers of each body in a data packet's content, or why there is none."""
+    """Return time stamp [s] and the twelve numbers of each body in a data packet's content, or why
+    there is none.
+    """
     try:
         components = dict(split_components(content))
         if _SIX_D_TYPE not in components:
@@ -171,7 +187,10 @@ def decode_bodies(content: bytes) -> tuple[float, list[tuple[float, ...]]] | str
 
 
 class QualisysReader(PoseReader):
-    """Reads the poses of one body from the contents of data packets; :attr:`names` must be set in their order."""
+    """Reads the poses of one body from the contents of data packets.
+
+    :attr:`names` must be set in their order.
+    """
 
     def __init__(self, name: str, intake: Intake) -> None:
         """Look for the body ``name``."""
@@ -189,11 +208,15 @@ class QualisysReader(PoseReader):
         self.intake.clock.mark_alive(arrival_s)
         self.other_bodies = len(bodies) != len(self.names)
         if self.other_bodies:
-            return self.intake.drop("other_bodies")  # their names are not known until QTM is asked again
+            return self.intake.drop(
+                "other_bodies"
+            )  # their names are not known until QTM is asked again
         for name, (x, y, z, *_) in zip(self.names, bodies, strict=True):
             if not math.isnan(x):
                 self.intake.see_other(name, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3))
-        own = self.intake.choose([body for name, body in zip(self.names, bodies, strict=True) if name == self._name])
+        own = self.intake.choose(
+            [body for name, body in zip(self.names, bodies, strict=True) if name == self._name]
+        )
         if own is None:
             return None
         x, y, z, *m = own
@@ -209,9 +232,19 @@ class QualisysReader(PoseReader):
 
 
 def _is_rotation(rows: tuple[Vec3, Vec3, Vec3]) -> bool:
-    """Whether the rows have unit length, the third being the first times the second: a right-handed rotation."""
+    """Whether the rows have unit length, the third being the first times the second: a right-handed
+    rotation.
+    """
     (a, b, c), (d, e, f), (g, h, i) = rows
-    if abs(a * a + b * b + c * c - 1.0) > _ORTHOGONAL or abs(d * d + e * e + f * f - 1.0) > _ORTHOGONAL:
+    if (
+        abs(a * a + b * b + c * c - 1.0) > _ORTHOGONAL
+        or abs(d * d + e * e + f * f - 1.0) > _ORTHOGONAL
+    ):
         return False
-    across = max(abs(b * f - c * e - g), abs(c * d - a * f - h), abs(a * e - b * d - i), abs(a * d + b * e + c * f))
+    across = max(
+        abs(b * f - c * e - g),
+        abs(c * d - a * f - h),
+        abs(a * e - b * d - i),
+        abs(a * d + b * e + c * f),
+    )
     return across <= _ORTHOGONAL

@@ -1,7 +1,7 @@
 """One connection to QTM by qtm-rt's QTMProtocol on our transport, with a guard before it.
 
-qtm-rt trusts its server: a packet or component of size 0 makes it loop for ever, a large one
-fills the memory, an unknown type raises inside the event loop. So packets are split and checked before
+qtm-rt trusts its server: a packet or component of size 0 makes it loop for ever, a large one fills
+the memory, an unknown type raises inside the event loop. So packets are split and checked before
 qtm-rt gets them. The module imports qtm-rt: it is imported only where Qualisys is used.
 """
 
@@ -19,7 +19,8 @@ from links.io import NETWORK
 from links.text import printable
 
 VERSIONS = tuple(f"1.{minor}" for minor in range(25, 7, -1))
-"""Versions of the protocol, the newest first. 6D data are the same in all; qtm-rt speaks none before 1.8."""
+"""Versions of the protocol, the newest first. 6D data are the same in all; qtm-rt speaks none
+before 1.8."""
 KNOCK_S = 0.2
 """Pause before a refused connection is tried again [s]."""
 
@@ -84,7 +85,9 @@ class QtmConnection(asyncio.Protocol):
             SourceError: no answer, or a refusal.
         """
         request = self._requests.get_parameters(["6d"])
-        return bytes(await self._request(request, "qualisys.silent_bodies", "qualisys.refused_bodies"))
+        return bytes(
+            await self._request(request, "qualisys.silent_bodies", "qualisys.refused_bodies")
+        )
 
     async def stream(self, take: Callable[[bytes], None]) -> None:
         """Have every frame's bodies streamed to ``take``.
@@ -112,17 +115,26 @@ class QtmConnection(asyncio.Protocol):
         return True
 
     async def _request(self, request: Any, silent: str, refused: str) -> Any:
-        """Return the answer to ``request``; ``silent`` and ``refused`` are the ids of the sentences without one."""
+        """Return the answer to ``request``.
+
+        ``silent`` and ``refused`` are the ids of the sentences without one.
+        """
         try:
             return await request
         except TimeoutError:
             raise SourceError(notice(silent)) from None
         except QRTCommandException as error:
-            why = error.value.decode(errors="replace") if isinstance(error.value, bytes) else str(error)
+            why = (
+                error.value.decode(errors="replace")
+                if isinstance(error.value, bytes)
+                else str(error)
+            )
             raise SourceError(notice(refused, why=printable(why))) from None
 
 
-async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], object]) -> QtmConnection:
+async def connect(
+    host: str, port: int, timeout_s: float, drop: Callable[[str], object]
+) -> QtmConnection:
     """Connect to the QTM at ``host``:``port`` and agree on the newest version that it speaks.
 
     QTM may refuse one version a connection: each is tried on a new one. ``drop``: see the class.
@@ -139,20 +151,28 @@ async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], 
             connection.close()
             raise
         connection.close()
-    raise SourceError(notice("qualisys.too_old", server=f"{host}:{port}", newest=VERSIONS[0], oldest=VERSIONS[-1]))
+    raise SourceError(
+        notice("qualisys.too_old", server=f"{host}:{port}", newest=VERSIONS[0], oldest=VERSIONS[-1])
+    )
 
 
-async def _open(host: str, port: int, timeout_s: float, drop: Callable[[str], object]) -> QtmConnection:
+async def _open(
+    host: str, port: int, timeout_s: float, drop: Callable[[str], object]
+) -> QtmConnection:
     """Open a connection; a refused one is tried again: QTM takes a while to start."""
     connection: QtmConnection
     try:
         async with asyncio.timeout(timeout_s):
             while True:
                 try:
-                    _, connection = await NETWORK.get().open_stream(lambda: QtmConnection(timeout_s, drop), host, port)
+                    _, connection = await NETWORK.get().open_stream(
+                        lambda: QtmConnection(timeout_s, drop), host, port
+                    )
                     return connection
                 except ConnectionRefusedError:
                     await asyncio.sleep(KNOCK_S)
     except OSError as error:
         why = error.strerror or str(error) or "no answer"
-        raise SourceError(notice("qualisys.unreachable", server=f"{host}:{port}", why=why)) from error
+        raise SourceError(
+            notice("qualisys.unreachable", server=f"{host}:{port}", why=why)
+        ) from error

@@ -17,12 +17,16 @@ class ViconConfig(AtAddress, frozen=True, kw_only=True, tag="vicon"):
     shows_others: ClassVar[bool] = True
     is_relayed: ClassVar[bool] = True
     body_key: ClassVar[str] = "object"
-    object: Annotated[str, msgspec.Meta(description="Name of the vehicle's object in Tracker.")] = "quad"
-    listen: Annotated[str, msgspec.Meta(description="Address that Tracker sends to, host:port of this machine.")] = (
-        "127.0.0.1:51001"
+    object: Annotated[str, msgspec.Meta(description="Name of the vehicle's object in Tracker.")] = (
+        "quad"
     )
+    listen: Annotated[
+        str, msgspec.Meta(description="Address that Tracker sends to, host:port of this machine.")
+    ] = "127.0.0.1:51001"
     world: LabAxes = "nwu"
-    body: Annotated[Body, msgspec.Meta(description="Axes of the object: `flu` is x forward, y left, z up.")] = "flu"
+    body: Annotated[
+        Body, msgspec.Meta(description="Axes of the object: `flu` is x forward, y left, z up.")
+    ] = "flu"
     alignment: LabAlignment = Alignment()
     latency_s: Annotated[
         float,
@@ -39,8 +43,8 @@ class ViconConfig(AtAddress, frozen=True, kw_only=True, tag="vicon"):
         msgspec.Meta(
             ge=1.0,
             le=1000.0,
-            description="Frames per second that the cameras take [1/s]; where it is wrong, the true "
-            "rate is found within three seconds.",
+            description="Frames per second that the cameras take [1/s]; where it is wrong, the "
+            "true rate is found within three seconds.",
         ),
     ] = 50.0
     drop_frozen: Annotated[
@@ -60,5 +64,7 @@ class ViconConfig(AtAddress, frozen=True, kw_only=True, tag="vicon"):
         """Make the source; ``others`` are further bodies to look for."""
         intake = Intake(self.latency_s, frames_of(self), frame_s=1.0 / self.rate_hz, others=others)
         return DatagramSource(
-            "Vicon poses", self.listen, ViconReader(self.object, intake, drop_frozen=self.drop_frozen)
+            "Vicon poses",
+            self.listen,
+            ViconReader(self.object, intake, drop_frozen=self.drop_frozen),
         )

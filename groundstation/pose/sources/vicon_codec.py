@@ -1,4 +1,5 @@
-"""Vicon UDP Object Stream: one datagram for each frame of the cameras, and the poses of one object in it, on our clock.
+"""Vicon UDP Object Stream: one datagram for each frame of the cameras, and the poses of one object
+in it, on our clock.
 
 Sans-IO; little-endian, packed.
 
@@ -12,9 +13,9 @@ Sans-IO; little-endian, packed.
          +51  f64[3]   rotation x, y, z [rad]
     then padding up to the size set in Tracker: 256, 512 or 1024 bytes
 
-The rotation is Euler XYZ, intrinsic: R = Rx(rx) Ry(ry) Rz(rz), object to lab. The datagram holds no time stamp, no
-validity flag and no checksum.
-Source: public readers of the stream that Vicon Tracker 3 sends to UDP port 51001; Vicon's own page was not at hand.
+The rotation is Euler XYZ, intrinsic: R = Rx(rx) Ry(ry) Rz(rz), object to lab. The datagram holds no
+time stamp, no validity flag and no checksum. Source: public readers of the stream that Vicon
+Tracker 3 sends to UDP port 51001; Vicon's own page was not at hand.
 """
 
 import math
@@ -67,11 +68,17 @@ def encode(frame_number: int, objects: Iterable[ViconObject], datagram_size: int
     """Return the datagram of a frame, for simulators and tests.
 
     Raises:
-        ValueError: the objects do not fit, a name is longer than 24 bytes, or no such datagram size exists.
+        ValueError: the objects do not fit, a name is longer than 24 bytes, or no such datagram size
+            exists.
     """
-    items = [_ITEM.pack(0, _ITEM_DATA_BYTES, name_bytes(o.name), *o.translation_mm, *o.rotation_rad) for o in objects]
+    items = [
+        _ITEM.pack(0, _ITEM_DATA_BYTES, name_bytes(o.name), *o.translation_mm, *o.rotation_rad)
+        for o in objects
+    ]
     if datagram_size not in DATAGRAM_SIZES:
-        raise ValueError(f"Vicon datagram size: expected one of {list(DATAGRAM_SIZES)}, got {datagram_size}")
+        raise ValueError(
+            f"Vicon datagram size: expected one of {list(DATAGRAM_SIZES)}, got {datagram_size}"
+        )
     datagram = _HEADER.pack(frame_number & 0xFFFFFFFF, len(items)) + b"".join(items)
     if len(datagram) > datagram_size:
         raise ValueError(f"{len(items)} Vicon objects do not fit into {datagram_size} bytes")
@@ -92,7 +99,9 @@ def decode(datagram: bytes) -> tuple[int, tuple[ViconObject, ...]] | UnreadableV
     if size < _HEADER.size + count * _ITEM.size:
         return "truncated"
     objects = []
-    for item_id, data_bytes, name, *place in _ITEM.iter_unpack(datagram[_HEADER.size :][: count * _ITEM.size]):
+    for item_id, data_bytes, name, *place in _ITEM.iter_unpack(
+        datagram[_HEADER.size :][: count * _ITEM.size]
+    ):
         if item_id != 0 or data_bytes != _ITEM_DATA_BYTES:
             return "wrong_item"
         x, y, z, rx, ry, rz = place
@@ -102,10 +111,15 @@ def decode(datagram: bytes) -> tuple[int, tuple[ViconObject, ...]] | UnreadableV
 
 
 def pose_of(item: ViconObject) -> tuple[Vec3, Quat] | Literal["not_finite", "absurd"]:
-    """Return position [m] and attitude of an object in the lab frame, or why its numbers are implausible."""
+    """Return position [m] and attitude of an object in the lab frame, or why its numbers are
+    implausible.
+    """
     if not all(map(math.isfinite, (*item.translation_mm, *item.rotation_rad))):
         return "not_finite"
-    if max(map(abs, item.translation_mm)) > MAX_TRANSLATION_MM or max(map(abs, item.rotation_rad)) > MAX_ROTATION_RAD:
+    if (
+        max(map(abs, item.translation_mm)) > MAX_TRANSLATION_MM
+        or max(map(abs, item.rotation_rad)) > MAX_ROTATION_RAD
+    ):
         return "absurd"
     return item.position_m, quaternion_from_euler_xyz(item.rotation_rad)
 
@@ -118,22 +132,31 @@ def name_bytes(name: str) -> bytes:
     """
     encoded = name.encode()
     if not 0 < len(encoded) <= NAME_BYTES or b"\0" in encoded:
-        raise ValueError(f"Vicon object name: expected 1 to {NAME_BYTES} bytes of UTF-8 without NUL, got {name!r}")
+        raise ValueError(
+            f"Vicon object name: expected 1 to {NAME_BYTES} bytes of UTF-8 without NUL, got "
+            f"{name!r}"
+        )
     return encoded
 
 
 def quaternion_from_euler_xyz(angles: Vec3) -> Quat:
-    """Return the quaternion of R = Rx(rx) Ry(ry) Rz(rz), angles in rad: the inverse of Rz(-rz) Ry(-ry) Rx(-rx)."""
+    """Return the quaternion of R = Rx(rx) Ry(ry) Rz(rz), angles in rad: the inverse of Rz(-rz)
+    Ry(-ry) Rx(-rx).
+    """
     rx, ry, rz = angles
     return so3.conjugate(so3.from_euler_zyx(-rx, -ry, -rz))
 
 
 def euler_xyz_from_quaternion(attitude: Quat) -> Vec3:
-    """Return the angles [rad] of R = Rx(rx) Ry(ry) Rz(rz): |ry| <= 90°, the others in [-180°, 180°].
+    """Return the angles [rad] of R = Rx(rx) Ry(ry) Rz(rz): |ry| <= 90°, the others in
+    [-180°, 180°].
 
-    From the sum and the difference of rx and rz, which are exact also near ry = 90°, where only one of them is defined:
-    with C, S = cos, sin of ry/2:  w + y = (C + S) cos((rx + rz)/2)    x + z = (C + S) sin((rx + rz)/2)
-                                   w - y = (C - S) cos((rx - rz)/2)    x - z = (C - S) sin((rx - rz)/2)
+    From the sum and the difference of rx and rz, which are exact also near ry = 90°, where only one
+    of them is defined:
+    with C, S = cos, sin of ry/2:  w + y = (C + S) cos((rx + rz)/2)    x + z = (C + S) sin((rx +
+                                                                       rz)/2)
+                                   w - y = (C - S) cos((rx - rz)/2)    x - z = (C - S) sin((rx -
+                                                                       rz)/2)
     """
     w, x, y, z = attitude
     half_sum = math.atan2(x + z, w + y)
@@ -150,8 +173,8 @@ class ViconReader(PoseReader):
     """Reads the poses of one object.
 
     The datagrams hold no time, but frames come at a steady rate: their numbers are the clock.
-    Reasons for drops beside the intake's: truncated, oversized, wrong_item, no_such_object, same_name, frozen,
-    not_tracked.
+    Reasons for drops beside the intake's: truncated, oversized, wrong_item, no_such_object,
+    same_name, frozen, not_tracked.
     """
 
     def __init__(self, name: str, intake: Intake, *, drop_frozen: bool = True) -> None:
@@ -179,7 +202,9 @@ class ViconReader(PoseReader):
         number, objects = found
         self.intake.clock.mark_alive(arrival_s)
         self._see_others(objects, arrival_s)
-        own = self.intake.choose([one for one in objects if one.name == self._own], "no_such_object")
+        own = self.intake.choose(
+            [one for one in objects if one.name == self._own], "no_such_object"
+        )
         if own is None:
             self.names = tuple(one.name for one in objects)
             return None
@@ -190,9 +215,15 @@ class ViconReader(PoseReader):
             return self.intake.drop(seen)
         if self._drop_frozen and not any(own.translation_mm):
             return self.intake.drop("not_tracked")
-        if self._drop_frozen and self._last is not None and self._last[0] != number and self._last[1] == seen:
+        if (
+            self._drop_frozen
+            and self._last is not None
+            and self._last[0] != number
+            and self._last[1] == seen
+        ):
             return self.intake.drop("frozen")
-        # The number on the wire is modulo 2³²: half of the circle is ahead of the last one, half behind.
+        # The number on the wire is modulo 2³²: half of the circle is ahead of the last one, half
+        # behind.
         self._frame += (number - self._frame + 2**31) % 2**32 - 2**31
         pose = self.intake.pose(self._frame, arrival_s, *seen)
         if pose is not None:

@@ -1,4 +1,6 @@
-"""State of an autopilot as its messages tell it: mode, battery, readiness, texts, and whether it is alive. Sans-IO."""
+"""State of an autopilot as its messages tell it: mode, battery, readiness, texts, and whether it is
+alive. Sans-IO.
+"""
 
 import math
 from collections import deque
@@ -32,13 +34,15 @@ PX4_MODES = {
 PX4_AUTO = {2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND", 9: "PRECLAND"}
 """Sub mode of AUTO, bits 24 to 31."""
 ARDUPILOT_MODES = {
-    0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE", 9: "LAND",
-    13: "SPORT", 15: "AUTOTUNE", 16: "POSHOLD", 17: "BRAKE", 18: "THROW", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
+    0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL",
+    7: "CIRCLE", 9: "LAND",
+    13: "SPORT", 15: "AUTOTUNE", 16: "POSHOLD", 17: "BRAKE", 18: "THROW", 20: "GUIDED_NOGPS",
+    21: "SMART_RTL",
 }  # fmt: skip
 """HEARTBEAT.custom_mode of Copter."""
 ESTIMATE = {PX4: "ESTIMATOR_STATUS", ARDUPILOT: "EKF_STATUS_REPORT"}
-"""Message with the status of the estimator. The flags of both mean the same but for bit 1024: a jump of the GPS in PX4,
-an estimator that has not begun in ArduPilot."""
+"""Message with the status of the estimator. The flags of both mean the same but for bit 1024: a
+jump of the GPS in PX4, an estimator that has not begun in ArduPilot."""
 ESTIMATE_HZ = 2.0
 """Requested rate of the estimator's status [Hz]."""
 ESTIMATE_OLD_S = 2.5
@@ -55,7 +59,10 @@ _PREARM = 0x10000000
 
 
 class Vitals:
-    """Newest mode, battery, readiness and estimator status of an autopilot. Times are on the event loop's clock [s]."""
+    """Newest mode, battery, readiness and estimator status of an autopilot.
+
+    Times are on the event loop's clock [s].
+    """
 
     def __init__(self) -> None:
         self.mode = ""
@@ -65,7 +72,8 @@ class Vitals:
         self.battery_v: float | None = None
         self.battery_share: float | None = None
         self.ready: bool | None = None
-        """Whether its own pre-arm checks pass; None where it does not tell, or can't know before set-points come."""
+        """Whether its own pre-arm checks pass; None where it does not tell, or can't know before
+        set-points come."""
         self._kind = -1
         self._knows = False
         self._knows_s = -math.inf
@@ -87,23 +95,31 @@ class Vitals:
                 self._knows, self._knows_s = knows_itself(message.flags), now_s
 
     def could_land(self, now_s: float) -> bool:
-        """Whether it has told of late that it knows where it is: then it comes down better by itself than unseen."""
+        """Whether it has told of late that it knows where it is: then it comes down better by
+        itself than unseen.
+        """
         return self._knows and now_s - self._knows_s < ESTIMATE_OLD_S
 
     def _ready(self, enabled: int, health: int) -> bool | None:
-        """PX4 1.16 tells by health alone, and in OFFBOARD it lacks the set-points that come only as it is armed."""
+        """PX4 1.16 tells by health alone, and in OFFBOARD it lacks the set-points that come only as
+        it is armed.
+        """
         passes = bool(health & _PREARM)
         if self._kind == PX4:
             return None if not passes and self.mode in (*FOLLOWING, "") else passes
         return passes if enabled & _PREARM else None
 
     def foreign(self, since_s: float) -> str:
-        """Mode of the newest heartbeat, if it came at ``since_s`` or later and follows no set-points; else empty."""
+        """Mode of the newest heartbeat, if it came at ``since_s`` or later and follows no
+        set-points; else empty.
+        """
         return self.mode if self.mode_s >= since_s and self.mode not in (*FOLLOWING, "") else ""
 
 
 def knows_itself(flags: int) -> bool:
-    """Whether ESTIMATOR_STATUS.flags or EKF_STATUS_REPORT.flags tell of speed, height and some horizontal position."""
+    """Whether ESTIMATOR_STATUS.flags or EKF_STATUS_REPORT.flags tell of speed, height and some
+    horizontal position.
+    """
     known = flags & _SPEED == _SPEED and bool(flags & _PLACE) and bool(flags & _HEIGHT)
     return known and not flags & _DOUBTED
 
@@ -115,7 +131,9 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
     if autopilot != PX4:
         return ""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    name = PX4_MODES.get(main, f"mode {main}" if main else "")  # main mode 0 counts as following set-points
+    name = PX4_MODES.get(
+        main, f"mode {main}" if main else ""
+    )  # main mode 0 counts as following set-points
     return f"{name}.{PX4_AUTO.get(sub, sub)}" if name == "AUTO" else name
 
 
@@ -161,7 +179,9 @@ class Words:
         """Take one STATUSTEXT."""
         whose = message.get_srcSystem(), message.get_srcComponent(), message.id, message.severity
         part = message.chunk_seq if message.id else 0
-        raw = bytes(getattr(message, "_text_raw", b"")) or message.text.encode()  # pymavlink decodes ASCII alone
+        raw = (
+            bytes(getattr(message, "_text_raw", b"")) or message.text.encode()
+        )  # pymavlink decodes ASCII alone
         words = raw.partition(b"\0")[0]
         for text in reversed(self._texts) if message.id else ():
             if text.whose == whose and text.newest == (part, words):
@@ -179,7 +199,10 @@ class Words:
         return self._texts[-1].show() if self._texts else ""
 
     def complaints(self) -> str:
-        """The last warnings and errors, newest last, each once; an empty string where there are none."""
+        """The last warnings and errors, newest last, each once.
+
+        An empty string where there are none.
+        """
         texts = [text.show() for text in self._texts if text.whose[3] <= MavSeverity.WARNING]
         newest = list(dict.fromkeys(reversed(texts)))[:QUOTED_TEXTS]
         return "; ".join(f"“{text}”" for text in reversed(newest))
@@ -219,7 +242,10 @@ class HeartbeatMonitor:
         self._armed_s = since_s
 
     def silence_s(self, now_s: float) -> float:
-        """Time since its newest heartbeat [s]; infinite before the first, and after its wire was lost."""
+        """Time since its newest heartbeat [s].
+
+        Infinite before the first, and after its wire was lost.
+        """
         return now_s - self._heard_s
 
     def is_silent(self, now_s: float) -> bool:

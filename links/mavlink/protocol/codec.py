@@ -98,7 +98,9 @@ class AttitudeTargetMask(IntFlag):
     IGNORE_YAW_RATE = 4
     IGNORE_THRUST = 64
     IGNORE_ATTITUDE = 128
-    IGNORE_EVERYTHING = IGNORE_ROLL_RATE | IGNORE_PITCH_RATE | IGNORE_YAW_RATE | IGNORE_THRUST | IGNORE_ATTITUDE
+    IGNORE_EVERYTHING = (
+        IGNORE_ROLL_RATE | IGNORE_PITCH_RATE | IGNORE_YAW_RATE | IGNORE_THRUST | IGNORE_ATTITUDE
+    )
 
 
 class EstimatorKind(IntEnum):
@@ -129,7 +131,8 @@ class EstimatorFlag(IntFlag):
 
 
 FORCE = 21196.0
-"""Second parameter of ARM_DISARM that overrides every check: with it, disarming stops the motors in the air."""
+"""Second parameter of ARM_DISARM that overrides every check: with it, disarming stops the motors in
+the air."""
 
 _V1 = 0xFE
 """First byte of a frame of MAVLink 1."""
@@ -152,7 +155,8 @@ _RESULTS = {
 _DIALECT = "pymavlink.dialects.v20.ardupilotmega"
 
 MOST_SENDERS = 16
-"""Limit of the addresses that are remembered, each with its unfinished frame: of more, the oldest is forgotten."""
+"""Limit of the addresses that are remembered, each with its unfinished frame: of more, the oldest
+is forgotten."""
 
 
 def load_dialect() -> Any:
@@ -189,7 +193,10 @@ def frame_end(data: bytes, start: int) -> int:
 
 
 class MavlinkCodec:
-    """One end of a MAVLink connection. No bytes make it raise; what it can't use is counted in ``dropped``."""
+    """One end of a MAVLink connection.
+
+    No bytes make it raise; what it can't use is counted in ``dropped``.
+    """
 
     def __init__(self, system_id: int, component_id: int) -> None:
         """Speak as ``system_id`` / ``component_id`` (1..255)."""
@@ -274,7 +281,9 @@ class MavlinkCodec:
         return messages, data[start:]
 
     def decode(self, frame: bytes) -> tuple[Message | None, str]:
-        """The message in one whole frame (see :func:`frame_end`), or None and the counted reason."""
+        """The message in one whole frame (see :func:`frame_end`), or None and the counted
+        reason.
+        """
         message = self._decode_frame(frame)
         if message is None:
             self.dropped["bad_crc"] += 1
@@ -324,12 +333,20 @@ class MavlinkCodec:
 
     def heartbeat(self) -> bytes:
         """HEARTBEAT of a ground station; due once a second."""
-        return self.pack(self._writer.heartbeat_encode(GROUND_STATION, INVALID, 0, 0, MavState.ACTIVE))
+        return self.pack(
+            self._writer.heartbeat_encode(GROUND_STATION, INVALID, 0, 0, MavState.ACTIVE)
+        )
 
     def attitude_target(
-        self, time_s: float, system: int, component: int, thrust: float, rates_rad_s: tuple[float, float, float]
+        self,
+        time_s: float,
+        system: int,
+        component: int,
+        thrust: float,
+        rates_rad_s: tuple[float, float, float],
     ) -> bytes:
-        """SET_ATTITUDE_TARGET to ``system`` / ``component``: ``thrust`` 0..1, body rates FRD [rad/s], attitude ignored.
+        """SET_ATTITUDE_TARGET to ``system`` / ``component``: ``thrust`` 0..1, body rates FRD
+        [rad/s], attitude ignored.
 
         ``time_s`` [s] goes out as time_boot_ms modulo 2³².
 
@@ -342,18 +359,39 @@ class MavlinkCodec:
         mask = AttitudeTargetMask.IGNORE_ATTITUDE
         return self.pack(target(boot_ms, system, component, mask, level, *rates_rad_s, thrust))
 
-    def command(self, system: int, component: int, command: int, *params: float, confirmation: int = 0) -> bytes:
-        """COMMAND_LONG with up to seven parameters, the rest 0; ``confirmation`` counts its repetitions."""
+    def command(
+        self, system: int, component: int, command: int, *params: float, confirmation: int = 0
+    ) -> bytes:
+        """COMMAND_LONG with up to seven parameters, the rest 0.
+
+        ``confirmation`` counts its repetitions.
+        """
         seven = (*params, *(0.0,) * (7 - len(params)))
-        return self.pack(self.dialect.MAVLink_command_long_message(system, component, command, confirmation, *seven))
+        return self.pack(
+            self.dialect.MAVLink_command_long_message(
+                system, component, command, confirmation, *seven
+            )
+        )
 
     def parameter_request(self, system: int, component: int, name: str) -> bytes:
         """PARAM_REQUEST_READ of the parameter ``name`` (at most 16 letters)."""
-        return self.pack(self.dialect.MAVLink_param_request_read_message(system, component, name.encode("ascii"), -1))
+        return self.pack(
+            self.dialect.MAVLink_param_request_read_message(
+                system, component, name.encode("ascii"), -1
+            )
+        )
 
-    def parameter_set(self, system: int, component: int, name: str, number: float, kind: int) -> bytes:
-        """PARAM_SET of ``name`` to ``number``, already in the autopilot's encoding of ``kind`` (MAV_PARAM_TYPE)."""
-        return self.pack(self.dialect.MAVLink_param_set_message(system, component, name.encode("ascii"), number, kind))
+    def parameter_set(
+        self, system: int, component: int, name: str, number: float, kind: int
+    ) -> bytes:
+        """PARAM_SET of ``name`` to ``number``, already in the autopilot's encoding of ``kind``
+        (MAV_PARAM_TYPE).
+        """
+        return self.pack(
+            self.dialect.MAVLink_param_set_message(
+                system, component, name.encode("ascii"), number, kind
+            )
+        )
 
     def timesync_question(self, ours_ns: int) -> bytes:
         """TIMESYNC that asks for the other's time, with our own [ns]."""
@@ -361,7 +399,9 @@ class MavlinkCodec:
 
     def timesync_reply(self, request: Message, time_s: float) -> bytes:
         """TIMESYNC that answers ``request`` with our clock ``time_s`` [s]."""
-        ours_ns = int(time_s * 1e9) or 1  # 0 would be a question again, and two clocks at 0 would never stop asking
+        ours_ns = (
+            int(time_s * 1e9) or 1
+        )  # 0 would be a question again, and two clocks at 0 would never stop asking
         return self.pack(self.dialect.MAVLink_timesync_message(ours_ns, request.ts1))
 
     def message_number(self, name: str) -> int:
@@ -374,7 +414,10 @@ class MavlinkCodec:
         return f"{words}, {self.value_name('MAV_RESULT', result)}"
 
     def value_name(self, enum: str, value: int) -> str:
-        """The name of a ``value`` of ``enum``, such as MAV_TYPE_QUADROTOR; where it has none, both."""
+        """The name of a ``value`` of ``enum``, such as MAV_TYPE_QUADROTOR.
+
+        Where it has none, both.
+        """
         entry = self.dialect.enums[enum].get(value)
         if entry is None or entry.name.endswith("_ENUM_END"):
             return f"{enum} {value}"

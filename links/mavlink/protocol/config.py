@@ -14,7 +14,8 @@ DEFAULT_LISTEN = "127.0.0.1:14540"
 
 
 LOCAL_PORTS = range(20_000, 30_000)
-"""Ports from which ``remote`` is spoken to: free for users, and below those that Linux gives away (32768)."""
+"""Ports from which ``remote`` is spoken to: free for users, and below those that Linux gives away
+(32768)."""
 ODOMETRY_BYTES = 258
 """Longest frame that forwarding sends."""
 FORWARD_SHARE = 0.3
@@ -23,24 +24,46 @@ autopilot's telemetry."""
 
 
 class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Our poses to the autopilot's own estimator, as ODOMETRY (links/mavlink/protocol/odometry_codec.py)."""
+    """Our poses to the autopilot's own estimator, as ODOMETRY
+    (links/mavlink/protocol/odometry_codec.py).
+    """
 
     enabled: Annotated[
         bool,
-        msgspec.Meta(description="Whether to send them; docs/how-to/px4.md says what the autopilot must be told."),
+        msgspec.Meta(
+            description="Whether to send them; docs/how-to/px4.md says what the autopilot must be "
+            "told."
+        ),
     ] = False
     rate_hz: Annotated[
-        float, msgspec.Meta(ge=1.0, le=200.0, description="At most so many a second [1/s]; autopilots want 30 to 50.")
+        float,
+        msgspec.Meta(
+            ge=1.0,
+            le=200.0,
+            description="At most so many a second [1/s]; autopilots want 30 to 50.",
+        ),
     ] = 40.0
     noise_m: Annotated[
-        float, msgspec.Meta(ge=1e-4, le=0.5, description="1σ of the position per axis that the autopilot is told [m].")
+        float,
+        msgspec.Meta(
+            ge=1e-4,
+            le=0.5,
+            description="1σ of the position per axis that the autopilot is told [m].",
+        ),
     ] = 0.005
     noise_deg: Annotated[
         float,
-        msgspec.Meta(ge=0.05, le=90.0, description="1σ of the attitude per axis that the autopilot is told [deg]."),
+        msgspec.Meta(
+            ge=0.05,
+            le=90.0,
+            description="1σ of the attitude per axis that the autopilot is told [deg].",
+        ),
     ] = 0.5
     oldest_s: Annotated[
-        float, msgspec.Meta(ge=0.005, le=1.0, description="A pose that is older as it would leave does not [s].")
+        float,
+        msgspec.Meta(
+            ge=0.005, le=1.0, description="A pose that is older as it would leave does not [s]."
+        ),
     ] = 0.1
 
 
@@ -57,18 +80,23 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     ] = None
     remote: Annotated[
         str | None,
-        msgspec.Meta(description="Address of an autopilot that waits for us to speak first, host:port (UDP)."),
+        msgspec.Meta(
+            description="Address of an autopilot that waits for us to speak first, host:port (UDP)."
+        ),
     ] = None
     local_port: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=65535)] | None,
         msgspec.Meta(
-            description="Port of this machine from which `remote` is spoken to (UDP). Without it, one from "
-            "20000 to 29999 that follows from `remote` and `target_system`, so it is the same each time: PX4 "
-            "answers the first port that it hears, until it restarts."
+            description="Port of this machine from which `remote` is spoken to (UDP). Without it, "
+            "one from 20000 to 29999 that follows from `remote` and `target_system`, so it is the "
+            "same each time: PX4 answers the first port that it hears, until it restarts."
         ),
     ] = None
     tcp: Annotated[
-        str | None, msgspec.Meta(description="Address of a simulator or radio that accepts TCP connections, host:port.")
+        str | None,
+        msgspec.Meta(
+            description="Address of a simulator or radio that accepts TCP connections, host:port."
+        ),
     ] = None
     serial: Annotated[
         str | None,
@@ -80,23 +108,40 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     baud: Annotated[
         int,
         msgspec.Meta(
-            ge=9600, le=4_000_000, description="Speed of the serial port [bit/s]; over USB it does not matter."
+            ge=9600,
+            le=4_000_000,
+            description="Speed of the serial port [bit/s]; over USB it does not matter.",
         ),
     ] = 921600
-    system_id: Annotated[int, msgspec.Meta(ge=1, le=255, description="Our own MAVLink system.")] = 245
+    system_id: Annotated[int, msgspec.Meta(ge=1, le=255, description="Our own MAVLink system.")] = (
+        245
+    )
     component_id: Annotated[
-        int, msgspec.Meta(ge=1, le=255, description="Our own MAVLink component; 190 is a ground station.")
+        int,
+        msgspec.Meta(
+            ge=1, le=255, description="Our own MAVLink component; 190 is a ground station."
+        ),
     ] = 190
     target_system: Annotated[
-        int, msgspec.Meta(ge=1, le=255, description="MAVLink system of the vehicle; every other one is ignored.")
+        int,
+        msgspec.Meta(
+            ge=1, le=255, description="MAVLink system of the vehicle; every other one is ignored."
+        ),
     ] = 1
     target_component: Annotated[
-        int, msgspec.Meta(ge=1, le=255, description="MAVLink component of its autopilot; every other one is ignored.")
+        int,
+        msgspec.Meta(
+            ge=1,
+            le=255,
+            description="MAVLink component of its autopilot; every other one is ignored.",
+        ),
     ] = 1
     period_s: Annotated[
         float,
         msgspec.Meta(
-            ge=0.001, le=0.25, description="Time between two commands [s]. PX4 gives up OFFBOARD below two a second."
+            ge=0.001,
+            le=0.25,
+            description="Time between two commands [s]. PX4 gives up OFFBOARD below two a second.",
         ),
     ] = 0.0225
     pace: Annotated[
@@ -128,14 +173,20 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
         ),
     ] = False
     connect_timeout_s: Annotated[
-        float, msgspec.Meta(gt=0.0, le=600.0, description="How long to wait for the autopilot's first HEARTBEAT [s].")
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=600.0,
+            description="How long to wait for the autopilot's first HEARTBEAT [s].",
+        ),
     ] = 10.0
     heartbeat_timeout_s: Annotated[
         float,
         msgspec.Meta(
             ge=1.5,
             le=60.0,
-            description="The autopilot counts as lost after this long without its HEARTBEAT, sent once a second [s].",
+            description="The autopilot counts as lost after this long without its HEARTBEAT, sent "
+            "once a second [s].",
         ),
     ] = 3.0
     thrust_curve: Annotated[
@@ -166,13 +217,18 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     quiet: Annotated[
         bool,
         msgspec.Meta(
-            description="Stop the autopilot's default telemetry that nobody here reads; false where "
-            "others share this connection."
+            description="Stop the autopilot's default telemetry that nobody here reads; false "
+            "where others share this connection."
         ),
     ] = True
 
     def __post_init__(self) -> None:
-        ways = {"listen": self.listen, "remote": self.remote, "tcp": self.tcp, "serial": self.serial}
+        ways = {
+            "listen": self.listen,
+            "remote": self.remote,
+            "tcp": self.tcp,
+            "serial": self.serial,
+        }
         given = [name for name, way in ways.items() if way is not None]
         if len(given) > 1:
             raise ValueError(link_notice("mavlink.exclusive", keys=" and ".join(given)))
@@ -181,15 +237,24 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
         if self.bring_down == "land" and self.ardupilot_mode == "GUIDED_NOGPS":
             raise ValueError(link_notice("mavlink.no_estimate"))
         needed = ODOMETRY_BYTES * self.forward.rate_hz
-        if self.serial is not None and self.forward.enabled and needed > FORWARD_SHARE * self.baud / 10.0:
+        if (
+            self.serial is not None
+            and self.forward.enabled
+            and needed > FORWARD_SHARE * self.baud / 10.0
+        ):
             rate_hz = self.forward.rate_hz
-            raise ValueError(link_notice("mavlink.forward_rate", rate_hz=rate_hz, bytes_s=needed, baud=self.baud))
+            raise ValueError(
+                link_notice("mavlink.forward_rate", rate_hz=rate_hz, bytes_s=needed, baud=self.baud)
+            )
         if self.serial is None:
             parse_address(self.endpoint, self.way)
 
     @property
     def real(self) -> str | None:
-        """The key that may lead to a real vehicle, and its value; None where all stays on this machine."""
+        """The key that may lead to a real vehicle, and its value.
+
+        None where all stays on this machine.
+        """
         if self.serial is not None:
             return f"serial = {self.serial}"
         return beyond(self.way, self.endpoint)
@@ -197,7 +262,15 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     @property
     def way(self) -> str:
         """The key that says where the autopilot is."""
-        return "serial" if self.serial else "tcp" if self.tcp else "remote" if self.remote else "listen"
+        return (
+            "serial"
+            if self.serial
+            else "tcp"
+            if self.tcp
+            else "remote"
+            if self.remote
+            else "listen"
+        )
 
     @property
     def endpoint(self) -> str:
@@ -211,9 +284,12 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
 
     @property
     def local_address(self) -> tuple[str, int]:
-        """Host and port of this machine from which ``remote`` is spoken to, the same in every run."""
+        """Host and port of this machine from which ``remote`` is spoken to, the same in every
+        run.
+        """
         host, _ = parse_address(self.endpoint)
-        ours = ("::1" if ":" in host else "127.0.0.1") if is_loopback(host) else "::" if ":" in host else "0.0.0.0"  # noqa: S104
+        loopback, every = ("::1", "::") if ":" in host else ("127.0.0.1", "0.0.0.0")  # noqa: S104
+        ours = loopback if is_loopback(host) else every
         if self.local_port is not None:
             return ours, self.local_port
         chosen = crc32(self.destination.encode()) % len(LOCAL_PORTS)

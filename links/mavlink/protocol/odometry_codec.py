@@ -1,4 +1,6 @@
-"""ODOMETRY for an autopilot's own estimator: our poses in the one form that PX4 and ArduPilot both take. Sans-IO."""
+"""ODOMETRY for an autopilot's own estimator: our poses in the one form that PX4 and ArduPilot both
+take. Sans-IO.
+"""
 
 import math
 from typing import NamedTuple
@@ -29,7 +31,8 @@ class Odometry(NamedTuple):
     velocity: tuple[float, float, float]
     """[m/s], body FRD."""
     measured_velocity: bool
-    """False where it is only the difference of positions, which the autopilot's filter knows already."""
+    """False where it is only the difference of positions, which the autopilot's filter knows
+    already."""
     resets: int
     """Changes whenever the frame moved; only the lowest byte leaves."""
     noise_m: float
@@ -43,15 +46,15 @@ class Odometry(NamedTuple):
 def odometry(codec: MavlinkCodec, kind: int, told: Odometry) -> bytes:
     """The frame for the own estimator of an autopilot of ``kind`` (HEARTBEAT.autopilot): ODOMETRY.
 
-    PX4 fuses frames NED, ENU, LOCAL_FRD and LOCAL_FLU, but turns no quaternion of the last; and only estimator
-    types UNKNOWN, VISION and VIO: MOCAP goes where its EKF2 does not look, NAIVE loses the covariance. In LOCAL_FRD
-    its yaw counts as not aligned, and it does not arm ("heading estimate not stable"): so it gets LOCAL_NED. It leaves
-    out a velocity that is NaN, and turns stamps into its own clock by TIMESYNC, which it asks of us.
-    ArduPilot takes LOCAL_FRD with BODY_FRD only, does not look at the type, and always uses the velocity: NaN in
-    it would reach the filter. It finds its own clock from the arrivals.
-    Body rates are NaN: nobody needs them, and some versions of ArduPilot take finite ones for a message of
-    another kind.
-    Source: PX4 v1.15 mavlink_receiver.cpp, handle_message_odometry; ArduPilot 4.6-dev GCS_Common.cpp,
+    PX4 fuses frames NED, ENU, LOCAL_FRD and LOCAL_FLU, but turns no quaternion of the last; and
+    only estimator types UNKNOWN, VISION and VIO: MOCAP goes where its EKF2 does not look, NAIVE
+    loses the covariance. In LOCAL_FRD its yaw counts as not aligned, and it does not arm ("heading
+    estimate not stable"): so it gets LOCAL_NED. It leaves out a velocity that is NaN, and turns
+    stamps into its own clock by TIMESYNC, which it asks of us. ArduPilot takes LOCAL_FRD with
+    BODY_FRD only, does not look at the type, and always uses the velocity: NaN in it would reach
+    the filter. It finds its own clock from the arrivals. Body rates are NaN: nobody needs them, and
+    some versions of ArduPilot take finite ones for a message of another kind. Source: PX4 v1.15
+    mavlink_receiver.cpp, handle_message_odometry; ArduPilot 4.6-dev GCS_Common.cpp,
     handle_odometry; mavlink common.xml (pymavlink 2.4.50).
     """
     velocity = told.velocity if kind == ARDUPILOT or told.measured_velocity else _UNKNOWN
@@ -73,19 +76,29 @@ def odometry(codec: MavlinkCodec, kind: int, told: Odometry) -> bytes:
 
 
 def origin(codec: MavlinkCodec) -> bytes:
-    """SET_GPS_GLOBAL_ORIGIN to every autopilot that hears it: where on earth the frame of ODOMETRY begins.
+    """SET_GPS_GLOBAL_ORIGIN to every autopilot that hears it: where on earth the frame of ODOMETRY
+    begins.
 
     One that has an origin keeps it.
 
-    Source: ArduPilot 4.7-dev GCS_Common.cpp, set_ekf_origin; its EKF3 refuses GUIDED and home without.
+    Source: ArduPilot 4.7-dev GCS_Common.cpp, set_ekf_origin; its EKF3 refuses GUIDED and home
+        without.
     """
     latitude, longitude = (round(1e7 * angle) for angle in ORIGIN_DEG)
     height_mm = round(1e3 * ORIGIN_M)
-    message = codec.dialect.MAVLink_set_gps_global_origin_message(0, latitude, longitude, height_mm, 0)
+    message = codec.dialect.MAVLink_set_gps_global_origin_message(
+        0, latitude, longitude, height_mm, 0
+    )
     return codec.pack(message)
 
 
 def _covariance(first: float, second: float) -> list[float]:
-    """The upper triangle of a 6 x 6 matrix: squares of ``first`` three times, then of ``second``, on its diagonal."""
+    """The upper triangle of a 6 x 6 matrix: squares of ``first`` three times, then of ``second``,
+    on its diagonal.
+    """
     sigmas = (first,) * 3 + (second,) * 3
-    return [sigmas[row] * sigmas[row] if row == column else 0.0 for row in range(6) for column in range(row, 6)]
+    return [
+        sigmas[row] * sigmas[row] if row == column else 0.0
+        for row in range(6)
+        for column in range(row, 6)
+    ]

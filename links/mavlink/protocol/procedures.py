@@ -1,27 +1,36 @@
-"""Procedures: what an autopilot must go through with us: arming, disarming, choosing what it sends. Sans-IO.
+"""Procedures: what an autopilot must go through with us: arming, disarming, choosing what it sends.
 
-The caller streams set-points while they last. What shapes them, measured on PX4 1.16-alpha and ArduCopter 4.8-dev:
+Sans-IO.
 
-- PX4 arms in OFFBOARD only after set-points have come for about a second. Before, it still accepts the mode
-  while disarmed, and then denies to arm; so the acceptance of the mode proves nothing, and streaming comes first.
+The caller streams set-points while they last. What shapes them, measured on PX4 1.16-alpha and
+ArduCopter 4.8-dev:
+
+- PX4 arms in OFFBOARD only after set-points have come for about a second. Before, it still accepts
+  the mode while disarmed, and then denies to arm; so the acceptance of the mode proves nothing, and
+  streaming comes first.
 - HEARTBEAT tells mode and armed state only once a second: what counts is COMMAND_ACK.
 - PX4 denies to disarm for 1-3 s after touchdown, until it believes that it stands.
-- ArduCopter takes thrust as a climb rate unless GUID_OPTIONS has bit 3 set, and raises the thrust of a leaning
-  vehicle, as our controller has done already, unless ATC_ANGLE_BOOST is 0.
-- ArduCopter's rotors stand for 2 s after it has acknowledged that it is armed; thrust before lifts nothing.
-- ArduCopter refuses to disarm in GUIDED after a touchdown at zero thrust; mode LAND disarms by itself.
+- ArduCopter takes thrust as a climb rate unless GUID_OPTIONS has bit 3 set, and raises the thrust
+  of a leaning vehicle, as our controller has done already, unless ATC_ANGLE_BOOST is 0.
+- ArduCopter's rotors stand for 2 s after it has acknowledged that it is armed; thrust before lifts
+  nothing.
+- ArduCopter refuses to disarm in GUIDED after a touchdown at zero thrust; mode LAND disarms by
+  itself.
 
-Parameters are read by name, set one by one, and insisted on. PARAM_VALUE has one 32-bit float for every kind of number.
-PX4 puts the bytes of a whole number into it, ArduPilot the number itself: taken for the other, 8 reads as 1.1e-44.
-Source: mavlink.io/en/services/parameter.html (encodings "bytewise" and "C cast").
+Parameters are read by name, set one by one, and insisted on. PARAM_VALUE has one 32-bit float for
+every kind of number. PX4 puts the bytes of a whole number into it, ArduPilot the number itself:
+taken for the other, 8 reads as 1.1e-44. Source: mavlink.io/en/services/parameter.html (encodings
+"bytewise" and "C cast").
 
-Steps: single things that an autopilot is asked for, each a state machine. A step is polled with the time and answers
-with frames to send; it is shown every message that arrives; it ends ``done`` or with a ``failure``, which tells the
-operator what the autopilot said and what to do. A :class:`Handshake` is steps one after the other.
+Steps: single things that an autopilot is asked for, each a state machine. A step is polled with the
+time and answers with frames to send; it is shown every message that arrives; it ends ``done`` or
+with a ``failure``, which tells the operator what the autopilot said and what to do. A
+:class:`Handshake` is steps one after the other.
 
-Source: mavlink.io/en/services/command.html (COMMAND_LONG until its COMMAND_ACK); mavlink.io/en/messages/common.html (0
-HEARTBEAT, 148 AUTOPILOT_VERSION, MAV_CMD_REQUEST_MESSAGE); the four bytes of flight_sw_version are major, minor, patch
-and FIRMWARE_VERSION_TYPE, as PX4 and ArduPilot fill it in.
+Source: mavlink.io/en/services/command.html (COMMAND_LONG until its COMMAND_ACK);
+mavlink.io/en/messages/common.html (0 HEARTBEAT, 148 AUTOPILOT_VERSION, MAV_CMD_REQUEST_MESSAGE);
+the four bytes of flight_sw_version are major, minor, patch and FIRMWARE_VERSION_TYPE, as PX4 and
+ArduPilot fill it in.
 """
 
 import math
@@ -81,14 +90,22 @@ class AutopilotAddress(NamedTuple):
 
     def command(self, command: int, *params: float, repetition: int = 0) -> bytes:
         """COMMAND_LONG to it."""
-        return self.codec.command(self.system, self.component, command, *params, confirmation=min(repetition, 255))
+        return self.codec.command(
+            self.system, self.component, command, *params, confirmation=min(repetition, 255)
+        )
 
     def message_request(self, name: str, repetition: int = 0) -> bytes:
         """COMMAND_LONG that asks it for one message ``name``."""
-        return self.command(MavCommand.REQUEST_MESSAGE, float(self.codec.message_number(name)), repetition=repetition)
+        return self.command(
+            MavCommand.REQUEST_MESSAGE,
+            float(self.codec.message_number(name)),
+            repetition=repetition,
+        )
 
     def answers(self, message: Message, command: int) -> bool:
-        """Whether ``message`` is its answer to a ``command`` of ours, and not to another ground station's."""
+        """Whether ``message`` is its answer to a ``command`` of ours, and not to another ground
+        station's.
+        """
         if message.get_type() != "COMMAND_ACK" or message.command != command:
             return False
         return message.target_system in (0, self.codec.system_id)
@@ -127,7 +144,9 @@ class Handshake:
 
     @property
     def at_last_step(self) -> bool:
-        """True from the moment on when the last request may have left: what then comes only waits."""
+        """True from the moment on when the last request may have left: what then comes only
+        waits.
+        """
         return all(isinstance(step, Wait) for step in islice(self._steps, 1, None))
 
     def poll(self, now_s: float) -> list[bytes]:
@@ -203,7 +222,9 @@ class Repeated:
         return [frame]
 
     def _give_up(self) -> None:
-        self.failure = LinkLost(link_notice("autopilot.unanswered", what=self._what, count=self.tries))
+        self.failure = LinkLost(
+            link_notice("autopilot.unanswered", what=self._what, count=self.tries)
+        )
 
     def _await_more(self, next_s: float) -> None:
         """There was an answer, but no end: ask again at ``next_s``."""
@@ -225,7 +246,9 @@ class Disarmed:
         if self._until is None:
             self._until = now_s + self._patience
         elif now_s >= self._until:
-            self.failure = LinkRejected(link_notice("autopilot.still_armed", patience_s=self._patience))
+            self.failure = LinkRejected(
+                link_notice("autopilot.still_armed", patience_s=self._patience)
+            )
         return []
 
     def hear(self, message: Message, now_s: float) -> None:
@@ -257,9 +280,12 @@ class Exchange(Repeated):
         patience_s: float = PATIENCE_S,
         any_answer: bool = False,
     ) -> None:
-        """Ask ``autopilot`` for ``command``; a refusal quotes its words and ends with ``hint``: what to do.
+        """Ask ``autopilot`` for ``command``.
 
-        A refusal that may pass is final after ``patience_s`` [s]; with ``any_answer`` it is as good as a yes.
+        A refusal quotes its words and ends with ``hint``: what to do.
+
+        A refusal that may pass is final after ``patience_s`` [s]; with ``any_answer`` it is as good
+        as a yes.
         """
         super().__init__(what, lambda n: autopilot.command(command, *params, repetition=n))
         self._autopilot = autopilot
@@ -314,7 +340,9 @@ class ReadVersion(Repeated):
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
         """Ask ``autopilot`` for its firmware; the answer is in ``firmware`` when done."""
-        super().__init__("tell its version", lambda n: autopilot.message_request("AUTOPILOT_VERSION", n))
+        super().__init__(
+            "tell its version", lambda n: autopilot.message_request("AUTOPILOT_VERSION", n)
+        )
         self.firmware = ""
         """Version text, e.g. ``PX4 1.16.0 release 0a1b2c3d4e5f6071``; empty where the autopilot
         reports none."""
@@ -328,22 +356,35 @@ class ReadVersion(Repeated):
         if message.get_type() == "AUTOPILOT_VERSION":
             self.firmware = f"{self._autopilot.name} {version(message)}"
             self.done = True
-        elif self._autopilot.answers(message, MavCommand.REQUEST_MESSAGE) and message.result != MavResult.ACCEPTED:
+        elif (
+            self._autopilot.answers(message, MavCommand.REQUEST_MESSAGE)
+            and message.result != MavResult.ACCEPTED
+        ):
             self.done = True
 
 
 def version(message: Message) -> str:
-    """The version that an AUTOPILOT_VERSION tells: number, kind, and the first bytes of the commit as they are."""
+    """The version that an AUTOPILOT_VERSION tells: number, kind, and the first bytes of the commit
+    as they are.
+    """
     number = int(message.flight_sw_version)
-    major, minor, patch, kind = number >> 24 & 0xFF, number >> 16 & 0xFF, number >> 8 & 0xFF, number & 0xFF
+    major, minor, patch, kind = (
+        number >> 24 & 0xFF,
+        number >> 16 & 0xFF,
+        number >> 8 & 0xFF,
+        number & 0xFF,
+    )
     commit = bytes(message.flight_custom_version).hex()
     return f"{major}.{minor}.{patch} {KINDS.get(kind, kind)} {commit}"
 
 
 class AskMode(Repeated):
-    """Ask for HEARTBEAT, which tells the mode and comes only once a second by itself; done when one has been heard.
+    """Ask for HEARTBEAT, which tells the mode and comes only once a second by itself.
 
-    One that refuses is waited for. Its answer is waited for, too: a HEARTBEAT of before the question may be under way.
+    Done when one has been heard.
+
+    One that refuses is waited for. Its answer is waited for, too: a HEARTBEAT of before the
+    question may be under way.
     """
 
     period_s = 0.1
@@ -356,17 +397,24 @@ class AskMode(Repeated):
         self._heard = self._answered = False
 
     def _give_up(self) -> None:
-        self.failure = LinkLost(link_notice("autopilot.no_mode", limit_s=self.tries * self.period_s))
+        self.failure = LinkLost(
+            link_notice("autopilot.no_mode", limit_s=self.tries * self.period_s)
+        )
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take a heartbeat, or the answer."""
         self._heard = self._heard or message.get_type() == "HEARTBEAT"
-        self._answered = self._answered or self._autopilot.answers(message, MavCommand.REQUEST_MESSAGE)
+        self._answered = self._answered or self._autopilot.answers(
+            message, MavCommand.REQUEST_MESSAGE
+        )
         self.done = self._heard and self._answered
 
 
 class Kill(Repeated):
-    """Disarm by force (COMMAND_LONG 400, second parameter 21196), which works in the air. A step."""
+    """Disarm by force (COMMAND_LONG 400, second parameter 21196), which works in the air.
+
+    A step.
+    """
 
     period_s = 0.05
     tries = 100
@@ -376,7 +424,8 @@ class Kill(Repeated):
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
         super().__init__(
-            "stop its motors", lambda n: autopilot.command(MavCommand.ARM_DISARM, 0.0, FORCE, repetition=n)
+            "stop its motors",
+            lambda n: autopilot.command(MavCommand.ARM_DISARM, 0.0, FORCE, repetition=n),
         )
         self._autopilot = autopilot
         self._accepted = 0
@@ -398,9 +447,14 @@ class Kill(Repeated):
         elif self._refused is None:
             self.failure = LinkLost(link_notice("kill.unanswered", count=self._sent))
         else:
-            name, because = self._autopilot.name, self._autopilot.codec.describe_result(self._refused)
+            name, because = (
+                self._autopilot.name,
+                self._autopilot.codec.describe_result(self._refused),
+            )
             reason = self._autopilot.complaints
-            self.failure = LinkRejected(link_notice("kill.refused", autopilot=name, because=because, reason=reason))
+            self.failure = LinkRejected(
+                link_notice("kill.refused", autopilot=name, because=because, reason=reason)
+            )
 
 
 class MavParamType(IntEnum):
@@ -440,7 +494,9 @@ class AutopilotParameter(NamedTuple):
 
 
 def decode(autopilot: int, number: float, kind: int) -> float:
-    """The value of ``kind`` that an ``autopilot`` (HEARTBEAT.autopilot) says by the float ``number``."""
+    """The value of ``kind`` that an ``autopilot`` (HEARTBEAT.autopilot) says by the float
+    ``number``.
+    """
     if autopilot != PX4 or kind not in WHOLE_BITS:
         return number
     bits, signed = WHOLE_BITS[kind]
@@ -448,13 +504,17 @@ def decode(autopilot: int, number: float, kind: int) -> float:
 
 
 def read_parameter(autopilot: int, message: Message) -> AutopilotParameter:
-    """The parameter in a PARAM_VALUE of an ``autopilot`` (HEARTBEAT.autopilot); NaN where it is no number."""
+    """The parameter in a PARAM_VALUE of an ``autopilot`` (HEARTBEAT.autopilot).
+
+    NaN where it is no number.
+    """
     value = decode(autopilot, message.param_value, message.param_type)
     return AutopilotParameter(message.param_id, value, message.param_type)
 
 
 def encode(autopilot: int, value: float, kind: int) -> float:
-    """The float that says ``value`` of ``kind`` in a PARAM_SET to an ``autopilot`` (HEARTBEAT.autopilot).
+    """The float that says ``value`` of ``kind`` in a PARAM_SET to an ``autopilot``
+    (HEARTBEAT.autopilot).
 
     Raises:
         ValueError: such a parameter can't have this value.
@@ -494,13 +554,21 @@ class ReadAll:
 
     def poll(self, now_s: float) -> list[bytes]:
         """The questions that are due."""
-        codec, system, component = self._autopilot.codec, self._autopilot.system, self._autopilot.component
-        for name in [name for name, at_s in self._asked_s.items() if now_s >= at_s + Repeated.period_s]:
+        codec, system, component = (
+            self._autopilot.codec,
+            self._autopilot.system,
+            self._autopilot.component,
+        )
+        for name in [
+            name for name, at_s in self._asked_s.items() if now_s >= at_s + Repeated.period_s
+        ]:
             del self._asked_s[name]
             if self._left[name] >= ASKED:
                 del self._left[name]
         # Seldom asked first: the ones that it does not have must not hold up the others.
-        waiting = sorted((name for name in self._left if name not in self._asked_s), key=self._left.__getitem__)
+        waiting = sorted(
+            (name for name in self._left if name not in self._asked_s), key=self._left.__getitem__
+        )
         due = waiting[: AT_ONCE - len(self._asked_s)]
         for name in due:
             self._left[name] += 1
@@ -531,7 +599,9 @@ class Write(Repeated):
         codec, system, component = autopilot.codec, autopilot.system, autopilot.component
         super().__init__(
             f"set its parameter {parameter.name} to {parameter.value:g}",
-            lambda _: codec.parameter_set(system, component, parameter.name, number, parameter.kind),
+            lambda _: codec.parameter_set(
+                system, component, parameter.name, number, parameter.kind
+            ),
         )
         self._autopilot = autopilot
         self._parameter = parameter
@@ -560,11 +630,18 @@ class Write(Repeated):
 class ParameterMust(Repeated):
     """Make sure that a parameter of ArduPilot has a value that we can fly with."""
 
-    def __init__(self, autopilot: AutopilotAddress, name: str, accepts: Callable[[int], bool], hint: Sentence) -> None:
-        """Ask ``autopilot`` for the whole number ``name``; where ``accepts`` says no, fail with ``hint``."""
+    def __init__(
+        self, autopilot: AutopilotAddress, name: str, accepts: Callable[[int], bool], hint: Sentence
+    ) -> None:
+        """Ask ``autopilot`` for the whole number ``name``.
+
+        Where ``accepts`` says no, fail with ``hint``.
+        """
         super().__init__(
             f"tell its parameter {name}",
-            lambda _: autopilot.codec.parameter_request(autopilot.system, autopilot.component, name),
+            lambda _: autopilot.codec.parameter_request(
+                autopilot.system, autopilot.component, name
+            ),
         )
         self._name = name
         self._accepts = accepts
@@ -580,7 +657,10 @@ class ParameterMust(Repeated):
             if not self.done:
                 self.failure = LinkRejected(
                     link_notice(
-                        "autopilot.unfit_parameter", name=self._name, value=message.param_value, hint=self._hint
+                        "autopilot.unfit_parameter",
+                        name=self._name,
+                        value=message.param_value,
+                        hint=self._hint,
                     )
                 )
 
@@ -593,13 +673,21 @@ def is_same(a: float, b: float) -> bool:
 STREAM_S = 1.2
 """Set-points stream for this long before anything is asked [s]; PX4 wants a second of them."""
 ARMING_DELAY_S = 2.5
-"""ArduCopter's rotors turn by then after it was armed [s]: 2 s (ARMING_DELAY_SEC in its config.h), on a slow clock."""
+"""ArduCopter's rotors turn by then after it was armed [s]: 2 s (ARMING_DELAY_SEC in its config.h),
+on a slow clock."""
 LAND_S = 10.0
 """Mode LAND must disarm a vehicle on the ground within this time [s]."""
 
 FOLLOWING_MODES = {"OFFBOARD": (1.0, 6.0), "GUIDED": (1.0, 4.0), "GUIDED_NOGPS": (1.0, 20.0)}
 """Modes that follow set-points, PX4's and ArduPilot's: parameters of MavCommand.DO_SET_MODE."""
-MULTIROTORS = {2: "quadrotor", 3: "coaxial", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
+MULTIROTORS = {
+    2: "quadrotor",
+    3: "coaxial",
+    13: "hexarotor",
+    14: "octorotor",
+    15: "tricopter",
+    29: "dodecarotor",
+}
 """HEARTBEAT.type of vehicles that thrust and body rates fly."""
 
 _LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
@@ -617,7 +705,9 @@ def fitness(autopilot: AutopilotAddress) -> Handshake:
 
 
 def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
-    """Into the mode that follows our set-points, then motors on; the caller streams set-points throughout.
+    """Into the mode that follows our set-points, then motors on.
+
+    The caller streams set-points throughout.
 
     ``guided`` is which of ``FOLLOWING_MODES`` that is on ArduPilot.
 
@@ -627,8 +717,12 @@ def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
     steps: list[HandshakeStep] = [Wait(STREAM_S), *_musts(autopilot)]
     mode = "OFFBOARD" if autopilot.kind == PX4 else guided
     hint = link_notice("hint.mode", mode=mode)
-    steps.append(Exchange(autopilot, f"enter {mode}", MavCommand.DO_SET_MODE, FOLLOWING_MODES[mode], hint))
-    steps.append(Exchange(autopilot, "arm", MavCommand.ARM_DISARM, (1.0, 0.0), link_notice("hint.arm")))
+    steps.append(
+        Exchange(autopilot, f"enter {mode}", MavCommand.DO_SET_MODE, FOLLOWING_MODES[mode], hint)
+    )
+    steps.append(
+        Exchange(autopilot, "arm", MavCommand.ARM_DISARM, (1.0, 0.0), link_notice("hint.arm"))
+    )
     if autopilot.kind == ARDUPILOT:
         steps.append(Wait(ARMING_DELAY_S))
     return Handshake(steps)
@@ -637,17 +731,26 @@ def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
 def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
     """Return the steps that every arming requires; raises LinkRejected, see :func:`arming`."""
     if autopilot.kind not in (PX4, ARDUPILOT):
-        raise LinkRejected(link_notice("autopilot.unknown_kind", system=autopilot.system, kind=autopilot.kind_name))
+        raise LinkRejected(
+            link_notice("autopilot.unknown_kind", system=autopilot.system, kind=autopilot.kind_name)
+        )
     if autopilot.vehicle not in MULTIROTORS:
         vehicle = autopilot.codec.value_name("MAV_TYPE", autopilot.vehicle)
-        raise LinkRejected(link_notice("autopilot.no_multirotor", autopilot=autopilot.name, vehicle=vehicle))
+        raise LinkRejected(
+            link_notice("autopilot.no_multirotor", autopilot=autopilot.name, vehicle=vehicle)
+        )
     if autopilot.kind == PX4:
         return []
     return [
         ParameterMust(
-            autopilot, "GUID_OPTIONS", lambda v: bool(v & THRUST_AS_THRUST), link_notice("hint.guid_options")
+            autopilot,
+            "GUID_OPTIONS",
+            lambda v: bool(v & THRUST_AS_THRUST),
+            link_notice("hint.guid_options"),
         ),
-        ParameterMust(autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, link_notice("hint.angle_boost")),
+        ParameterMust(
+            autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, link_notice("hint.angle_boost")
+        ),
     ]
 
 
@@ -656,7 +759,13 @@ def disarming(autopilot: AutopilotAddress) -> Handshake:
     # ArduPilot that refuses goes on refusing: mode LAND is its way (see landing_disarmed).
     patience_s = 0.0 if autopilot.kind == ARDUPILOT else PATIENCE_S
     hint = link_notice("hint.disarm")
-    return Handshake([Exchange(autopilot, "disarm", MavCommand.ARM_DISARM, (0.0, 0.0), hint, patience_s=patience_s)])
+    return Handshake(
+        [
+            Exchange(
+                autopilot, "disarm", MavCommand.ARM_DISARM, (0.0, 0.0), hint, patience_s=patience_s
+            )
+        ]
+    )
 
 
 def landing_disarmed(autopilot: AutopilotAddress) -> Handshake:
@@ -665,7 +774,9 @@ def landing_disarmed(autopilot: AutopilotAddress) -> Handshake:
 
 
 def landing(autopilot: AutopilotAddress) -> Handshake:
-    """Into the mode that lands by the autopilot's own estimate, in the air; asked for while the bring-down is sent.
+    """Into the mode that lands by the autopilot's own estimate, in the air.
+
+    Asked for while the bring-down is sent.
 
     Raises:
         LinkRejected: the autopilot is neither PX4 nor ArduPilot.
@@ -699,16 +810,29 @@ def stream(autopilot: AutopilotAddress, name: str, rate_hz: float) -> Handshake:
 
 
 def silence(autopilot: AutopilotAddress, name: str) -> Handshake:
-    """Have the message ``name`` sent no more; one that the autopilot does not have is silent already."""
+    """Have the message ``name`` sent no more.
+
+    One that the autopilot does not have is silent already.
+    """
     params = (float(autopilot.codec.message_number(name)), -1.0)
     return Handshake(
-        [Exchange(autopilot, f"stop sending {name}", MavCommand.SET_MESSAGE_INTERVAL, params, hint="", any_answer=True)]
+        [
+            Exchange(
+                autopilot,
+                f"stop sending {name}",
+                MavCommand.SET_MESSAGE_INTERVAL,
+                params,
+                hint="",
+                any_answer=True,
+            )
+        ]
     )
 
 
 QUIETENED = (
     "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ODOMETRY",
-    "ATTITUDE_TARGET", "HIGHRES_IMU", "RAW_IMU", "SERVO_OUTPUT_RAW", "RC_CHANNELS", "VFR_HUD", "ALTITUDE",
+    "ATTITUDE_TARGET", "HIGHRES_IMU", "RAW_IMU", "SERVO_OUTPUT_RAW", "RC_CHANNELS", "VFR_HUD",
+    "ALTITUDE",
     "POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT",
 )  # fmt: skip
 """Messages that autopilots send by default at 10 Hz or more and that nobody here reads unasked."""
@@ -722,16 +846,20 @@ async def choose_streams(
     *,
     quiet: bool,
 ) -> None:
-    """Have the messages in ``wanted`` sent (name → rate [Hz]), and with ``quiet`` no others that come often.
+    """Have the messages in ``wanted`` sent (name → rate [Hz]), and with ``quiet`` no others that
+    come often.
 
-    Asked for, too, but not needed: what its estimator knows of itself, and of each of ``wishes`` (names → rate [Hz])
-    the first message that it is willing to send, unless one of them is wanted anyhow.
+    Asked for, too, but not needed: what its estimator knows of itself, and of each of ``wishes``
+    (names → rate [Hz]) the first message that it is willing to send, unless one of them is wanted
+    anyhow.
 
     Raises:
         LinkRejected: the autopilot refuses to send one of them.
         LinkLost: it does not answer.
     """
-    wishes = {names: rate for names, rate in wishes.items() if not any(name in wanted for name in names)}
+    wishes = {
+        names: rate for names, rate in wishes.items() if not any(name in wanted for name in names)
+    }
     spoken = {*wanted, *(names[0] for names in wishes)}
     spare = [[silence(autopilot, name)] for name in QUIETENED if quiet and name not in spoken]
     if autopilot.kind in ESTIMATE and ESTIMATE[autopilot.kind] not in wanted:

@@ -1,9 +1,10 @@
-"""Senders of the vehicle's heartbeat: from which addresses, and whether one autopilot is behind them. Sans-IO.
+"""Senders of the vehicle's heartbeat: from which addresses, and whether one autopilot is behind
+them. Sans-IO.
 
-MAVLink addresses a vehicle by its system id, which is 1 on every autopilot as it is sold: two vehicles
-in one network, or on one radio, answer to the same commands. What tells them apart is the hardware's own
-id in AUTOPILOT_VERSION (uid2, or uid where that is empty).
-Source: mavlink.io/en/messages/common.html, 148 AUTOPILOT_VERSION.
+MAVLink addresses a vehicle by its system id, which is 1 on every autopilot as it is sold: two
+vehicles in one network, or on one radio, answer to the same commands. What tells them apart is the
+hardware's own id in AUTOPILOT_VERSION (uid2, or uid where that is empty). Source:
+mavlink.io/en/messages/common.html, 148 AUTOPILOT_VERSION.
 """
 
 from typing import Any
@@ -12,11 +13,15 @@ from links.mavlink.protocol.codec import MOST_SENDERS, Message
 from links.text import link_notice
 
 BOTH_S = 3.0
-"""A second sender of heartbeats or set-points counts for this long after its last [s]: three periods of HEARTBEAT."""
+"""A second sender of heartbeats or set-points counts for this long after its last [s]: three
+periods of HEARTBEAT."""
 
 
 def hardware_id(version: Message) -> str:
-    """The id of the autopilot's hardware in an AUTOPILOT_VERSION, in hexadecimal; empty where it has none."""
+    """The id of the autopilot's hardware in an AUTOPILOT_VERSION, in hexadecimal.
+
+    Empty where it has none.
+    """
     long_id = bytes(getattr(version, "uid2", ()))
     if any(long_id):
         return long_id.rstrip(b"\0").hex()
@@ -44,7 +49,10 @@ class TargetSenders:
         """Address and hardware ids of the autopilot when it was examined."""
 
     def beat(self, address: Any, now_s: float) -> None:
-        """A heartbeat of the vehicle came from ``address``; after a silence it may be another one's."""
+        """A heartbeat of the vehicle came from ``address``.
+
+        After a silence it may be another one's.
+        """
         sender = self._senders.setdefault(address, HeardAddress())
         if sender.heard_s and now_s - sender.heard_s > BOTH_S:
             sender.ids.clear()
@@ -77,11 +85,16 @@ class TargetSenders:
     def others(self, used: Any, now_s: float) -> list[Any]:
         """Addresses beside ``used`` from which the vehicle's heartbeat came of late."""
         return [
-            address for address, sender in self._senders.items() if address != used and now_s - sender.heard_s <= BOTH_S
+            address
+            for address, sender in self._senders.items()
+            if address != used and now_s - sender.heard_s <= BOTH_S
         ]
 
     def conflict(self, used: Any, now_s: float) -> str:
-        """Why nobody knows which autopilot would obey what is sent to ``used``; empty where one does."""
+        """Why nobody knows which autopilot would obey what is sent to ``used``.
+
+        Empty where one does.
+        """
         used_ids = self._ids(used)
         if len(used_ids) > 1:
             return link_notice(
@@ -93,7 +106,9 @@ class TargetSenders:
             ).text
         if self._examined is not None and self._is_replaced(used, *self._examined):
             address, checked = self._describe(used), self._describe(self._examined[0])
-            return link_notice("mavlink.replaced", address=address, hardware=self._tell_id(used), checked=checked).text
+            return link_notice(
+                "mavlink.replaced", address=address, hardware=self._tell_id(used), checked=checked
+            ).text
         strangers = [other for other in self.others(used, now_s) if not self._is_same(used, other)]
         if strangers:
             return link_notice(
@@ -102,7 +117,9 @@ class TargetSenders:
                 system=self._system,
                 address=self._describe(used),
                 hardware=self._tell_id(used),
-                others=" and ".join(f"one at {self._describe(other)}{self._tell_id(other)}" for other in strangers),
+                others=" and ".join(
+                    f"one at {self._describe(other)}{self._tell_id(other)}" for other in strangers
+                ),
             ).text
         return ""
 
@@ -110,7 +127,9 @@ class TargetSenders:
         """That the same autopilot is heard by a second way; empty where it is not."""
         for other in self.others(used, now_s):
             if self._is_same(used, other):
-                return link_notice("mavlink.two_paths", address=self._describe(used), other=self._describe(other)).text
+                return link_notice(
+                    "mavlink.two_paths", address=self._describe(used), other=self._describe(other)
+                ).text
         return ""
 
     def _ids(self, address: Any) -> set[str]:
@@ -129,4 +148,6 @@ class TargetSenders:
 
     def _tell_id(self, address: Any) -> str:
         ids = self._ids(address)
-        return f" (hardware id {', '.join(sorted(ids))})" if ids else " (which tells no hardware id)"
+        return (
+            f" (hardware id {', '.join(sorted(ids))})" if ids else " (which tells no hardware id)"
+        )

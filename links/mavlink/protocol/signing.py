@@ -3,7 +3,8 @@
 A signed frame has bit 0 of its incompatible flags set and 13 more bytes behind the checksum:
 
     byte 0       link id
-    byte 1..6    time stamp: units of 10 µs since 2015-01-01 UTC, little-endian; it grows with every frame
+    byte 1..6    time stamp: units of 10 µs since 2015-01-01 UTC, little-endian; it grows with every
+                 frame
     byte 7..12   first 6 bytes of SHA-256 over the key and the whole frame up to here
 
 pymavlink signs what leaves. What arrives is judged here: pymavlink (2.4.50, check_signature) stores
@@ -33,10 +34,15 @@ _RADIO_STATUS = 109
 
 
 class Signer:
-    """The signing state of one link: its key, its own stamps, and the newest stamp of each sender."""
+    """The signing state of one link: its key, its own stamps, and the newest stamp of each
+    sender.
+    """
 
     def __init__(self, key: bytes, clock: Callable[[], int]) -> None:
-        """Sign with the 32 bytes of ``key``; ``clock()`` tells the time in units of 10 µs since 2015-01-01 UTC."""
+        """Sign with the 32 bytes of ``key``.
+
+        ``clock()`` tells the time in units of 10 µs since 2015-01-01 UTC.
+        """
         self.key = key
         self._clock = clock
         self._newest: dict[bytes, int] = {}

@@ -1,10 +1,12 @@
-"""Time and attitude of an autopilot: its clock against ours (TIMESYNC), and what it measures itself by that. Sans-IO.
+"""Time and attitude of an autopilot: its clock against ours (TIMESYNC), and what it measures itself
+by that. Sans-IO.
 
-We send our time; it comes back with the autopilot's time in between. Half-way is the best guess for when that was,
-and the shorter the round trip, the better the guess: so the one with the shortest of the newest trips counts.
-ATTITUDE_QUATERNION and ATTITUDE both are FRD to NED with body rates, stamped by milliseconds since boot.
-Source: mavlink.io/en/services/timesync.html; the minimum filter as in NTP (RFC 5905, section 10); message definitions
-of pymavlink 2.4.50; the stamp and TIMESYNC count from one zero on PX4 1.16 and ArduCopter 4.8-dev.
+We send our time; it comes back with the autopilot's time in between. Half-way is the best guess for
+when that was, and the shorter the round trip, the better the guess: so the one with the shortest of
+the newest trips counts. ATTITUDE_QUATERNION and ATTITUDE both are FRD to NED with body rates,
+stamped by milliseconds since boot. Source: mavlink.io/en/services/timesync.html; the minimum filter
+as in NTP (RFC 5905, section 10); message definitions of pymavlink 2.4.50; the stamp and TIMESYNC
+count from one zero on PX4 1.16 and ArduCopter 4.8-dev.
 """
 
 import math
@@ -44,7 +46,10 @@ class Timesync:
         return self._asked_ns
 
     def take_answer(self, theirs_ns: int, ours_ns: int, now_s: float) -> bool:
-        """Take an answer (TIMESYNC.tc1, .ts1) that arrived at ``now_s`` [s]; False where it is not to our question."""
+        """Take an answer (TIMESYNC.tc1, .ts1) that arrived at ``now_s`` [s].
+
+        False where it is not to our question.
+        """
         rtt_s = now_s - ours_ns * 1e-9
         if ours_ns != self._asked_ns or theirs_ns <= 0 or not 0.0 <= rtt_s + 1e-9 <= LONGEST_S:
             return False
@@ -79,8 +84,8 @@ _UNIT = 0.01
 def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attitude | None:
     """Return the attitude in ``message``; None where it has none.
 
-    It arrived at ``arrival_s`` [s, our clock]. ``clock`` is the autopilot's against ours. Without it,
-    or where the stamp contradicts it, the arrival is the time.
+    It arrived at ``arrival_s`` [s, our clock]. ``clock`` is the autopilot's against ours. Without
+    it, or where the stamp contradicts it, the arrival is the time.
     """
     match message.get_type():
         case "ATTITUDE_QUATERNION":

@@ -1,10 +1,13 @@
-"""Campaign: a scenario flown a thousand times in drawn worlds, as arrays, on all cores; its folder and its crew.
+"""Campaign: a scenario flown a thousand times in drawn worlds, as arrays, on all cores.
 
-Every flight is drawn from its seed alone, and neither the size of the batches nor who flies them changes a figure of
-it: processes of this machine, or the workers of a Dask cluster, all of which must run this very program.
+Its folder and its crew.
 
-The folder holds ``flights.csv``, one row a flight, and ``settings.json``, what all its flights share. An interrupted
-campaign resumes from it: whole rows are kept, and the rest is flown again.
+Every flight is drawn from its seed alone, and neither the size of the batches nor who flies them
+changes a figure of it: processes of this machine, or the workers of a Dask cluster, all of which
+must run this very program.
+
+The folder holds ``flights.csv``, one row a flight, and ``settings.json``, what all its flights
+share. An interrupted campaign resumes from it: whole rows are kept, and the rest is flown again.
 """
 
 import csv
@@ -39,7 +42,8 @@ from sim.world import World, generator
 class CampaignRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One flight: what it met, how it went, and what its certificate rests on.
 
-    What it takes over from the world is said there. Errors as in :class:`sim.runs.referee.FlightVerdict`.
+    What it takes over from the world is said there. Errors as in
+    :class:`sim.runs.referee.FlightVerdict`.
     """
 
     seed: int
@@ -74,7 +78,8 @@ class CampaignRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     settle_s: float | None
     """First time after which the error stays below 10 cm [s]; empty also where it never settled."""
     effort_rad_s: float | None
-    """RMS over the steady part of the commanded roll and pitch rates less their low-pass of 0.15 s [rad/s]."""
+    """RMS over the steady part of the commanded roll and pitch rates less their low-pass of 0.15 s
+    [rad/s]."""
     saturated: float
     """Share of the commands after 5 s in which any of the four was clamped [-]."""
     lyapunov_start: float
@@ -103,7 +108,8 @@ class Folder:
         """Open or begin the campaign in ``path``.
 
         Raises:
-            ConfigError: it holds flights made with other settings or by another program, or cannot be used.
+            ConfigError: it holds flights made with other settings or by another program, or cannot
+                be used.
         """
         self._csv = path / "flights.csv"
         about = path / "settings.json"
@@ -118,7 +124,9 @@ class Folder:
                 write_whole(self._csv, ",".join(COLUMNS) + "\n")
             self.rows = self._read()
         except OSError as error:
-            raise ConfigError("--out", notice("file.unusable", path=path, why=error.strerror)) from None
+            raise ConfigError(
+                "--out", notice("file.unusable", path=path, why=error.strerror)
+            ) from None
         except ValueError as error:
             raise ConfigError("--out", notice("campaign.no_folder", path=path, why=error)) from None
 
@@ -130,7 +138,9 @@ class Folder:
             self._csv.write_bytes(whole)
         table = csv.DictReader(io.StringIO(whole.decode()))
         return [
-            msgspec.convert({key: value or None for key, value in row.items()}, CampaignRow, strict=False)
+            msgspec.convert(
+                {key: value or None for key, value in row.items()}, CampaignRow, strict=False
+            )
             for row in table
         ]
 
@@ -160,7 +170,13 @@ def _refuse_others(path: Path, about: Path, settings: Any) -> None:
     before, now = dict(_flat(json.loads(about.read_text(encoding="utf-8")))), dict(_flat(settings))
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):
-            says = notice("campaign.other_settings", path=path, key=key, before=before.get(key), now=now.get(key))
+            says = notice(
+                "campaign.other_settings",
+                path=path,
+                key=key,
+                before=before.get(key),
+                now=now.get(key),
+            )
             raise ConfigError("--out", says)
 
 
@@ -179,11 +195,14 @@ class Draw(NamedTuple):
     low: float
     high: float
     relative: bool
-    """The bounds are shares of the scenario's value; otherwise they are in the field's own unit, whatever it says."""
+    """The bounds are shares of the scenario's value; otherwise they are in the field's own unit,
+    whatever it says."""
 
     def __str__(self) -> str:
         bounds = f"{self.low:g} to {self.high:g}"
-        return f"{' and '.join(self.fields)} {bounds}{' times the scenario' if self.relative else ''}"
+        return (
+            f"{' and '.join(self.fields)} {bounds}{' times the scenario' if self.relative else ''}"
+        )
 
 
 DRAWS: dict[str, tuple[Draw, ...]] = {
@@ -193,11 +212,16 @@ DRAWS: dict[str, tuple[Draw, ...]] = {
     "wind": (),
     "latency": (Draw(("pose_latency_s",), 0.75, 1.5, True),),
     "noise": (Draw(("pose_noise_m", "attitude_noise_rad"), 0.5, 2.0, True),),
-    "losses": (Draw(("pose_loss", "frame_loss"), 0.0, 0.05, False), Draw(("outage_s",), 0.0, 0.15, False)),
+    "losses": (
+        Draw(("pose_loss", "frame_loss"), 0.0, 0.05, False),
+        Draw(("outage_s",), 0.0, 0.15, False),
+    ),
 }
-"""Quantities that can be drawn. ``wind`` turns mean wind and gusts, each to its own direction, uniform on the sphere.
+"""Quantities that can be drawn. ``wind`` turns mean wind and gusts, each to its own direction,
+uniform on the sphere.
 
-The controller is told nothing of it: a pose that comes later than it is told is stamped wrongly by the difference.
+The controller is told nothing of it: a pose that comes later than it is told is stamped wrongly by
+the difference.
 """
 WINDS = ("wind_mean", "wind_gust")
 USUAL = ("mass", "lags", "gain", "wind")
@@ -206,19 +230,25 @@ USUAL = ("mass", "lags", "gain", "wind")
 
 def fields(names: Iterable[str]) -> tuple[str, ...]:
     """The fields of :class:`World` that the draws of these names set."""
-    return tuple(f for name in names for f in (*(f for draw in DRAWS[name] for f in draw.fields), *_winds(name)))
+    return tuple(
+        f
+        for name in names
+        for f in (*(f for draw in DRAWS[name] for f in draw.fields), *_winds(name))
+    )
 
 
 def absolute(names: Iterable[str]) -> dict[str, Draw]:
     """Those among them that do not depend on the scenario's value."""
-    return {f: draw for name in names for draw in DRAWS[name] if not draw.relative for f in draw.fields}
+    return {
+        f: draw for name in names for draw in DRAWS[name] if not draw.relative for f in draw.fields
+    }
 
 
 def draw_world(world: World, seed: int, names: Collection[str] = USUAL) -> World:
     """``world`` as the flight of ``seed`` meets it, with the draws of ``names``.
 
-    Always the same numbers are drawn in the same order, so that neither a figure of ``world`` nor the choice of
-    ``names`` shifts another draw.
+    Always the same numbers are drawn in the same order, so that neither a figure of ``world`` nor
+    the choice of ``names`` shifts another draw.
     """
     random = generator(seed, "campaign")
     values: dict[str, float | Vec3] = {}
@@ -245,7 +275,10 @@ def _winds(name: str) -> tuple[str, ...]:
 
 
 def _turn(v: Vec3, random: np.random.Generator) -> Vec3:
-    """A vector as long as ``v``; three normal numbers point in every direction with equal density."""
+    """A vector as long as ``v``.
+
+    Three normal numbers point in every direction with equal density.
+    """
     x, y, z = random.standard_normal(3).tolist()
     scale = math.hypot(*v) / math.hypot(x, y, z)
     return (scale * x, scale * y, scale * z)
@@ -277,24 +310,30 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
         """Refuse what cannot be flown or would not be true.
 
         Raises:
-            ConfigError: a controller that no batch flies, an unknown draw, a value that is drawn whatever is set,
-                or too short flights.
+            ConfigError: a controller that no batch flies, an unknown draw, a value that is drawn
+                whatever is set, or too short flights.
         """
         require_batchable(self.world, self.config)
         check_duration(self.duration_s, STEADY_S)
         for name in self.draws:
             if name not in DRAWS:
-                raise ConfigError("--draw", notice("value.choices", choices=list(DRAWS), found=name))
+                raise ConfigError(
+                    "--draw", notice("value.choices", choices=list(DRAWS), found=name)
+                )
         for field, draw in absolute(self.draws).items():
             if any(o.partition("=")[0].strip() == f"sim.{field}" for o in self.overrides):
-                raise ConfigError(f"sim.{field}", notice("campaign.drawn", low=draw.low, high=draw.high), "--set")
+                raise ConfigError(
+                    f"sim.{field}", notice("campaign.drawn", low=draw.low, high=draw.high), "--set"
+                )
 
     def settings(self) -> dict[str, Any]:
         """Return the settings that two comparable rows share, for ``settings.json``."""
         return {
             "scenario": self.scenario,
             "duration_s": self.duration_s,
-            "drawn": {name: "; ".join(map(str, DRAWS[name])) or "directions" for name in self.draws},
+            "drawn": {
+                name: "; ".join(map(str, DRAWS[name])) or "directions" for name in self.draws
+            },
             "sim": msgspec.to_builtins(self.world),
             "told": msgspec.to_builtins(self.config),
             "program_sha256": program_sha256(),
@@ -310,18 +349,22 @@ def run(
     batch: int | None = None,
     on_progress: Callable[[int], None] = lambda done: None,
 ) -> tuple[list[CampaignRow], int]:
-    """Let ``crew`` fly the ``seeds`` that the folder ``out`` does not hold yet, ``batch`` at a time.
+    """Let ``crew`` fly the ``seeds`` that the folder ``out`` does not hold yet, ``batch`` at a
+    time.
 
-    Without ``batch`` the work is shared out evenly, up to ``BATCH``. ``on_progress`` hears how many rows there are.
-    Returns all rows in the order of the seeds, and how many of them were flown now.
+    Without ``batch`` the work is shared out evenly, up to ``BATCH``. ``on_progress`` hears how many
+    rows there are. Returns all rows in the order of the seeds, and how many of them were flown now.
 
     Raises:
-        ConfigError: see :meth:`Campaign.require_batchable`, :class:`Folder` and ``fly`` of the crew.
+        ConfigError: see :meth:`Campaign.require_batchable`, :class:`Folder` and ``fly`` of the
+            crew.
     """
     campaign.check()
     folder = Folder(out, campaign.settings()) if out is not None else None
     wanted = set(seeds)
-    rows = {row.seed: row for row in (folder.rows if folder is not None else []) if row.seed in wanted}
+    rows = {
+        row.seed: row for row in (folder.rows if folder is not None else []) if row.seed in wanted
+    }
     missing = [seed for seed in seeds if seed not in rows]
     size = batch or max(1, min(BATCH, math.ceil(len(missing) / crew.workers)))
     chunks = [missing[i : i + size] for i in range(0, len(missing), size)]
@@ -338,12 +381,17 @@ def fly_chunk(campaign: Campaign, seeds: list[int]) -> list[CampaignRow]:
     """Fly ``seeds`` as one batch."""
     worlds = [draw_world(campaign.world, seed, campaign.draws) for seed in seeds]
     flights = fly_batch(worlds, campaign.config, seeds, duration_s=campaign.duration_s)
-    return [_row(seed, world, flights, i) for i, (seed, world) in enumerate(zip(seeds, worlds, strict=True))]
+    return [
+        _row(seed, world, flights, i)
+        for i, (seed, world) in enumerate(zip(seeds, worlds, strict=True))
+    ]
 
 
 def _row(seed: int, w: World, flights: Flights, i: int) -> CampaignRow:
     """Return the row of flight ``i`` of the batch, flown in ``w``."""
-    figures: dict[str, Any] = {name: _finite_or_none(getattr(flights, name)[i].item()) for name in FIGURES}
+    figures: dict[str, Any] = {
+        name: _finite_or_none(getattr(flights, name)[i].item()) for name in FIGURES
+    }
     return CampaignRow(
         seed=seed,
         **{name: getattr(w, name) for name in COPIED},
@@ -380,7 +428,8 @@ class Cluster:
         """Connect.
 
         Raises:
-            ConfigError: dask.distributed is missing, nobody answers, no worker is there, or one runs another program.
+            ConfigError: dask.distributed is missing, nobody answers, no worker is there, or one
+                runs another program.
         """
         require_package("distributed", "--cluster", "cluster")
         from distributed import Client
@@ -393,7 +442,9 @@ class Cluster:
             self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             reason = str(error) or type(error).__name__
-            raise ConfigError("--cluster", notice("cluster.no_scheduler", address=address, why=reason)) from None
+            raise ConfigError(
+                "--cluster", notice("cluster.no_scheduler", address=address, why=reason)
+            ) from None
         try:
             self.workers = self._check()
         except BaseException:
@@ -415,7 +466,10 @@ class Cluster:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """Disconnect; what is still being flown is called off."""
         self._client.close()
@@ -425,7 +479,9 @@ class Cluster:
         from distributed import CancelledError, KilledWorker, as_completed
 
         mine = program_sha256()
-        futures = [self._client.submit(_fly_there, mine, campaign, chunk, pure=False) for chunk in chunks]
+        futures = [
+            self._client.submit(_fly_there, mine, campaign, chunk, pure=False) for chunk in chunks
+        ]
         try:
             for done in as_completed(futures, loop=self._client.loop):
                 flown = done.result()
@@ -439,13 +495,20 @@ class Cluster:
         except KilledWorker as error:
             raise ConfigError("--batch", notice("cluster.workers_lost", why=error)) from None
         except CancelledError:
-            raise ConfigError("--cluster", notice("cluster.scheduler_gone", address=self._address)) from None
+            raise ConfigError(
+                "--cluster", notice("cluster.scheduler_gone", address=self._address)
+            ) from None
         finally:
             self._client.cancel(futures)
 
 
-def _fly_there(program: str, campaign: Campaign, seeds: list[int]) -> list[CampaignRow] | tuple[str, str]:
-    """On a worker: the flights of ``seeds``; or, where this is not ``program``, the worker's address and program."""
+def _fly_there(
+    program: str, campaign: Campaign, seeds: list[int]
+) -> list[CampaignRow] | tuple[str, str]:
+    """On a worker: the flights of ``seeds``.
+
+    Or, where this is not ``program``, the worker's address and program.
+    """
     mine = program_sha256()
     if mine != program:
         from distributed import get_worker
@@ -456,7 +519,9 @@ def _fly_there(program: str, campaign: Campaign, seeds: list[int]) -> list[Campa
 
 def _foreign(worker: str, mine: str, theirs: Any) -> ConfigError:
     what = f"sha256 {theirs[:12]}…" if isinstance(theirs, str) else f"it answers {theirs!r}"
-    return ConfigError("--cluster", notice("cluster.other_program", worker=worker, theirs=what, ours=mine[:12]))
+    return ConfigError(
+        "--cluster", notice("cluster.other_program", worker=worker, theirs=what, ours=mine[:12])
+    )
 
 
 class Local:
@@ -483,14 +548,22 @@ WORST = 5
 """Worst flights that a summary names."""
 
 
-def report(campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: float, workers: int) -> dict[str, Any]:
-    """The figures of ``rows`` as JSON has them. A crash counts as an error beyond all others (null).
+def report(
+    campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: float, workers: int
+) -> dict[str, Any]:
+    """The figures of ``rows`` as JSON has them.
+
+    A crash counts as an error beyond all others (null).
 
     Of ``rows``, ``flown`` took ``wall_s`` [s] on ``workers`` processes; the rest was there already.
     Percentiles are the smallest RMS that so many percent of the flights do not exceed.
     """
     count = len(rows)
-    worst = sorted(rows, key=lambda row: (math.inf if row.rms_cm is None else row.rms_cm, -row.seed), reverse=True)
+    worst = sorted(
+        rows,
+        key=lambda row: (math.inf if row.rms_cm is None else row.rms_cm, -row.seed),
+        reverse=True,
+    )
     return {
         "scenario": campaign.scenario,
         "flights": count,
@@ -507,8 +580,12 @@ def report(campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: f
         },
         "certificate": {
             "lyapunov_floor": _middle([row.lyapunov_floor for row in rows]),
-            "b_hat_share_max": max(_drop_unknown([row.b_hat_share_max for row in rows]), default=None),
-            "thrust_margin_n": min(_drop_unknown([row.thrust_margin_n for row in rows]), default=None),
+            "b_hat_share_max": max(
+                _drop_unknown([row.b_hat_share_max for row in rows]), default=None
+            ),
+            "thrust_margin_n": min(
+                _drop_unknown([row.thrust_margin_n for row in rows]), default=None
+            ),
         },
         "worst": [
             {
@@ -529,7 +606,9 @@ def command(campaign: Campaign, seed: int) -> str:
     """The shell command that flies the flight of ``seed`` alone, through wire bytes."""
     words = ["groundstation-sim", "fly", campaign.scenario, "--seed", str(seed)]
     words += ["--duration", repr(campaign.duration_s)]
-    for override in campaign.overrides + overrides(draw_world(campaign.world, seed, campaign.draws), campaign.draws):
+    for override in campaign.overrides + overrides(
+        draw_world(campaign.world, seed, campaign.draws), campaign.draws
+    ):
         words += ["--set", override]
     return shlex.join(words)
 
@@ -538,12 +617,16 @@ def text(facts: dict[str, Any]) -> str:
     """``report`` for people."""
     rms = facts["rms_cm"]
     lines = [
-        f"{facts['scenario']}: {facts['flights']} flights of {facts['duration_s']:g} s, {facts['flown_now']} flown now",
+        f"{facts['scenario']}: {facts['flights']} flights of {facts['duration_s']:g} s, "
+        f"{facts['flown_now']} flown now",
         "",
         f"{'survived':24}{100.0 * facts['survived']:.2f} %",
         *(f"{f'RMS error, {p} %':24}{_cm(rms[f'p{p}'])}" for p in PERCENTILES),
         f"{'RMS error, worst':24}{_cm(rms['max'])}",
-        *(f"{f'RMS under {limit} cm':24}{100.0 * facts['under_cm'][str(limit)]:.2f} %" for limit in LIMITS_CM),
+        *(
+            f"{f'RMS under {limit} cm':24}{100.0 * facts['under_cm'][str(limit)]:.2f} %"
+            for limit in LIMITS_CM
+        ),
         *_certificate(facts["certificate"]),
         f"{'wall time':24}{facts['wall_s']:.1f} s on {facts['workers']} processes",
     ]

@@ -1,14 +1,17 @@
-"""Search for gains: optuna's sampler proposes, whole flights judge, what breaks a constraint never wins.
+"""Search for gains: optuna's sampler proposes, whole flights judge, what breaks a constraint never
+wins.
 
-A set of gains costs the geometric mean of the RMS errors of its flights. Hard constraints: the law's proof holds (where
-the form that flies has one), no flight crashes, and it still flies with what the floors have wrong and a tenth more.
-The sampler is seeded anew for each trial, so a search that was interrupted goes on as if it had not been. Flights go
-through wire bytes: the arrays of :mod:`sim.batch.batch` fly one kind of controller only, and pay from some 25 on.
+A set of gains costs the geometric mean of the RMS errors of its flights. Hard constraints: the
+law's proof holds (where the form that flies has one), no flight crashes, and it still flies with
+what the floors have wrong and a tenth more. The sampler is seeded anew for each trial, so a search
+that was interrupted goes on as if it had not been. Flights go through wire bytes: the arrays of
+:mod:`sim.batch.batch` fly one kind of controller only, and pay from some 25 on.
 
 What a search finds is judged once more on seeds that it has not seen.
 
-A margin is how wrong the world may be before a configuration stops flying, one thing at a time, by bisection. A flight
-fails when it crashes, or when its RMS error from 15 s on exceeds five times what it is with nothing wrong, and 10 cm.
+A margin is how wrong the world may be before a configuration stops flying, one thing at a time, by
+bisection. A flight fails when it crashes, or when its RMS error from 15 s on exceeds five times
+what it is with nothing wrong, and 10 cm.
 """
 
 import importlib.metadata
@@ -51,8 +54,8 @@ KEYS: dict[str, tuple[str, ...]] = {
     "pid": ("p_position", "p_velocity", "i_velocity", "d_velocity", "p_attitude"),
     "indi": ("k_position", "k_velocity", "k_acceleration", "filter_s", "k_attitude"),
 }
-"""Searched keys where ``--keys`` names none: the gains of the law, not bounds or facts. A controller of the
-user's own has all its options searched that are positive numbers."""
+"""Searched keys where ``--keys`` names none: the gains of the law, not bounds or facts. A
+controller of the user's own has all its options searched that are positive numbers."""
 AROUND = 4.0
 """Bounds are the default divided and multiplied by this."""
 DIGITS = 4
@@ -78,19 +81,23 @@ Point = Mapping[str, float]
 
 
 def space(controller: ControllerConfig, keys: Sequence[str]) -> list[Key]:
-    """The gains of ``controller`` that ``keys`` (``controller.k2`` or ``k2=0.5:8``) name, or the usual ones.
+    """The gains of ``controller`` that ``keys`` (``controller.k2`` or ``k2=0.5:8``) name, or the
+    usual ones.
 
-    Bounds without ``=LOW:HIGH`` are a factor around the default, within what the key accepts, and hold the value in
-    force. Where ``keys`` is empty, gains that are switched off (0) stay off.
+    Bounds without ``=LOW:HIGH`` are a factor around the default, within what the key accepts, and
+    hold the value in force. Where ``keys`` is empty, gains that are switched off (0) stay off.
 
     Raises:
-        ConfigError: a key that is no gain of this controller, is switched off, or bounds that make no sense.
+        ConfigError: a key that is no gain of this controller, is switched off, or bounds that make
+            no sense.
     """
     accepted = _numbers(controller)
     if keys:
         return [_find_key(controller, accepted, text) for text in keys]
     usual = KEYS.get(controller.kind, accepted if isinstance(controller, Custom) else ())
-    found = [_find_key(controller, accepted, name) for name in usual if _value(controller, name) > 0.0]
+    found = [
+        _find_key(controller, accepted, name) for name in usual if _value(controller, name) > 0.0
+    ]
     if not found:
         raise ConfigError("--keys", notice("tune.no_usual_keys", kind=controller.kind))
     return found
@@ -111,7 +118,9 @@ def round_gain(value: float) -> float:
 
 
 def loses_proof(controller: ControllerConfig) -> bool:
-    """True where this form of adaptation has a proof, and these gains do not satisfy it (kb² κ < 4 k3)."""
+    """True where this form of adaptation has a proof, and these gains do not satisfy it (kb² κ < 4
+    k3).
+    """
     if not isinstance(controller, Gains) or controller.composite == "raw" or controller.kb == 0.0:
         return False
     return bound_decrease(controller).startswith("none")
@@ -121,7 +130,9 @@ def _numbers(controller: ControllerConfig) -> dict[str, tuple[mi.FloatType, floa
     """Every key of ``controller`` that holds any number, with its type and its default."""
     if isinstance(controller, Custom):
         options = {
-            n: v for n, v in controller.options.items() if isinstance(v, int | float) and v is not True and v > 0
+            n: v
+            for n, v in controller.options.items()
+            if isinstance(v, int | float) and v is not True and v > 0
         }
         return {name: (mi.FloatType(), float(value)) for name, value in options.items()}
     info = mi.type_info(type(controller))
@@ -135,7 +146,9 @@ def _numbers(controller: ControllerConfig) -> dict[str, tuple[mi.FloatType, floa
 
 
 def _value(controller: ControllerConfig, name: str) -> float:
-    found: Any = controller.options[name] if isinstance(controller, Custom) else getattr(controller, name)
+    found: Any = (
+        controller.options[name] if isinstance(controller, Custom) else getattr(controller, name)
+    )
     return float(found)
 
 
@@ -158,7 +171,9 @@ def _find_key(controller: ControllerConfig, accepted: Mapping[str, Any], text: s
     else:
         middle = default or start
         # What a key accepts may end within the range, as a share ends at 1.
-        ceiling = min(bound for bound in (kind.le, kind.lt and 0.999 * kind.lt, math.inf) if bound is not None)
+        ceiling = min(
+            bound for bound in (kind.le, kind.lt and 0.999 * kind.lt, math.inf) if bound is not None
+        )
         low = min(round_gain(middle / AROUND), start)
         high = max(min(round_gain(middle * AROUND), ceiling), start)
         low = max(low, kind.ge if kind.ge is not None else low)
@@ -189,16 +204,25 @@ class Staged(msgspec.Struct, frozen=True, kw_only=True):
     def with_gains(self, gains: Point) -> "Staged":
         """Return this stage with other gains."""
         controller = with_gains(self.config.controller, gains)
-        return msgspec.structs.replace(self, config=msgspec.structs.replace(self.config, controller=controller))
+        return msgspec.structs.replace(
+            self, config=msgspec.structs.replace(self.config, controller=controller)
+        )
 
 
 def has_own_vehicle(path: Path | None, overrides: Sequence[str]) -> bool:
-    """Whether the user tells the vehicle, by a configuration's file or by an override, and not the scenario."""
-    return path is not None or any(text.partition("=")[0].strip() in _VEHICLES for text in overrides)
+    """Whether the user tells the vehicle, by a configuration's file or by an override, and not the
+    scenario.
+    """
+    return path is not None or any(
+        text.partition("=")[0].strip() in _VEHICLES for text in overrides
+    )
 
 
-def stage_scenarios(names: Sequence[str], path: Path | None, overrides: Sequence[str]) -> list[Staged]:
-    """The scenarios ``names`` with the user's own vehicle, as ``fly --config`` flies it, or with what each tells.
+def stage_scenarios(
+    names: Sequence[str], path: Path | None, overrides: Sequence[str]
+) -> list[Staged]:
+    """The scenarios ``names`` with the user's own vehicle, as ``fly --config`` flies it, or with
+    what each tells.
 
     Raises:
         ConfigError: an unknown scenario, a bad configuration or override.
@@ -214,7 +238,9 @@ def stage_scenarios(names: Sequence[str], path: Path | None, overrides: Sequence
 
 
 def make_station(path: Path | None, overrides: Sequence[str], stage: Staged) -> Config:
-    """The configuration that gets the tuned gains: the user's own, or one for a real room with what ``stage`` tells."""
+    """The configuration that gets the tuned gains: the user's own, or one for a real room with what
+    ``stage`` tells.
+    """
     if has_own_vehicle(path, overrides):
         return load(path, Config, by_side(list(overrides), None)[1])
     told = stage.config
@@ -257,7 +283,9 @@ class SortieOutcome(NamedTuple):
         """Describe the flight in words."""
         if self.rms_cm is None:
             return self.why
-        return f"RMS {self.rms_cm:.2f} cm, {100.0 * self.saturated:.1f} % of the commands at a limit"
+        return (
+            f"RMS {self.rms_cm:.2f} cm, {100.0 * self.saturated:.1f} % of the commands at a limit"
+        )
 
     @property
     def cost_cm(self) -> float:
@@ -272,7 +300,11 @@ def fly_sortie(sortie: Sortie) -> SortieOutcome:
     verdict = result.verdict
     rms_cm = verdict.rms_cm if result.completed else None
     return SortieOutcome(
-        rms_cm, result.why, verdict.effort_rad_s or 0.0, verdict.saturated_fraction, verdict.gust_peak_cm
+        rms_cm,
+        result.why,
+        verdict.effort_rad_s or 0.0,
+        verdict.saturated_fraction,
+        verdict.gust_peak_cm,
     )
 
 
@@ -328,13 +360,23 @@ class MarginAxis(msgspec.Struct, frozen=True):
 
 
 DELAY = MarginAxis(
-    "command_delay", "extra command delay", "the radio or the autopilot is slower than told", "command_delay_s"
+    "command_delay",
+    "extra command delay",
+    "the radio or the autopilot is slower than told",
+    "command_delay_s",
 )
 LATENCY = MarginAxis(
-    "pose_latency", "extra pose latency", "the cameras or the network are slower than told", "pose_latency_s"
+    "pose_latency",
+    "extra pose latency",
+    "the cameras or the network are slower than told",
+    "pose_latency_s",
 )
 GAIN_UP = MarginAxis(
-    "thrust_gain_high", "thrust gain, up to", "it is lighter, or lifts more, than told", "thrust_gain", direction=1
+    "thrust_gain_high",
+    "thrust gain, up to",
+    "it is lighter, or lifts more, than told",
+    "thrust_gain",
+    direction=1,
 )
 GAIN_DOWN = MarginAxis(
     "thrust_gain_low",
@@ -346,15 +388,33 @@ GAIN_DOWN = MarginAxis(
 AXES = (
     DELAY,
     LATENCY,
-    MarginAxis("thrust_lag_high", "thrust lag, up to", "the rotors are slower than told", "thrust_lag_s", direction=1),
     MarginAxis(
-        "thrust_lag_low", "thrust lag, down to", "the rotors are quicker than told", "thrust_lag_s", direction=-1
+        "thrust_lag_high",
+        "thrust lag, up to",
+        "the rotors are slower than told",
+        "thrust_lag_s",
+        direction=1,
     ),
     MarginAxis(
-        "rate_lag_high", "rate lag, up to", "the autopilot turns it slower than told", "rate_lag_s", direction=1
+        "thrust_lag_low",
+        "thrust lag, down to",
+        "the rotors are quicker than told",
+        "thrust_lag_s",
+        direction=-1,
     ),
     MarginAxis(
-        "rate_lag_low", "rate lag, down to", "the autopilot turns it quicker than told", "rate_lag_s", direction=-1
+        "rate_lag_high",
+        "rate lag, up to",
+        "the autopilot turns it slower than told",
+        "rate_lag_s",
+        direction=1,
+    ),
+    MarginAxis(
+        "rate_lag_low",
+        "rate lag, down to",
+        "the autopilot turns it quicker than told",
+        "rate_lag_s",
+        direction=-1,
     ),
     GAIN_UP,
     GAIN_DOWN,
@@ -393,7 +453,10 @@ class MarginReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def limit_cm(nominal: Sequence[SortieOutcome]) -> float | None:
-    """Beyond which RMS error a flight has failed, given those with nothing wrong; None if one of these crashed."""
+    """Beyond which RMS error a flight has failed, given those with nothing wrong.
+
+    None if one of these crashed.
+    """
     errors = [outcome.rms_cm for outcome in nominal if outcome.rms_cm is not None]
     return max(TIMES_NOMINAL * median(errors), FLOOR_CM) if len(errors) == len(nominal) else None
 
@@ -408,8 +471,12 @@ def failure(outcomes: Iterable[SortieOutcome], limit: float) -> str | None:
     return None
 
 
-def find_margin(stage: Staged, limit_cm: float, seeds: int, duration_s: float, axis: MarginAxis) -> Margin:
-    """Fly ``stage`` with ``axis`` wrong by ever more until it fails, then bisect, to 1 ms or 2 %."""
+def find_margin(
+    stage: Staged, limit_cm: float, seeds: int, duration_s: float, axis: MarginAxis
+) -> Margin:
+    """Fly ``stage`` with ``axis`` wrong by ever more until it fails, then bisect, to 1 ms or 2
+    %.
+    """
     step, most, tolerance = DELAYS if not axis.direction else FACTORS
     why: str | None = None
 
@@ -424,13 +491,17 @@ def find_margin(stage: Staged, limit_cm: float, seeds: int, duration_s: float, a
     while not fails(x):
         holds = x
         if x >= most:
-            return Margin(name=axis.name, unit=axis.unit, holds=axis.value(holds), fails=None, why=None)
+            return Margin(
+                name=axis.name, unit=axis.unit, holds=axis.value(holds), fails=None, why=None
+            )
         x = min(2.0 * x, most)
     beyond = x
     while beyond - holds > tolerance:
         middle = 0.5 * (holds + beyond)
         holds, beyond = (holds, middle) if fails(middle) else (middle, beyond)
-    return Margin(name=axis.name, unit=axis.unit, holds=axis.value(holds), fails=axis.value(beyond), why=why)
+    return Margin(
+        name=axis.name, unit=axis.unit, holds=axis.value(holds), fails=axis.value(beyond), why=why
+    )
 
 
 def report(
@@ -442,7 +513,10 @@ def report(
     axes: Sequence[MarginAxis] = AXES,
     on_done: Callable[[int], None] = lambda done: None,
 ) -> MarginReport:
-    """The margins of ``stage`` on each of ``axes``, one a process; ``on_done`` hears how many are found."""
+    """The margins of ``stage`` on each of ``axes``, one a process.
+
+    ``on_done`` hears how many are found.
+    """
     nominal = flyers.each(fly_sortie, sorties(stage, range(seeds), duration_s))
     limit = limit_cm(nominal)
     margins: list[Margin] = []
@@ -465,20 +539,27 @@ def criterion(report: MarginReport) -> str:
     """Describe what counts as a failure, as a sentence."""
     several = f"any of {report.seeds} flights" if report.seeds > 1 else "a flight"
     return (
-        f"It fails where {several} of {report.duration_s:g} s crashes, or has an RMS error from 15 s on above "
-        f"{TIMES_NOMINAL:g} times the one with nothing wrong and above {FLOOR_CM:g} cm."
+        f"It fails where {several} of {report.duration_s:g} s crashes, or has an RMS error from 15 "
+        f"s on above {TIMES_NOMINAL:g} times the one with nothing wrong and above {FLOOR_CM:g} cm."
     )
 
 
 def markdown_table(reports: Sequence[MarginReport]) -> str:
     """One row a margin, one column a configuration."""
     columns = [f"{report.vehicle} in `{report.scenario}`" for report in reports]
-    lines = [f"| fails at | {' | '.join(columns)} | what does this |", f"|---|{'---:|' * len(reports)}---|"]
+    lines = [
+        f"| fails at | {' | '.join(columns)} | what does this |",
+        f"|---|{'---:|' * len(reports)}---|",
+    ]
     nominal = [one.nominal_rms_cm for one in reports]
-    shown = ["fails with nothing wrong" if rms_cm is None else f"{rms_cm:.2f} cm" for rms_cm in nominal]
+    shown = [
+        "fails with nothing wrong" if rms_cm is None else f"{rms_cm:.2f} cm" for rms_cm in nominal
+    ]
     lines.append(f"| nothing: RMS error | {' | '.join(shown)} | the world is as configured |")
     for axis in AXES:
-        by_report = [{margin.name: margin for margin in report.margins}.get(axis.name) for report in reports]
+        by_report = [
+            {margin.name: margin for margin in report.margins}.get(axis.name) for report in reports
+        ]
         cells = ["-" if margin is None else format_margin(margin) for margin in by_report]
         lines.append(f"| {axis.label} | {' | '.join(cells)} | {axis.meaning} |")
     return "\n".join(lines)
@@ -487,7 +568,11 @@ def markdown_table(reports: Sequence[MarginReport]) -> str:
 def format_margin(margin: Margin) -> str:
     """``+38 ms`` or ``1.62x``; ``> +320 ms`` where nothing tried failed."""
     if margin.unit == "s":
-        return f"> +{1e3 * LONGEST_S:.0f} ms" if margin.fails is None else f"+{1e3 * margin.fails:.0f} ms"
+        return (
+            f"> +{1e3 * LONGEST_S:.0f} ms"
+            if margin.fails is None
+            else f"+{1e3 * margin.fails:.0f} ms"
+        )
     if margin.fails is None:
         return f"{'>' if margin.holds > 1.0 else '<'} {margin.holds:.2f}x"
     return f"{margin.fails:.2f}x"
@@ -496,7 +581,8 @@ def format_margin(margin: Margin) -> str:
 SEARCH_SEED = 100
 """The first seed of the flights that a search sees. Figures are verified on seeds from 0 to 99."""
 IN_HAND = 1.1
-"""Factor on floors and limits in a search [-], so that they also hold in flights that it has not seen."""
+"""Factor on floors and limits in a search [-], so that they also hold in flights that it has not
+seen."""
 PROBE_SEEDS = 2
 """Seeds that fly with something wrong, of those that fly with nothing wrong."""
 PROPOSALS = 1000
@@ -514,7 +600,9 @@ class Floors(msgspec.Struct, frozen=True, kw_only=True):
     """Share by which the thrust may be wrong, either way, 0 to below 1; 0 asks for none."""
 
     def wrongs(self, factor: float = 1.0) -> list[tuple[MarginAxis, float]]:
-        """Return each axis with the value that must still fly, the floors multiplied by ``factor``."""
+        """Return each axis with the value that must still fly, the floors multiplied by
+        ``factor``.
+        """
         delay = [(DELAY, self.delay_s * factor)] if self.delay_s else []
         share = min(self.gain * factor, 0.99)
         return [*delay, (GAIN_DOWN, 1.0 - share), (GAIN_UP, 1.0 + share)] if share else delay
@@ -576,19 +664,28 @@ class TuningTrial(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def try_gains(search: Search, gains: dict[str, float], flyers: Flyers, number: int) -> TuningTrial:
-    """Fly one set of gains: each scenario as it is, and the first one with what the floors have wrong."""
+    """Fly one set of gains: each scenario as it is, and the first one with what the floors have
+    wrong.
+    """
     stages = [stage.with_gains(gains) for stage in search.stages]
     first, seeds = stages[0], search.flight_seeds
     plain = [sorties(stage, seeds, search.duration_s) for stage in stages]
     probes = {
-        words(axis, value): sorties(axis.wrong(first, value), seeds[:PROBE_SEEDS], search.duration_s)
+        words(axis, value): sorties(
+            axis.wrong(first, value), seeds[:PROBE_SEEDS], search.duration_s
+        )
         for axis, value in search.floors.wrongs(search.in_hand)
     }
     outcomes = iter(flyers.each(fly_sortie, list(chain(*plain, *probes.values()))))
-    flown = {stage.scenario: [next(outcomes) for _ in work] for stage, work in zip(stages, plain, strict=True)}
+    flown = {
+        stage.scenario: [next(outcomes) for _ in work]
+        for stage, work in zip(stages, plain, strict=True)
+    }
     probed = {what: [next(outcomes) for _ in work] for what, work in probes.items()}
     rms_cm = geometric_mean([outcome.cost_cm for some in flown.values() for outcome in some])
-    broken = ["the proof does not hold for these gains"] if loses_proof(first.config.controller) else []
+    broken = (
+        ["the proof does not hold for these gains"] if loses_proof(first.config.controller) else []
+    )
     excess = 10.0 * len(broken)
     for scenario, some in flown.items():
         crashes = [outcome.why for outcome in some if outcome.rms_cm is None]
@@ -602,7 +699,9 @@ def try_gains(search: Search, gains: dict[str, float], flyers: Flyers, number: i
             excess += math.log(max(max(outcome.cost_cm for outcome in some) / limit, 1.0))
     cost = BROKEN + excess if broken else rms_cm
     figures = [_figure(scenario, some) for scenario, some in flown.items()]
-    return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=broken, cost=cost, figures=figures)
+    return TuningTrial(
+        number=number, gains=gains, rms_cm=rms_cm, broken=broken, cost=cost, figures=figures
+    )
 
 
 def _figure(scenario: str, flown: Sequence[SortieOutcome]) -> Figure:
@@ -617,7 +716,9 @@ def _figure(scenario: str, flown: Sequence[SortieOutcome]) -> Figure:
 
 
 def broken_cost(excess: float) -> float:
-    """Compute the cost of breaking a constraint by ``excess``: more than any flight's that breaks none."""
+    """Compute the cost of breaking a constraint by ``excess``: more than any flight's that breaks
+    none.
+    """
     return BROKEN + math.log(max(excess, 1.0))
 
 
@@ -653,8 +754,9 @@ def run(
 ) -> list[TuningTrial]:
     """Try until there are ``trials`` sets of gains; returns them as they were tried.
 
-    With ``journal`` every trial is kept there as soon as it is done, and those that are there are not flown again.
-    ``judge`` flies each set of gains and says what it is worth: :func:`try_gains`, or as it. ``on_trial`` hears each.
+    With ``journal`` every trial is kept there as soon as it is done, and those that are there are
+    not flown again. ``judge`` flies each set of gains and says what it is worth: :func:`try_gains`,
+    or as it. ``on_trial`` hears each.
 
     Raises:
         ConfigError: the journal can't be used, or holds another search.
@@ -674,7 +776,9 @@ def run(
     return done
 
 
-def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int, judge: Judge) -> TuningTrial:
+def _next(
+    search: Search, study: "optuna.Study", flyers: Flyers, number: int, judge: Judge
+) -> TuningTrial:
     from optuna.distributions import FloatDistribution
     from optuna.trial import TrialState, create_trial
 
@@ -683,7 +787,9 @@ def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int, ju
         trial = judge(search, {key.name: key.start for key in search.keys}, flyers, number)
         inside = {key.name: min(max(key.start, key.low), key.high) for key in search.keys}
         kept = {"trial": msgspec.to_builtins(trial)}
-        study.add_trial(create_trial(params=inside, distributions=ranges, value=trial.cost, user_attrs=kept))
+        study.add_trial(
+            create_trial(params=inside, distributions=ranges, value=trial.cost, user_attrs=kept)
+        )
         return trial
     for attempt in range(PROPOSALS):
         study.sampler = _sampler((search.sampler_seed * 1_000_003 + number) * PROPOSALS + attempt)
@@ -707,7 +813,9 @@ def _sampler(seed: int) -> "optuna.samplers.BaseSampler":
     from optuna.samplers import TPESampler
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # gains depend on each other, and it warns that looking at that is new
+        warnings.simplefilter(
+            "ignore"
+        )  # gains depend on each other, and it warns that looking at that is new
         return TPESampler(seed=seed, multivariate=True)
 
 
@@ -719,18 +827,26 @@ def _study(search: Search, journal: Path | None) -> "optuna.Study":
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     now = search.settings()
     try:
-        storage = InMemoryStorage() if journal is None else JournalStorage(JournalFileBackend(str(journal)))
+        storage = (
+            InMemoryStorage()
+            if journal is None
+            else JournalStorage(JournalFileBackend(str(journal)))
+        )
         study = optuna.create_study(storage=storage, study_name="tune", load_if_exists=True)
         before = study.user_attrs.get("settings")
     except OSError as error:
-        raise ConfigError("--out", notice("file.unusable", path=journal, why=error.strerror)) from None
+        raise ConfigError(
+            "--out", notice("file.unusable", path=journal, why=error.strerror)
+        ) from None
     except (ValueError, KeyError, TypeError, AttributeError, AssertionError):
         raise ConfigError("--out", notice("tune.no_journal", path=journal)) from None
     if before is None:
         study.set_user_attr("settings", now)
     elif before != now:
         changed = sorted(key for key in now if before.get(key) != now[key])
-        raise ConfigError("--out", notice("tune.other_search", path=journal, changed=", ".join(changed)))
+        raise ConfigError(
+            "--out", notice("tune.other_search", path=journal, changed=", ".join(changed))
+        )
     return study
 
 
@@ -745,35 +861,46 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
     """Why the gains after are not to be used; empty where they are."""
 
 
-def verify(search: Search, start: TuningTrial, best: TuningTrial, flyers: Flyers, seeds: int) -> Evidence:
-    """Try the gains that it began with and the ``best`` ones in whole flights, with seeds 0 to ``seeds`` - 1.
+def verify(
+    search: Search, start: TuningTrial, best: TuningTrial, flyers: Flyers, seeds: int
+) -> Evidence:
+    """Try the gains that it began with and the ``best`` ones in whole flights, with seeds 0 to
+    ``seeds`` - 1.
 
     What is demanded is the floors themselves; seeds from ``SEARCH_SEED`` on are the search's own.
     """
-    unseen = msgspec.structs.replace(search, seeds=seeds, first_seed=0, duration_s=DURATION_S, in_hand=1.0)
+    unseen = msgspec.structs.replace(
+        search, seeds=seeds, first_seed=0, duration_s=DURATION_S, in_hand=1.0
+    )
     before, after = (try_gains(unseen, one.gains, flyers, one.number) for one in (start, best))
     complaints = list(after.broken)
     if after.rms_cm >= before.rms_cm and not start.broken:
-        complaints.append(f"the mean error is {after.rms_cm:.3g} cm, and was {before.rms_cm:.3g} cm")
+        complaints.append(
+            f"the mean error is {after.rms_cm:.3g} cm, and was {before.rms_cm:.3g} cm"
+        )
     return Evidence(seeds=seeds, before=before, after=after, complaints=complaints)
 
 
-def toml(config: Config, search: Search, trials: list[TuningTrial], evidence: Evidence, command: str) -> str:
+def toml(
+    config: Config, search: Search, trials: list[TuningTrial], evidence: Evidence, command: str
+) -> str:
     """The tuned configuration, with where it comes from and what it is worth as comments."""
     first, last = search.flight_seeds[0], search.flight_seeds[-1]
     scenarios, floors = ", ".join(stage.scenario for stage in search.stages), search.floors
     comments = [
         f"Tuned by: {command}",
         f"{len(trials)} trials, sampler seed {search.sampler_seed}. {versions()}.",
-        f"Searched: the geometric mean of the RMS errors, from 15 s on, of flights of {search.duration_s:g} s through "
-        f"{scenarios} with seeds {first} to {last}. "
-        f"Constraints: the law's proof, where there is one; no crash; and in {search.stages[0].scenario} it still "
-        f"flies with {1e3 * floors.delay_s:g} ms of delay or {100.0 * floors.gain:g} % of thrust that nobody told it "
-        "(searched with a tenth more).",
+        "Searched: the geometric mean of the RMS errors, from 15 s on, of flights of "
+        f"{search.duration_s:g} s through {scenarios} with seeds {first} to {last}. Constraints: "
+        f"the law's proof, where there is one; no crash; and in {search.stages[0].scenario} it "
+        f"still flies with {1e3 * floors.delay_s:g} ms of delay or {100.0 * floors.gain:g} % of "
+        "thrust that nobody told it (searched with a tenth more).",
         "",
         *describe_evidence(search, evidence),
     ]
-    return "\n".join([*(line for comment in comments for line in _comment(comment)), "", dump(config)])
+    return "\n".join(
+        [*(line for comment in comments for line in _comment(comment)), "", dump(config)]
+    )
 
 
 def describe_evidence(search: Search, evidence: Evidence) -> list[str]:
@@ -782,18 +909,25 @@ def describe_evidence(search: Search, evidence: Evidence) -> list[str]:
     for key in search.keys:
         after = evidence.after.gains[key.name]
         lines.append(f"{key.name:<24} {_number(key.start):>16} {_number(after):>16}")
-    lines += ["", f"RMS error, median and worst of {evidence.seeds} flights that no search has seen, cm:"]
+    lines += [
+        "",
+        f"RMS error, median and worst of {evidence.seeds} flights that no search has seen, cm:",
+    ]
     lines.append(f"{'':<24} {'before':>16} {'after':>16}")
     for old, new in zip(evidence.before.figures, evidence.after.figures, strict=True):
         lines.append(f"{old.scenario:<24} {_errors(old):>16} {_errors(new):>16}")
-    lines.append(f"{'geometric mean':<24} {evidence.before.rms_cm:>16.3g} {evidence.after.rms_cm:>16.3g}")
+    lines.append(
+        f"{'geometric mean':<24} {evidence.before.rms_cm:>16.3g} {evidence.after.rms_cm:>16.3g}"
+    )
     return lines
 
 
 def versions() -> str:
     """Describe the versions of the programs that ran the search."""
     others = (f"{name} {importlib.metadata.version(name)}" for name in ("optuna", "numpy"))
-    return ", ".join([f"groundstation {__version__}", *others, f"Python {platform.python_version()}"])
+    return ", ".join(
+        [f"groundstation {__version__}", *others, f"Python {platform.python_version()}"]
+    )
 
 
 def _errors(figure: Figure) -> str:
@@ -803,7 +937,8 @@ def _errors(figure: Figure) -> str:
 
 
 TEXT_COLUMNS = 118
-"""Width of sentences below a table and in comments of a tuned configuration [characters]. Chosen."""
+"""Width of sentences below a table and in comments of a tuned configuration [characters].
+Chosen."""
 
 
 def _number(value: float) -> str:

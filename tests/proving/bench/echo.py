@@ -1,4 +1,7 @@
-"""The floor of a latency measurement: asyncio sends every datagram back. Run as ``-m tests.proving.bench.echo``."""
+"""The floor of a latency measurement: asyncio sends every datagram back.
+
+Run as ``-m tests.proving.bench.echo``.
+"""
 
 import asyncio
 from typing import Any

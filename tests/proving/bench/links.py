@@ -1,9 +1,12 @@
-"""Timing of commands on this machine, ``groundstation-sim bench``. An edge file: it reads the machine's clock.
+"""Timing of commands on this machine, ``groundstation-sim bench``.
+
+An edge file: it reads the machine's clock.
 
 Frames are timed beside a bare sleep loop, and the way from pose to command beside a bare echo.
-``groundstation daemon`` flies a simulated vehicle that lives here; poses leave at 50, 100 and 250 Hz, and between any
-two of them a datagram of the same size goes to a bare asyncio echo in a process of its own. Both times are taken here,
-by one clock. Poses are a thousandth slower than they say: they slide along what the autopilot tells of itself.
+``groundstation daemon`` flies a simulated vehicle that lives here; poses leave at 50, 100 and
+250 Hz, and between any two of them a datagram of the same size goes to a bare asyncio echo in a
+process of its own. Both times are taken here, by one clock. Poses are a thousandth slower than they
+say: they slide along what the autopilot tells of itself.
 """
 
 import argparse
@@ -54,7 +57,8 @@ class Answers(NamedTuple):
     latencies_s: list[float]
     sent: int
     overtaken: int = 0
-    """Poses that a newer one followed before a command left: what answered the newer one has answered them, late."""
+    """Poses that a newer one followed before a command left: what answered the newer one has
+    answered them, late."""
 
 
 class Waiting:
@@ -72,7 +76,8 @@ class Waiting:
     def command(self, computed_ms: int, now_s: float) -> None:
         """A command has come, computed in the millisecond ``computed_ms`` (modulo 2³²).
 
-        It answers every pose that had left by then; one between two poses, from what is known, answers no pose.
+        It answers every pose that had left by then; one between two poses, from what is known,
+        answers no pose.
         """
         answered = 0
         while self._left and (computed_ms - int(1e3 * self._left[0])) & 0xFFFFFFFF < 1 << 31:
@@ -92,7 +97,10 @@ def find_percentiles(values: Sequence[float]) -> dict[str, float]:
 
 
 def figures_of(answers: Answers) -> dict[str, float]:
-    """Percentiles [µs] of all that were answered, overtaken ones too; how many those were, and how many were not."""
+    """Percentiles [µs] of all that were answered, overtaken ones too.
+
+    How many those were, and how many were not.
+    """
     found = answers.latencies_s
     if not found:
         raise LatencyFailed("nothing came back")
@@ -117,7 +125,8 @@ START_LIMIT_S = 20.0
 SETTLE_S = 1.0
 """Time at the beginning of each flight that is left out [s]."""
 MOST_FLIGHTS = 5
-"""Flights of one measurement: a flight ends where this machine stands still for 0.25 s, and the next one goes on."""
+"""Flights of one measurement: a flight ends where this machine stands still for 0.25 s, and the
+next one goes on."""
 SLIDE = 1.001
 """The time between two poses, in nominal periods."""
 LAST_S = 0.1
@@ -131,8 +140,12 @@ class _Peer(AutopilotPeer):
     waiting: Waiting
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        if data[7:10] == _SET_POINT:  # its payload begins with time_boot_ms, by the clock that is ours too
-            self.waiting.command(int.from_bytes(data[10:14], "little"), asyncio.get_running_loop().time())
+        if (
+            data[7:10] == _SET_POINT
+        ):  # its payload begins with time_boot_ms, by the clock that is ours too
+            self.waiting.command(
+                int.from_bytes(data[10:14], "little"), asyncio.get_running_loop().time()
+            )
         super().datagram_received(data, addr)
 
 
@@ -150,7 +163,9 @@ class _Echoes(asyncio.DatagramProtocol):
 
 
 def measure_latency(seconds: float) -> dict[str, Any]:
-    """Fly ``seconds`` [s] at each rate; latencies in µs: see :func:`tests.proving.bench.links.figures_of`.
+    """Fly ``seconds`` [s] at each rate.
+
+    Latencies in µs: see :func:`tests.proving.bench.links.figures_of`.
 
     Raises:
         LatencyFailed: nothing was armed, or flights ended again and again.
@@ -175,7 +190,9 @@ async def fly_latency(rate_hz: int, seconds: float) -> tuple[Answers, Answers]:
         if seconds < 0.5:
             commands, echoes = zip(*flights, strict=True)
             return together(commands), together(echoes)
-    raise LatencyFailed(f"{MOST_FLIGHTS} flights ended before the measurement did: let the machine do nothing else")
+    raise LatencyFailed(
+        f"{MOST_FLIGHTS} flights ended before the measurement did: let the machine do nothing else"
+    )
 
 
 async def _fly_once(rate_hz: int, seconds: float) -> tuple[Answers, Answers]:
@@ -199,7 +216,9 @@ async def _fly_once(rate_hz: int, seconds: float) -> tuple[Answers, Answers]:
 
 async def _process(module: str, *words: str, stdout: int = DEVNULL) -> asyncio.subprocess.Process:
     command = make_child_command(module, *words)
-    return await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=stdout, stderr=DEVNULL)
+    return await asyncio.create_subprocess_exec(
+        *command, stdin=DEVNULL, stdout=stdout, stderr=DEVNULL
+    )
 
 
 async def _config(rate_hz: int, folder: Path) -> Config:
@@ -227,7 +246,9 @@ def _make_vehicle(now_s: float) -> SimulatedVehicle:
     return SimulatedVehicle(plant, world, normals(0, "estimate", 6), normals(0, "wander", 3))
 
 
-async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: int) -> tuple[Answers, Answers]:
+async def _measure_flight(
+    config: Config, rate_hz: int, seconds: float, port: int
+) -> tuple[Answers, Answers]:
     loop = asyncio.get_running_loop()
     vehicle = _make_vehicle(loop.time())
     autopilot = Px4Autopilot(vehicle)
@@ -250,7 +271,11 @@ async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: in
             due = begun + frame * period
             await sleep_until(due)
             seen = vehicle.measure(loop.time())
-            data = encode(frame, due, [TrackedBody(config.pose.object, seen.position_ned, seen.attitude, True)])
+            data = encode(
+                frame,
+                due,
+                [TrackedBody(config.pose.object, seen.position_ned, seen.attitude, True)],
+            )
             counts = counts_from is not None and loop.time() >= counts_from
             if counts:
                 waiting.left(loop.time())
@@ -266,7 +291,9 @@ async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: in
                 sent += 1
                 echoes.left_s[data] = loop.time()
                 echo.sendto(data)
-            if frame * period < loop.time() - begun - 0.5:  # after a standstill of this machine: no burst
+            if (
+                frame * period < loop.time() - begun - 0.5
+            ):  # after a standstill of this machine: no burst
                 begun += period
         await asyncio.sleep(LAST_S)
     finally:
@@ -284,11 +311,13 @@ HOGS_PER_CPU = 1.5
 
 
 async def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
-    """``{"pacer": {p50_us, p99_us, p999_us, lost}, "floor": {…}, "fifo": bool}`` of ``seconds`` [s] at 22.5 ms.
+    """``{"pacer": {p50_us, p99_us, p999_us, lost}, "floor": {…}, "fifo": bool}`` of ``seconds`` [s]
+    at 22.5 ms.
 
-    The pacer is armed and gets a new command for each frame. Its lateness is taken when the frame is written, the
-    floor's when it wakes up. Both have the same scheduling policy: real-time where that is allowed, and ``fifo`` tells.
-    With ``busy``, processes that never wait have every processor meanwhile.
+    The pacer is armed and gets a new command for each frame. Its lateness is taken when the frame
+    is written, the floor's when it wakes up. Both have the same scheduling policy: real-time where
+    that is allowed, and ``fifo`` tells. With ``busy``, processes that never wait have every
+    processor meanwhile.
     """
     count = max(10, round(seconds / MODULE.period_s))
     reports: list[PacerReport] = []
@@ -296,7 +325,9 @@ async def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
     wire.listen(lambda data: None)
     with tempfile.TemporaryDirectory(prefix="bench-") as folder, _hogs(busy):
         pacer = await open_process(
-            replace(MODULE, port=wire.path), 1.0, lambda report: reports.append(report) if report is not None else None
+            replace(MODULE, port=wire.path),
+            1.0,
+            lambda report: reports.append(report) if report is not None else None,
         )
         flying = asyncio.create_task(_fly(pacer))
         try:
@@ -311,7 +342,10 @@ async def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
     last = reports[-1]
     return {
         "pacer": {**dict(zip(SHOWN, last.late_us, strict=True)), "lost": last.lost},
-        "floor": {**find_percentiles(floor), "lost": sum(late >= 1e6 * MODULE.period_s for late in floor)},
+        "floor": {
+            **find_percentiles(floor),
+            "lost": sum(late >= 1e6 * MODULE.period_s for late in floor),
+        },
         "fifo": fifo,
     }
 
@@ -357,7 +391,8 @@ def _hogs(busy: bool) -> Iterator[None]:
 def measure_all(seconds: float) -> dict[str, Any]:
     """Return the facts of the machine, and of its links.
 
-    The pacer is measured idle and with every processor busy, ``seconds`` [s] each; latencies as long, all together.
+    The pacer is measured idle and with every processor busy, ``seconds`` [s] each; latencies as
+    long, all together.
     """
     idle, busy = (asyncio.run(measure_pacer(seconds, busy=busy)) for busy in (False, True))
     latency = measure_latency(seconds / len(RATES_HZ))
@@ -367,7 +402,8 @@ def measure_all(seconds: float) -> dict[str, Any]:
         "idle": {**idle, "ratios": _ratios(idle["pacer"], idle["floor"])},
         **latency,
         "latency_ratios": {
-            rate: _ratios(figures, latency["echo"][rate]) for rate, figures in latency["pose_to_command"].items()
+            rate: _ratios(figures, latency["echo"][rate])
+            for rate, figures in latency["pose_to_command"].items()
         },
         "seconds": seconds,
         "period_s": MODULE.period_s,
@@ -388,16 +424,24 @@ def _ratios(ours: dict[str, float], floor: dict[str, float]) -> dict[str, float]
 def text(facts: dict[str, Any]) -> str:
     """Return the facts as lines for people."""
     machine, links = facts["machine"], facts["links"]
-    policy = "real-time priority" if links["fifo"] else "ordinary priority: SCHED_FIFO is not allowed here"
+    policy = (
+        "real-time priority"
+        if links["fifo"]
+        else "ordinary priority: SCHED_FIFO is not allowed here"
+    )
     lines = [
-        f"Python {machine['python']}, {machine['system']}, {machine['cpus']} CPUs, load {machine['load']:.1f}",
+        f"Python {machine['python']}, {machine['system']}, {machine['cpus']} CPUs, load "
+        f"{machine['load']:.1f}",
         "",
         "links:",
-        f"  lateness of frames every {1e3 * links['period_s']:g} ms for {links['seconds']:g} s, {policy}",
+        f"  lateness of frames every {1e3 * links['period_s']:g} ms for {links['seconds']:g} s, "
+        f"{policy}",
     ]
     for name, these in (("processors busy", links), ("idle", links["idle"])):
         for what, label in (("pacer", "the pacer"), ("floor", "a bare loop")):
-            lines.append(f"    {name:16} {label:12} {_figures(these[what])}; {these[what]['lost']} lost")
+            lines.append(
+                f"    {name:16} {label:12} {_figures(these[what])}; {these[what]['lost']} lost"
+            )
         lines.append(f"    {name:16} {'ratio':12} {_words(these['ratios'])}")
     lines.append("  pose's datagram in to command's datagram out")
     for rate, ours in links["pose_to_command"].items():
@@ -409,7 +453,10 @@ def text(facts: dict[str, Any]) -> str:
 
 
 def _figures(these: dict[str, float]) -> str:
-    return f"50 % within {these['p50_us']:.0f} µs, 99 % {these['p99_us']:.0f}, 99.9 % {these['p999_us']:.0f}"
+    return (
+        f"50 % within {these['p50_us']:.0f} µs, 99 % {these['p99_us']:.0f}, 99.9 % "
+        f"{these['p999_us']:.0f}"
+    )
 
 
 def _words(ratios: dict[str, float]) -> str:

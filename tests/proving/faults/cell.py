@@ -1,8 +1,10 @@
-"""One fault in one state of one mission, in virtual time: the whole application against the simulated side.
+"""One fault in one state of one mission, in virtual time: the whole application against the
+simulated side.
 
-Up to the instant at which it is struck, a flight of virtual time is the same for all faults that it is set up alike
-for: the wait for poses, the take-off, the way onto the figure. So it is flown once, and each fault strikes a copy of
-the process that has flown it; the rows are those of flights of their own. Whoever is copied has no other thread.
+Up to the instant at which it is struck, a flight of virtual time is the same for all faults that it
+is set up alike for: the wait for poses, the take-off, the way onto the figure. So it is flown once,
+and each fault strikes a copy of the process that has flown it; the rows are those of flights of
+their own. Whoever is copied has no other thread.
 """
 
 import asyncio
@@ -27,7 +29,17 @@ from sim.runs import MISSION_CONFIRM_S, Stage, confirm_at, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World, generator
-from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Kind, Moment, Moves, Poses, Scene, stand_between
+from tests.proving.faults.fault import (
+    MOMENTS,
+    Exemption,
+    Fault,
+    Kind,
+    Moment,
+    Moves,
+    Poses,
+    Scene,
+    stand_between,
+)
 from tests.proving.faults.faults import CASES, find_fault
 from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, WireJudge, exemption_of, judge
 from tests.proving.faults.monitors import UNGUARDED, DeckMonitors
@@ -35,15 +47,18 @@ from tests.proving.faults.monitors import UNGUARDED, DeckMonitors
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
 AUTOPILOT = {"COM_OF_LOSS_T": 0.3}
-"""Time for which PX4 holds the last set-point [s]; its default is 1 s, docs/how-to/px4.md asks for 0.2 to 1."""
+"""Time for which PX4 holds the last set-point [s]; its default is 1 s, docs/how-to/px4.md asks for
+0.2 to 1."""
 FIGURE_S = 5.0
 """Duration of the figure where nothing ends it early [s]."""
 NEAR = ("trajectory.centre_ned=[0.093,-1.507,0]",)
-"""The figure begins 1 m above the place at which the scenario's vehicle holds after its take-off: a short way."""
+"""The figure begins 1 m above the place at which the scenario's vehicle holds after its take-off: a
+short way."""
 DESCENT_AFTER_S = 1.0
 """The failsafe descent is asked for after so long on the figure [s]."""
 MOVES_AFTER_S = 0.5
-"""A point is asked for after so long in the first hold, and the way back after so long in the next one [s]."""
+"""A point is asked for after so long in the first hold, and the way back after so long in the next
+one [s]."""
 MOVES_BY = (0.9, 0.6, -0.3)
 """Where that point is from where it holds [m, NED]."""
 LOOK_S = 0.005
@@ -95,7 +110,9 @@ def fly_cell(
     if not any(override.startswith("trajectory.") for override in overrides):
         overrides = (*NEAR, *overrides)
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        flight = fly_here(case, fault, state, seed=seed, scenario=scenario, overrides=overrides, split=split)
+        flight = fly_here(
+            case, fault, state, seed=seed, scenario=scenario, overrides=overrides, split=split
+        )
         try:
             return runner.run(flight)
         except NotReached as error:
@@ -122,7 +139,9 @@ async def fly_here(
     keep: Give | None = None,
     split: Callable[[], FlightCopy] | None = None,
 ) -> Row:
-    """Fly one cell on the running loop of virtual time, whatever its time is; ``keep`` takes what is recorded.
+    """Fly one cell on the running loop of virtual time, whatever its time is.
+
+    ``keep`` takes what is recorded.
 
     ``split`` tells at the strike which copy it is, of a case that is set up as ``fault`` is.
 
@@ -141,7 +160,11 @@ async def fly_here(
     def newtons(time_s: float, signal: float) -> float:
         return thrust_of(signal, world.thrust_curve) * stage.plant.most_n(time_s)
 
-    pushing = Thrust(hover_n(world), newtons, AUTOPILOT["COM_OF_LOSS_T"] if fault.link == "mavlink" else FAILSAFE_S)
+    pushing = Thrust(
+        hover_n(world),
+        newtons,
+        AUTOPILOT["COM_OF_LOSS_T"] if fault.link == "mavlink" else FAILSAFE_S,
+    )
     wire = WireJudge(config, pushing)
     loop.tap = wire.tap
     truth, moves = Truth(world.floor_z_m), Moves(loop.time)
@@ -162,13 +185,17 @@ async def fly_here(
         # What false poses led to is no course any more: it may run away with them.
         nonlocal blind
         pilot = flight._pilot
-        blind = blind or (moves.struck and pilot.state.is_blind and not pilot.state.health.has_failed)
+        blind = blind or (
+            moves.struck and pilot.state.is_blind and not pilot.state.health.has_failed
+        )
         misled = fault.poses is not Poses.TRUE and bool(moves.answers)
         ended = moves.state in (State.DESCENT, State.ABORTED, State.DISARMING)
         if not misled and not ended:
             tick = event.tick
             reference = tick.reference
-            truth.refer(tick.time_s, reference.position_ned, reference.velocity_ned, tick.estimate.time_s)
+            truth.refer(
+                tick.time_s, reference.position_ned, reference.velocity_ned, tick.estimate.time_s
+            )
         if scene.controller_raises:
             raise _Broken("the controller broke")
 
@@ -186,7 +213,9 @@ async def fly_here(
         pushing.answered_s = min(pushing.answered_s, time_s + world.frame_period_s)
 
     def is_open_loop(state: State) -> bool:
-        """Whether commands in ``state`` follow no pose: without poses a failsafe descent follows none, too."""
+        """Whether commands in ``state`` follow no pose: without poses a failsafe descent follows
+        none, too.
+        """
         return state is State.ABORTED or (state is State.DESCENT and fault.poses is Poses.GONE)
 
     stage = Stage(world, config, seed, truth.step, parameters=AUTOPILOT)
@@ -245,10 +274,18 @@ async def fly_here(
             raise result
     loop.tap = None
     if autopilot.acts_s is not None:
-        answers.append((autopilot.acts_s, "autopilot lands", "set-points stopped: the autopilot's own failsafe"))
+        answers.append(
+            (
+                autopilot.acts_s,
+                "autopilot lands",
+                "set-points stopped: the autopilot's own failsafe",
+            )
+        )
     answers.sort()
     restless = "" if rests else "it does not come to rest" if ended else "it does not end"
-    too_weak = stage.plant.most_n(loop.time()) <= hover_n(world)  # its rotors at their fullest can't hold it
+    too_weak = stage.plant.most_n(loop.time()) <= hover_n(
+        world
+    )  # its rotors at their fullest can't hold it
     row = judge(
         name, fault, state, truth, answers,
         wrong=restless or wrong,
@@ -289,7 +326,9 @@ async def _reach(moment: Moment, scene: Scene, moves: Moves, truth: Truth) -> tu
 
 
 async def _return(flight: Flight, moves: Moves) -> None:
-    """Ask for the way back from the point that was asked for, as a flight there holds until somebody does."""
+    """Ask for the way back from the point that was asked for, as a flight there holds until
+    somebody does.
+    """
     while True:
         await asyncio.sleep(LOOK_S)
         if moves.lasts(State.HOLD, MOVES_AFTER_S):
@@ -333,7 +372,12 @@ class _Autopilot:
             if self.acts_s is None and told.failsafe:
                 self.acts_s = loop.time()
                 self._on_act(self.acts_s)
-            if self.land_s is None and not told.failsafe and told.armed and told.mode == told.land_mode:
+            if (
+                self.land_s is None
+                and not told.failsafe
+                and told.armed
+                and told.mode == told.land_mode
+            ):
                 self.land_s = loop.time()
             await asyncio.sleep(2.0 * LOOK_S)
 
@@ -357,13 +401,18 @@ def hover_n(world: World) -> float:
     return world.mass_kg * math.hypot(north, east, world.gravity + down)
 
 
-def _left_wrongly(fault: Fault, state: str, config: Config, wire: WireJudge, pushing: Thrust, struck_s: float) -> str:
+def _left_wrongly(
+    fault: Fault, state: str, config: Config, wire: WireJudge, pushing: Thrust, struck_s: float
+) -> str:
     """Describe a command that must not have left; empty where there is none."""
     if wire.wrong:
         return wire.wrong
     most = config.flight.coast_s + config.guards.level_s + 2.0 + BLIND_S
     if fault.poses is Poses.GONE and pushing.last_lift_s > struck_s + most:
-        return f"a command that lifts left {pushing.last_lift_s - struck_s:.2f} s after the last true pose"
+        return (
+            f"a command that lifts left {pushing.last_lift_s - struck_s:.2f} s after the last true "
+            "pose"
+        )
     if fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
         return f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
     return ""
@@ -410,7 +459,9 @@ def fly_together(
         raise _CopiesFlown
 
     try:
-        found = fly_cell(case, state, link=link, seed=seed, scenario=scenario, overrides=overrides, split=split)
+        found = fly_cell(
+            case, state, link=link, seed=seed, scenario=scenario, overrides=overrides, split=split
+        )
     except _CopiesFlown:
         return rows
     except BaseException as error:
@@ -422,4 +473,7 @@ def fly_together(
         os._exit(0)
     assert isinstance(found, Row), "told by whoever has failed"
     never = found.why
-    return [not_struck(copy.case, find_fault(copy.case, state, link), state, never, scenario) for copy in copies]
+    return [
+        not_struck(copy.case, find_fault(copy.case, state, link), state, never, scenario)
+        for copy in copies
+    ]

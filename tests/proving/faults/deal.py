@@ -1,4 +1,5 @@
-"""The cells of the fault deck, how several processes fly them, and ``groundstation-sim dev faults``.
+"""The cells of the fault deck, how several processes fly them, and
+``groundstation-sim dev faults``.
 
 Processes that die in real time are no part of it: tests/e2e kills and freezes each of them.
 """
@@ -25,7 +26,8 @@ from tests.proving.faults.monitors import FAILED, UNGUARDED, check_forced
 from tests.proving.faults.table import is_within, text, write
 
 TOGETHER = 12
-"""At most this many cells are flown together by one process, so that all processes have enough to do."""
+"""At most this many cells are flown together by one process, so that all processes have enough to
+do."""
 
 
 class Cell(msgspec.Struct, frozen=True):
@@ -48,7 +50,8 @@ class Planned(msgspec.Struct, frozen=True):
     scenario: str
     seed: int
     forced: str = ""
-    """Doubt that is forced upon it, as :meth:`monitors.DeckMonitors.go_on` has it; empty for none."""
+    """Doubt that is forced upon it, as :meth:`monitors.DeckMonitors.go_on` has it; empty for
+    none."""
 
     def copies(self) -> tuple[FlightCopy, ...]:
         """Return what is flown for its row: honest rows have the same flight without guards."""
@@ -66,7 +69,9 @@ class Planned(msgspec.Struct, frozen=True):
         return judge_honest(flown[0], flown[1], must_fly_on=must)
 
 
-def deal_cells(fault: str | None = None, state: str | None = None, link: str | None = None) -> list[Cell]:
+def deal_cells(
+    fault: str | None = None, state: str | None = None, link: str | None = None
+) -> list[Cell]:
     """Return every cell; or those of one fault or case, of one state, of one link."""
     return [
         Cell(case, place, on)
@@ -79,7 +84,10 @@ def deal_cells(fault: str | None = None, state: str | None = None, link: str | N
 
 def pick_worst(flown: Sequence[Sequence[Row]]) -> list[Row]:
     """Return, of rows of the same cells with several seeds, the worst of each cell."""
-    return [max(rows, key=lambda row: (not row.safe, row.worst, row.peak_error_m)) for rows in zip(*flown, strict=True)]
+    return [
+        max(rows, key=lambda row: (not row.safe, row.worst, row.peak_error_m))
+        for rows in zip(*flown, strict=True)
+    ]
 
 
 def fly_all(
@@ -96,8 +104,11 @@ def fly_all(
         cell, told = planned.cell, planned.cell.fault
         setting = (cell.state, cell.link, told.source, told.overrides, told.kind is Kind.HONEST)
         alike.setdefault((planned.scenario, planned.seed, *setting), []).append(planned)
-    jobs = [some[i : i + TOGETHER] for some in alike.values() for i in range(0, len(some), TOGETHER)]
-    # Never in this process, even with one worker: its bar has a thread, and a process that is copied must have none.
+    jobs = [
+        some[i : i + TOGETHER] for some in alike.values() for i in range(0, len(some), TOGETHER)
+    ]
+    # Never in this process, even with one worker: its bar has a thread, and a process that is
+    # copied must have none.
     with Workers(max(1, min(workers, len(jobs)))) as pool:
         for number, found in pool.as_done(partial(_fly_job, tuple(overrides)), jobs):
             rows |= zip(jobs[number], found, strict=True)
@@ -109,7 +120,11 @@ def _fly_job(overrides: tuple[str, ...], job: Sequence[Planned]) -> list[Row]:
     """Return the rows of flights that are set up alike."""
     copies = [copy for planned in job for copy in planned.copies()]
     cell, scenario, seed, _ = msgspec.structs.astuple(job[0])
-    flown = iter(fly_together(copies, cell.state, link=cell.link, seed=seed, scenario=scenario, overrides=overrides))
+    flown = iter(
+        fly_together(
+            copies, cell.state, link=cell.link, seed=seed, scenario=scenario, overrides=overrides
+        )
+    )
     return [planned.row([next(flown) for _ in planned.copies()]) for planned in job]
 
 

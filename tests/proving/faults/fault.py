@@ -1,6 +1,7 @@
 """Fault: how it strikes, at which moment of a mission, and what its judge must know of it.
 
-What can't be asked of a vehicle after a fault is a closed list of words; everything else is asked of all.
+What can't be asked of a vehicle after a fault is a closed list of words; everything else is asked
+of all.
 """
 
 import asyncio
@@ -18,7 +19,9 @@ from tests.proving.faults.pictures import Picture, Struck, Way
 
 
 class Meddler:
-    """Tracker around another one: stands between the cameras and the network, and spoils what they say."""
+    """Tracker around another one: stands between the cameras and the network, and spoils what they
+    say.
+    """
 
     def __init__(self, tracker: Tracker) -> None:
         self.picture: Picture | None = None
@@ -49,7 +52,10 @@ class Meddler:
 
 
 def stand_between(stage: Stage) -> Meddler | None:
-    """Return the meddler that stands behind the cameras of ``stage`` from now on; None where there are none."""
+    """Return the meddler that stands behind the cameras of ``stage`` from now on.
+
+    None where there are none.
+    """
     return None if stage.mocap is None else stage.mocap.through(Meddler)
 
 
@@ -57,11 +63,13 @@ class Kind(StrEnum):
     """Rule by which the rows of a family are judged."""
 
     REQUIRED = "required"
-    """False or missing poses: at least :data:`judge.REQUIRED_SHARE` of the cells within the limits."""
+    """False or missing poses: at least :data:`judge.REQUIRED_SHARE` of the cells within the
+    limits."""
     KNOWN_LIMIT = "known limit"
     """False poses that are found late or never: wider limits, and a smaller share of the cells."""
     HONEST = "honest"
-    """True poses of a vehicle that something moves: held against the same flight without any guard."""
+    """True poses of a vehicle that something moves: held against the same flight without any
+    guard."""
     OTHER = "other"
     """Something else breaks: every cell within the limits."""
 
@@ -87,15 +95,16 @@ TUMBLES = (Exemption.NO_LINK, Exemption.NO_MOTORS)
 """Exemptions of vehicles that need not stay upright either."""
 
 REASONS = {
-    Exemption.NO_LINK: "the radio module's plug is out: no command reaches the vehicle any more, and its receiver "
-    "holds the last frame for 1 s and stops the motors; distance sideways, lean, speed and touchdown are not judged",
-    Exemption.NO_MOTORS: "the autopilot restarts, which stops the motors: it falls whatever anybody does; "
-    "lean, speed and touchdown are not judged",
-    Exemption.WEAK: "the rotors at their fullest give less than weight and wind pull: nobody could land it softly; "
+    Exemption.NO_LINK: "the radio module's plug is out: no command reaches the vehicle any more, "
+    "and its receiver holds the last frame for 1 s and stops the motors; distance sideways, lean, "
     "speed and touchdown are not judged",
-    Exemption.NOT_OBSERVABLE: "poses alone can't tell it from a true flight; the row is judged as it is 5 s after "
-    "the strike, or after lift-off. What bounds it: telemetry that knows its own velocity, the fence, and the "
-    "flight's time",
+    Exemption.NO_MOTORS: "the autopilot restarts, which stops the motors: it falls whatever "
+    "anybody does; lean, speed and touchdown are not judged",
+    Exemption.WEAK: "the rotors at their fullest give less than weight and wind pull: nobody could "
+    "land it softly; speed and touchdown are not judged",
+    Exemption.NOT_OBSERVABLE: "poses alone can't tell it from a true flight; the row is judged as "
+    "it is 5 s after the strike, or after lift-off. What bounds it: telemetry that knows its own "
+    "velocity, the fence, and the flight's time",
 }
 """Where each holds, and which limits it lifts."""
 
@@ -114,7 +123,9 @@ class Poses(StrEnum):
 class Scene:
     """One flight with a seed, and what may be broken in it."""
 
-    def __init__(self, flight: Flight, stage: Stage, meddler: Meddler | None, seed: int = 0) -> None:
+    def __init__(
+        self, flight: Flight, stage: Stage, meddler: Meddler | None, seed: int = 0
+    ) -> None:
         """Nothing is broken; ``meddler`` stands behind the cameras, where there are any."""
         self.flight, self.stage, self.seed = flight, stage, seed
         self._meddler = meddler
@@ -140,7 +151,11 @@ class Scene:
     def struck(self) -> Struck:
         """Return the state at which a wrong picture begins, now."""
         truth, shown = self.stage.plant.truth(self.now_s), self.between.shown
-        place = (truth.position_ned, truth.attitude) if shown is None else (shown.position_ned, shown.attitude)
+        place = (
+            (truth.position_ned, truth.attitude)
+            if shown is None
+            else (shown.position_ned, shown.attitude)
+        )
         return Struck(self.now_s, *place, self.normals)
 
 
@@ -162,7 +177,8 @@ class Fault(NamedTuple):
     poses: Poses = Poses.TRUE
     """The poses from then on."""
     obeys: bool = False
-    """Whether the vehicle goes on doing what it is told, and the poses say so: then to convict them is wrong."""
+    """Whether the vehicle goes on doing what it is told, and the poses say so: then to convict them
+    is wrong."""
     exemption: Exemption = Exemption.NONE
     """Demands that can't be made in the air."""
     silences: bool = False
@@ -184,8 +200,12 @@ PLANNED = {
     (State.HOLD, State.RETURNING), (State.LANDING, State.DISARMING),
     (State.DESCENT, State.DISARMING), (State.DISARMING, State.LANDED),
 }  # fmt: skip
-"""Moves that a flight makes by itself, or as the deck asks; onto a landing it moves by itself for one reason only."""
-PLANNED_REASONS = ("over the place of take-off", "the autopilot has detected touchdown and disarmed")
+"""Moves that a flight makes by itself, or as the deck asks; onto a landing it moves by itself for
+one reason only."""
+PLANNED_REASONS = (
+    "over the place of take-off",
+    "the autopilot has detected touchdown and disarmed",
+)
 """Reasons of moves that would have come without any fault."""
 
 
@@ -245,4 +265,5 @@ MOMENTS = {
     "landing": Moment(State.LANDING, 0.7),
     "descent": Moment(State.DESCENT, 0.3),
 }
-"""Moments by the names in the deck: ``spool-up``, ``lift-off`` and ``take-off`` are parts of one state."""
+"""Moments by the names in the deck: ``spool-up``, ``lift-off`` and ``take-off`` are parts of one
+state."""

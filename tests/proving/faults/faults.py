@@ -1,8 +1,9 @@
 """The faults by name: how each strikes, and the states and links that it is flown on.
 
-Every one is flown in every state, but where it makes no difference or can't happen: a wrong mass is there from
-the *start*, before the first pose; a vehicle that stands can't be pushed; ground effect matters near the floor
-alone; in the air thrust and mass are known; a coordinate that stands still strikes where it is seen in time.
+Every one is flown in every state, but where it makes no difference or can't happen: a wrong mass is
+there from the *start*, before the first pose; a vehicle that stands can't be pushed; ground effect
+matters near the floor alone; in the air thrust and mass are known; a coordinate that stands still
+strikes where it is seen in time.
 """
 
 import asyncio
@@ -17,7 +18,16 @@ from groundstation.core.mission import Interrupts
 from sim.autopilots import Px4Autopilot
 from sim.world import Body, Wind, normals
 from tests.proving.faults import pictures
-from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Kind, Poses, Scene, Strike, name_of
+from tests.proving.faults.fault import (
+    MOMENTS,
+    Exemption,
+    Fault,
+    Kind,
+    Poses,
+    Scene,
+    Strike,
+    name_of,
+)
 from tests.proving.faults.pictures import Picture, Way, late
 
 SAG_STEP_S = 0.1
@@ -52,7 +62,9 @@ P = ParamSpec("P")
 
 
 def takes(act: Callable[Concatenate[Scene, P], Coroutine[Any, Any, None]]) -> Callable[P, Strike]:
-    """Make strikes of ``act``, which takes more than the scene: the table tells with what each is flown."""
+    """Make strikes of ``act``, which takes more than the scene: the table tells with what each is
+    flown.
+    """
 
     def make(*told: P.args, **named: P.kwargs) -> Strike:
         return lambda scene: act(scene, *told, **named)
@@ -79,8 +91,12 @@ async def shows_few(scene: Scene, nth: int, make: Callable[..., Picture], *told:
 
 
 @takes
-async def shows_in_turns(scene: Scene, turn_s: float, make: Callable[..., Picture], *told: Any) -> None:
-    """A picture that is wrong for so long [s], true for as long, and wrong again, from what is true then."""
+async def shows_in_turns(
+    scene: Scene, turn_s: float, make: Callable[..., Picture], *told: Any
+) -> None:
+    """A picture that is wrong for so long [s], true for as long, and wrong again, from what is true
+    then.
+    """
     while True:
         scene.between.picture = make(scene.struck, *told)
         await asyncio.sleep(turn_s)
@@ -89,7 +105,9 @@ async def shows_in_turns(scene: Scene, turn_s: float, make: Callable[..., Pictur
 
 
 @takes
-async def comes_late(scene: Scene, delay_s: float | Callable[[float], float], *, fresh: bool) -> None:
+async def comes_late(
+    scene: Scene, delay_s: float | Callable[[float], float], *, fresh: bool
+) -> None:
     """Frames that come so much later [s], or by a function of the time since."""
     of = delay_s if callable(delay_s) else lambda since_s: delay_s
     scene.between.way = late(of, 1.0 / scene.stage.world.pose_rate_hz, fresh=fresh)
@@ -108,14 +126,20 @@ async def jitter_stamps(scene: Scene, sigma_s: float) -> None:
 
 @takes
 async def scatter(scene: Scene, most_s: float) -> None:
-    """Poses over a wireless network: none is lost or overtakes another, each is up to so much late [s]."""
+    """Poses over a wireless network: none is lost or overtakes another, each is up to so much late
+    [s].
+    """
     period_s = 1.0 / scene.stage.world.pose_rate_hz
-    scene.between.way = late(lambda _: most_s * min(abs(next(scene.normals)[0]) / 3.0, 1.0), period_s, fresh=False)
+    scene.between.way = late(
+        lambda _: most_s * min(abs(next(scene.normals)[0]) / 3.0, 1.0), period_s, fresh=False
+    )
 
 
 @takes
 async def partner(scene: Scene, more_m_s2: Vec3) -> None:
-    """The cameras take a partner for ours, told the same, in air that pushes it by so much more [m/s²]."""
+    """The cameras take a partner for ours, told the same, in air that pushes it by so much more
+    [m/s²].
+    """
     stage = scene.stage
     assert stage.mocap is not None, "the deck flies with cameras"
     x, y, z = stage.world.wind_mean
@@ -128,7 +152,10 @@ async def partner(scene: Scene, more_m_s2: Vec3) -> None:
 
 @takes
 async def lead_astray(scene: Scene, heading_deg: float, within_s: float) -> None:
-    """The heading of the autopilot's estimator goes astray; it finds that, turns it to what is true, and says so."""
+    """The heading of the autopilot's estimator goes astray.
+
+    It finds that, turns it to what is true, and says so.
+    """
     vehicle, steps = scene.stage.vehicle, round(within_s / STEP_S)
     for step in range(1, steps + 1):
         vehicle.lead_heading_astray(heading_deg * step / steps)
@@ -161,7 +188,10 @@ async def cut(scene: Scene, for_s: float, *, hears: bool = False, speaks: bool =
 
 
 async def keep_answers(scene: Scene) -> None:
-    """No answer to TIMESYNC comes any more; the autopilot hears all, and all else that it says comes."""
+    """No answer to TIMESYNC comes any more.
+
+    The autopilot hears all, and all else that it says comes.
+    """
     scene.stage.autopilot.answers_timesync = False
 
 
@@ -253,7 +283,9 @@ async def hang_on(scene: Scene, share: float) -> None:
 
 @takes
 async def grasp(scene: Scene, for_s: float) -> None:
-    """Hold the vehicle in its place by a stiff spring and a critical damper, free to turn, and let it go."""
+    """Hold the vehicle in its place by a stiff spring and a critical damper, free to turn, and let
+    it go.
+    """
     damping_per_s = 2.0 * math.sqrt(GRASP_PER_S2)
     place = scene.stage.plant.truth(scene.now_s).position_ned
 
@@ -273,7 +305,9 @@ async def grasp(scene: Scene, for_s: float) -> None:
 
 @takes
 async def tether(scene: Scene, slack_m: float) -> None:
-    """A cable that trails behind the vehicle is caught on the floor below it, and lets it fly so far [m]."""
+    """A cable that trails behind the vehicle is caught on the floor below it, and lets it fly so
+    far [m].
+    """
     x, y, z = scene.stage.plant.truth(scene.now_s).position_ned
     anchor: Vec3 = (x, y, scene.stage.world.floor_z_m)
     length = anchor[2] - z + slack_m
@@ -289,11 +323,18 @@ async def tether(scene: Scene, slack_m: float) -> None:
 
 @takes
 async def cushion(scene: Scene, on_floor: float) -> None:
-    """Near the floor the same rotors lift more, by that share on it, as the air under them can't get away."""
+    """Near the floor the same rotors lift more, by that share on it, as the air under them can't
+    get away.
+    """
     floor, mass = scene.stage.world.floor_z_m, scene.stage.world.mass_kg
 
     def pull(body: Body) -> Vec3:
-        more = on_floor / (1.0 + (floor - body.position[2]) / (2.0 * ROTOR_M)) ** 2 * body.thrust / mass
+        more = (
+            on_floor
+            / (1.0 + (floor - body.position[2]) / (2.0 * ROTOR_M)) ** 2
+            * body.thrust
+            / mass
+        )
         x, y, z = so3.third_column(body.attitude)
         return -more * x, -more * y, -more * z
 
@@ -350,7 +391,8 @@ FROM_START = ("start", *STATES)
 ON_FLOOR = ("start", "ready", "arming", "spool-up")
 FLYING = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "landing", "descent")
 RADIO_STATES = ("spool-up", "lift-off", "take-off", "hold", "tracking", "descent")
-"""Where a false pose over a radio meets something else than over MAVLink: nobody could land the vehicle."""
+"""Where a false pose over a radio meets something else than over MAVLink: nobody could land the
+vehicle."""
 SEEN_IN_TIME = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "descent")
 """Where a coordinate that is frozen, or a position that comes late, is flown."""
 DOWN_FROZEN = ("start", "ready", "arming", "spool-up", "take-off", "returning")
@@ -394,24 +436,35 @@ MIRROR: dict[str, tuple[Vec3, Vec3, Vec3]] = {
     "z": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)),
     "north is east": ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
 }
-"""Matrices that give one coordinate the other sign (north is south, east is west, up is down), or swap two."""
+"""Matrices that give one coordinate the other sign (north is south, east is west, up is down), or
+swap two."""
 
 _LYING: dict[str, Fault] = {
     "frozen: but for a nanometre": Fault(shows(pictures.freeze, 1e-9)),
     "frozen": Fault(shows(pictures.still)),
     "position frozen": Fault(shows(pictures.still_position)),
-    "position frozen: x": Fault(shows(pictures.still_coordinate, 0), states=("start", *SEEN_IN_TIME)),
-    "position frozen: y": Fault(shows(pictures.still_coordinate, 1), states=("start", "arming", *SEEN_IN_TIME)),
+    "position frozen: x": Fault(
+        shows(pictures.still_coordinate, 0), states=("start", *SEEN_IN_TIME)
+    ),
+    "position frozen: y": Fault(
+        shows(pictures.still_coordinate, 1), states=("start", "arming", *SEEN_IN_TIME)
+    ),
     "position frozen: z": Fault(shows(pictures.still_coordinate, 2), states=DOWN_FROZEN),
-    "position frozen: north-west": Fault(shows(pictures.still_along, 1.0, -1.0), states=("start", *SEEN_IN_TIME)),
+    "position frozen: north-west": Fault(
+        shows(pictures.still_along, 1.0, -1.0), states=("start", *SEEN_IN_TIME)
+    ),
     "attitude frozen": Fault(shows(pictures.still_attitude)),
     "body at rest": Fault(shows(pictures.resting), states=FROM_START),
-    "body at rest: thrust +25 %": Fault(shows(pictures.resting), overrides=("sim.thrust_gain=1.25",), states=ON_FLOOR),
+    "body at rest: thrust +25 %": Fault(
+        shows(pictures.resting), overrides=("sim.thrust_gain=1.25",), states=ON_FLOOR
+    ),
     "body at rest: mass told +25 %": Fault(
         shows(pictures.resting), overrides=("vehicle.mass_kg=0.1",), states=ON_FLOOR
     ),
     "body carried": Fault(shows(pictures.carry), states=FROM_START),
-    "partner": Fault(partner((0.05, -0.03, 0.02)), exemption=Exemption.NOT_OBSERVABLE, states=FROM_START),
+    "partner": Fault(
+        partner((0.05, -0.03, 0.02)), exemption=Exemption.NOT_OBSERVABLE, states=FROM_START
+    ),
     "drift: 0.1 m/s": Fault(shows(pictures.drift, 0.1), exemption=Exemption.NOT_OBSERVABLE),
     "drift: 0.3 m/s": Fault(shows(pictures.drift, 0.3), exemption=Exemption.NOT_OBSERVABLE),
     "mirrored: x": Fault(shows(pictures.map_positions, MIRROR["x"]), states=FROM_START),
@@ -420,12 +473,18 @@ _LYING: dict[str, Fault] = {
     "few poses lie: x mirrored": Fault(shows_few(4, pictures.map_positions, MIRROR["x"])),
     "few poses lie: z mirrored": Fault(shows_few(4, pictures.map_positions, MIRROR["z"])),
     "few poses lie: position frozen": Fault(shows_few(4, pictures.still_position)),
-    "few poses lie: x mirrored, one in ten": Fault(shows_few(10, pictures.map_positions, MIRROR["x"])),
+    "few poses lie: x mirrored, one in ten": Fault(
+        shows_few(10, pictures.map_positions, MIRROR["x"])
+    ),
     "few poses lie: position frozen, one in ten": Fault(shows_few(10, pictures.still_position)),
     "frozen in turns: z": Fault(shows_in_turns(1.0, pictures.still_coordinate, 2), states=FLYING),
     "frozen in turns: position": Fault(shows_in_turns(1.0, pictures.still_position), states=FLYING),
-    "position frozen: x, long hold": Fault(shows(pictures.still_coordinate, 0), states=("hold",), overrides=LONG_HOLD),
-    "position frozen: z, long hold": Fault(shows(pictures.still_coordinate, 2), states=("hold",), overrides=LONG_HOLD),
+    "position frozen: x, long hold": Fault(
+        shows(pictures.still_coordinate, 0), states=("hold",), overrides=LONG_HOLD
+    ),
+    "position frozen: z, long hold": Fault(
+        shows(pictures.still_coordinate, 2), states=("hold",), overrides=LONG_HOLD
+    ),
     "position frozen: position, long hold": Fault(
         shows(pictures.still_position), states=("hold",), overrides=LONG_HOLD
     ),
@@ -433,7 +492,9 @@ _LYING: dict[str, Fault] = {
     "frozen by and by: z": Fault(shows(pictures.fading_coordinate, 2, 4.0)),
     "height sinks": Fault(shows(pictures.sinking_height, 0.5, 0.8), states=("hold", "landing")),
     "swapped": Fault(shows(pictures.map_positions, MIRROR["north is east"]), states=FROM_START),
-    "tilt axes: swapped": Fault(shows(pictures.mix_angles, lambda roll, pitch: (pitch, roll)), states=FROM_START),
+    "tilt axes: swapped": Fault(
+        shows(pictures.mix_angles, lambda roll, pitch: (pitch, roll)), states=FROM_START
+    ),
     "tilt axes: roll mirrored": Fault(
         shows(pictures.mix_angles, lambda roll, pitch: (-roll, pitch)), states=FROM_START
     ),
@@ -442,14 +503,19 @@ _LYING: dict[str, Fault] = {
     ),
     "yaw off: 14°": Fault(shows(pictures.turn_axes, 0.0, 0.0, 14.0), states=FROM_START),
     "yaw off: 90°": Fault(shows(pictures.turn_axes, 0.0, 0.0, 90.0), states=FROM_START),
-    "yaw off: 180°": Fault(shows(pictures.turn_axes, 0.0, 0.0, 180.0), states=("start",)),  # later: *yaw flip*
+    "yaw off: 180°": Fault(
+        shows(pictures.turn_axes, 0.0, 0.0, 180.0), states=("start",)
+    ),  # later: *yaw flip*
     "yaw turning": Fault(shows(pictures.turning, 20.0)),
     "tilt off": Fault(shows(pictures.turn_axes, 14.0, 0.0, 0.0), states=FROM_START),
     "unit: m for mm": Fault(shows(pictures.scale_positions, 1e-3), states=FROM_START),
     "scaled: 0.1": Fault(
-        shows(pictures.scale_positions, 0.1), states=("take-off", "hold", "tracking", "moving", "descent")
+        shows(pictures.scale_positions, 0.1),
+        states=("take-off", "hold", "tracking", "moving", "descent"),
     ),
-    "scaled: 0.3": Fault(shows(pictures.scale_positions, 0.3), states=("take-off", "tracking", "moving", "descent")),
+    "scaled: 0.3": Fault(
+        shows(pictures.scale_positions, 0.3), states=("take-off", "tracking", "moving", "descent")
+    ),
     "unit: mm for m": Fault(shows(pictures.scale_positions, 1e3), states=FROM_START),
 }
 LYING = {name: fault._replace(poses=Poses.FALSE) for name, fault in _LYING.items()}
@@ -458,17 +524,27 @@ LYING = {name: fault._replace(poses=Poses.FALSE) for name, fault in _LYING.items
 LATE: dict[str, Fault] = {
     **{f"late: {ms} ms": Fault(comes_late(1e-3 * ms, fresh=False)) for ms in (100, 200, 400)},
     **{
-        f"late: {ms} ms, fresh stamps": Fault(comes_late(1e-3 * ms, fresh=True), source="json", poses=Poses.FALSE)
+        f"late: {ms} ms, fresh stamps": Fault(
+            comes_late(1e-3 * ms, fresh=True), source="json", poses=Poses.FALSE
+        )
         for ms in (100, 200, 400)
     },
-    "position late": Fault(shows(pictures.late_position, 0.3), poses=Poses.FALSE, states=SEEN_IN_TIME),
-    "position smoothed": Fault(shows(pictures.smoothed_position, 1.0), poses=Poses.FALSE, states=SEEN_IN_TIME),
+    "position late": Fault(
+        shows(pictures.late_position, 0.3), poses=Poses.FALSE, states=SEEN_IN_TIME
+    ),
+    "position smoothed": Fault(
+        shows(pictures.smoothed_position, 1.0), poses=Poses.FALSE, states=SEEN_IN_TIME
+    ),
     "stands for moments: again and again": Fault(
         shows(pictures.now_and_again, 0.25, 1.0), poses=Poses.FALSE, states=FLYING
     ),
-    "stands for moments: once": Fault(shows(pictures.now_and_again, 0.3, math.inf), poses=Poses.FALSE, states=FLYING),
+    "stands for moments: once": Fault(
+        shows(pictures.now_and_again, 0.3, math.inf), poses=Poses.FALSE, states=FLYING
+    ),
     "later and later: numbers tell": Fault(comes_late(grow(0.05, 0.4), fresh=False)),
-    "later and later: fresh stamps": Fault(comes_late(grow(0.05, 0.4), fresh=True), source="json", poses=Poses.FALSE),
+    "later and later: fresh stamps": Fault(
+        comes_late(grow(0.05, 0.4), fresh=True), source="json", poses=Poses.FALSE
+    ),
     "few frames: every 8th": Fault(comes(pictures.every, 8)),
     "few frames: every 11th": Fault(comes(pictures.every, 11)),
     **{f"stamps off: {ms} ms": Fault(jitter_stamps(1e-3 * ms), source="json") for ms in (1, 2, 5)},
@@ -488,7 +564,9 @@ _OBEYING: dict[str, Fault] = {
     "thrust told wrong: -30 %": _wrong("sim.thrust_gain=0.7"),
     "motors: 130 %": Fault(weaken(1.3)),
     "load dropped": Fault(push((0.0, 0.0, -3.2)), states=FLYING),  # a third of the weight
-    "gust: 25 Hz": Fault(push(GUST_M_S2, 1.5), overrides=("sim.pose_rate_hz=25", "pose.rate_hz=25"), states=FLYING),
+    "gust: 25 Hz": Fault(
+        push(GUST_M_S2, 1.5), overrides=("sim.pose_rate_hz=25", "pose.rate_hz=25"), states=FLYING
+    ),
     "ground effect": Fault(cushion(0.25), states=("start", "landing", "descent")),
     "taken out of the air": Fault(take_out(0.5), states=FLYING),
     "estimator reset": Fault(lead_astray(19.0, 3.0), source="odometry"),
@@ -553,7 +631,9 @@ _HONEST: dict[str, Fault] = {
     "cable picked up": Fault(hang_on(0.1), states=HONEST_STATES, flies_on=HONEST_STATES),
     "hand holds": Fault(grasp(2.0), states=HONEST_STATES),
 }
-HONEST = {name: fault._replace(obeys=True, also={"dsm": HONEST_STATES}) for name, fault in _HONEST.items()}
+HONEST = {
+    name: fault._replace(obeys=True, also={"dsm": HONEST_STATES}) for name, fault in _HONEST.items()
+}
 """Disturbances that poses show truly: no doubt may end such a flight without its poses."""
 
 NOT_BY_RADIO = (
@@ -609,10 +689,12 @@ FAMILIES: tuple[tuple[str, Kind, tuple[str, ...]], ...] = (
     ("cable, tether, hand", Kind.HONEST, ("tether", "cable picked up", "hand holds")),
     ("not observable", Kind.OTHER, ("partner", "drift")),
     ("timing of true poses", Kind.OTHER, (
-        "duplicates", "reorder", "clock step", "latency step", "few frames", "stamps off", "wireless",
+        "duplicates", "reorder", "clock step", "latency step", "few frames", "stamps off",
+        "wireless",
     )),
     ("vehicle and air", Kind.OTHER, (
-        "motors", "battery sag", "wind, up and down", "gust", "mass told wrong", "thrust told wrong",
+        "motors", "battery sag", "wind, up and down", "gust", "mass told wrong",
+        "thrust told wrong",
         "load dropped", "ground effect", "taken out of the air", "late floor",
     )),
     ("own estimate", Kind.OTHER, ("estimator reset", "wandering estimate")),
@@ -647,6 +729,7 @@ def find_fault(case: str, state: str, link: str) -> Fault:
 
 
 FAULTS: dict[str, tuple[str, ...]] = {
-    name: tuple(case for case in CASES if name_of(case) == name) for name in dict.fromkeys(map(name_of, CASES))
+    name: tuple(case for case in CASES if name_of(case) == name)
+    for name in dict.fromkeys(map(name_of, CASES))
 }
 """Cases of each fault, by its name."""

@@ -1,8 +1,9 @@
 """Judge: what came of one fault in one state, and whether that was safe.
 
-``Truth`` sees how the vehicle moves, ``Thrust`` what the commands push with once a fault was answered, and
-``WireJudge`` each frame that leaves: it must be the newest command (or the one before, in the instant in which the
-newest is made) before its deadline, or the part of its bring-down whose time it is.
+``Truth`` sees how the vehicle moves, ``Thrust`` what the commands push with once a fault was
+answered, and ``WireJudge`` each frame that leaves: it must be the newest command (or the one
+before, in the instant in which the newest is made) before its deadline, or the part of its
+bring-down whose time it is.
 """
 
 import math
@@ -26,7 +27,16 @@ from links.rf import Channels, RfLinkConfig
 from sim.radio import MODULE
 from sim.time import Address
 from sim.world import Quadrotor
-from tests.proving.faults.fault import FALLS, MOMENTS, TUMBLES, Exemption, Fault, Kind, Poses, name_of
+from tests.proving.faults.fault import (
+    FALLS,
+    MOMENTS,
+    TUMBLES,
+    Exemption,
+    Fault,
+    Kind,
+    Poses,
+    name_of,
+)
 from tests.proving.faults.monitors import FAILED, NOT_BY_ATTITUDE
 
 OFF_FLOOR_M = 0.02
@@ -47,9 +57,11 @@ class Truth:
         self.off_m = 0.0
         """Farthest from the reference, or sideways from where there was none any more."""
         self.highest_m = 0.0
-        """Highest above where it was struck, or above the highest point of the course since, whichever is higher."""
+        """Highest above where it was struck, or above the highest point of the course since,
+        whichever is higher."""
         self.sideways_m = 0.0
-        """Farthest sideways from where it was struck, carried along as far as the course has gone since."""
+        """Farthest sideways from where it was struck, carried along as far as the course has gone
+        since."""
         self.fastest_m_s = 0.0
         """Fastest that it moved."""
         self._floor = floor_z_m
@@ -115,14 +127,17 @@ class Truth:
             return
         if self._told is None:
             self._told = self._before
-        north, east, down = (s + p - q for s, p, q in zip(self._struck, self._before, self._told, strict=True))
+        north, east, down = (
+            s + p - q for s, p, q in zip(self._struck, self._before, self._told, strict=True)
+        )
         self._course = north, east, down
         self._top = min(self._top, down)
         self.off_m = max(self.off_m, math.dist(self._before, self.plant.truth(time_s).position_ned))
 
 
 OVER = 1.03
-"""Hovering is known so well [-]: what is up to 3 % more than the true thrust in the wind counts as hovering."""
+"""Hovering is known so well [-]: what is up to 3 % more than the true thrust in the wind counts as
+hovering."""
 LIFTS = 0.01
 """A smaller share of the thrust lifts nothing."""
 
@@ -130,8 +145,12 @@ LIFTS = 0.01
 class Thrust:
     """The commands of one flight, as they leave. Times are on the event loop's clock [s]."""
 
-    def __init__(self, hover_n: float, newtons: Callable[[float, float], float], held_s: float) -> None:
-        """``hover_n`` hovers in the wind [N]; ``newtons(time_s, signal)`` is what a signal truly gives [N].
+    def __init__(
+        self, hover_n: float, newtons: Callable[[float, float], float], held_s: float
+    ) -> None:
+        """``hover_n`` hovers in the wind [N].
+
+        ``newtons(time_s, signal)`` is what a signal truly gives [N].
 
         A signal (0..1) counts until the next one, or for as long as it is held: ``held_s`` [s].
         """
@@ -213,7 +232,8 @@ ACKNOWLEDGED_S = 0.1
 COURSE_M = 0.5
 """Farthest from the course with false poses that go unnoticed [m]."""
 JUDGED_S = 5.0
-"""Time after the strike at which a flight is judged that poses alone can't tell from a true one [s]."""
+"""Time after the strike at which a flight is judged that poses alone can't tell from a true one
+[s]."""
 NEAR_LIMIT = 1.5
 """No cell of a required family goes beyond this share of a limit [-]."""
 REQUIRED_SHARE = 0.97
@@ -232,11 +252,13 @@ LIMITS = (
     f"the same, where no lift-off is seen, so that the motors only stop: {SPOOL_M:g} m",
     f"goes sideways from where it was struck, carried along its course: {STRICT.aside_m:g} m",
     f"moves: {STRICT.speed_m_s:g} m/s",
-    f"known limits: up, sideways, speed: {KNOWN.up_m:g} m, {KNOWN.aside_m:g} m, {KNOWN.speed_m_s:g} m/s",
+    f"known limits: up, sideways, speed: {KNOWN.up_m:g} m, {KNOWN.aside_m:g} m, "
+    f"{KNOWN.speed_m_s:g} m/s",
     f"leans: {TILT_DEG:g}°",
     "meets the floor; behind a radio where the height failed; without a lift-off that was seen: "
     f"{TOUCHDOWN_M_S:g}; {RATES_TOUCHDOWN_M_S:g}; {SPOOL_M_S:g} m/s",
-    f"thrust in an open-loop descent, and above what hovers in all: {MOST_SHARE:g}x what hovers, {OVER_HOVER_S:g} s",
+    f"thrust in an open-loop descent, and above what hovers in all: {MOST_SHARE:g}x what hovers, "
+    f"{OVER_HOVER_S:g} s",
     f"commands lift after the answer: height / {LIFT_SINK_M_S:g} m/s + {LIFT_MORE_S:g} s",
     f"flies on with false poses: distance from the course: {COURSE_M:g} m",
     "honest rows: speed and distance of the same flight without guards: "
@@ -261,7 +283,8 @@ AUTOPILOT_LANDS = "autopilot lands"
 NO_HEIGHT = (str(State.ABORTED), str(State.DESCENT))
 """Answers after which the height of the poses is not believed any more."""
 DOWN_M = 0.15
-"""Height below which commands that end leave the vehicle on the floor [m]: .15 m of fall are 1.7 m/s."""
+"""Height below which commands that end leave the vehicle on the floor [m]: .15 m of fall are
+1.7 m/s."""
 ON_FLOOR = "on the floor"
 """End of a flight whose commands end on the floor, or had not left it."""
 LANDS_ITSELF = "autopilot's LAND"
@@ -297,7 +320,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     far_m: float = 0.0
     """Farthest from the reference, or sideways from where it would be [m]."""
     peak_error_m: float
-    """Farthest from the reference; where none is followed any more, sideways from where that began."""
+    """Farthest from the reference; where none is followed any more, sideways from where that
+    began."""
     touchdown_m_s: float | None
     """Fastest that it met the floor; None where it did not leave it."""
     drift_m: float
@@ -335,8 +359,15 @@ def measure_motion(fault: Fault, state: str, truth: Truth, exemption: Exemption)
     most = KNOWN if known else STRICT
     if _unseen(state, truth) and not known:
         most = most._replace(up_m=SPOOL_M)
-    up_m, far_m, speed_m_s, lean = truth.highest_m, truth.sideways_m, truth.fastest_m_s, truth.tilt_deg
-    found = [Measure(up_m / most.up_m, f"it rose {up_m:.2f} m above where it was struck and its course")]
+    up_m, far_m, speed_m_s, lean = (
+        truth.highest_m,
+        truth.sideways_m,
+        truth.fastest_m_s,
+        truth.tilt_deg,
+    )
+    found = [
+        Measure(up_m / most.up_m, f"it rose {up_m:.2f} m above where it was struck and its course")
+    ]
     if exemption is not Exemption.NO_LINK:
         found.append(Measure(far_m / most.aside_m, f"it went {far_m:.2f} m sideways"))
     if exemption not in FALLS:
@@ -365,11 +396,12 @@ def judge(
     blind: bool = False,
     aborted_m: float = math.inf,
 ) -> Row:
-    """Return the row of ``fault`` in ``state``, safe where the caller found nothing ``wrong`` and no limit is broken.
+    """Return the row of ``fault`` in ``state``, safe where the caller found nothing ``wrong`` and
+    no limit is broken.
 
-    ``answers`` begin with the first one. The flight began at ``begun_s`` and its autopilot, where it
-    was asked to land, did so from ``land_s`` on [s]; ``drift_m`` is the sideways distance from the
-    strike to the end, ``aborted_m`` the height above the floor at which commands ended [m].
+    ``answers`` begin with the first one. The flight began at ``begun_s`` and its autopilot, where
+    it was asked to land, did so from ``land_s`` on [s]; ``drift_m`` is the sideways distance from
+    the strike to the end, ``aborted_m`` the height above the floor at which commands ended [m].
     ``blind``: it came down without poses.
     """
     measured = measure_motion(fault, state, truth, exemption)
@@ -378,7 +410,9 @@ def judge(
         measured.append(_measure_touchdown(fault, state, truth, answers, touchdown_m_s))
     if thrust is not None and not known:
         measured += _measure_lift(fault, thrust)
-    if fault.kind is not Kind.HONEST:  # an honest flight is judged beside the same one without guards
+    if (
+        fault.kind is not Kind.HONEST
+    ):  # an honest flight is judged beside the same one without guards
         wrong = (
             wrong
             or next((one.says for one in measured if not one.share <= 1.0), "")
@@ -416,12 +450,22 @@ def judge(
     )
 
 
-ENDS = {State.ABORTED: OPEN_LOOP, State.DESCENT: "descends", State.LANDING: "lands", State.HOLD: "holds"}
+ENDS = {
+    State.ABORTED: OPEN_LOOP,
+    State.DESCENT: "descends",
+    State.LANDING: "lands",
+    State.HOLD: "holds",
+}
 """Ending by the states that answers lead to; the first one counts that is among the answers."""
 
 
-def name_end(answers: Sequence[Answer], *, blind: bool, lands: bool, aborted_m: float = math.inf) -> str:
-    """Return how a flight ends that answered so; ``lands``: by its autopilot, which was asked to land."""
+def name_end(
+    answers: Sequence[Answer], *, blind: bool, lands: bool, aborted_m: float = math.inf
+) -> str:
+    """Return how a flight ends that answered so.
+
+    ``lands``: by its autopilot, which was asked to land.
+    """
     states = [after for _, after, _ in answers]
     if not states:
         return "flies on"
@@ -461,14 +505,19 @@ def judge_honest(row: Row, unguarded: Row, *, must_fly_on: bool) -> Row:
 
 
 def _unseen(state: str, truth: Truth) -> bool:
-    """Whether no lift-off was seen, so that it was told nothing but to rise: all that helps is to stop the motors."""
+    """Whether no lift-off was seen, so that it was told nothing but to rise: all that helps is to
+    stop the motors.
+    """
     return not MOMENTS[state].flying and not truth.led
 
 
 def _measure_touchdown(
     fault: Fault, state: str, truth: Truth, answers: Sequence[Answer], touchdown_m_s: float
 ) -> Measure:
-    """Return the touchdown; harder where neither height nor an autopilot's attitude loop is left."""
+    """Return the touchdown.
+
+    Harder where neither height nor an autopilot's attitude loop is left.
+    """
     doubted = any(after in NO_HEIGHT for _, after, _ in answers)
     most = TOUCHDOWN_M_S
     if _unseen(state, truth):
@@ -484,7 +533,9 @@ def _measure_lift(fault: Fault, thrust: Thrust) -> list[Measure]:
     if fault.poses is Poses.TRUE or not lifted_s > 0.0:
         return []
     most_s = thrust.decided_height_m / LIFT_SINK_M_S + LIFT_MORE_S
-    return [Measure(lifted_s / most_s, f"a command that lifts left {lifted_s:.2f} s after the answer")]
+    return [
+        Measure(lifted_s / most_s, f"a command that lifts left {lifted_s:.2f} s after the answer")
+    ]
 
 
 def _judge_push(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
@@ -497,14 +548,20 @@ def _judge_push(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
     if thrust.most > MOST_SHARE:
         return f"after the answer a command pushed with {thrust.most:.2f}x what hovers"
     if thrust.over_s > OVER_HOVER_S:
-        return f"after the answer commands pushed with more than what hovers for {thrust.over_s:.2f} s"
+        return (
+            f"after the answer commands pushed with more than what hovers for {thrust.over_s:.2f} s"
+        )
     return ""
 
 
 def _flew_on(fault: Fault, truth: Truth, answers: Sequence[Answer], exemption: Exemption) -> str:
     if fault.poses is not Poses.FALSE or answers or exemption is Exemption.NOT_OBSERVABLE:
         return ""
-    return "" if truth.off_m <= COURSE_M or not truth.led else f"it flew on {truth.off_m:.2f} m off its course"
+    return (
+        ""
+        if truth.off_m <= COURSE_M or not truth.led
+        else f"it flew on {truth.off_m:.2f} m off its course"
+    )
 
 
 def _find_false_alarm(fault: Fault, failure: Failure | None) -> str:
@@ -540,7 +597,9 @@ class WireJudge:
         elif isinstance(link, RfLinkConfig):
             codec = link.codec()
             self._decoder = codec.decoder()
-            channels = Channels(link.with_thrust_curve(0.0).map, count=codec.channels, thrust_max_n=1.0)
+            channels = Channels(
+                link.with_thrust_curve(0.0).map, count=codec.channels, thrust_max_n=1.0
+            )
             self._sticks = channels, link.lead_s + link.period_s
 
     def record(self, record: Record) -> None:
@@ -556,7 +615,9 @@ class WireJudge:
             self.last_s = time_s
             for m in self._codec.feed(data, source):
                 if m.get_type() == "SET_ATTITUDE_TARGET":
-                    self._frame(time_s, m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate, m.thrust)
+                    self._frame(
+                        time_s, m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate, m.thrust
+                    )
         elif self._sticks is not None and target == MODULE:
             self._radio(time_s, data)
 
@@ -571,7 +632,10 @@ class WireJudge:
             if due is None:
                 continue
             share = signal(due.thrust_n / self._config.full_thrust_n, self._config.thrust_curve)
-            if all(abs(a - b) < AGREES for a, b in zip((thrust, p, q, r), (share, *due.rates_rad_s), strict=True)):
+            if all(
+                abs(a - b) < AGREES
+                for a, b in zip((thrust, p, q, r), (share, *due.rates_rad_s), strict=True)
+            ):
                 return
         if thrust > LIFTS:
             self._say(f"a command left at {time_s:.3f} s that was not due then")

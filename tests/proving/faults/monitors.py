@@ -1,4 +1,5 @@
-"""Monitors that a flight of the deck goes on with: the real ones, none, or one that is forced to doubt.
+"""Monitors that a flight of the deck goes on with: the real ones, none, or one that is forced to
+doubt.
 
 A flight comes to its strike with the real monitor and guards; its copies differ from there on.
 """
@@ -9,7 +10,14 @@ from typing import Any
 from groundstation.config import ConfigError
 from groundstation.core.messages import NOTICES, Pose
 from groundstation.core.pilot import Pilot
-from groundstation.core.safety import GuardFinding, Guards, HealthState, Monitors, PoseGate, PoseHealth
+from groundstation.core.safety import (
+    GuardFinding,
+    Guards,
+    HealthState,
+    Monitors,
+    PoseGate,
+    PoseHealth,
+)
 from links.core import LinkStatus
 from sim.text import notice
 

@@ -1,4 +1,7 @@
-"""Pictures that cameras show and that are not so; ways of frames: late, seldom, repeated, with wrong stamps."""
+"""Pictures that cameras show and that are not so.
+
+Ways of frames: late, seldom, repeated, with wrong stamps.
+"""
 
 import asyncio
 import math
@@ -114,7 +117,9 @@ def still_coordinate(struck: Struck, axis: int) -> Picture:
 
 
 def fading_coordinate(struck: Struck, axis: int, fades_s: float) -> Picture:
-    """One coordinate goes over from the true one to one that stands within so long [s]: 0 is north, 1 east, 2 down."""
+    """One coordinate goes over from the true one to one that stands within so long [s]: 0 is north,
+    1 east, 2 down.
+    """
 
     def change(time_s: float, position: Vec3) -> Vec3:
         share = min(max((time_s - struck.time_s) / fades_s, 0.0), 1.0)
@@ -125,7 +130,9 @@ def fading_coordinate(struck: Struck, axis: int, fades_s: float) -> Picture:
 
 
 def still_along(struck: Struck, north: float, east: float) -> Picture:
-    """The position stands still along one horizontal direction, with noise, as along a camera's own axis."""
+    """The position stands still along one horizontal direction, with noise, as along a camera's own
+    axis.
+    """
     n, e = north / math.hypot(north, east), east / math.hypot(north, east)
 
     def change(time_s: float, position: Vec3) -> Vec3:
@@ -174,7 +181,9 @@ def resting(struck: Struck) -> Picture:
 
 
 def carry(struck: Struck) -> Picture:
-    """A body that a hand takes from beside ours, and carries around: up by 0.3 m, and to and fro at 0.5 m/s."""
+    """A body that a hand takes from beside ours, and carries around: up by 0.3 m, and to and fro at
+    0.5 m/s.
+    """
     yaw = so3.euler_zyx(struck.attitude)[2]
 
     def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
@@ -182,14 +191,20 @@ def carry(struck: Struck) -> Picture:
         begun = 1.0 - math.exp(-t / CARRY_RAMP_S)
         each = begun * CARRY_M_S * math.sqrt(0.5)
         x, y, z = struck.position_ned
-        a, b, c = 2.0 * math.pi * 0.25, 2.0 * math.pi * 0.19, 2.0 * math.pi * 0.12  # no two alike [rad/s]
+        a, b, c = (
+            2.0 * math.pi * 0.25,
+            2.0 * math.pi * 0.19,
+            2.0 * math.pi * 0.12,
+        )  # no two alike [rad/s]
         place = (
             x + NEAR_M + each / a * math.sin(a * t),
             y + each / b * math.sin(b * t),
             z - 0.15 * (1.0 - math.cos(c * t)),
         )
         lean = begun * math.radians(CARRY_TILT_DEG)
-        tilted = so3.from_euler_zyx(lean * math.sin(2.1 * t), lean * math.sin(1.7 * t + 1.0), yaw + lean * math.sin(t))
+        tilted = so3.from_euler_zyx(
+            lean * math.sin(2.1 * t), lean * math.sin(1.7 * t + 1.0), yaw + lean * math.sin(t)
+        )
         return _noisy(struck, place, tilted)
 
     return _ours(change)
@@ -230,12 +245,18 @@ def sinking_height(struck: Struck, speed_m_s: float, for_s: float) -> Picture:
 
 
 def map_positions(struck: Struck, rows: tuple[Vec3, Vec3, Vec3]) -> Picture:
-    """The world's axes are mixed up by a matrix, about the place where ours is; its attitude stays true."""
+    """The world's axes are mixed up by a matrix, about the place where ours is.
+
+    Its attitude stays true.
+    """
     at = struck.position_ned
 
     def change(time_s: float, position: Vec3) -> Vec3:
         gap = [p - q for p, q in zip(position, at, strict=True)]
-        x, y, z = (q + sum(m * g for m, g in zip(row, gap, strict=True)) for q, row in zip(at, rows, strict=True))
+        x, y, z = (
+            q + sum(m * g for m, g in zip(row, gap, strict=True))
+            for q, row in zip(at, rows, strict=True)
+        )
         return x, y, z
 
     return _places(change)
@@ -278,7 +299,9 @@ def smoothed_position(struck: Struck, tau_s: float) -> Picture:
 
 def turn_axes(struck: Struck, roll_deg: float, pitch_deg: float, yaw_deg: float) -> Picture:
     """The body's axes are found turned by these angles [deg]."""
-    turn = so3.from_euler_zyx(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
+    turn = so3.from_euler_zyx(
+        math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg)
+    )
     return _attitudes(lambda time_s, attitude: so3.multiply(attitude, turn))
 
 
@@ -356,8 +379,8 @@ def every(nth: int) -> Way:
 def late(delay_s: Callable[[float], float], period_s: float, *, fresh: bool) -> Way:
     """Every frame comes later, by a function of the time since this began [s].
 
-    Stamps and numbers tell of it; or, ``fresh``, a relay puts its own there, as if each frame had been exposed as much
-    later. ``period_s`` is the time from frame to frame.
+    Stamps and numbers tell of it; or, ``fresh``, a relay puts its own there, as if each frame had
+    been exposed as much later. ``period_s`` is the time from frame to frame.
     """
     loop = asyncio.get_running_loop()
     begun_s = newest_s = loop.time()

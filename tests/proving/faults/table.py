@@ -9,7 +9,14 @@ from groundstation.machine import fill_markers
 from sim.cli import typed_command
 from tests.proving.faults.fault import FALLS, REASONS, Kind
 from tests.proving.faults.faults import FAMILIES, FAULTS, LATE_LIFT_OFF
-from tests.proving.faults.judge import KNOWN_SHARE, LIMITS, NEAR_LIMIT, OPEN_LOOP, REQUIRED_SHARE, Row
+from tests.proving.faults.judge import (
+    KNOWN_SHARE,
+    LIMITS,
+    NEAR_LIMIT,
+    OPEN_LOOP,
+    REQUIRED_SHARE,
+    Row,
+)
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "fault-table.md"
 """The page, with its words."""
@@ -79,7 +86,9 @@ def summarize(rows: Sequence[Row]) -> list[Summary]:
 
 
 def count_kinds(rows: Sequence[Row]) -> Iterator[tuple[Kind, int, int, int]]:
-    """For each kind among ``rows``: its cells, those within their limits, and those beyond NEAR_LIMIT times them."""
+    """For each kind among ``rows``: its cells, those within their limits, and those beyond
+    NEAR_LIMIT times them.
+    """
     for kind in Kind:
         some = [row for row in rows if row.kind == kind]
         if some:
@@ -90,7 +99,8 @@ def count_kinds(rows: Sequence[Row]) -> Iterator[tuple[Kind, int, int, int]]:
 def tell_kinds(rows: Sequence[Row]) -> list[str]:
     """Return for each kind among ``rows`` how many cells are within their limits."""
     return [
-        f"{kind}: {within} of {cells} within ({100.0 * within / cells:.1f} %), {far} beyond {NEAR_LIMIT:g}x"
+        f"{kind}: {within} of {cells} within ({100.0 * within / cells:.1f} %), {far} beyond "
+        f"{NEAR_LIMIT:g}x"
         for kind, cells, within, far in count_kinds(rows)
     ]
 

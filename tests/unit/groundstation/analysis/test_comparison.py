@@ -31,7 +31,10 @@ def test_the_sign_of_a_zero_counts_wherever_it_stands(field: str, value: Any) ->
     was = getattr(WAS, field)
     comparison = compared(msgspec.structs.replace(WAS, **{field: value}))
     first = None if value is was else Difference("command", 1, 0.5, field, was, value)
-    assert (comparison.count["command"], comparison.differing["command"]) == (2, int(value is not was))
+    assert (comparison.count["command"], comparison.differing["command"]) == (
+        2,
+        int(value is not was),
+    )
     assert comparison.first == first
 
 

@@ -13,11 +13,7 @@ import pytest
 
 from groundstation.analysis.evidence import import_command
 from groundstation.analysis.evidence.imports import load_mapping, read_flight
-from groundstation.analysis.evidence.text_tables import (
-    CsvLayout,
-    read_csv_table,
-    read_qtm_tables,
-)
+from groundstation.analysis.evidence.text_tables import CsvLayout, read_csv_table, read_qtm_tables
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, so3
 from groundstation.recording import MeasuredMessage, Recording
@@ -31,19 +27,32 @@ def place(n: int) -> tuple[float, float, float]:
     return math.cos(0.01 * n), math.sin(0.01 * n), 1.0 + 0.001 * n
 
 
-def motive(*, unit: str = "Meters", scale: float = 1.0, parent: bool = False, more: str = "", **stated: str) -> str:
-    """Bodies ``quad`` and ``wand``, one marker, Y up; quad is turned about up, and not seen in row 7."""
+def motive(
+    *, unit: str = "Meters", scale: float = 1.0, parent: bool = False, more: str = "", **stated: str
+) -> str:
+    """Bodies ``quad`` and ``wand``, one marker, Y up.
+
+    Quad is turned about up, and not seen in row 7.
+    """
     keys = {
         "Format Version": "1.23", "Take Name": "Take, 1", "Capture Frame Rate": "100.000000",
         "Rotation Type": "Quaternion", "Length Units": unit, "Coordinate Space": "Global", **stated,
     }  # fmt: skip
-    head = ",".join(f'{key},"{value}"' if "," in value else f"{key},{value}" for key, value in keys.items())
+    head = ",".join(
+        f'{key},"{value}"' if "," in value else f"{key},{value}" for key, value in keys.items()
+    )
     types = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 3 + ["Rigid Body"] * 7
     names = ["quad"] * 8 + ["quad:Marker 001"] * 3 + ["wand"] * 7
     kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"] + ["Position"] * 3
     kinds += ["Rotation"] * 4 + ["Position"] * 3
     axes = [*"XYZW", *"XYZ", "", *"XYZ", *"XYZW", *"XYZ"]
-    lines = [head, "", f",Type,{','.join(types)}", f",Name,{','.join(names)}", f",ID,{','.join(['1'] * 18)}"]
+    lines = [
+        head,
+        "",
+        f",Type,{','.join(types)}",
+        f",Name,{','.join(names)}",
+        f",ID,{','.join(['1'] * 18)}",
+    ]
     lines += [f",Parent,{','.join([''] * 18)}"] if parent else []
     lines += [f",,{','.join(kinds)}", f"Frame,Time (Seconds),{','.join(axes)}{more}"]
     for n in range(ROWS):
@@ -51,7 +60,9 @@ def motive(*, unit: str = "Meters", scale: float = 1.0, parent: bool = False, mo
         x, y, z = scale * north, scale * up, -scale * west
         quad = [0.0, math.sin(TURN / 2), 0.0, math.cos(TURN / 2), x, y, z, 0.0001]
         cells = [""] * 11 if n == 7 else [f"{value:.6f}" for value in (*quad, x, y, z)]
-        wand = [f"{value:.6f}" for value in (0.0, 0.0, 0.0, 1.0, scale * (1.0 + 0.001 * n), 0.0, 0.0)]
+        wand = [
+            f"{value:.6f}" for value in (0.0, 0.0, 0.0, 1.0, scale * (1.0 + 0.001 * n), 0.0, 0.0)
+        ]
         lines.append(",".join([str(n), f"{0.01 * n:.6f}", *cells, *wand]))
     return "\n".join(lines) + "\n"
 
@@ -59,13 +70,24 @@ def motive(*, unit: str = "Meters", scale: float = 1.0, parent: bool = False, mo
 def qtm(*, bodies: tuple[str, ...] = ("quad",), time: bool = True, included: str = "6D") -> str:
     """Turned about up and rolled by 10°; not seen in row 7."""
     head = [
-        f"NO_OF_FRAMES\t{ROWS}", "NO_OF_CAMERAS\t8", f"NO_OF_BODIES\t{len(bodies)}", "FREQUENCY\t100",
-        "DESCRIPTION\t--", "TIME_STAMP\t2026-11-02, 17:47:17\t22107.99", f"DATA_INCLUDED\t{included}",
+        f"NO_OF_FRAMES\t{ROWS}", "NO_OF_CAMERAS\t8", f"NO_OF_BODIES\t{len(bodies)}",
+        "FREQUENCY\t100",
+        "DESCRIPTION\t--", "TIME_STAMP\t2026-11-02, 17:47:17\t22107.99",
+        f"DATA_INCLUDED\t{included}",
         "BODY_NAMES\t" + "\t".join(bodies),
     ]  # fmt: skip
     columns = ["Frame", *(["Time"] if time else [])]
     for body in bodies:
-        columns += [f"{body} X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{k}]" for k in range(9))]
+        columns += [
+            f"{body} X",
+            "Y",
+            "Z",
+            "Roll",
+            "Pitch",
+            "Yaw",
+            "Residual",
+            *(f"Rot[{k}]" for k in range(9)),
+        ]
     lines = [*head, "\t".join(columns)]
     matrix = np.array(so3.matrix(QTM_TURN)).T.ravel().tolist()
     for n in range(ROWS):
@@ -77,7 +99,9 @@ def qtm(*, bodies: tuple[str, ...] = ("quad",), time: bool = True, included: str
     return "\n".join(lines) + "\n"
 
 
-QTM_TURN: Quat = so3.multiply(so3.from_euler_zyx(0.0, 0.0, TURN), so3.from_euler_zyx(math.radians(10.0), 0.0, 0.0))
+QTM_TURN: Quat = so3.multiply(
+    so3.from_euler_zyx(0.0, 0.0, TURN), so3.from_euler_zyx(math.radians(10.0), 0.0, 0.0)
+)
 
 
 def assert_places(got: list[Any], off_m: float = 0.0) -> None:
@@ -86,7 +110,9 @@ def assert_places(got: list[Any], off_m: float = 0.0) -> None:
     for n in (0, 100, 250):
         north, west, up = place(n if n < 7 else n + 1)
         at = got[n].position_ned
-        assert (at.x, at.y, at.z) == pytest.approx((north + off_m, -west - off_m, -up - off_m), abs=2e-6)
+        assert (at.x, at.y, at.z) == pytest.approx(
+            (north + off_m, -west - off_m, -up - off_m), abs=2e-6
+        )
 
 
 def write(folder: Path, name: str, text: str) -> Path:
@@ -98,23 +124,36 @@ def write(folder: Path, name: str, text: str) -> Path:
 def poses(folder: Path, path: Path, mapping: str, body: str = "") -> list[Any]:
     out = folder / "flight.mcap"
     assert import_command([path], mapping, out, body) == 0
-    return [msgspec.convert(entry.value(), MeasuredMessage) for entry in Recording(out).entries(("/measured",))]
+    return [
+        msgspec.convert(entry.value(), MeasuredMessage)
+        for entry in Recording(out).entries(("/measured",))
+    ]
 
 
-@pytest.mark.parametrize(("unit", "scale"), [("Meters", 1.0), ("Centimeters", 100.0), ("Millimeters", 1000.0)])
+@pytest.mark.parametrize(
+    ("unit", "scale"), [("Meters", 1.0), ("Centimeters", 100.0), ("Millimeters", 1000.0)]
+)
 @pytest.mark.parametrize("parent", [False, True])
-def test_motives_export_is_read_in_its_own_unit(unit: str, scale: float, parent: bool, tmp_path: Path) -> None:
-    path = write(tmp_path, "take.csv", "\ufeff" + motive(unit=unit, scale=scale, parent=parent, more=","))
+def test_motives_export_is_read_in_its_own_unit(
+    unit: str, scale: float, parent: bool, tmp_path: Path
+) -> None:
+    path = write(
+        tmp_path, "take.csv", "\ufeff" + motive(unit=unit, scale=scale, parent=parent, more=",")
+    )
     got = poses(tmp_path, path, "motive", "quad")
     assert_places(got)
     q = got[0].attitude
     # A turn to the left about Motive's up.
-    assert (q.w, q.x, q.y, q.z) == pytest.approx((math.cos(TURN / 2), 0.0, 0.0, -math.sin(TURN / 2)), abs=1e-6)
+    assert (q.w, q.x, q.y, q.z) == pytest.approx(
+        (math.cos(TURN / 2), 0.0, 0.0, -math.sin(TURN / 2)), abs=1e-6
+    )
 
 
 def test_several_bodies_ask_for_a_name(tmp_path: Path) -> None:
     path = write(tmp_path, "take.csv", motive())
-    with pytest.raises(ConfigError, match="holds 2 bodies, quad, wand: name the vehicle, --body NAME"):
+    with pytest.raises(
+        ConfigError, match="holds 2 bodies, quad, wand: name the vehicle, --body NAME"
+    ):
         poses(tmp_path, path, "motive")
     with pytest.raises(ConfigError, match=r"expected one of \['quad', 'wand'\], got 'Quad'"):
         poses(tmp_path, path, "motive", "Quad")
@@ -126,7 +165,11 @@ def test_several_bodies_ask_for_a_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "stated", "says"),
     [
-        (motive, {"unit": "Feet"}, "Length Units is Feet, expected Meters, Centimeters or Millimeters"),
+        (
+            motive,
+            {"unit": "Feet"},
+            "Length Units is Feet, expected Meters, Centimeters or Millimeters",
+        ),
         (motive, {"Rotation Type": "XYZ"}, "Rotation Type is XYZ, expected Quaternion"),
         (motive, {"Coordinate Space": "Local"}, "Coordinate Space is Local, expected Global"),
         (qtm, {"included": "3D"}, "DATA_INCLUDED is 3D, expected 6D"),
@@ -137,7 +180,9 @@ def test_what_a_program_states_and_is_not_read_is_refused(
     make: Callable[..., str], stated: dict[str, str], says: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ConfigError, match=says):
-        read_flight(load_mapping(make.__name__), [write(tmp_path, "take.txt", make(**stated))], "quad")
+        read_flight(
+            load_mapping(make.__name__), [write(tmp_path, "take.txt", make(**stated))], "quad"
+        )
 
 
 @pytest.mark.parametrize("bodies", [("quad",), ("wand", "quad"), ("quad", "wand")])
@@ -154,30 +199,51 @@ def test_qtms_export_is_read(bodies: tuple[str, ...], time: bool, tmp_path: Path
 
 def test_a_row_of_qtms_own_is_read_with_the_roll_that_it_states(tmp_path: Path) -> None:
     """Written by QTM: a roll of -0.65630° beside its matrix."""
-    row = "1 0.00000 -194.91974 2.24150 0.99661 -0.65630 0.09391 0.05772 4.98536 1.00000 0.00099 -0.00165 -0.00101"
+    row = (
+        "1 0.00000 -194.91974 2.24150 0.99661 -0.65630 0.09391 0.05772 4.98536 1.00000 0.00099 "
+        "-0.00165 -0.00101"
+    )
     row += " 0.99993 -0.01145 0.00164 0.01145 0.99993"
     head = qtm().partition("\n1\t")[0]
-    ((_, table),) = read_qtm_tables(write(tmp_path, "one.tsv", f"{head}\n" + row.replace(" ", "\t") + "\n"))
-    turned = so3.from_euler_zyx(math.radians(-0.65630), math.radians(0.09391), math.radians(0.05772))
-    assert tuple(table[key][0] for key in ("qw", "qx", "qy", "qz")) == pytest.approx(turned, abs=2e-5)
-    assert [table[key][0] for key in "xyz"] == pytest.approx([-0.19491974, 0.0022415, 0.00099661], abs=1e-9)
+    ((_, table),) = read_qtm_tables(
+        write(tmp_path, "one.tsv", f"{head}\n" + row.replace(" ", "\t") + "\n")
+    )
+    turned = so3.from_euler_zyx(
+        math.radians(-0.65630), math.radians(0.09391), math.radians(0.05772)
+    )
+    assert tuple(table[key][0] for key in ("qw", "qx", "qy", "qz")) == pytest.approx(
+        turned, abs=2e-5
+    )
+    assert [table[key][0] for key in "xyz"] == pytest.approx(
+        [-0.19491974, 0.0022415, 0.00099661], abs=1e-9
+    )
 
 
 def test_ros_2_and_tum_have_no_head(tmp_path: Path) -> None:
-    """nav_msgs/Odometry tells the body's frame as its fourth column, and covariances and a twist at its end."""
+    """nav_msgs/Odometry tells the body's frame as its fourth column, and covariances and a twist at
+    its end.
+    """
     begun_ns = 1_700_000_000_990_000_000
     stamps = [begun_ns + 10_000_000 * n for n in range(ROWS)]
     ros = "".join(
         f"{t // 10**9},{t % 10**9},map,{','.join(f'{p:.9f}' for p in place(n))},0.0,0.0,0.0,1.0\n"
         for n, t in enumerate(stamps)
     )
-    odometry = ros.replace(",map,", ",odom,base_link,").replace("\n", f",{','.join(['0.0'] * 78)}\n")
+    odometry = ros.replace(",map,", ",odom,base_link,").replace(
+        "\n", f",{','.join(['0.0'] * 78)}\n"
+    )
     tum = "".join(
-        f"{t // 10**9}.{t % 10**9:09d} {' '.join(f'{p:.9f}' for p in place(n))} 0 0 0 1\n" for n, t in enumerate(stamps)
+        f"{t // 10**9}.{t % 10**9:09d} {' '.join(f'{p:.9f}' for p in place(n))} 0 0 0 1\n"
+        for n, t in enumerate(stamps)
     )
     seen = []
     head = "# timestamp tx ty tz qx qy qz qw\n"
-    for name, text in (("ros2-pose", ros), ("ros2-pose", odometry), ("tum", tum), ("tum", head + tum)):
+    for name, text in (
+        ("ros2-pose", ros),
+        ("ros2-pose", odometry),
+        ("tum", tum),
+        ("tum", head + tum),
+    ):
         got = poses(tmp_path, write(tmp_path, "p.csv", text), name)
         (tmp_path / "flight.mcap").unlink()
         assert len(got) == ROWS
@@ -202,7 +268,8 @@ NO_HEAD = {"head_rows": 0}
     ("text", "layout", "found"),
     [
         # below lines of other things
-        ("Rig,A,,\nDate;3 May\n\nt,x,y\n0,1,2\n1,3,4\n", {}, {"t": [0, 1], "x": [1, 3], "y": [2, 4]}),
+        ("Rig,A,,\nDate;3 May\n\nt,x,y\n0,1,2\n1,3,4\n", {}, {"t": [0, 1], "x": [1, 3], "y": [2,
+            4]}),
         # quoted, with a blank before a cell
         ('"t", "x"\n"0", "1"\n"1", "2"\n', {}, {"t": [0, 1], "x": [1, 2]}),
         # a head of several lines tells columns apart
@@ -211,7 +278,9 @@ NO_HEAD = {"head_rows": 0}
         # columns by number, below a line of other things
         ("t,of,another,thing\n0;1,5;map\n1;2,5;map\n", NO_HEAD, {"1": [0, 1], "2": [1.5, 2.5]}),
         # ``ros2 topic echo`` writes a warning into the file where nobody publishes yet
-        ("WARNING: topic [/pose] does not appear to be published yet\n1,2,3\n2,2,4\n3,2,5\n", NO_HEAD,
+        (
+            "WARNING: topic [/pose] does not appear to be published yet\n1,2,3\n2,2,4\n"
+            "3,2,5\n", NO_HEAD,
          {"1": [1, 2, 3], "2": [2, 2, 2], "3": [3, 4, 5]}),
     ],
     ids=["below", "quoted", "several", "by number", "warning"],
@@ -224,7 +293,9 @@ def test_the_columns_of_a_csv_are_found(
 
 
 def test_a_head_of_one_line_that_does_not_tell_columns_apart_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="several columns are called x: where the lines above tell them apart"):
+    with pytest.raises(
+        ConfigError, match="several columns are called x: where the lines above tell them apart"
+    ):
         columns(tmp_path, TELLING)
 
 
@@ -271,7 +342,9 @@ def refusal(folder: Path, data: bytes) -> str:
     """Why a file is not imported by ``MAPPING``."""
     (folder / "run.csv").write_bytes(data)
     with pytest.raises(ConfigError) as refused:
-        import_command([folder / "run.csv"], str(write(folder, "map.toml", MAPPING)), folder / "out.mcap")
+        import_command(
+            [folder / "run.csv"], str(write(folder, "map.toml", MAPPING)), folder / "out.mcap"
+        )
     assert not (folder / "out.mcap").exists()
     return str(refused.value)
 
@@ -282,7 +355,9 @@ def test_a_file_that_can_not_be_imported_says_why_and_what_to_do(tmp_path: Path)
     latin = (head + "0,1,1,1\nä,2,2,2\n").encode("latin-1")
     assert "not UTF-8 text (byte 16): save it as UTF-8" in refusal(tmp_path, latin)
     dates = head + "".join(f"2026-03-05T10:00:0{n},1,1,1\n" for n in range(5))
-    assert "no number in column t of run.csv: check the columns" in refusal(tmp_path, dates.encode())
+    assert "no number in column t of run.csv: check the columns" in refusal(
+        tmp_path, dates.encode()
+    )
 
 
 def test_rows_in_no_order_of_time_are_refused_and_a_restart_is_none(tmp_path: Path) -> None:
@@ -291,6 +366,9 @@ def test_rows_in_no_order_of_time_are_refused_and_a_restart_is_none(tmp_path: Pa
     for name, table in (("backwards", rows[::-1]), ("mixed", mixed)):
         (folder := tmp_path / name).mkdir()
         said = refusal(folder, "\n".join(["t,x,y,z", *table]).encode())
-        assert "of 200 poses are older than the one before, limit 60: sort its rows by their stamps" in said
+        assert (
+            "of 200 poses are older than the one before, limit 60: sort its rows by their stamps"
+            in said
+        )
     twice = write(tmp_path, "twice.csv", "\n".join(["t,x,y,z", *rows, *rows]) + "\n")
     assert len(poses(tmp_path, twice, str(write(tmp_path, "map.toml", MAPPING)))) == 200

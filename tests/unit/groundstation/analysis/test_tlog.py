@@ -1,4 +1,6 @@
-"""Made-up flights as a .tlog, of which everything is known: what is found, whose it is, and files that are none."""
+"""Made-up flights as a .tlog, of which everything is known: what is found, whose it is, and files
+that are none.
+"""
 
 import json
 import random
@@ -42,7 +44,9 @@ def stamped(frames: list[tuple[int, bytes]]) -> bytes:
     return b"".join(struct.pack(">Q", START_US + us) + frame for us, frame in frames)
 
 
-def test_a_companion_with_the_vehicles_system_id_commands_it(tmp_path: Path, usual: ImportedFlight) -> None:
+def test_a_companion_with_the_vehicles_system_id_commands_it(
+    tmp_path: Path, usual: ImportedFlight
+) -> None:
     assert len(usual.of(SETPOINT)) == 500
     assert read(tmp_path, Flight(duration_s=2.0, ground=COMPANION).tlog()) == usual
 
@@ -55,11 +59,15 @@ def test_the_odometry_of_a_bridge_is_no_pose_of_the_vehicle(
 
 
 def test_a_bridge_alone_flies_nothing_and_the_sender_of_its_poses_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"ODOMETRY of system 1, component 197\): record its ODOMETRY"):
+    with pytest.raises(
+        ConfigError, match=r"ODOMETRY of system 1, component 197\): record its ODOMETRY"
+    ):
         read(tmp_path, Flight(duration_s=2.0, bridge=BRIDGE, poses=lambda _: False).tlog())
 
 
-def test_a_companion_that_calls_itself_an_autopilot_does_not_come_first(tmp_path: Path, usual: ImportedFlight) -> None:
+def test_a_companion_that_calls_itself_an_autopilot_does_not_come_first(
+    tmp_path: Path, usual: ImportedFlight
+) -> None:
     heart = MavlinkCodec(*BRIDGE).pack(D.MAVLink_heartbeat_message(18, 0, 0, 0, 4, 3))
     flight = Flight(duration_s=2.0, bridge=BRIDGE)
     found = read(tmp_path, stamped([(0, heart), *flight.frames()]))
@@ -68,8 +76,13 @@ def test_a_companion_that_calls_itself_an_autopilot_does_not_come_first(tmp_path
 
 def test_set_points_for_another_component_are_none_of_the_vehicles(tmp_path: Path) -> None:
     station = MavlinkCodec(255, 190)
-    aside = [(2_000_000 + n, station.attitude_target(2.0, *GIMBAL, 0.9, (1.0, 1.0, 1.0))) for n in range(100)]
-    everybody = [(2_500_000 + n, station.attitude_target(2.5, 1, 0, 0.9, (1.0, 1.0, 1.0))) for n in range(10)]
+    aside = [
+        (2_000_000 + n, station.attitude_target(2.0, *GIMBAL, 0.9, (1.0, 1.0, 1.0)))
+        for n in range(100)
+    ]
+    everybody = [
+        (2_500_000 + n, station.attitude_target(2.5, 1, 0, 0.9, (1.0, 1.0, 1.0))) for n in range(10)
+    ]
     frames = sorted([*FLIGHT.frames(), *aside, *everybody], key=lambda one: one[0])
     found = read(tmp_path, stamped(frames))
     assert len(found.of(SETPOINT)) == 510
@@ -96,23 +109,34 @@ def test_a_file_of_mostly_garbage_is_no_flight(tmp_path: Path) -> None:
     [
         (lambda _: bytes(8), r"all \d+ records have the same log time"),
         (lambda _: struct.pack(">Q", START_US), r"all \d+ records have the same log time"),
-        (lambda us: struct.pack("<Q", us), "log times leap by more than 60 s, limit 50%"),  # the other end first
+        (
+            lambda us: struct.pack("<Q", us),
+            "log times leap by more than 60 s, limit 50%",
+        ),  # the other end first
     ],
     ids=["zeros", "never changes", "leaps"],
 )
-def test_log_times_that_are_none_tell_no_flight(stamp: Callable[[int], bytes], says: str, tmp_path: Path) -> None:
+def test_log_times_that_are_none_tell_no_flight(
+    stamp: Callable[[int], bytes], says: str, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError, match=says):
         read(tmp_path, b"".join(stamp(START_US + us) + frame for us, frame in FLIGHT.frames()))
 
 
-def test_poses_of_a_second_vehicle_are_counted_and_not_used(tmp_path: Path, usual: ImportedFlight) -> None:
+def test_poses_of_a_second_vehicle_are_counted_and_not_used(
+    tmp_path: Path, usual: ImportedFlight
+) -> None:
     heart = MavlinkCodec(2, 1).pack(D.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
     found = read(tmp_path, stamped([(0, heart), *Flight(duration_s=2.0, bridge=(2, 1)).frames()]))
     assert found.messages == usual.messages
-    assert found.notes == usual.notes + Counter({"poses of system 2, component 1": len(usual.of(MEASURED))})
+    assert found.notes == usual.notes + Counter(
+        {"poses of system 2, component 1": len(usual.of(MEASURED))}
+    )
 
 
-def test_damage_that_leaves_most_of_a_flight_is_only_counted(tmp_path: Path, usual: ImportedFlight) -> None:
+def test_damage_that_leaves_most_of_a_flight_is_only_counted(
+    tmp_path: Path, usual: ImportedFlight
+) -> None:
     found = read(tmp_path, FLIGHT.tlog() + bytes(4096))
     assert found.messages == usual.messages
     assert found.notes["garbage"] == 4096
@@ -147,22 +171,30 @@ def test_a_jump_with_a_reset_is_not_taken_for_motion(tmp_path: Path) -> None:
         assert row is not None
         return row["rms_mm"]
 
-    assert judged(Flight(moved=lambda t: (3.0, 7) if t >= 5.0 else (0.0, 6))) < 1.5 * judged(Flight())
+    assert judged(Flight(moved=lambda t: (3.0, 7) if t >= 5.0 else (0.0, 6))) < 1.5 * judged(
+        Flight()
+    )
 
 
-def test_a_velocity_that_is_not_that_of_the_positions_and_an_outage_are_found_out(tmp_path: Path) -> None:
+def test_a_velocity_that_is_not_that_of_the_positions_and_an_outage_are_found_out(
+    tmp_path: Path,
+) -> None:
     flight = Flight(velocity_error=(0.0, 0.05, 0.0), poses=lambda t: not 4.0 < t < 4.35)
     found = examine_flight(written(flight, tmp_path), None, NO_LAG)
     assert found["gap_max_ms"] == pytest.approx(350.0, abs=21.0)
     assert found["velocity_off_m_s"] == pytest.approx(0.05, abs=0.01)
-    assert f"its own velocity is {found['velocity_off_m_s']:.3f} m/s RMS from" in describe_flight(found)
+    assert f"its own velocity is {found['velocity_off_m_s']:.3f} m/s RMS from" in describe_flight(
+        found
+    )
 
 
 SHORT = FLIGHT.tlog()
 
 
 @given(st.data())
-def test_no_damage_to_a_file_makes_a_replay_fail(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+def test_no_damage_to_a_file_makes_a_replay_fail(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
     damaged = bytearray(SHORT)
     for _ in range(data.draw(st.integers(1, 20))):
         damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))

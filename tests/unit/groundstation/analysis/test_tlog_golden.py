@@ -1,4 +1,6 @@
-"""groundstation/analysis/evidence on recordings of PX4 and ArduPilot in flight (tests/golden/README.md)."""
+"""groundstation/analysis/evidence on recordings of PX4 and ArduPilot in flight
+(tests/golden/README.md).
+"""
 
 import struct
 from collections.abc import Iterator
@@ -24,7 +26,9 @@ def recording(path: Path) -> ImportedFlight:
 
 
 def payloads(path: Path, number: int, size: int) -> Iterator[bytes]:
-    """The payloads of one message, straight from the bytes, the zeros that MAVLink left out put back."""
+    """The payloads of one message, straight from the bytes, the zeros that MAVLink left out put
+    back.
+    """
     data = path.read_bytes()
     start = 0
     while start < len(data):
@@ -70,4 +74,6 @@ def test_set_points_are_those_that_were_sent(path: Path) -> None:
         *rates, thrust = struct.unpack_from("<4f", payload, 20)
         expected.append((tuple(rates), thrust))
     sent = recording(path).of(SETPOINT)
-    assert [((one.rates_rad_s.x, one.rates_rad_s.y, one.rates_rad_s.z), one.thrust) for one in sent] == expected
+    assert [
+        ((one.rates_rad_s.x, one.rates_rad_s.y, one.rates_rad_s.z), one.thrust) for one in sent
+    ] == expected

@@ -1,4 +1,6 @@
-"""Configuration: what is accepted, what is refused and in which words, overrides, and back to TOML."""
+"""Configuration: what is accepted, what is refused and in which words, overrides, and back to
+TOML.
+"""
 
 import math
 import tomllib
@@ -9,19 +11,43 @@ import msgspec
 import pytest
 from hypothesis import given, strategies as st
 
-from groundstation.config import RETIRED_KEYS, ConfigError, RetiredKeyWarning, dump, from_dict, keys_of, load
+from groundstation.config import (
+    RETIRED_KEYS,
+    ConfigError,
+    RetiredKeyWarning,
+    dump,
+    from_dict,
+    keys_of,
+    load,
+)
 from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig
 from groundstation.settings import Config
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 
 
-class Udp(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="udp"):
-    address: Annotated[str, msgspec.Meta(description="Where to send [host:port]. The rest is detail.")] = "127.0.0.1:1"
+class Udp(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="udp",
+):
+    address: Annotated[
+        str, msgspec.Meta(description="Where to send [host:port]. The rest is detail.")
+    ] = "127.0.0.1:1"
     rate_hz: Annotated[float, msgspec.Meta(ge=10, le=500)] = 100.0
 
 
-class Radio(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="radio"):
+class Radio(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="radio",
+):
     device: str
     channel: Annotated[int, msgspec.Meta(ge=1, le=8)] = 1
 
@@ -66,13 +92,19 @@ REFUSED = [
     ("vehicle.mass_kg = true", "vehicle.mass_kg: expected a number > 0, got true"),
     ("vehicle.mass_kg = nan", "vehicle.mass_kg: expected a number > 0, got nan"),
     ("vehicle.mass_kg = inf", "vehicle.mass_kg: expected a number > 0, got inf"),
-    ("vehicle.mass_kg = 1" + "0" * 400, "vehicle.mass_kg: expected a number > 0, got a number of more than 40 digits"),
+    (
+        "vehicle.mass_kg = 1" + "0" * 400,
+        "vehicle.mass_kg: expected a number > 0, got a number of more than 40 digits",
+    ),
     ("vehicle.mass_kg = {x = 1}", "vehicle.mass_kg: expected a number > 0, got a table"),
     ("vehicle.lag_s = 0", "vehicle.lag_s: expected a number > 0, got 0"),
     ("vehicle.arms = 4.0", "vehicle.arms: expected a whole number, got 4.0"),
     ("vehicle.armed = 1", "vehicle.armed: expected true or false, got 1"),
     ("vehicle.name = 'B 1'", "vehicle.name: expected a string matching ^[a-z]+$, got 'B 1'"),
-    ("vehicle.model = 'papr'", "vehicle.model: expected one of ['paper', 'raw'], got 'papr'; did you mean paper?"),
+    (
+        "vehicle.model = 'papr'",
+        "vehicle.model: expected one of ['paper', 'raw'], got 'papr'; did you mean paper?",
+    ),
     (
         "vehicle.mas_kg = 1",
         "vehicle.mas_kg: unknown key; did you mean mass_kg? "
@@ -86,10 +118,14 @@ REFUSED = [
     ("vehicle = 3", "vehicle: expected a table, got 3"),
     (
         "vehicles.x = 1",
-        "vehicles: unknown section; did you mean vehicle? (known: vehicle, link, steps, names, wait, points)",
+        "vehicles: unknown section; did you mean vehicle? (known: vehicle, link, steps, names, "
+        "wait, points)",
     ),
     ("link.kind = 'pigeon'", "link.kind: expected one of ['udp', 'radio'], got 'pigeon'"),
-    ("link.kind = 'rado'", "link.kind: expected one of ['udp', 'radio'], got 'rado'; did you mean radio?"),
+    (
+        "link.kind = 'rado'",
+        "link.kind: expected one of ['udp', 'radio'], got 'rado'; did you mean radio?",
+    ),
     ("link.kind = 3", "link.kind: expected one of ['udp', 'radio'], got 3"),
     ("link.kind = ['udp']", "link.kind: expected one of ['udp', 'radio'], got ['udp']"),
     ("link.kind = 'radio'", "link.device: missing; expected a string"),
@@ -99,14 +135,20 @@ REFUSED = [
     ),
     ("link.kind = 'radio'\nlink.device = '/dev/null'", "link.device: /dev/null hears nothing"),
     ("link.device = 'a'", "link.device: unknown key (known: kind, address, rate_hz)"),
-    ("steps = [{at_s = 1}, {at = 2}]", "steps[1].at: unknown key; did you mean at_s? (known: at_s, link)"),
+    (
+        "steps = [{at_s = 1}, {at = 2}]",
+        "steps[1].at: unknown key; did you mean at_s? (known: at_s, link)",
+    ),
     ("steps = [{at_s = 1}, {}]", "steps[1].at_s: missing; expected a number"),
     (
         "steps = [{at_s = 1, link = {kind = 'udp', rate_hz = 1}}]",
         "steps[0].link.rate_hz: expected a number >= 10 and <= 500, got 1",
     ),
     ("names.b.mass_kg = 0", "names.b.mass_kg: expected a number > 0, got 0"),
-    ("wait = 'never'", "wait: expected a number or one of ['forever'], got 'never'; did you mean forever?"),
+    (
+        "wait = 'never'",
+        "wait: expected a number or one of ['forever'], got 'never'; did you mean forever?",
+    ),
     ("points = [1]", "points: expected an array of at least 2 values, each a number, got [1]"),
     ("points = [1, [2]]", "points[1]: expected a number, got [2]"),
 ]
@@ -114,7 +156,9 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("text", "line"), REFUSED, ids=[line for _, line in REFUSED])
-def test_a_bad_value_is_refused_in_one_line_that_says_where_and_what_is_accepted(text: str, line: str) -> None:
+def test_a_bad_value_is_refused_in_one_line_that_says_where_and_what_is_accepted(
+    text: str, line: str
+) -> None:
     with pytest.raises(ConfigError) as caught:
         from_dict(tomllib.loads(text), Root, source="lab.toml")
     assert str(caught.value) == f"lab.toml: {line}"
@@ -132,14 +176,18 @@ def test_what_is_required_and_missing_is_named() -> None:
         with pytest.raises(ConfigError) as caught:
             from_dict({name: value for name, value in whole.items() if name != key}, Needy)
         assert str(caught.value) == line
-    with pytest.raises(ConfigError, match=r"^link\.kind: missing; expected one of \['udp', 'radio'\]$"):
+    with pytest.raises(
+        ConfigError, match=r"^link\.kind: missing; expected one of \['udp', 'radio'\]$"
+    ):
         from_dict(whole | {"link": {}}, Needy)
 
 
 def test_a_table_keeps_the_defaults_of_its_place_for_the_keys_it_leaves_out() -> None:
     assert from_dict({}, Root) == load(None, Root) == Root()
     config = from_dict({"vehicle": {"mass_kg": 2}, "link": {"rate_hz": 20}}, Root)
-    assert config.vehicle == Vehicle(arms=6, mass_kg=2.0) and isinstance(config.vehicle.mass_kg, float)
+    assert config.vehicle == Vehicle(arms=6, mass_kg=2.0) and isinstance(
+        config.vehicle.mass_kg, float
+    )
     assert config.link == Udp(address="127.0.0.1:2", rate_hz=20.0)
     assert from_dict({"link": {"kind": "udp"}}, Root).link == Root().link
     assert from_dict({"link": {"kind": "radio", "device": "x"}}, Root).link == Radio(device="x")
@@ -170,7 +218,7 @@ def test_an_override_equals_the_same_key_in_the_file(override: str, data: dict[s
     assert from_dict({}, Root, [override]) == from_dict(data, Root)
 
 
-def test_an_override_of_a_sections_kind_keeps_the_keys_of_the_file_that_fit_and_drops_the_others() -> None:
+def test_an_override_of_a_sections_kind_keeps_the_keys_of_the_file_that_fit() -> None:
     lab = {"trajectory": {"kind": "lemniscate", "speed_m_s": 0.7, "scale_m": 0.4, "yaw_deg": 20.0}}
     flown = from_dict(lab, Config, ["trajectory.kind=circle"]).trajectory
     assert flown == CircleConfig(speed_m_s=0.7, yaw_deg=20.0)
@@ -197,7 +245,9 @@ def test_a_file_that_is_no_toml_is_refused_with_the_place_of_its_mistake(
     assert str(caught.value).startswith(f"{path}: {says}")
 
 
-def test_a_file_may_say_nothing_or_begin_as_notepad_writes_it_and_one_that_is_missing_is_named(tmp_path: Path) -> None:
+def test_a_file_may_say_nothing_or_begin_as_notepad_writes_it_and_one_that_is_missing_is_named(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "lab.toml"
     with pytest.raises(ConfigError) as caught:
         load(path, Root)
@@ -266,14 +316,20 @@ VALUES = st.recursive(
     lambda inner: (
         st.lists(inner, max_size=4)
         | st.dictionaries(
-            st.sampled_from(["kind", "device", "address", "mass_kg", "at_s", "link", "x"]), inner, max_size=4
+            st.sampled_from(["kind", "device", "address", "mass_kg", "at_s", "link", "x"]),
+            inner,
+            max_size=4,
         )
     ),
     max_leaves=8,
 )
 
 
-@given(st.dictionaries(st.sampled_from(["vehicle", "link", "steps", "names", "wait", "points", "x"]), VALUES))
+@given(
+    st.dictionaries(
+        st.sampled_from(["vehicle", "link", "steps", "names", "wait", "points", "x"]), VALUES
+    )
+)
 def test_any_data_give_a_valid_configuration_or_one_line_of_complaint(data: dict[str, Any]) -> None:
     try:
         config = from_dict(data, Root)
@@ -309,7 +365,10 @@ def test_a_key_a_password_or_a_certificate_is_beside_the_configuration_wherever_
 
     (tmp_path / "lab").mkdir()
     file = tmp_path / "lab" / "lab.toml"
-    file.write_text('[mqtt]\nkey_file = "a.key"\nca_file = ""\nwhere = "b"\n[clients.c]\nkey_file = "/etc/c.key"\n')
+    file.write_text(
+        '[mqtt]\nkey_file = "a.key"\nca_file = ""\nwhere = "b"\n[clients.c]\nkey_file = '
+        '"/etc/c.key"\n'
+    )
     monkeypatch.chdir(tmp_path)
     config = load(Path("lab/lab.toml"), Keys)
     assert config.mqtt == Names(key_file=str(tmp_path / "lab" / "a.key"), where="b")
@@ -343,4 +402,6 @@ def test_a_key_of_an_earlier_version_is_ignored_with_a_word_of_advice(
 
 def test_no_key_that_is_read_is_retired() -> None:
     known = keys_of(Config)
-    assert [key for key in RETIRED_KEYS if any(f"{one}.".startswith(f"{key}.") for one in known)] == []
+    assert [
+        key for key in RETIRED_KEYS if any(f"{one}.".startswith(f"{key}.") for one in known)
+    ] == []

@@ -1,4 +1,6 @@
-"""Errors of a configuration: on their way from a worker process to the one that started it, and of files."""
+"""Errors of a configuration: on their way from a worker process to the one that started it, and of
+files.
+"""
 
 import inspect
 import pickle
@@ -29,7 +31,11 @@ def test_an_error_is_the_same_after_it_was_pickled(error: Exception) -> None:
 
 
 def test_every_error_of_a_configuration_is_pickled_above() -> None:
-    classes = {kind for _, kind in inspect.getmembers(errors, inspect.isclass) if issubclass(kind, Exception)}
+    classes = {
+        kind
+        for _, kind in inspect.getmembers(errors, inspect.isclass)
+        if issubclass(kind, Exception)
+    }
     assert classes == {type(error) for error in RAISED}
 
 
@@ -54,7 +60,9 @@ def test_a_wrong_value_of_the_users_code_brings_no_frames() -> None:
 def test_a_file_of_a_folder_that_can_not_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "results.csv").mkdir()
     with (
-        pytest.raises(errors.ConfigError, match=r"^--out: cannot write .*results\.csv: Is a directory$"),
+        pytest.raises(
+            errors.ConfigError, match=r"^--out: cannot write .*results\.csv: Is a directory$"
+        ),
         errors.refuse_io("--out", "file.unwritten", tmp_path),
     ):
         (tmp_path / "results.csv").write_text("a table")

@@ -1,4 +1,6 @@
-"""Vehicle files: presets, files of one's own, what lies on top of what, and in which words the rest is refused."""
+"""Vehicle files: presets, files of one's own, what lies on top of what, and in which words the rest
+is refused.
+"""
 
 import math
 import re
@@ -26,7 +28,9 @@ frame_period_s = 0.01
 """
 
 
-def vehicle(folder: Path, text: str, *overrides: str, section: str = 'file = "mine.toml"') -> Vehicle:
+def vehicle(
+    folder: Path, text: str, *overrides: str, section: str = 'file = "mine.toml"'
+) -> Vehicle:
     (folder / "mine.toml").write_text(text, "utf-8")
     (folder / "lab.toml").write_text(f"[vehicle]\n{section}\n", "utf-8")
     return load(folder / "lab.toml", Config, overrides).vehicle
@@ -39,9 +43,12 @@ def test_every_preset_says_all_of_its_vehicle_with_the_source_of_each_figure(nam
     text = PRESETS[name]
     found = {"preset", "file", "hover_thrust", "hover_range", "hover_n"}
     assert set(tomllib.loads(text)) == set(Vehicle.__struct_fields__) - found
-    unsourced = [line for line in text.splitlines()[2:] if "#" not in line and not line.startswith("name")]
+    unsourced = [
+        line for line in text.splitlines()[2:] if "#" not in line and not line.startswith("name")
+    ]
     assert unsourced == []
-    # Enough thrust to hover with the reserve that limits keep, and frames fast against the lags' sum.
+    # Enough thrust to hover with the reserve that limits keep, and frames fast against the lags'
+    # sum.
     assert told.thrust_max_n > 1.5 * told.mass_kg * 9.81
     assert told.thrust_min_n < 0.2 * told.mass_kg * 9.81
 
@@ -49,12 +56,19 @@ def test_every_preset_says_all_of_its_vehicle_with_the_source_of_each_figure(nam
 def test_keys_of_the_section_lie_on_top_of_the_preset_and_overrides_on_top_of_all() -> None:
     data = {"vehicle": {"preset": "x500", "mass_kg": 2.2, "name": "ours"}}
     told = from_dict(data, Config, ["vehicle.thrust_lag_s=0.04", "vehicle.name=theirs"]).vehicle
-    assert (told.name, told.mass_kg, told.thrust_lag_s, told.thrust_max_n) == ("theirs", 2.2, 0.04, 34.2)
+    assert (told.name, told.mass_kg, told.thrust_lag_s, told.thrust_max_n) == (
+        "theirs",
+        2.2,
+        0.04,
+        34.2,
+    )
     assert told.preset is None
     assert from_dict({}, Config, ["vehicle.preset=crazyflie"]).vehicle.mass_kg == 0.027
 
 
-def test_a_file_is_found_beside_the_configuration_and_may_start_from_a_preset(tmp_path: Path) -> None:
+def test_a_file_is_found_beside_the_configuration_and_may_start_from_a_preset(
+    tmp_path: Path,
+) -> None:
     assert vehicle(tmp_path, FULL).mass_kg == 0.5
     assert vehicle(tmp_path, FULL, "vehicle.mass_kg=0.6").mass_kg == 0.6
     heavy = vehicle(tmp_path, 'preset = "x500"\nname = "heavy"\nmass_kg = 2.5\n')
@@ -74,10 +88,14 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("text", "words"), REFUSED, ids=[words for _, words in REFUSED])
-def test_a_bad_vehicle_file_is_refused_by_its_name_and_key(text: str, words: str, tmp_path: Path) -> None:
+def test_a_bad_vehicle_file_is_refused_by_its_name_and_key(
+    text: str, words: str, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError) as caught:
         vehicle(tmp_path, text)
-    assert str(caught.value).startswith(f"{tmp_path / 'lab.toml'}: vehicle.file: mine.toml: {words}")
+    assert str(caught.value).startswith(
+        f"{tmp_path / 'lab.toml'}: vehicle.file: mine.toml: {words}"
+    )
 
 
 @pytest.mark.parametrize(
@@ -110,7 +128,9 @@ def test_the_command_lists_the_presets_and_prints_one_to_start_from(
     assert "expected one of ['crazyflie'" in capsys.readouterr().err
 
 
-def test_the_bound_of_adaptation_follows_from_the_thrust_that_wind_may_take_unless_it_is_set() -> None:
+def test_the_bound_of_adaptation_follows_from_the_thrust_that_wind_may_take_unless_it_is_set() -> (
+    None
+):
     def bound(*told: str, **vehicle: float) -> float:
         law = from_dict({"vehicle": vehicle}, Config, list(told)).controller
         assert isinstance(law, Gains)

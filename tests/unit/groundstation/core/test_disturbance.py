@@ -1,4 +1,6 @@
-"""Disturbance as it is shown: one sum, whatever its split, and intervals that follow from the estimator's variance."""
+"""Disturbance as it is shown: one sum, whatever its split, and intervals that follow from the
+estimator's variance.
+"""
 
 import math
 
@@ -13,7 +15,9 @@ MASS_KG = 0.08
 THRUST_N = 0.9
 
 
-def estimate(wind_down: float, scale: float, deviation: float = 0.02, attitude: Quat = IDENTITY) -> Estimate:
+def estimate(
+    wind_down: float, scale: float, deviation: float = 0.02, attitude: Quat = IDENTITY
+) -> Estimate:
     motion = Motion(ZERO, ZERO, attitude, THRUST_N, ZERO)
     return Estimate(0.0, motion, (0.1, -0.2, wind_down), ZERO, scale, deviation)
 

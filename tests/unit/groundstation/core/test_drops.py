@@ -1,4 +1,6 @@
-"""Which dropped messages a person must see: links/… count them, groundstation/core/messages/drops.py chooses."""
+"""Which dropped messages a person must see: links/… count them,
+groundstation/core/messages/drops.py chooses.
+"""
 
 import ast
 from pathlib import Path
@@ -13,7 +15,8 @@ from links.core import LinkStatus
 ROOT = Path(__file__).parents[4]
 LINK = LinkStatus(state="armed", sent=1000, expired=0, received=1000, dropped={}, text="")
 NOBODY_NEEDS = {
-    "other_system", "unknown", "garbage", "no_peer", "bad_command", "not_a_frame", "bad_checksum", "cut_short",
+    "other_system", "unknown", "garbage", "no_peer", "bad_command", "not_a_frame", "bad_checksum",
+    "cut_short",
     "not_ours", "from_this_machine", "malformed", "clock_jumped",
 }  # fmt: skip
 """See the module's text; the last line is told by the bridge itself where it runs."""
@@ -36,10 +39,13 @@ def counted_in(folder: Path) -> set[str]:
                 case ast.Subscript(ast.Name("dropped"), ast.Constant(str(reason))):
                     found.add(reason)
                 case ast.Subscript(
-                    ast.Attribute(attr="dropped" | "_dropped" | "_errors" | "errors"), ast.Constant(str(reason))
+                    ast.Attribute(attr="dropped" | "_dropped" | "_errors" | "errors"),
+                    ast.Constant(str(reason)),
                 ):
                     found.add(reason)
-                case ast.Call(ast.Attribute(attr="drop" | "_drop"), [ast.Constant(str(reason)), *_]):
+                case ast.Call(
+                    ast.Attribute(attr="drop" | "_drop"), [ast.Constant(str(reason)), *_]
+                ):
                     found.add(reason)
     return found
 
@@ -51,8 +57,17 @@ def test_every_reason_that_a_link_counts_is_told_or_needs_nobody() -> None:
 
 
 def test_every_reason_that_a_pose_source_counts_has_its_meaning_or_is_no_loss() -> None:
-    counted = counted_in(ROOT / "groundstation" / "pose") | counted_in(ROOT / "links" / "mavlink" / "protocol")
-    assert {"jump", "late", "other_address", "truncated", "malformed", "other_bodies"} <= counted | KNOWN
+    counted = counted_in(ROOT / "groundstation" / "pose") | counted_in(
+        ROOT / "links" / "mavlink" / "protocol"
+    )
+    assert {
+        "jump",
+        "late",
+        "other_address",
+        "truncated",
+        "malformed",
+        "other_bodies",
+    } <= counted | KNOWN
     assert counted <= KNOWN | USUAL_POSE_DROPS | {"unsigned", "bad_signature", "replayed"}
 
 
@@ -71,18 +86,26 @@ def test_in_flight_a_reason_is_told_once_and_again_when_it_is_tenfold() -> None:
     assert says.text.startswith("10 MAVLink messages were signed with another key")
 
 
-def test_poses_are_told_of_by_their_commonest_reason_and_what_else_is_said_on_the_port_is_no_loss() -> None:
-    assert find_pose_drops(PoseStatus(accepted=10, dropped={"other_message": 500, "jump": 2})) is None
-    found = find_pose_drops(PoseStatus(accepted=100, dropped={"other_message": 500, "jump": 8, "late": 4}))
+def test_poses_are_told_of_by_their_commonest_reason_and_other_messages_are_no_loss() -> None:
+    assert (
+        find_pose_drops(PoseStatus(accepted=10, dropped={"other_message": 500, "jump": 2})) is None
+    )
+    found = find_pose_drops(
+        PoseStatus(accepted=100, dropped={"other_message": 500, "jump": 8, "late": 4})
+    )
     assert found == ("jump", 8, 112)
 
 
 def test_after_the_flight_a_second_path_is_still_called_one() -> None:
     """A link that is closed tells no more of it."""
-    closed = msgspec.structs.replace(with_drops(other_address=9), other_addresses=("10.0.0.9:14550",))
+    closed = msgspec.structs.replace(
+        with_drops(other_address=9), other_addresses=("10.0.0.9:14550",)
+    )
     watch = LinkDropWatch(LINK)
     (stranger,) = watch.summarize(closed)
     assert "find out who else sends" in stranger.text
-    watch.find_news(msgspec.structs.replace(closed, warning="the autopilot is heard from two addresses"))
+    watch.find_news(
+        msgspec.structs.replace(closed, warning="the autopilot is heard from two addresses")
+    )
     (path,) = watch.summarize(closed)
     assert "end that path: commands go by the first" in path.text

@@ -21,7 +21,12 @@ VEHICLE = Vehicle()
 def leaning(degrees: float, azimuth_deg: float) -> Quat:
     """The attitude that leans so far, about a horizontal axis."""
     half, azimuth = 0.5 * math.radians(degrees), math.radians(azimuth_deg)
-    return math.cos(half), math.sin(half) * math.cos(azimuth), math.sin(half) * math.sin(azimuth), 0.0
+    return (
+        math.cos(half),
+        math.sin(half) * math.cos(azimuth),
+        math.sin(half) * math.sin(azimuth),
+        0.0,
+    )
 
 
 EVERYWHERE = range(0, 360, 30)
@@ -41,19 +46,27 @@ def test_what_may_stand_is_only_levelled_however_far_it_is_from_its_reference(
     for _ in range(3):
         flies.set_ground_contact(True)
     tick = flies.compute_command(0.0)
-    roll, pitch = sine_error(tick.estimate.motion.attitude, push((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), G)[0])
+    roll, pitch = sine_error(
+        tick.estimate.motion.attitude, push((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), G)[0]
+    )
     thrust, (p, q, r) = tick.decision.drive
     back = (p * roll + q * pitch) / math.hypot(roll, pitch)
-    assert back == pytest.approx(math.hypot(p, q), rel=0.02)  # nothing but that, save for the limits of the rates
+    assert back == pytest.approx(
+        math.hypot(p, q), rel=0.02
+    )  # nothing but that, save for the limits of the rates
     assert back > 0.0
     assert r == 0.0
     assert thrust == pytest.approx(free.thrust, rel=0.2, abs=0.06)
-    assert [one.values for one in told if isinstance(one, SwitchRecord) and one.what == "touch"] == [(1.0,)]
+    assert [
+        one.values for one in told if isinstance(one, SwitchRecord) and one.what == "touch"
+    ] == [(1.0,)]
 
 
 def blown(down: float, effectiveness: float = 1.0) -> Estimate:
     """Estimate of a disturbance downwards [m/s²] and a thrust scale [-]."""
-    return Estimate(0.0, Motion(ZERO, ZERO, IDENTITY, 0.8, ZERO), (0.0, 0.0, down), ZERO, effectiveness, 0.0)
+    return Estimate(
+        0.0, Motion(ZERO, ZERO, IDENTITY, 0.8, ZERO), (0.0, 0.0, down), ZERO, effectiveness, 0.0
+    )
 
 
 def test_the_mean_disturbance_is_that_since_the_beginning_and_later_that_of_late() -> None:
@@ -100,7 +113,8 @@ class WatchedHealth(PoseHealth):
 
 
 @pytest.mark.parametrize(
-    ("follows_poses", "is_suspect", "before"), [(True, False, []), (True, True, [1]), (False, False, [1])]
+    ("follows_poses", "is_suspect", "before"),
+    [(True, False, []), (True, True, [1]), (False, False, [1])],
 )
 def test_only_a_calm_pose_that_a_command_follows_is_compared_after_that_command(
     follows_poses: bool, is_suspect: bool, before: list[int]
@@ -110,7 +124,9 @@ def test_only_a_calm_pose_that_a_command_follows_is_compared_after_that_command(
     assert isinstance(health, WatchedHealth)
 
     def come(number: int) -> None:
-        flies.estimate_state(Pose(number, 0.02 * number, 0.0, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0)))
+        flies.estimate_state(
+            Pose(number, 0.02 * number, 0.0, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0))
+        )
 
     come(0)
     flies.follow(Hold((0.0, 0.0, -1.0), 0.0), 0.0)

@@ -1,4 +1,6 @@
-"""Every pre-flight check: what passes, warns and fails, by the vehicle as it stands and by what is beside it."""
+"""Every pre-flight check: what passes, warns and fails, by the vehicle as it stands and by what is
+beside it.
+"""
 
 import math
 import os
@@ -31,12 +33,19 @@ BASE: dict[str, Any] = {
     "pose": {"kind": "vicon", "rate_hz": 50.0},
     "trajectory": {"kind": "hold", "position_ned": [0.0, 0.0, -1.0]},
 }
-LINK = LinkStatus(state="connected", sent=0, expired=0, received=9, dropped={}, text="", rtt_s=0.004)
+LINK = LinkStatus(
+    state="connected", sent=0, expired=0, received=9, dropped={}, text="", rtt_s=0.004
+)
 FENCE = {"kind": "box", "north_m": [-2.0, 2.0], "east_m": [-2.0, 2.0], "height_m": 2.0}
 
 
 def standing(
-    rate_hz: float = 50.0, *, tilt_deg: float = 0.0, drift_m: float = 0.0, down: float = 0.0, noise_deg: float = 0.0
+    rate_hz: float = 50.0,
+    *,
+    tilt_deg: float = 0.0,
+    drift_m: float = 0.0,
+    down: float = 0.0,
+    noise_deg: float = 0.0,
 ) -> StandingPoses:
     """A vehicle that has stood for a second until t = 1 s."""
     stands, dice = StandingPoses(), random.Random(1)
@@ -69,7 +78,13 @@ def check(
     return next(one for one in seen if one.name == name)
 
 
-GENTLE = {"kind": "adaptive", "b_bound": 1.0, "sigma_bound": 0.3, "sigma_slope": 3.0, "rho_slope": 1.0}
+GENTLE = {
+    "kind": "adaptive",
+    "b_bound": 1.0,
+    "sigma_bound": 0.3,
+    "sigma_slope": 3.0,
+    "rho_slope": 1.0,
+}
 CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("pose rate", {}, Verdict.PASS),
     ("pose rate", {"stands": standing(30.0)}, Verdict.WARN),
@@ -77,9 +92,17 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("pose age", {}, Verdict.PASS),
     ("pose age", {"now_s": 1.1}, Verdict.WARN),
     ("pose age", {"now_s": 1.2}, Verdict.FAIL),
-    ("ready to arm", {"unfit": "GUID_OPTIONS is 0: it would take our thrust as a climb rate"}, Verdict.FAIL),
+    (
+        "ready to arm",
+        {"unfit": "GUID_OPTIONS is 0: it would take our thrust as a climb rate"},
+        Verdict.FAIL,
+    ),
     ("deadline", {}, Verdict.PASS),
-    ("deadline", {"config": {"flight": {"coast_s": 0.4}, "guards": {"level_s": 0.1}}}, Verdict.PASS),
+    (
+        "deadline",
+        {"config": {"flight": {"coast_s": 0.4}, "guards": {"level_s": 0.1}}},
+        Verdict.PASS,
+    ),
     ("deadline", {"config": {"flight": {"coast_s": 0.3}}}, Verdict.WARN),
     ("deadline", {"config": {"guards": {"level_s": 0.75}}}, Verdict.WARN),
     ("pose noise", {}, Verdict.PASS),
@@ -93,7 +116,11 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("at rest", {"stands": standing(drift_m=0.02)}, Verdict.PASS),
     ("at rest", {"stands": standing(drift_m=0.1)}, Verdict.FAIL),
     ("at rest", {"stands": standing(down=-850.0)}, Verdict.FAIL),
-    ("at rest", {"stands": standing(down=-850.0), "config": {"pose": {"kind": "mavlink"}}}, Verdict.PASS),
+    (
+        "at rest",
+        {"stands": standing(down=-850.0), "config": {"pose": {"kind": "mavlink"}}},
+        Verdict.PASS,
+    ),
     ("at rest", {"source": PoseStatus(accepted=50, dropped={}, origin_moves=1)}, Verdict.PASS),
     ("at rest", {"source": PoseStatus(accepted=50, dropped={}, origin_moves=2)}, Verdict.WARN),
     ("at rest", {"source": PoseStatus(accepted=50, dropped={}, origin_moves=5)}, Verdict.FAIL),
@@ -110,7 +137,12 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("ways in the fence", {"config": {"fence": {**FENCE, "height_m": 0.9}}}, Verdict.FAIL),
     (
         "ways in the fence",
-        {"config": {"fence": FENCE, "trajectory": {"kind": "hold", "position_ned": [1.99, 2.5, -1.0]}}},
+        {
+            "config": {
+                "fence": FENCE,
+                "trajectory": {"kind": "hold", "position_ned": [1.99, 2.5, -1.0]},
+            }
+        },
         Verdict.FAIL,
     ),
     ("battery", {}, Verdict.OFF),
@@ -133,15 +165,31 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("frames", {"conflict": "MAVLink system 42 sends SET_ATTITUDE_TARGET, too"}, Verdict.FAIL),
     ("frames", {"warning": "the autopilot is heard from two addresses"}, Verdict.WARN),
     ("frames", {"config": {"link": {"kind": "dsm"}}}, Verdict.PASS),
-    ("frames", {"config": {"link": {"kind": "dsm"}}, "warning": "no real-time priority"}, Verdict.WARN),
+    (
+        "frames",
+        {"config": {"link": {"kind": "dsm"}}, "warning": "no real-time priority"},
+        Verdict.WARN,
+    ),
     ("link drops", {}, Verdict.PASS),
-    ("link drops", {"received": 1000, "dropped": {"truncated": 10, "other_system": 500}}, Verdict.PASS),
+    (
+        "link drops",
+        {"received": 1000, "dropped": {"truncated": 10, "other_system": 500}},
+        Verdict.PASS,
+    ),
     ("link drops", {"received": 1000, "dropped": {"truncated": 40}}, Verdict.WARN),
     ("link drops", {"received": 1000, "dropped": {"bad_signature": 1}}, Verdict.WARN),
     ("link drops", {"sent": 100, "dropped": {"full": 3}}, Verdict.WARN),
-    ("link drops", {"dropped": {"other_address": 1}, "other_addresses": ("192.168.1.7:14550",)}, Verdict.WARN),
+    (
+        "link drops",
+        {"dropped": {"other_address": 1}, "other_addresses": ("192.168.1.7:14550",)},
+        Verdict.WARN,
+    ),
     ("pose drops", {}, Verdict.PASS),
-    ("pose drops", {"source": PoseStatus(accepted=990, dropped={"jump": 9, "other_message": 500})}, Verdict.PASS),
+    (
+        "pose drops",
+        {"source": PoseStatus(accepted=990, dropped={"jump": 9, "other_message": 500})},
+        Verdict.PASS,
+    ),
     ("pose drops", {"source": PoseStatus(accepted=900, dropped={"jump": 100})}, Verdict.WARN),
     ("failsafe", {}, Verdict.OFF),
     ("failsafe", {"config": {"link": {"kind": "dsm"}}}, Verdict.WARN),
@@ -158,13 +206,23 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
 
 
 @pytest.mark.parametrize(("name", "given", "verdict"), CASES)
-def test_each_check_has_its_verdict_and_a_sentence(name: str, given: dict[str, Any], verdict: Verdict) -> None:
+def test_each_check_has_its_verdict_and_a_sentence(
+    name: str, given: dict[str, Any], verdict: Verdict
+) -> None:
     found = check(name, **given)
     assert found.verdict is verdict, found.says
     assert len(found.says) > 8
 
 
-AGREES = Agreement(alarm=0.2, tilt_deg=0.3, mounting_deg=1.2, agrees=True, disagrees_since_s=None, alike=(), unlike=())
+AGREES = Agreement(
+    alarm=0.2,
+    tilt_deg=0.3,
+    mounting_deg=1.2,
+    agrees=True,
+    disagrees_since_s=None,
+    alike=(),
+    unlike=(),
+)
 WITNESSED: list[tuple[Agreement | None, Verdict, str]] = [
     (AGREES, Verdict.PASS, "1.2° apart"),
     (AGREES._replace(alike=("roll", "pitch")), Verdict.PASS, "roll, pitch went the same way"),
@@ -178,7 +236,9 @@ WITNESSED: list[tuple[Agreement | None, Verdict, str]] = [
 
 
 @pytest.mark.parametrize(("witness", "verdict", "says"), WITNESSED)
-def test_the_autopilots_attitude_is_a_second_witness(witness: Agreement | None, verdict: Verdict, says: str) -> None:
+def test_the_autopilots_attitude_is_a_second_witness(
+    witness: Agreement | None, verdict: Verdict, says: str
+) -> None:
     found = check("second witness", witness=witness)
     assert found.verdict is verdict
     assert says in found.says
@@ -191,14 +251,18 @@ def test_the_autopilots_attitude_is_a_second_witness(witness: Agreement | None, 
         ({"link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}, "this radio does not report"),
     ],
 )
-def test_where_nobody_else_can_tell_the_second_witness_is_off(config: dict[str, Any], says: str) -> None:
+def test_where_nobody_else_can_tell_the_second_witness_is_off(
+    config: dict[str, Any], says: str
+) -> None:
     found = check("second witness", config=config)
     assert found.verdict is Verdict.OFF
     assert says in found.says
 
 
 def test_without_poses_nothing_else_is_asked_of_them() -> None:
-    checks = Checks(from_dict(BASE, Config))(StandingPoses(), 0.0, LINK, 1.0, None, status_of(StandingPoses()))
+    checks = Checks(from_dict(BASE, Config))(
+        StandingPoses(), 0.0, LINK, 1.0, None, status_of(StandingPoses())
+    )
     assert "poses: no poses" in describe_failures(checks)
 
 
@@ -216,8 +280,14 @@ def test_stamps_in_the_wrong_unit_fail_with_the_factor_and_the_unit() -> None:
 
 
 def test_a_second_sender_of_the_vehicle_s_poses_fails_until_it_is_gone() -> None:
-    both = PoseStatus(accepted=50, dropped={"second_sender": 3}, advice="poses of the vehicle come from two addresses")
-    assert "pose drops: poses of the vehicle come from two" in checked(both, standing(), {"kind": "json"})
+    both = PoseStatus(
+        accepted=50,
+        dropped={"second_sender": 3},
+        advice="poses of the vehicle come from two addresses",
+    )
+    assert "pose drops: poses of the vehicle come from two" in checked(
+        both, standing(), {"kind": "json"}
+    )
     gone = PoseStatus(accepted=500, dropped={"second_sender": 50})
     assert "pose drops" not in checked(gone, standing(), {"kind": "json"})
 
@@ -228,7 +298,11 @@ def test_a_clock_that_steps_again_and_again_fails() -> None:
 
 
 def test_what_fails_is_one_sentence_and_all_of_it_a_list() -> None:
-    checks = [Check("a", Verdict.PASS, "fine"), Check("b", Verdict.FAIL, "bad"), Check("c", Verdict.FAIL, "worse")]
+    checks = [
+        Check("a", Verdict.PASS, "fine"),
+        Check("b", Verdict.FAIL, "bad"),
+        Check("c", Verdict.FAIL, "worse"),
+    ]
     assert describe_failures(checks) == "b: bad; c: worse"
     assert len(describe_checks(checks).splitlines()) == 3
 
@@ -273,7 +347,10 @@ LOCAL: list[dict[str, Any]] = [
     {},
     {"link": {"kind": "mavlink", "remote": "[::1]:14550"}},
     {"link": {"kind": "rf_bridge"}},
-    *({"pose": {"kind": kind}} for kind in ("vicon", "natnet", "qualisys", "json", "vision", "mavlink")),
+    *(
+        {"pose": {"kind": kind}}
+        for kind in ("vicon", "natnet", "qualisys", "json", "vision", "mavlink")
+    ),
     {"pose": {"kind": "natnet", "multicast": True}},
 ]
 
@@ -284,10 +361,16 @@ def test_a_simulated_one_needs_neither(data: dict[str, Any]) -> None:
     ensure_guarded(from_dict(data, Config))
 
 
-def test_a_simulated_port_is_believed_of_a_pseudo_terminal_alone_and_told_before_each_flight() -> None:
+def test_a_simulated_port_is_believed_of_a_pseudo_terminal_alone_and_told_before_each_flight() -> (
+    None
+):
     far, near = os.openpty()
     try:
-        for port, believed in ((os.ttyname(near), True), ("/dev/ttyUSB0", False), ("/dev/pts/../ttyUSB0", False)):
+        for port, believed in (
+            (os.ttyname(near), True),
+            ("/dev/ttyUSB0", False),
+            ("/dev/pts/../ttyUSB0", False),
+        ):
             config = from_dict({"link": {"kind": "dsm", "port": port, "simulated": True}}, Config)
             assert (find_real_key(config) is None) == believed
             (told,) = (
@@ -307,7 +390,9 @@ def test_heights_of_a_trajectory_count_from_the_floor() -> None:
     trajectory = {"kind": "hold", "position_ned": [0.0, 0.0, -1.0]}
     for floor_z_m, height in ((0.0, "1.00 to 1.00"), (1.0, "2.00 to 2.00"), (-0.5, "0.50 to 0.50")):
         config = from_dict({"trajectory": trajectory, "flight": {"floor_z_m": floor_z_m}}, Config)
-        assert f"{height} m above the floor" in describe_trajectory(config, examine_trajectory(config))
+        assert f"{height} m above the floor" in describe_trajectory(
+            config, examine_trajectory(config)
+        )
 
 
 ANT: dict[str, Any] = {
@@ -331,15 +416,25 @@ def beside(*others: dict[str, Any]) -> Check:
     ("change", "verdict", "says"),
     [
         ({}, Verdict.PASS, "none of this machine"),
-        ({"pose": ANT["pose"]}, Verdict.FAIL, "daemon bee (process 77) follows the body 'ant' as well"),
-        ({"pose": {**ANT["pose"], "listen": "0.0.0.0:51002"}}, Verdict.WARN, "follows the body 'ant' as well"),
+        (
+            {"pose": ANT["pose"]},
+            Verdict.FAIL,
+            "daemon bee (process 77) follows the body 'ant' as well",
+        ),
+        (
+            {"pose": {**ANT["pose"], "listen": "0.0.0.0:51002"}},
+            Verdict.WARN,
+            "follows the body 'ant' as well",
+        ),
         ({"link": ANT["link"]}, Verdict.FAIL, "commands mavlink 127.0.0.1:14540 system 1 as well"),
         ({"link": {**ANT["link"], "target_system": 2}}, Verdict.PASS, "none of this machine"),
         ({"vehicle": ANT["vehicle"]}, Verdict.WARN, "has the same name"),
         ({"pose": {"kind": "mavlink"}}, Verdict.PASS, "none of this machine"),
     ],
 )
-def test_equal_names_of_running_flights_are_told(change: dict[str, Any], verdict: Verdict, says: str) -> None:
+def test_equal_names_of_running_flights_are_told(
+    change: dict[str, Any], verdict: Verdict, says: str
+) -> None:
     seen = beside({**BEE, **change})
     assert seen.verdict is verdict
     assert says in seen.says
@@ -351,7 +446,9 @@ def test_a_bridge_is_compared_by_its_port() -> None:
     assert Company(config, None, lambda: [bridge], None)(standing(), 1.0)[0].verdict is Verdict.FAIL
 
 
-def bodies_near(places: dict[str, tuple[float, float, float]], now_s: float = 1.0, size_m: float = 0.3) -> Check:
+def bodies_near(
+    places: dict[str, tuple[float, float, float]], now_s: float = 1.0, size_m: float = 0.3
+) -> Check:
     config = from_dict({**ANT, "vehicle": {"name": "ant", "size_m": size_m}}, Config)
     bodies = Others((), own="ant")
     for name, place in places.items():

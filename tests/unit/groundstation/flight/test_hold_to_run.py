@@ -1,4 +1,6 @@
-"""The operator's own dead man: when it counts as held, what is refused at the start, and what is lost."""
+"""The operator's own dead man: when it counts as held, what is refused at the start, and what is
+lost.
+"""
 
 import asyncio
 import math
@@ -64,7 +66,9 @@ def test_what_was_lost_must_be_let_go_before_it_counts_again() -> None:
 
 
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.001, 0.05)), min_size=1, max_size=60))
-def test_it_is_never_believed_held_for_longer_than_a_bounce_after_it_was_open(looks: list[tuple[bool, float]]) -> None:
+def test_it_is_never_believed_held_for_longer_than_a_bounce_after_it_was_open(
+    looks: list[tuple[bool, float]],
+) -> None:
     hold, now, open_s = HoldToRun("the pedal", 0.75), 0.0, None
     for held, step_s in looks:
         now += step_s
@@ -79,9 +83,13 @@ def test_what_can_be_held_is_taken(hold: str) -> None:
     assert from_dict({"operator": {"hold": hold}}, Config).operator.hold == hold
 
 
-@pytest.mark.parametrize("hold", ["space", "btn_tr", "rc:0", "rc:19", "rc:7\n", "REL_X", "BTN_TR\n"])
+@pytest.mark.parametrize(
+    "hold", ["space", "btn_tr", "rc:0", "rc:19", "rc:7\n", "REL_X", "BTN_TR\n"]
+)
 def test_what_cannot_be_held_is_refused_with_what_can(hold: str) -> None:
-    with pytest.raises(ConfigError, match=r"operator\.hold: expected .*BTN_TR.*rc:1 to rc:18") as error:
+    with pytest.raises(
+        ConfigError, match=r"operator\.hold: expected .*BTN_TR.*rc:1 to rc:18"
+    ) as error:
         from_dict({"operator": {"hold": hold}}, Config)
     assert "\n" not in str(error.value)
 
@@ -102,7 +110,10 @@ def plugged(monkeypatch: pytest.MonkeyPatch, *devices: DeviceDouble) -> None:
 def test_the_only_device_that_has_the_key_is_found_and_asked_and_the_others_are_closed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    it, keyboard = pad(), DeviceDouble("Keyboard", "/dev/input/event0", {ecodes.EV_KEY: [ecodes.KEY_A]})
+    it, keyboard = (
+        pad(),
+        DeviceDouble("Keyboard", "/dev/input/event0", {ecodes.EV_KEY: [ecodes.KEY_A]}),
+    )
     plugged(monkeypatch, it, keyboard)
     held = open_device(OperatorConfig(hold="BTN_TR"))
     assert (it.closed, keyboard.closed, it.grabbed) == (False, True, False)
@@ -126,10 +137,19 @@ def test_the_only_device_that_has_the_key_is_found_and_asked_and_the_others_are_
             r"operator\.device: expected a device that has KEY_B .*Xbox pad.*Other pad.*event6",
         ),
         ({"hold": "BTN_TR"}, r"operator\.device: more than one has BTN_TR.*Xbox pad.*Other pad"),
-        ({"hold": "KEY_B", "device": "xbox"}, r"operator\.device: expected a device that has KEY_B.*evtest.*Xbox pad"),
+        (
+            {"hold": "KEY_B", "device": "xbox"},
+            r"operator\.device: expected a device that has KEY_B.*evtest.*Xbox pad",
+        ),
         ({"hold": "BTN_TR", "device": "saitek"}, r"operator\.device: expected a device .*Xbox pad"),
-        ({"hold": "BTN_TR", "device": "/dev/input/event9"}, r"operator\.device: /dev/input/event9: No such file"),
-        ({"hold": "BTN_TR", "device": "/dev/input/js0"}, r"operator\.device: /dev/input/js0: .*-event-joystick"),
+        (
+            {"hold": "BTN_TR", "device": "/dev/input/event9"},
+            r"operator\.device: /dev/input/event9: No such file",
+        ),
+        (
+            {"hold": "BTN_TR", "device": "/dev/input/js0"},
+            r"operator\.device: /dev/input/js0: .*-event-joystick",
+        ),
     ],
 )
 def test_a_device_that_is_not_there_stops_at_the_start_with_those_that_are(
@@ -139,7 +159,11 @@ def test_a_device_that_is_not_there_stops_at_the_start_with_those_that_are(
     plugged(monkeypatch, *devices)
     with pytest.raises(ConfigError, match=says):
         require_flyable(from_dict({"operator": operator}, Config))
-    assert all(device.closed for device in devices) or "no key" in says or operator.get("device", "").startswith("/")
+    assert (
+        all(device.closed for device in devices)
+        or "no key" in says
+        or operator.get("device", "").startswith("/")
+    )
 
 
 class Wire:
@@ -157,7 +181,9 @@ class Wire:
 
 
 def rc_channels(*values: int) -> Any:
-    return common.MAVLink_rc_channels_message(0, len(values), *values, *[0xFFFF] * (18 - len(values)), 255)
+    return common.MAVLink_rc_channels_message(
+        0, len(values), *values, *[0xFFFF] * (18 - len(values)), 255
+    )
 
 
 def sys_status(enabled: int, health: int) -> Any:

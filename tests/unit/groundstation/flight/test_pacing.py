@@ -1,4 +1,6 @@
-"""When a command is due, when a last chance is taken, and what has waited while the program stood still."""
+"""When a command is due, when a last chance is taken, and what has waited while the program stood
+still.
+"""
 
 import asyncio
 from types import SimpleNamespace
@@ -38,7 +40,9 @@ def left(deadline_s: float, *, follows_poses: bool, until_s: float = 0.5) -> lis
 
 @pytest.mark.parametrize("follows_poses", [False, True])
 @pytest.mark.parametrize("step", range(40))
-def test_one_command_leaves_just_before_a_deadline_whatever_its_last_digits(follows_poses: bool, step: int) -> None:
+def test_one_command_leaves_just_before_a_deadline_whatever_its_last_digits(
+    follows_poses: bool, step: int
+) -> None:
     deadline = 0.2 + step * 1.37e-4 / 3.0
     times = left(deadline, follows_poses=follows_poses)
     assert min(abs(t - (deadline - LAST_CHANCE_S)) for t in times) < 1e-8

@@ -12,7 +12,9 @@ from sim.time import VirtualTimeLoop
 
 
 @pytest.mark.parametrize(("start", "waits_s"), [("air", LISTEN_S), ("floor", 0.0)])
-def test_nobody_is_armed_unasked_before_a_second_autopilot_would_be_heard(start: str, waits_s: float) -> None:
+def test_nobody_is_armed_unasked_before_a_second_autopilot_would_be_heard(
+    start: str, waits_s: float
+) -> None:
     _, config = prepare(SCENARIOS["paper"], [])
     flight = msgspec.structs.replace(config.flight, start=start)
     told: Config = msgspec.structs.replace(config, flight=flight)

@@ -7,7 +7,14 @@ import pytest
 
 from groundstation.config import from_dict
 from groundstation.core.messages import Check, PoseStatus, Verdict
-from groundstation.flight.preflight import Checks, Proof, hash_sections, proof_path, read_proof, save_proof
+from groundstation.flight.preflight import (
+    Checks,
+    Proof,
+    hash_sections,
+    proof_path,
+    read_proof,
+    save_proof,
+)
 from groundstation.flight.preflight.proof import explain_missing_proof
 from groundstation.settings import Config
 from tests.unit.groundstation.flight.test_checks import BASE, LINK, standing
@@ -44,7 +51,9 @@ def proof(config: Config, **changes: str) -> Proof:
         ("link.signing_key_file=there/key", False),
     ],
 )
-def test_a_test_holds_until_something_changes_that_decides_how_motors_stop(override: str, counts: bool) -> None:
+def test_a_test_holds_until_something_changes_that_decides_how_motors_stop(
+    override: str, counts: bool
+) -> None:
     was = proof(made())
     assert explain_missing_proof(was, made(), "") is None
     why = explain_missing_proof(was, made(override), "")
@@ -61,7 +70,9 @@ def test_another_firmware_or_another_vehicle_needs_another_test() -> None:
     assert "no test" in str(explain_missing_proof(None, config, ""))
 
 
-def test_it_is_kept_for_the_owner_alone_and_the_newest_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_kept_for_the_owner_alone_and_the_newest_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     config = made()
     path = proof_path(config)

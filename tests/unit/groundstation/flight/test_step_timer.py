@@ -1,4 +1,6 @@
-"""The timer of the user's steps: slow ones are named, those that hang are interrupted, others' alarms count."""
+"""The timer of the user's steps: slow ones are named, those that hang are interrupted, others'
+alarms count.
+"""
 
 import asyncio
 import contextvars
@@ -28,14 +30,19 @@ ALARMS: list[str] = []
 @pytest.fixture(autouse=True)
 def alarms() -> Iterator[None]:
     ALARMS.clear()
-    before = {number: signal.getsignal(number) for number in (signal.SIGALRM, signal.SIGUSR2, signal.SIGINT)}
+    before = {
+        number: signal.getsignal(number)
+        for number in (signal.SIGALRM, signal.SIGUSR2, signal.SIGINT)
+    }
     yield
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
-def watched(work: Callable[[StepTimer, Callable[[], float]], Any], kind: type[StepTimer] = StepTimer) -> Any:
+def watched(
+    work: Callable[[StepTimer, Callable[[], float]], Any], kind: type[StepTimer] = StepTimer
+) -> Any:
     """``work`` where a timer of that ``kind`` watches, in a context of its own."""
     loop = asyncio.new_event_loop()
 
@@ -115,7 +122,9 @@ def test_code_that_swallows_everything_is_interrupted_at_its_next_line(nested: b
     assert sys.gettrace() in (None, before)
 
 
-def test_a_step_that_takes_the_alarm_is_interrupted_by_a_key_and_the_next_by_the_alarm_again() -> None:
+def test_a_step_that_takes_the_alarm_is_interrupted_by_a_key_and_the_next_by_the_alarm_again() -> (
+    None
+):
     def ignore(now_s: Callable[[], float]) -> None:
         signal.signal(signal.SIGALRM, signal.SIG_IGN)
         spend(now_s, 0.1)
@@ -228,12 +237,15 @@ def made_never() -> Reference:
 
 NEVER_RETURN: dict[str, tuple[Callable[[], object], str]] = {
     "a trajectory": (
-        lambda: OwnTrajectoryConfig(factory=f"{__name__}:hanging").build().at(1.0), "hanging .* within 500 ms",
+        lambda: OwnTrajectoryConfig(factory=f"{__name__}:hanging").build().at(1.0),
+        "hanging .* within 500 ms",
     ),
     "what makes a controller": (
-        lambda: make_controller(Custom(factory=f"{__name__}:made_never"), Vehicle()), "made_never .* within 1 s",
+        lambda: make_controller(Custom(factory=f"{__name__}:made_never"), Vehicle()),
+        "made_never .* within 1 s",
     ),
-    "an import": (lambda: find_object("controller.kind", "imported_never:Own"), "import imported_never: StepTimeout"),
+    "an import": (lambda: find_object("controller.kind", "imported_never:Own"),
+        "import imported_never: StepTimeout"),
 }  # fmt: skip
 
 
@@ -255,7 +267,9 @@ def test_an_interrupt_that_the_step_itself_raises_ends_it_as_a_fault_of_its_own(
         with pytest.raises(KeyboardInterrupt):  # Ctrl-C, while the program is loaded
             timer.run("controller mine:Quits", 0.5, decide)
         timer.interrupt_by(signal.SIGINT)
-        with pytest.raises(SelfInterrupt) as caught:  # where the event loop hears Ctrl-C, it can be no key
+        with pytest.raises(
+            SelfInterrupt
+        ) as caught:  # where the event loop hears Ctrl-C, it can be no key
             timer.run("controller mine:Quits", 0.5, decide)
         fault = UserCodeFault("controller mine:Quits", caught.value)
         assert "failed: SelfInterrupt: KeyboardInterrupt, by its own code and no key" in str(fault)

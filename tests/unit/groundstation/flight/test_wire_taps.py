@@ -50,7 +50,11 @@ async def test_a_real_datagram_is_seen_both_ways_and_only_ours() -> None:
     echo.transport.close()
     assert echo.heard[0] == b"hello"
     opened, received, sent = records[:3]
-    assert isinstance(opened, WireRecord) and isinstance(received, ReceivedRecord) and isinstance(sent, SentRecord)
+    assert (
+        isinstance(opened, WireRecord)
+        and isinstance(received, ReceivedRecord)
+        and isinstance(sent, SentRecord)
+    )
     assert (opened.wire, opened.kind, opened.local, opened.remote) == (0, "udp", address, None)
     assert (received.wire, received.data) == (0, b"hello")
     assert (sent.wire, sent.data, sent.peer) == (0, b"HELLO", received.peer)

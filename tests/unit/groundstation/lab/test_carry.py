@@ -1,4 +1,6 @@
-"""What a carried vehicle tells of its tracker: every mapping of axes is found, every mirrored one refused."""
+"""What a carried vehicle tells of its tracker: every mapping of axes is found, every mirrored one
+refused.
+"""
 
 import itertools
 import math
@@ -22,7 +24,9 @@ def found(measure: Measure, **more: float) -> AxisCalibration:
     return solve_axes(carry.rests, carry.samples, attitudes)
 
 
-@pytest.mark.tried(8)  # each axis once; unit/groundstation/core/geometry/test_frames.py tries all 24 without noise
+@pytest.mark.tried(
+    8
+)  # each axis once; unit/groundstation/core/geometry/test_frames.py tries all 24 without noise
 @pytest.mark.parametrize("number", range(24))
 def test_each_of_the_24_mappings_of_the_world_and_of_the_body_is_found(number: int) -> None:
     world, body = WORLDS[number], BODIES[(7 * number + 5) % 24]
@@ -69,10 +73,16 @@ def test_each_of_the_24_mirrored_mappings_is_refused(number: int) -> None:
         assert caught.value.move == ""
 
 
-@pytest.mark.parametrize(("lab_deg", "body_deg"), [(35.0, (4.0, -3.0, 20.0)), (-20.0, (0.0, 6.0, -40.0))])
-def test_a_lab_that_is_turned_and_a_body_that_lies_askew_are_measured(lab_deg: float, body_deg: Vec3) -> None:
+@pytest.mark.parametrize(
+    ("lab_deg", "body_deg"), [(35.0, (4.0, -3.0, 20.0)), (-20.0, (0.0, 6.0, -40.0))]
+)
+def test_a_lab_that_is_turned_and_a_body_that_lies_askew_are_measured(
+    lab_deg: float, body_deg: Vec3
+) -> None:
     alignment = Alignment(
-        lab_rotation_deg=(0.0, 0.0, lab_deg), body_rotation_deg=body_deg, lab_origin_m=(1.0, 2.0, 0.0)
+        lab_rotation_deg=(0.0, 0.0, lab_deg),
+        body_rotation_deg=body_deg,
+        lab_origin_m=(1.0, 2.0, 0.0),
     )
     result = found(Frames("nwu", "flu", alignment).theirs, seed=3)
     assert (result.world, result.body) == ("nwu", "flu")
@@ -82,20 +92,31 @@ def test_a_lab_that_is_turned_and_a_body_that_lies_askew_are_measured(lab_deg: f
 
 
 def test_what_is_found_brings_the_poses_into_our_axes() -> None:
-    truth = Frames("wds", "ulb", Alignment(lab_rotation_deg=(0.0, 0.0, 30.0), body_rotation_deg=(3.0, 5.0, 15.0)))
+    truth = Frames(
+        "wds",
+        "ulb",
+        Alignment(lab_rotation_deg=(0.0, 0.0, 30.0), body_rotation_deg=(3.0, 5.0, 15.0)),
+    )
     result = found(truth.theirs, seed=8)
     ours = Frames(
         result.world, result.body,
-        Alignment(lab_rotation_deg=result.lab_rotation_deg, body_rotation_deg=result.body_rotation_deg),
+        Alignment(lab_rotation_deg=result.lab_rotation_deg,
+            body_rotation_deg=result.body_rotation_deg),
     )  # fmt: skip
     attitude = so3.from_euler_zyx(0.1, 0.2, 0.3)
     place, seen = ours.ours(*truth.theirs((1.0, 2.0, -3.0), attitude))
     assert place == pytest.approx((1.0, 2.0, -3.0), abs=0.1)
-    assert abs(sum(a * b for a, b in zip(seen, attitude, strict=True))) > math.cos(math.radians(1.0))
+    assert abs(sum(a * b for a, b in zip(seen, attitude, strict=True))) > math.cos(
+        math.radians(1.0)
+    )
 
 
-@pytest.mark.parametrize(("late_s", "seen_s"), [(-0.03, -0.03), (0.0, None), (0.012, 0.012), (0.045, 0.045)])
-def test_how_late_poses_are_is_measured_within_some_milliseconds(late_s: float, seen_s: float | None) -> None:
+@pytest.mark.parametrize(
+    ("late_s", "seen_s"), [(-0.03, -0.03), (0.0, None), (0.012, 0.012), (0.045, 0.045)]
+)
+def test_how_late_poses_are_is_measured_within_some_milliseconds(
+    late_s: float, seen_s: float | None
+) -> None:
     result = found(Frames("nue", "fur").theirs, late_s=late_s, seed=4)
     assert result.late_s == (None if seen_s is None else pytest.approx(seen_s, abs=0.002))
 
@@ -112,7 +133,9 @@ def test_how_late_poses_are_is_measured_within_some_milliseconds(late_s: float, 
     ],
 )
 def test_a_move_that_was_not_made_as_shown_is_named(name: str, instead: Vec3, words: str) -> None:
-    moves = [msgspec.structs.replace(move, axis=instead) if move.name == name else move for move in MOVES]
+    moves = [
+        msgspec.structs.replace(move, axis=instead) if move.name == name else move for move in MOVES
+    ]
     carry, attitudes = carried(Frames("nwu", "flu").theirs, moves=moves)
     with pytest.raises(CarryFailure, match=words) as caught:
         solve_axes(carry.rests, carry.samples, attitudes)

@@ -1,4 +1,6 @@
-"""The doctor: what is found and said of an autopilot or a board, and that a parameter changes only as it should."""
+"""The doctor: what is found and said of an autopilot or a board, and that a parameter changes only
+as it should.
+"""
 
 import asyncio
 import json
@@ -29,7 +31,13 @@ from groundstation.lab.doctor_advice import (
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from sim.__main__ import main
-from sim.autopilots import AUTOPILOTS, AutopilotPeer, BetaflightFirmware, SimulatedAutopilot, betaflight
+from sim.autopilots import (
+    AUTOPILOTS,
+    AutopilotPeer,
+    BetaflightFirmware,
+    SimulatedAutopilot,
+    betaflight,
+)
 from sim.autopilots.autopilot import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
@@ -59,7 +67,10 @@ def visit(
     orders: dict[str, Any] | None = None,
     parameters: dict[str, float] | None = None,
 ) -> Visit:
-    """Run the doctor on a simulated autopilot; ``answer`` is what the operator types, None where nobody is there."""
+    """Run the doctor on a simulated autopilot.
+
+    ``answer`` is what the operator types, None where nobody is there.
+    """
     seen = Visit()
     seen.autopilot = AUTOPILOTS[kind](Brick(), hover=HOVER, parameters=parameters)
     seen.autopilot.armed = armed
@@ -75,7 +86,9 @@ def visit(
         config = from_dict({}, Config, set_)
         who: Callable[[str], Awaitable[str]] | None = ask if answer is not None else None
         try:
-            return await run_doctor(config, DoctorOrders("doctor", folder=folder, **(orders or {})), who, lines.append)
+            return await run_doctor(
+                config, DoctorOrders("doctor", folder=folder, **(orders or {})), who, lines.append
+            )
         finally:
             peer.cancel()
             await asyncio.gather(peer, return_exceptions=True)
@@ -90,7 +103,9 @@ def visit(
 
 SAFETY = Path(__file__).parents[4] / "docs" / "explanation" / "safety.md"
 WANTED = re.findall(
-    r"^\| (PX4|ArduPilot) `(\w+)` \| ([\d.]+).*? \| ([^|]+) \|", SAFETY.read_text("utf-8"), re.MULTILINE
+    r"^\| (PX4|ArduPilot) `(\w+)` \| ([\d.]+).*? \| ([^|]+) \|",
+    SAFETY.read_text("utf-8"),
+    re.MULTILINE,
 )
 
 
@@ -111,7 +126,12 @@ def test_what_the_page_on_safety_wants_of_an_autopilot_is_what_the_doctor_sets(
 
 @pytest.mark.parametrize("kind", TABLES)
 def test_every_advice_recommends_what_it_accepts_and_says_why(kind: str) -> None:
-    for facts in (FACTS, FACTS._replace(own_curve=True), FORWARDING, FORWARDING._replace(pose_latency_s=None)):
+    for facts in (
+        FACTS,
+        FACTS._replace(own_curve=True),
+        FORWARDING,
+        FORWARDING._replace(pose_latency_s=None),
+    ):
         table = TABLES[kind](facts)
         for advice in table:
             for value in (0.0, 1.0, 33.0):
@@ -122,26 +142,48 @@ def test_every_advice_recommends_what_it_accepts_and_says_why(kind: str) -> None
         assert all(len(name) <= 16 for name in names)
 
 
-@pytest.mark.parametrize(("kind", "has"), [("px4", PX4_PARAMETERS), ("ardupilot", ARDUPILOT_PARAMETERS)])
-def test_the_simulated_autopilot_has_every_parameter_that_is_looked_at(kind: str, has: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    ("kind", "has"), [("px4", PX4_PARAMETERS), ("ardupilot", ARDUPILOT_PARAMETERS)]
+)
+def test_the_simulated_autopilot_has_every_parameter_that_is_looked_at(
+    kind: str, has: dict[str, Any]
+) -> None:
     for facts in (FACTS, FORWARDING):
-        assert [advice.names for advice in TABLES[kind](facts) if not has.keys() & set(advice.names)] == []
+        assert [
+            advice.names for advice in TABLES[kind](facts) if not has.keys() & set(advice.names)
+        ] == []
 
 
 @pytest.mark.parametrize(
     ("kind", "wanted"),
     [
-        ("px4", {"EKF2_EV_CTRL": 11.0, "EKF2_HGT_REF": 3.0, "EKF2_GPS_CTRL": 0.0, "EKF2_MAG_TYPE": 5.0}),
-        ("ardupilot", {"VISO_TYPE": 1.0, "EK3_SRC1_POSXY": 6.0, "EK3_SRC1_YAW": 6.0, "GPS1_TYPE": 0.0}),
+        (
+            "px4",
+            {"EKF2_EV_CTRL": 11.0, "EKF2_HGT_REF": 3.0, "EKF2_GPS_CTRL": 0.0, "EKF2_MAG_TYPE": 5.0},
+        ),
+        (
+            "ardupilot",
+            {"VISO_TYPE": 1.0, "EK3_SRC1_POSXY": 6.0, "EK3_SRC1_YAW": 6.0, "GPS1_TYPE": 0.0},
+        ),
     ],
 )
 @pytest.mark.parametrize("forwards", [True, False])
 def test_an_estimator_is_told_to_go_by_our_poses_where_they_are_forwarded(
     kind: str, wanted: dict[str, float], forwards: bool
 ) -> None:
-    found = {name: Setting(name, 1.0 if name in ("EKF2_EV_CTRL", "EKF2_HGT_REF") else 7.0) for name in wanted}
-    told = {one.name: one for one in (judge(a, found) for a in TABLES[kind](FORWARDING if forwards else FACTS))}
-    set_to = {name: told[name].recommended for name in wanted if name in told and told[name].recommended is not None}
+    found = {
+        name: Setting(name, 1.0 if name in ("EKF2_EV_CTRL", "EKF2_HGT_REF") else 7.0)
+        for name in wanted
+    }
+    told = {
+        one.name: one
+        for one in (judge(a, found) for a in TABLES[kind](FORWARDING if forwards else FACTS))
+    }
+    set_to = {
+        name: told[name].recommended
+        for name in wanted
+        if name in told and told[name].recommended is not None
+    }
     assert set_to == (wanted if forwards else {})
 
 
@@ -187,11 +229,14 @@ def test_an_autopilot_that_is_set_up_well_has_nothing_to_change(tmp_path: Path, 
 
 WRONG: dict[str, dict[str, float]] = {
     "px4": {
-        "MAV_FWDEXTSP": 0.0, "MAV_TYPE": 0.0, "COM_OF_LOSS_T": 5.0, "COM_OBL_RC_ACT": 0.0, "MPC_THR_HOVER": 0.3,
+        "MAV_FWDEXTSP": 0.0, "MAV_TYPE": 0.0, "COM_OF_LOSS_T": 5.0, "COM_OBL_RC_ACT": 0.0,
+        "MPC_THR_HOVER": 0.3,
     },
     "ardupilot": {
-        "GUID_OPTIONS": 1.0, "ATC_ANGLE_BOOST": 1.0, "ATC_ACCEL_R_MAX": 110000.0, "ATC_ACCEL_P_MAX": 110000.0,
-        "GUID_TIMEOUT": 3.0, "FS_GCS_ENABLE": 1.0, "FS_GCS_TIMEOUT": 5.0, "RC_OPTIONS": 1.0, "SYSID_MYGCS": 255.0,
+        "GUID_OPTIONS": 1.0, "ATC_ANGLE_BOOST": 1.0, "ATC_ACCEL_R_MAX": 110000.0,
+        "ATC_ACCEL_P_MAX": 110000.0,
+        "GUID_TIMEOUT": 3.0, "FS_GCS_ENABLE": 1.0, "FS_GCS_TIMEOUT": 5.0, "RC_OPTIONS": 1.0,
+        "SYSID_MYGCS": 255.0,
         "MOT_THST_HOVER": 0.35,
     },
 }  # fmt: skip
@@ -261,7 +306,9 @@ def test_nothing_changes_unless_it_is_asked_for_by_name_of_a_vehicle_that_is_not
     assert how.get("armed") or list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("built", "says"), [(False, "run `make firmware` in a checkout"), (True, "install gcc")])
+@pytest.mark.parametrize(
+    ("built", "says"), [(False, "run `make firmware` in a checkout"), (True, "install gcc")]
+)
 def test_a_missing_firmware_or_compiler_is_said_with_what_to_do(
     built: bool, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -283,9 +330,14 @@ def test_a_missing_firmware_or_compiler_is_said_with_what_to_do(
     ],
 )
 def test_betaflight_flies_behind_a_receiver_only(
-    options: list[str], says: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    options: list[str],
+    says: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("sys.argv", ["groundstation-sim", "fly", "--autopilot", "betaflight", *options])
+    monkeypatch.setattr(
+        "sys.argv", ["groundstation-sim", "fly", "--autopilot", "betaflight", *options]
+    )
     assert main() == 2
     assert says in capsys.readouterr().err
 
@@ -302,10 +354,22 @@ ARM = "0 0 1700 2100 0 0"
         ({"aux 0": "0 1 1700 2100 0 0"}, {"aux 0": "must"}),  # another channel
         ({"aux 0": "0 0 900 2100 0 0"}, {"aux 0": "must"}),  # always
         ({"aux 0": "0 0 900 1300 0 0"}, {"aux 0": "must"}),  # the wrong way round
-        ({"aux 0": ARM, "aux 1": "0 3 1300 1700 0 0"}, {"aux 0": "ok", "aux 1": "must"}),  # arms twice
-        ({"aux 0": ARM, "aux 1": "1 1 1300 1700 0 0"}, {"aux 0": "ok", "aux 1": "must"}),  # ANGLE where frames rest
-        ({"aux 0": ARM, "aux 1": "1 1 1700 2100 0 0"}, {"aux 0": "ok", "aux 1": "ok"}),  # ANGLE by nobody
-        ({"aux 0": ARM, "aux 1": "2 0 1700 2100 0 0"}, {"aux 0": "ok", "aux 1": "must"}),  # HORIZON while armed
+        (
+            {"aux 0": ARM, "aux 1": "0 3 1300 1700 0 0"},
+            {"aux 0": "ok", "aux 1": "must"},
+        ),  # arms twice
+        (
+            {"aux 0": ARM, "aux 1": "1 1 1300 1700 0 0"},
+            {"aux 0": "ok", "aux 1": "must"},
+        ),  # ANGLE where frames rest
+        (
+            {"aux 0": ARM, "aux 1": "1 1 1700 2100 0 0"},
+            {"aux 0": "ok", "aux 1": "ok"},
+        ),  # ANGLE by nobody
+        (
+            {"aux 0": ARM, "aux 1": "2 0 1700 2100 0 0"},
+            {"aux 0": "ok", "aux 1": "must"},
+        ),  # HORIZON while armed
         ({"aux 0": ARM, "aux 1": "13 1 900 2100 0 0"}, {"aux 0": "ok", "aux 1": "ok"}),  # a beeper
     ],
 )
@@ -328,7 +392,11 @@ def test_arming_is_by_one_row_and_no_mode_that_our_frames_meet_takes_the_sticks(
         ({"kind": "crsf"}, None, "expected the flight controller's own port"),
         ({"kind": "crsf"}, "ttyACM0", "is not an address"),
         ({"kind": "dsm"}, "/dev/ttyACM0", "link.map.arm: Betaflight arms by a channel"),
-        ({"kind": "crsf", "map": {"roll": {"channel": 1, "full_rate_deg_s": 205}}}, "/dev/ttyACM0", "whole tens"),
+        (
+            {"kind": "crsf", "map": {"roll": {"channel": 1, "full_rate_deg_s": 205}}},
+            "/dev/ttyACM0",
+            "whole tens",
+        ),
         ({"kind": "rf_bridge"}, "/dev/ttyACM0", "expected mavlink, dsm or crsf"),
     ],
 )

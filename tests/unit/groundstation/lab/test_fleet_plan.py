@@ -29,17 +29,25 @@ def told(section: Any) -> dict[str, Any]:
 
 
 def fleet(
-    folder: Path, *vehicles: dict[str, Any], lab: dict[str, Any] = LAB, sets: tuple[str, ...] = (), **more: Any
+    folder: Path,
+    *vehicles: dict[str, Any],
+    lab: dict[str, Any] = LAB,
+    sets: tuple[str, ...] = (),
+    **more: Any,
 ) -> FleetPlan:
     (folder / "lab.toml").write_text(tomli_w.dumps(lab), "utf-8")
     file = folder / "fleet.toml"
-    file.write_text(tomli_w.dumps({"config": "lab.toml", **more, "vehicles": list(vehicles)}), "utf-8")
+    file.write_text(
+        tomli_w.dumps({"config": "lab.toml", **more, "vehicles": list(vehicles)}), "utf-8"
+    )
     return read_fleet(file, sets)
 
 
 def test_each_vehicle_has_what_all_share_and_what_is_its_own(tmp_path: Path) -> None:
     ant, bee = fleet(
-        tmp_path, ANT, {**BEE, "vehicle": {"mass_kg": 0.1}, "trajectory": {"centre_ned": [3.0, 0.0, 0.0]}}
+        tmp_path,
+        ANT,
+        {**BEE, "vehicle": {"mass_kg": 0.1}, "trajectory": {"centre_ned": [3.0, 0.0, 0.0]}},
     ).members
     assert (ant.name, bee.name) == ("ant", "bee")
     assert (ant.lab.vehicle.name, ant.lab.vehicle.mass_kg) == ("ant", 0.1)
@@ -58,7 +66,9 @@ def test_a_section_of_another_kind_takes_the_place_of_the_whole(tmp_path: Path) 
     assert bee.lab.trajectory.__struct_config__.tag == "hold"
 
 
-def test_poses_that_come_to_one_port_are_handed_on_and_the_lab_s_own_address_is_what_guards_see(tmp_path: Path) -> None:
+def test_poses_that_come_to_one_port_are_handed_on_and_the_lab_s_own_address_is_what_guards_see(
+    tmp_path: Path,
+) -> None:
     found = fleet(tmp_path, ANT, BEE, relay_port=52000)
     assert found.relay_listen == "0.0.0.0:51001"
     assert found.relay_targets == ("127.0.0.1:52000", "127.0.0.1:52001")
@@ -73,18 +83,18 @@ def test_who_asks_its_server_by_itself_needs_no_relay(tmp_path: Path) -> None:
 
 
 def test_overrides_are_for_every_vehicle(tmp_path: Path) -> None:
-    assert [one.lab.flight.duration_s for one in fleet(tmp_path, ANT, BEE, sets=("flight.duration_s=7",)).members] == [
-        7,
-        7,
-    ]
+    assert [
+        one.lab.flight.duration_s
+        for one in fleet(tmp_path, ANT, BEE, sets=("flight.duration_s=7",)).members
+    ] == [7, 7]
 
 
 def test_the_configuration_that_is_shown_is_the_core_s(tmp_path: Path) -> None:
     found = fleet(tmp_path, ANT, BEE)
     text = describe_core(found, found.members[1])
     assert (
-        "# Its poses come from: groundstation fleet relay 0.0.0.0:51001 --to 127.0.0.1:51101 --to 127.0.0.1:51102"
-        in text
+        "# Its poses come from: groundstation fleet relay 0.0.0.0:51001 --to 127.0.0.1:51101 --to "
+        "127.0.0.1:51102" in text
     )
     (tmp_path / "bee.toml").write_text(text, "utf-8")
     assert from_dict(tomllib.loads(text), Config) == found.members[1].core
@@ -105,14 +115,26 @@ WRONG: list[tuple[dict[str, Any], tuple[str, ...]]] = [
 """What is wrong with a second vehicle."""
 DSM = {"kind": "dsm", "port": "/dev/ttyUSB0"}
 REMOTE = {"remote": "10.0.0.9:14550"}
-HOSTS = [{**who, "pose": {"kind": "libmotioncapture", "hostname": host}} for who, host in ((ANT, "a"), (BEE, "b"))]
-SERVED = [{"name": name, "link": {"listen": f"127.0.0.1:{port}"}, "status": {"path": "/x"}} for name, port in
+HOSTS = [
+    {**who, "pose": {"kind": "libmotioncapture", "hostname": host}}
+    for who, host in ((ANT, "a"), (BEE, "b"))
+]
+SERVED = [{"name": name, "link": {"listen": f"127.0.0.1:{port}"},
+    "status": {"path": "/x"}} for name, port in
           (("bee", 9998), ("cat", 9999))]  # fmt: skip
 WRONG_FLEETS: list[tuple[list[dict[str, Any]], dict[str, Any], tuple[str, ...]]] = [
     *(([ANT, {**BEE, **bee}], {}, says) for bee, says in WRONG),
     ([{"name": "ant"}, {"name": "bee"}], {}, ("vehicle bee", "link.listen", "'14540' is ant's")),
-    ([{"name": n, "link": DSM} for n in ("ant", "bee")], {}, ("vehicle bee", "link.port", "'/dev/ttyUSB0' is ant's")),
-    ([{"name": n, "link": REMOTE} for n in ("ant", "bee")], {}, ("vehicle bee", "link.remote", "is ant's already")),
+    (
+        [{"name": n, "link": DSM} for n in ("ant", "bee")],
+        {},
+        ("vehicle bee", "link.port", "'/dev/ttyUSB0' is ant's"),
+    ),
+    (
+        [{"name": n, "link": REMOTE} for n in ("ant", "bee")],
+        {},
+        ("vehicle bee", "link.remote", "is ant's already"),
+    ),
     (HOSTS, {}, ("vehicle bee", "pose", "same source as ant's")),
     ([ANT, *SERVED], {}, ("vehicle cat", "status.path")),
     ([{**ANT, "link": 3}, BEE], {}, ("vehicle ant", "link", "expected a table")),

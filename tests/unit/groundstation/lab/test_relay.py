@@ -39,7 +39,10 @@ async def ears(addresses: list[str]) -> list[Ear]:
 async def speakers(address: str, count: int) -> list[asyncio.DatagramTransport]:
     """Trackers that send to an address, each from a port of its own."""
     open_port = asyncio.get_running_loop().create_datagram_endpoint
-    return [(await open_port(asyncio.DatagramProtocol, remote_addr=parse_address(address)))[0] for _ in range(count)]
+    return [
+        (await open_port(asyncio.DatagramProtocol, remote_addr=parse_address(address)))[0]
+        for _ in range(count)
+    ]
 
 
 async def handed_on(sent: list[bytes], *, gone: bool) -> tuple[list[Ear], Relay]:
@@ -65,7 +68,9 @@ async def handed_on(sent: list[bytes], *, gone: bool) -> tuple[list[Ear], Relay]
 
 @settings(max_examples=30)
 @given(st.lists(st.binary(min_size=1, max_size=2000), max_size=10), st.booleans())
-def test_bytes_reach_every_core_that_is_there_unchanged_and_in_order(sent: list[bytes], gone: bool) -> None:
+def test_bytes_reach_every_core_that_is_there_unchanged_and_in_order(
+    sent: list[bytes], gone: bool
+) -> None:
     listening, relay = in_virtual_time(handed_on)(sent, gone=gone)
     assert [ear.heard for ear in listening] == [sent] * (2 if gone else 3)
     assert relay.received == len(sent)
@@ -92,7 +97,9 @@ def test_a_core_sees_by_the_relay_s_ports_that_two_trackers_send_its_body(run: R
         for n in range(20):
             for k, sender in enumerate(senders[:2]):
                 place = (0.001 * n + k, 0.0, 1.0)
-                sender.sendto(encode([json_pose("quad", place, (1.0, 0.0, 0.0, 0.0), t=0.01 * n + 0.001)]))
+                sender.sendto(
+                    encode([json_pose("quad", place, (1.0, 0.0, 0.0, 0.0), t=0.01 * n + 0.001)])
+                )
             await asyncio.sleep(0.01)
         for sender in senders:  # more senders than ports
             sender.sendto(b"{}")
@@ -109,7 +116,9 @@ def test_a_core_sees_by_the_relay_s_ports_that_two_trackers_send_its_body(run: R
     assert "poses of the vehicle come from two addresses" in status.advice
     assert status.dropped["second_sender"] >= 15
     assert status.accepted >= 18
-    assert summary.startswith(f"relay: {40 + SENDERS + 2} datagrams handed on to 1 cores, from 127.0.0.1:")
+    assert summary.startswith(
+        f"relay: {40 + SENDERS + 2} datagrams handed on to 1 cores, from 127.0.0.1:"
+    )
     assert summary.count("127.0.0.1:") == SENDERS
 
 

@@ -1,4 +1,6 @@
-"""Time on the loop that flies: timers by the microsecond, ends of tasks, and idle slots for what can wait."""
+"""Time on the loop that flies: timers by the microsecond, ends of tasks, and idle slots for what
+can wait.
+"""
 
 import asyncio
 import contextlib
@@ -97,7 +99,7 @@ def test_what_comes_earlier_ends_the_wait() -> None:
 
 
 @in_virtual_time
-async def test_a_task_that_forgets_its_cancellation_is_cancelled_again_and_what_it_fails_with_is_raised() -> None:
+async def test_a_task_that_forgets_its_cancellation_is_cancelled_again() -> None:
     async def forget() -> None:
         with contextlib.suppress(asyncio.CancelledError):
             await asyncio.sleep(60.0)

@@ -1,4 +1,7 @@
-"""Text files: UTF-8 whatever the locale is, written whole or not at all; and no output ends a program."""
+"""Text files: UTF-8 whatever the locale is, written whole or not at all.
+
+And no output ends a program.
+"""
 
 import os
 import subprocess
@@ -55,19 +58,28 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path: Path) -> No
     assert names_in(tmp_path) == ["file"]
 
 
-def run(*command: str, folder: Path, locale: dict[str, str] = ASCII_LOCALE) -> subprocess.CompletedProcess[bytes]:
+def run(
+    *command: str, folder: Path, locale: dict[str, str] = ASCII_LOCALE
+) -> subprocess.CompletedProcess[bytes]:
     program = Path(sys.executable).with_name(command[0])
     env = {**os.environ, **locale}
-    return subprocess.run([program, *command[1:]], cwd=folder, env=env, capture_output=True, check=False)
+    return subprocess.run(
+        [program, *command[1:]], cwd=folder, env=env, capture_output=True, check=False
+    )
 
 
 def test_a_flight_in_a_locale_without_utf_8_leaves_the_same_files(tmp_path: Path) -> None:
-    """Also where the folder's own name is no ASCII, as what stands in a configuration by its path."""
+    """Also where the folder's own name is no ASCII, as what stands in a configuration by its
+    path.
+    """
     folder = tmp_path / "Mü"
     folder.mkdir()
     (folder / "lab.toml").write_text('[mqtt]\nusername = "a"\npassword_file = "pass"\n', "utf-8")
     command = ("groundstation-sim", "fly", "--duration", "1", "--config", "lab.toml", "--out")
-    plain, utf_8 = run(*command, "c", folder=folder), run(*command, "u", folder=folder, locale={"PYTHONUTF8": "1"})
+    plain, utf_8 = (
+        run(*command, "c", folder=folder),
+        run(*command, "u", folder=folder, locale={"PYTHONUTF8": "1"}),
+    )
     assert plain.returncode == utf_8.returncode == 0, plain.stderr.decode()
     assert names_in(folder / "c") == names_in(folder / "u")
     texts = [(folder / out / "config.toml").read_text("utf-8") for out in ("c", "u")]
@@ -80,7 +92,9 @@ def test_a_flight_in_a_locale_without_utf_8_leaves_the_same_files(tmp_path: Path
 def test_what_a_shell_writes_into_a_file_is_utf_8_too(tmp_path: Path) -> None:
     program = Path(sys.executable).with_name("groundstation")
     with (tmp_path / "lab.toml").open("wb") as file:
-        subprocess.run([program, "config", "show"], env={**os.environ, **ASCII_LOCALE}, stdout=file, check=True)
+        subprocess.run(
+            [program, "config", "show"], env={**os.environ, **ASCII_LOCALE}, stdout=file, check=True
+        )
     assert "m/s²" in (tmp_path / "lab.toml").read_text("utf-8")
     shown = run("groundstation", "config", "show", "lab.toml", folder=tmp_path)
     assert shown.returncode == 0, shown.stderr.decode()

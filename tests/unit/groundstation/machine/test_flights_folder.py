@@ -50,7 +50,9 @@ def config(folder: Path, *, gb: float | None = None, days: float | None = None) 
     return RecordingConfig(folder=str(folder), keep_gb=gb, keep_days=days)
 
 
-def test_recordings_are_kept_in_the_users_own_state_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recordings_are_kept_in_the_users_own_state_unless_told_otherwise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", "/somewhere")
     assert folder_of(RecordingConfig()) == Path("/somewhere/groundstation/flights")
     monkeypatch.delenv("XDG_STATE_HOME")
@@ -68,7 +70,9 @@ def test_two_flights_in_one_second_get_two_names(tmp_path: Path) -> None:
     assert set(list_recordings(tmp_path)) == {first, second}
 
 
-def test_the_oldest_go_when_all_take_too_much_their_tlogs_with_them_and_those_that_are_too_old(tmp_path: Path) -> None:
+def test_the_oldest_go_when_all_take_too_much_their_tlogs_with_them_and_those_that_are_too_old(
+    tmp_path: Path,
+) -> None:
     for day in range(1, 6):
         flight(tmp_path, day, tlog=True)
     removed = tidy(config(tmp_path, gb=6.5e-6), NOW)
@@ -98,7 +102,9 @@ def listed(folder: Path, capsys: pytest.CaptureFixture[str], **more: Any) -> dic
     return found
 
 
-def test_a_file_that_is_no_recording_spoils_no_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_no_recording_spoils_no_list(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     flight(tmp_path, 1)
     (row,) = listed(tmp_path, capsys)["flights"]
     assert row["error"] == f"{tmp_path / row['file']} is no MCAP file"

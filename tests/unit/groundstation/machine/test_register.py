@@ -1,4 +1,6 @@
-"""The register of what runs: it is there while its process lives, whole and locked, and only this user's counts."""
+"""The register of what runs: it is there while its process lives, whole and locked, and only this
+user's counts.
+"""
 
 import os
 import signal
@@ -34,7 +36,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @contextmanager
 def another(name: str, command: str = "daemon") -> Iterator["subprocess.Popen[str]"]:
     """A process that has registered itself."""
-    with subprocess.Popen([sys.executable, "-c", PROGRAM, name, command], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, name, command], stdout=subprocess.PIPE, text=True
+    ) as process:
         try:
             assert process.stdout is not None and process.stdout.readline() == "registered\n"
             yield process
@@ -50,8 +54,14 @@ def test_a_process_is_registered_while_it_lives_and_what_a_killed_one_left_is_re
     folder: Path, tmp_path: Path
 ) -> None:
     with another("bee") as bee, another("ant") as ant:
-        assert [(one.vehicle, one.pid) for one in running_processes(tmp_path)] == [("ant", ant.pid), ("bee", bee.pid)]
-        assert (folder.stat().st_mode & 0o777, entries(folder)[0].stat().st_mode & 0o777) == (0o700, 0o600)
+        assert [(one.vehicle, one.pid) for one in running_processes(tmp_path)] == [
+            ("ant", ant.pid),
+            ("bee", bee.pid),
+        ]
+        assert (folder.stat().st_mode & 0o777, entries(folder)[0].stat().st_mode & 0o777) == (
+            0o700,
+            0o600,
+        )
         bee.kill()
         bee.wait()
         assert len(entries(folder)) == 2
@@ -79,7 +89,9 @@ def test_what_is_no_entry_is_passed_over(folder: Path, tmp_path: Path, text: byt
         assert [one.vehicle for one in running_processes(tmp_path)] == ["bee"]
 
 
-def test_a_folder_that_others_may_write_is_neither_used_nor_believed(folder: Path, tmp_path: Path) -> None:
+def test_a_folder_that_others_may_write_is_neither_used_nor_believed(
+    folder: Path, tmp_path: Path
+) -> None:
     with another("bee"):
         folder.chmod(0o777)
         assert running_processes(tmp_path) == []

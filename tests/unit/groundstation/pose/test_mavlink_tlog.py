@@ -41,7 +41,13 @@ def test_what_looks_like_a_frame_behind_damage_hides_no_record() -> None:
     unknown = bytes.fromhex("fd140000000101ffff00")  # its length reaches into the next record
     cut_off = bytes.fromhex("fdff0000000101000000")  # its length reaches beyond the end
     reader = TlogReader(
-        tlog((0, good)) + b"x" * 9 + unknown + tlog((1000, good)) + b"x" * 9 + cut_off + tlog((2000, good))
+        tlog((0, good))
+        + b"x" * 9
+        + unknown
+        + tlog((1000, good))
+        + b"x" * 9
+        + cut_off
+        + tlog((2000, good))
     )
     assert [round((r.time_s - START_US * 1e-6) * 1e3) for r in reader] == [0, 1, 2]
 
@@ -49,12 +55,18 @@ def test_what_looks_like_a_frame_behind_damage_hides_no_record() -> None:
 def test_odometry_is_preferred_where_it_is_there() -> None:
     both = list(TlogReader(tlog(*((n, g.frame) for n, g in enumerate(FRAMES)))))
     assert isinstance(pose_decoder(both, 0.0), OdometryDecoder)
-    assert isinstance(pose_decoder([r for r in both if r.message.get_type() != "ODOMETRY"], 0.0), LocalPositionDecoder)
+    assert isinstance(
+        pose_decoder([r for r in both if r.message.get_type() != "ODOMETRY"], 0.0),
+        LocalPositionDecoder,
+    )
     assert pose_decoder(both[:3], 0.0) is None
 
 
 def test_a_file_is_a_tlog_by_the_share_of_its_records() -> None:
-    """Records that fill 90 % of a file make it one; frames without stamps do not, of which half look like records."""
+    """Records that fill 90 % of a file make it one.
+
+    Frames without stamps do not, of which half look like records.
+    """
     records, size = tlog(*((n, golden("HEARTBEAT").frame) for n in range(100))), 29
     for garbage_share, fits in ((0.0, True), (0.09, True), (0.11, False)):
         garbage = round(garbage_share * size * 100 / (1.0 - garbage_share))

@@ -19,7 +19,9 @@ def test_ctrl_c_while_a_program_is_loaded_is_one_line(
     def interrupt(module: str) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys, "meta_path", [*sys.meta_path])  # the launcher puts a finder there, for good
+    monkeypatch.setattr(
+        sys, "meta_path", [*sys.meta_path]
+    )  # the launcher puts a finder there, for good
     launch = import_module("groundstation.runtime.launch")
     monkeypatch.setattr(launch, "import_module", interrupt)
     assert getattr(launch, f"run_{program.replace('-', '_')}")() == Exit.INTERRUPTED
@@ -27,7 +29,8 @@ def test_ctrl_c_while_a_program_is_loaded_is_one_line(
 
 
 @pytest.mark.parametrize("origin, what", [
-    ({"url": "file:///lab/a%20clone", "dir_info": {"editable": True}}, ["-e", "/lab/a clone[tune]"]),
+    ({"url": "file:///lab/a%20clone", "dir_info": {"editable": True}}, ["-e",
+        "/lab/a clone[tune]"]),
     ({"url": "file:///lab/clone", "dir_info": {}}, ["/lab/clone[tune]"]),
     ({"url": "file:///tmp/quadrotor_groundstation-0.1.0-py3-none-any.whl", "archive_info": {}},
      ["/tmp/quadrotor_groundstation-0.1.0-py3-none-any.whl[tune]"]),
@@ -37,5 +40,13 @@ def test_an_extra_is_installed_from_where_the_program_came(
     monkeypatch: pytest.MonkeyPatch, origin: dict[str, object] | None, what: list[str]
 ) -> None:
     text = None if origin is None else json.dumps(origin)
-    monkeypatch.setattr("importlib.metadata.distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
-    assert shlex.split(packages.describe_install("tune")) == [sys.executable, "-m", "pip", "install", *what]
+    monkeypatch.setattr(
+        "importlib.metadata.distribution", lambda _: SimpleNamespace(read_text=lambda _: text)
+    )
+    assert shlex.split(packages.describe_install("tune")) == [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        *what,
+    ]

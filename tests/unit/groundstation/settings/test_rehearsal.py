@@ -1,4 +1,6 @@
-"""A rehearsal reaches nothing real: one table decides what becomes of each key that may hold an address."""
+"""A rehearsal reaches nothing real: one table decides what becomes of each key that may hold an
+address.
+"""
 
 from pathlib import Path
 
@@ -31,7 +33,14 @@ WAYS = (
     {"link": {"kind": "crsf", "port": "/dev/ttyUSB0"}},
     {"link": {"kind": "rf_bridge", "remote": "192.168.1.20:14600"}},
     {"pose": {"kind": "vicon", "listen": "0.0.0.0:51001"}},
-    {"pose": {"kind": "natnet", "server": "192.168.10.1:1510", "interface": "192.168.10.2", "multicast": True}},
+    {
+        "pose": {
+            "kind": "natnet",
+            "server": "192.168.10.1:1510",
+            "interface": "192.168.10.2",
+            "multicast": True,
+        }
+    },
     {"pose": {"kind": "qualisys", "server": "192.168.10.1:22223"}},
     {"pose": {"kind": "libmotioncapture", "backend": "vrpn", "hostname": "vrpn.lab:3883"}},
     {"pose": {"kind": "vision", "listen": "192.168.10.1:14560"}},
@@ -43,12 +52,18 @@ WAYS = (
 
 def leaves(value: object, path: str = "") -> list[tuple[str, object]]:
     if isinstance(value, dict):
-        return [leaf for key, item in value.items() for leaf in leaves(item, f"{path}.{key}" if path else key)]
+        return [
+            leaf
+            for key, item in value.items()
+            for leaf in leaves(item, f"{path}.{key}" if path else key)
+        ]
     return [(path, value)]
 
 
 def test_each_key_that_may_hold_an_address_is_in_the_table_or_among_the_plain_texts() -> None:
-    """A new key of free text, or a new port, belongs into ADDRESSES with what becomes of it, or else into TEXTS."""
+    """A new key of free text, or a new port, belongs into ADDRESSES with what becomes of it, or
+    else into TEXTS.
+    """
     ports = {key for key in keys_of(Config) if key.rpartition(".")[2].endswith("port")}
     assert set(texts_of(Config)) | ports <= set(ADDRESSES) | TEXTS | {"pose.data_port"}
 
@@ -59,23 +74,31 @@ def test_the_table_names_no_key_that_is_gone_and_none_twice() -> None:
 
 
 @pytest.mark.parametrize("told", WAYS, ids=str)
-def test_no_address_of_the_file_is_left_in_its_rehearsal(told: dict[str, dict[str, object]]) -> None:
+def test_no_address_of_the_file_is_left_in_its_rehearsal(
+    told: dict[str, dict[str, object]],
+) -> None:
     before = from_dict(told, Config)
     after = rehearse(before, FILE)
     written = dump(after)
     for _, value in leaves(told):
-        if (isinstance(value, str) and any(letter in value for letter in ":/")) or value == "broker.lab":
+        if (
+            isinstance(value, str) and any(letter in value for letter in ":/")
+        ) or value == "broker.lab":
             assert f'"{value}"' not in written
     assert after.rehearsal is not None
     for key, value in leaves(parse_toml(written)):
         if isinstance(value, str) and key in ADDRESSES and ":" in value:
-            assert is_loopback(parse_address(value)[0]) and value.startswith(f"{after.rehearsal.host}:2")
+            assert is_loopback(parse_address(value)[0]) and value.startswith(
+                f"{after.rehearsal.host}:2"
+            )
         elif key in ("link.serial", "link.port"):
             assert value == after.rehearsal.serial
 
 
 @pytest.mark.parametrize("told", WAYS, ids=str)
-def test_a_rehearsed_configuration_reads_back_the_same_and_turns_no_further(told: dict[str, object]) -> None:
+def test_a_rehearsed_configuration_reads_back_the_same_and_turns_no_further(
+    told: dict[str, object],
+) -> None:
     once = rehearse(from_dict(told, Config), FILE)
     again = from_dict(parse_toml(dump(once)), Config)
     assert again == once
@@ -93,7 +116,9 @@ def test_a_rehearsed_configuration_reads_back_the_same_and_turns_no_further(told
         ("recording.folder", "/var/flights"),
     ],
 )
-def test_a_rehearsal_with_one_address_that_leads_out_of_it_is_refused_by_its_key(key: str, value: str) -> None:
+def test_a_rehearsal_with_one_address_that_leads_out_of_it_is_refused_by_its_key(
+    key: str, value: str
+) -> None:
     data = parse_toml(dump(rehearse(from_dict({}, Config), FILE)))
     section, _, name = key.partition(".")
     data[section][name] = value
@@ -121,11 +146,16 @@ def test_poses_and_telemetry_that_would_come_to_one_port_are_refused() -> None:
         "pose": {"kind": "vicon", "listen": "0.0.0.0:51001"},
         "link": {"kind": "mavlink", "listen": "0.0.0.0:46001"},
     }
-    with pytest.raises(ConfigError, match=r"pose\.listen: becomes 127\..*:26001 in a rehearsal, as link\.listen does"):
+    with pytest.raises(
+        ConfigError,
+        match=r"pose\.listen: becomes 127\..*:26001 in a rehearsal, as link\.listen does",
+    ):
         rehearse(from_dict(told, Config), FILE)
 
 
-def test_a_rehearsed_fleet_has_a_name_a_link_and_copies_of_the_poses_for_each(tmp_path: Path) -> None:
+def test_a_rehearsed_fleet_has_a_name_a_link_and_copies_of_the_poses_for_each(
+    tmp_path: Path,
+) -> None:
     for name in ("fleet", "fleet-lab"):
         (tmp_path / f"{name}.toml").write_text(example_text(name))
     fleet = read_fleet(tmp_path / "fleet.toml", rehearsed=True)

@@ -1,4 +1,6 @@
-"""The dead man's switch: nothing stale leaves, the bring-down is played once, and only a new arming ends it."""
+"""The dead man's switch: nothing stale leaves, the bring-down is played once, and only a new arming
+ends it.
+"""
 
 import math
 from typing import Any
@@ -45,7 +47,9 @@ def test_a_command_is_repeated_until_its_deadline_and_then_brought_down_once() -
     assert deadman.at(1.76) is SINK
     assert deadman.at(2.75) is SINK
     assert deadman.at(2.76) is None
-    assert deadman.phase(2.0) is Phase.OVER, "it does not come back, even on a clock that steps back"
+    assert deadman.phase(2.0) is Phase.OVER, (
+        "it does not come back, even on a clock that steps back"
+    )
 
 
 def test_an_arming_forgets_the_command_before() -> None:
@@ -97,7 +101,11 @@ def test_a_stop_leaves_out_the_bring_down() -> None:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        *(({field: bad}, "not finite") for field in ("thrust_n", "deadline_s", "pose_time_s") for bad in BAD),
+        *(
+            ({field: bad}, "not finite")
+            for field in ("thrust_n", "deadline_s", "pose_time_s")
+            for bad in BAD
+        ),
         ({"bring_down": (LEVEL, msgspec.structs.replace(SINK, duration_s=2.1))}, "at most 2 s"),
         ({"bring_down": (LEVEL, msgspec.structs.replace(SINK, duration_s=-0.1))}, "no duration"),
         ({"deadline_s": 2.2}, "deadline"),
@@ -123,7 +131,9 @@ def test_the_instants_of_change_are_known_in_advance() -> None:
     assert seen == pytest.approx([1.25, 1.75, 2.75])
     last = armed()
     last.take(command(1.0), 1.0)
-    assert [last.changes_s(at) for at in (1.25, 1.75)] == [1.25, 1.75], "the instant itself is not over yet"
+    assert [last.changes_s(at) for at in (1.25, 1.75)] == [1.25, 1.75], (
+        "the instant itself is not over yet"
+    )
 
 
 @given(
@@ -154,7 +164,9 @@ def test_whatever_leaves_is_fresh_or_the_bring_down_of_the_newest_command(
 
 
 @given(roll=st.floats(-3.1, 3.1), pitch=st.floats(-1.5, 1.5), yaw=st.floats(-3.1, 3.1))
-def test_an_attitude_is_told_in_the_angles_by_which_it_was_turned(roll: float, pitch: float, yaw: float) -> None:
+def test_an_attitude_is_told_in_the_angles_by_which_it_was_turned(
+    roll: float, pitch: float, yaw: float
+) -> None:
     """About the body's z, y and x axes, one after the other (MAVLink's ATTITUDE)."""
     attitude = so3.from_euler_zyx(roll, pitch, yaw)
     assert Attitude(0.0, attitude, None).angles_rad == pytest.approx((roll, pitch, yaw), abs=1e-6)

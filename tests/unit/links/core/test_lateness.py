@@ -20,7 +20,9 @@ from links.core import Lateness
         (100.0, 23, 8388607),  # the latest that is told apart
     ],
 )
-def test_a_lateness_is_counted_in_its_octave_and_shown_to_a_256th(late_s: float, octave: int, shown_us: int) -> None:
+def test_a_lateness_is_counted_in_its_octave_and_shown_to_a_256th(
+    late_s: float, octave: int, shown_us: int
+) -> None:
     lateness = Lateness()
     lateness.add(late_s)
     assert (lateness.count, lateness.octaves.index(1), sum(lateness.octaves)) == (1, octave, 1)

@@ -21,13 +21,18 @@ def test_host_and_port_are_told_apart(text: str, host: str, port: int) -> None:
     "text",
     [
         *("", "127.0.0.1", ":14550", "[]:14550", "[::1]"),
-        *(f"127.0.0.1:{port}" for port in ("", "0", "65536", "-5", "+5", " 5", "1_0", "٣", "9" * 5000)),
+        *(
+            f"127.0.0.1:{port}"
+            for port in ("", "0", "65536", "-5", "+5", " 5", "1_0", "٣", "9" * 5000)
+        ),
         *("::1:14550", "[::1:14550", "[127.0.0.1]:14550"),
         *("a b:14550", "udp://127.0.0.1:14550", "me@host:14550", "127.0.0.1:14550\n"),
     ],
 )
 def test_what_is_no_address_is_refused_with_an_example(text: str) -> None:
-    with pytest.raises(ValueError, match=r"^server: .* is not an address: write host:port such as 127.0.0.1:14550"):
+    with pytest.raises(
+        ValueError, match=r"^server: .* is not an address: write host:port such as 127.0.0.1:14550"
+    ):
         parse_address(text, "server")
 
 
@@ -38,6 +43,8 @@ ELSEWHERE = (
 )
 
 
-@pytest.mark.parametrize(("host", "here"), [*((host, True) for host in HERE), *((host, False) for host in ELSEWHERE)])
+@pytest.mark.parametrize(
+    ("host", "here"), [*((host, True) for host in HERE), *((host, False) for host in ELSEWHERE)]
+)
 def test_loopback_alone_is_this_machine(host: str, here: bool) -> None:
     assert is_loopback(host) is here

@@ -1,4 +1,6 @@
-"""Processes that our programs start run our own modules, whatever else bears the names of their packages."""
+"""Processes that our programs start run our own modules, whatever else bears the names of their
+packages.
+"""
 
 import asyncio
 import os
@@ -11,17 +13,24 @@ import pytest
 from links.io import make_child_command, open_child, start_child
 
 ROOT = Path(__file__).parents[4]
-SOURCES = [file for package in ("groundstation", "links", "sim") for file in (ROOT / package).rglob("*.py")]
+SOURCES = [
+    file for package in ("groundstation", "links", "sim") for file in (ROOT / package).rglob("*.py")
+]
 PACKAGES = ("groundstation", "links", "sim")
 
 
 def run(command: list[str], folder: Path, path: str) -> "subprocess.CompletedProcess[str]":
     environment = os.environ | {"PYTHONPATH": path}
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
 
 
-# Where PYTHONPATH puts it first, a `groundstation` of the user's is theirs: docs/decisions/0010-distribution.md.
-@pytest.mark.parametrize(("names", "path"), [(PACKAGES, ""), (("links", "sim"), ".")], ids=["here", "in PYTHONPATH"])
+# Where PYTHONPATH puts it first, a `groundstation` of the user's is theirs:
+# docs/decisions/0010-distribution.md.
+@pytest.mark.parametrize(
+    ("names", "path"), [(PACKAGES, ""), (("links", "sim"), ".")], ids=["here", "in PYTHONPATH"]
+)
 @pytest.mark.parametrize("module", ["groundstation", "sim"])
 def test_a_module_of_the_users_with_the_name_of_ours_is_not_run(
     module: str, names: tuple[str, ...], path: str, tmp_path: Path
@@ -36,13 +45,17 @@ def test_a_module_of_the_users_with_the_name_of_ours_is_not_run(
 def test_no_program_of_ours_is_started_in_any_other_way() -> None:
     texts = {str(file.relative_to(ROOT)): file.read_text("utf-8") for file in SOURCES}
     theirs = {"groundstation/runtime/packages.py"}  # the advice that names pip
-    assert {name for name, text in texts.items() if '"-m"' in text} - theirs == {"links/io/child.py"}
+    assert {name for name, text in texts.items() if '"-m"' in text} - theirs == {
+        "links/io/child.py"
+    }
     starts = re.compile(r"(Popen|subprocess_exec)\(\s*(\*?make_child_command|command\b)")
     assert [name for name, text in texts.items() if starts.search(text)] == ["links/io/child.py"]
 
 
 @pytest.mark.parametrize("apart", [True, False])
-def test_a_child_is_in_a_session_of_its_own_unless_it_is_told_otherwise(apart: bool, tmp_path: Path) -> None:
+def test_a_child_is_in_a_session_of_its_own_unless_it_is_told_otherwise(
+    apart: bool, tmp_path: Path
+) -> None:
     (tmp_path / "tell.py").write_text(
         "import os, sys\nprint(os.getsid(0), repr(sys.stdin.read()), *sys.argv[1:])", "utf-8"
     )

@@ -1,4 +1,7 @@
-"""The autopilot's own attitude: asked for, read, put on our clock; what is no attitude is nothing."""
+"""The autopilot's own attitude: asked for, read, put on our clock.
+
+What is no attitude is nothing.
+"""
 
 import asyncio
 import math
@@ -28,7 +31,9 @@ RATES = (0.1, -0.2, 0.3)
 
 
 def quaternion(
-    boot_ms: int = 105_000, q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0), rates: tuple[float, ...] = RATES
+    boot_ms: int = 105_000,
+    q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0),
+    rates: tuple[float, ...] = RATES,
 ) -> Message:
     return DIALECT.MAVLink_attitude_quaternion_message(boot_ms, *q, *rates)
 
@@ -83,7 +88,9 @@ def test_what_is_no_attitude_is_nothing(message: Message) -> None:
 
 
 def test_every_attitude_of_a_real_autopilot_is_read() -> None:
-    messages = [record.message for record in TlogReader((GOLDEN / "ardupilot_landing.tlog").read_bytes())]
+    messages = [
+        record.message for record in TlogReader((GOLDEN / "ardupilot_landing.tlog").read_bytes())
+    ]
     told = [attitude_of(m, 0.0, None) for m in messages if m.get_type() == "ATTITUDE_QUATERNION"]
     assert len(told) == 1750
     assert None not in told
@@ -109,12 +116,19 @@ async def test_whoever_watches_gets_fifty_attitudes_a_second_on_our_clock(
     assert len(heard) == pytest.approx(4.0 * ATTITUDE_HZ, abs=3)
     late = [when - told.time_s for when, told in heard[10:]]
     assert max(late) - min(late) < 0.002
-    assert 0.01 < min(late) < 0.035  # half of the round trip, which is 30 ms one way and nothing the other
+    assert (
+        0.01 < min(late) < 0.035
+    )  # half of the round trip, which is 30 ms one way and nothing the other
 
 
 @scene(connect=False, quiet=True)
-async def test_the_quaternion_is_asked_for_and_the_angles_are_stopped(link: MavlinkLink, autopilot: Endpoint) -> None:
+async def test_the_quaternion_is_asked_for_and_the_angles_are_stopped(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
     link.watch_attitude(lambda told: None)
     await link.connect()
     seen = [(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG")]
-    assert sorted(pair for pair in seen if pair[0] in (30.0, 31.0)) == [(30.0, -1.0), (31.0, 20_000.0)]
+    assert sorted(pair for pair in seen if pair[0] in (30.0, 31.0)) == [
+        (30.0, -1.0),
+        (31.0, 20_000.0),
+    ]

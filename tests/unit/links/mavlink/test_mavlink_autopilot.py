@@ -19,10 +19,15 @@ class Flight:
     """A ground station's codec, the autopilot, its vehicle, and a clock."""
 
     def __init__(
-        self, airframe: Brick | None = None, make: Callable[..., SimulatedAutopilot] = Px4Autopilot, **options: Any
+        self,
+        airframe: Brick | None = None,
+        make: Callable[..., SimulatedAutopilot] = Px4Autopilot,
+        **options: Any,
     ) -> None:
         self.airframe = airframe or Brick(2.0, held=True)
-        self.autopilot: Any = make(self.airframe, **{"parameters": {"COM_OF_LOSS_T": 1.0}, **options})
+        self.autopilot: Any = make(
+            self.airframe, **{"parameters": {"COM_OF_LOSS_T": 1.0}, **options}
+        )
         self.codec = MavlinkCodec(245, 190)
         self.now = 50.0
         self.heard: list[tuple[float, Any]] = []
@@ -51,7 +56,9 @@ class Flight:
     def send(self, frame: bytes) -> None:
         self.take(self.autopilot.receive(frame, self.now))
 
-    def stream(self, duration_s: float, thrust: float = HOVER, rates: Vec3 = (0.0, 0.0, 0.0)) -> None:
+    def stream(
+        self, duration_s: float, thrust: float = HOVER, rates: Vec3 = (0.0, 0.0, 0.0)
+    ) -> None:
         end = self.now + duration_s
         while self.now < end:
             self.target(thrust, rates)
@@ -85,7 +92,12 @@ def test_it_speaks_first_and_sends_a_heartbeat_every_second() -> None:
     beats = [(s, m) for s, m in flight.heard if m.get_type() == "HEARTBEAT"]
     assert [s for s, _ in beats] == pytest.approx([50.0, 51.0, 52.0, 53.0])
     first = beats[0][1]
-    assert (first.autopilot, first.type, first.base_mode & 128, first.get_srcSystem()) == (12, 2, 0, 1)
+    assert (first.autopilot, first.type, first.base_mode & 128, first.get_srcSystem()) == (
+        12,
+        2,
+        0,
+        1,
+    )
 
 
 def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:
@@ -93,7 +105,10 @@ def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:
 
     def told(flight: Flight) -> tuple[int, int]:
         status = flight.messages("SYS_STATUS")[-1]
-        return status.onboard_control_sensors_enabled, status.onboard_control_sensors_health & prearm
+        return (
+            status.onboard_control_sensors_enabled,
+            status.onboard_control_sensors_health & prearm,
+        )
 
     flight = Flight()
     assert told(flight) == (0, prearm)
@@ -119,7 +134,12 @@ def test_heartbeats_tell_offboard_and_armed() -> None:
 @pytest.mark.parametrize(
     ("streams", "mode", "entered", "armed"),
     [
-        (False, (1.0, 6.0), 0, 1),  # OFFBOARD is accepted without set-points, and then arming is denied
+        (
+            False,
+            (1.0, 6.0),
+            0,
+            1,
+        ),  # OFFBOARD is accepted without set-points, and then arming is denied
         (True, None, None, 1),
         (True, (1.0, 9.0), 2, 1),
         (True, (1.0, 6.0), 0, 0),

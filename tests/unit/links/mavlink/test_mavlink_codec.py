@@ -53,7 +53,14 @@ def test_the_attitude_target_has_these_bytes() -> None:
 def test_our_heartbeat_is_an_active_ground_stations() -> None:
     (beat,) = MavlinkCodec(1, 1).feed(MavlinkCodec(245, 190).heartbeat())
     # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, no mode, MAV_STATE_ACTIVE, MAVLink 2.0
-    told = (beat.type, beat.autopilot, beat.base_mode, beat.custom_mode, beat.system_status, beat.mavlink_version)
+    told = (
+        beat.type,
+        beat.autopilot,
+        beat.base_mode,
+        beat.custom_mode,
+        beat.system_status,
+        beat.mavlink_version,
+    )
     assert told == (6, 8, 0, 0, 4, 3)
 
 
@@ -70,7 +77,9 @@ def test_frames_are_numbered_one_after_the_other_across_all_kinds() -> None:
 
 
 @pytest.mark.parametrize(("signed", "form"), [(True, {}), (False, {"force_mavlink1": True})])
-def test_a_signed_frame_is_read_its_signature_ignored_and_one_of_mavlink_1(signed: bool, form: dict[str, bool]) -> None:
+def test_a_signed_frame_is_read_its_signature_ignored_and_one_of_mavlink_1(
+    signed: bool, form: dict[str, bool]
+) -> None:
     sender = mavlink.MAVLink(None, 1, 1)
     sender.signing.secret_key = bytes(32)
     sender.signing.sign_outgoing = signed
@@ -99,14 +108,20 @@ BRIDGE, OTHER = ("192.168.1.7", 14550), ("192.168.1.8", 14550)
         (b"", 0, {}),
     ],
 )
-def test_a_bad_datagram_is_counted_by_reason(datagram: bytes, read_: int, dropped: dict[str, int]) -> None:
+def test_a_bad_datagram_is_counted_by_reason(
+    datagram: bytes, read_: int, dropped: dict[str, int]
+) -> None:
     codec = MavlinkCodec(245, 190)
     assert len(codec.feed(datagram, BRIDGE)) == read_
     assert codec.dropped == dropped
 
 
-@pytest.mark.parametrize("piece", [ODOMETRY[:100], ODOMETRY[:2], b"\xfe", HEARTBEAT + ODOMETRY[:-1]])
-def test_a_frame_whose_rest_does_not_come_is_counted_and_does_not_hold_up_the_next_datagram(piece: bytes) -> None:
+@pytest.mark.parametrize(
+    "piece", [ODOMETRY[:100], ODOMETRY[:2], b"\xfe", HEARTBEAT + ODOMETRY[:-1]]
+)
+def test_a_frame_whose_rest_does_not_come_is_counted_and_does_not_hold_up_the_next_datagram(
+    piece: bytes,
+) -> None:
     codec = MavlinkCodec(245, 190)
     before = len(codec.feed(piece, BRIDGE))
     assert codec.dropped == {}  # the rest may be on its way
@@ -126,7 +141,9 @@ STREAM = b"".join(g.frame for g in FRAMES)
 
 @pytest.mark.parametrize("block", [1, 7, 16, 20, 64, 128, 200])
 @pytest.mark.parametrize("first", [0, 1, 5])
-def test_frames_that_a_bridge_cuts_arrive_whole_while_another_sender_speaks_between(block: int, first: int) -> None:
+def test_frames_that_a_bridge_cuts_arrive_whole_while_another_sender_speaks_between(
+    block: int, first: int
+) -> None:
     codec = MavlinkCodec(245, 190)
     read = []
     for piece in cut_at(STREAM, block, first):
@@ -138,7 +155,9 @@ def test_frames_that_a_bridge_cuts_arrive_whole_while_another_sender_speaks_betw
 
 @pytest.mark.parametrize("stray", [b"\x00", b"\xfd", b"\xfd\x08\x00", b"radio:\xfe\x03ok"])
 @pytest.mark.parametrize("cut", [1, 11, 100])
-def test_stray_bytes_between_cut_frames_cost_none_of_the_frames_behind(stray: bytes, cut: int) -> None:
+def test_stray_bytes_between_cut_frames_cost_none_of_the_frames_behind(
+    stray: bytes, cut: int
+) -> None:
     codec = MavlinkCodec(245, 190)
     pieces = [ODOMETRY[:cut], ODOMETRY[cut:] + stray + ODOMETRY[:cut], ODOMETRY[cut:], HEARTBEAT]
     read = [m.get_type() for piece in pieces for m in codec.feed(piece, BRIDGE)]
@@ -154,8 +173,12 @@ def test_unfinished_frames_are_kept_of_so_many_senders_and_no_more() -> None:
     assert len(codec.feed(HEARTBEAT[10:], ("192.168.1.7", 1))) == 1
 
 
-def test_a_bad_checksum_is_refused_whatever_the_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mavlink, "MAVLINK_IGNORE_CRC", 1)  # as pymavlink does where MAV_IGNORE_CRC is set
+def test_a_bad_checksum_is_refused_whatever_the_environment_says(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(
+        mavlink, "MAVLINK_IGNORE_CRC", 1
+    )  # as pymavlink does where MAV_IGNORE_CRC is set
     codec = MavlinkCodec(245, 190)
     assert codec.feed(BROKEN) == []
     assert codec.dropped["bad_crc"] == 1
@@ -163,7 +186,9 @@ def test_a_bad_checksum_is_refused_whatever_the_environment_says(monkeypatch: py
 
 def test_in_a_stream_a_frame_behind_garbage_and_behind_a_false_start_is_found() -> None:
     codec = MavlinkCodec(245, 190)
-    false_start = bytes([0xFD, 3, 0, 0, 0, 1, 1, 0, 0, 0])  # a header whose frame would end within the next one
+    false_start = bytes(
+        [0xFD, 3, 0, 0, 0, 1, 1, 0, 0, 0]
+    )  # a header whose frame would end within the next one
     messages = codec.feed(b"garbage" + false_start + HEARTBEAT + BROKEN + HEARTBEAT)
     assert len(messages) == 2
     assert codec.dropped["bad_crc"] == 2
@@ -177,5 +202,8 @@ def test_a_result_is_told_in_words_with_mavlinks_own_name() -> None:
     assert codec.describe_result(77) == "an answer that nobody here knows, MAV_RESULT 77"
     for result in mavlink.enums["MAV_RESULT"]:
         words = codec.describe_result(result)
-        assert words.split(", MAV_RESULT")[0].replace(" ", "").replace(",", "").isalpha() or "COMMAND_" in words
+        assert (
+            words.split(", MAV_RESULT")[0].replace(" ", "").replace(",", "").isalpha()
+            or "COMMAND_" in words
+        )
         assert "ENUM_END" not in words

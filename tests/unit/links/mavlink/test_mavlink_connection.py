@@ -1,4 +1,6 @@
-"""Timers and limits of a connection: pauses between attempts, what may wait, who steers, and whether answers come."""
+"""Timers and limits of a connection: pauses between attempts, what may wait, who steers, and
+whether answers come.
+"""
 
 import asyncio
 import contextlib
@@ -18,13 +20,17 @@ from tests.unit.links.mavlink.test_mavlink_link import D
 
 
 class Ports(Network):
-    """A network whose serial ports can't be opened for a while, and then take what ``Port`` takes."""
+    """A network whose serial ports can't be opened for a while, and then take what ``Port``
+    takes.
+    """
 
     def __init__(self, closed_for_s: float = 0.0) -> None:
         self._closed_for_s = closed_for_s
         self.tried_s: list[float] = []
 
-    async def open_serial(self, factory: Callable[[], Any], path: str, baud: int) -> tuple[Any, Any]:
+    async def open_serial(
+        self, factory: Callable[[], Any], path: str, baud: int
+    ) -> tuple[Any, Any]:
         self.tried_s.append(asyncio.get_running_loop().time())
         if len(self.tried_s) > 1 and self.tried_s[-1] - self.tried_s[0] < self._closed_for_s:
             raise OSError(2, "No such file")
@@ -61,7 +67,9 @@ async def opened(ports: Ports, baud: int = 57600) -> AsyncIterator[Opened]:
     NETWORK.set(ports)
     told, dropped = list[str](), Counter[str]()
     config = MavlinkLinkConfig(serial="/dev/ttyUSB0", baud=baud)
-    line = ReconnectingTransport(config, dropped, hear=lambda *_: None, lose=told.append, tell=told.append)
+    line = ReconnectingTransport(
+        config, dropped, hear=lambda *_: None, lose=told.append, tell=told.append
+    )
     await line.open()
     assert isinstance(line.wire, SerialTransport)
     yield line, line.wire._transport, dropped, told
@@ -113,14 +121,20 @@ async def test_a_port_that_takes_nothing_for_a_quarter_of_a_second_is_closed() -
         for n in range(30):
             line.leave(b"frame", None)
             open_at.append(port.is_open)
-            port.queued = 0 if n == 10 else 10_000  # once it takes a frame, which begins the time anew
+            port.queued = (
+                0 if n == 10 else 10_000
+            )  # once it takes a frame, which begins the time anew
             await asyncio.sleep(0.02)
         assert open_at.index(False) == 12 + 13
         assert dropped["full"] == 25
 
 
 def set_point(codec: MavlinkCodec, system: int) -> Any:
-    frame = codec.pack(D.MAVLink_set_attitude_target_message(0, system, 1, 0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0))
+    frame = codec.pack(
+        D.MAVLink_set_attitude_target_message(
+            0, system, 1, 0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0
+        )
+    )
     return MavlinkCodec(255, 190).feed(frame)[0]
 
 
@@ -143,12 +157,18 @@ def test_at_most_four_other_systems_are_named_and_whoever_tells_positions_is_kno
     others = OtherTraffic(MavlinkLinkConfig())
     for system in range(2, 8):
         codec = MavlinkCodec(system, 1)
-        (heard,) = MavlinkCodec(255, 190).feed(codec.pack(D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)))
+        (heard,) = MavlinkCodec(255, 190).feed(
+            codec.pack(D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
+        )
         others.hear(heard, f"10.0.0.{system}:14550", 0.0, ours=False)
-    assert list(others.systems) == [f"system {n}, component 1 at 10.0.0.{n}:14550" for n in range(2, 6)]
+    assert list(others.systems) == [
+        f"system {n}, component 1 at 10.0.0.{n}:14550" for n in range(2, 6)
+    ]
     assert not others.tells_position
     codec = MavlinkCodec(9, 197)
-    (told,) = MavlinkCodec(255, 190).feed(codec.pack(D.MAVLink_vision_position_estimate_message(0, 0, 0, 0, 0, 0, 0)))
+    (told,) = MavlinkCodec(255, 190).feed(
+        codec.pack(D.MAVLink_vision_position_estimate_message(0, 0, 0, 0, 0, 0, 0))
+    )
     others.hear(told, "10.0.0.9:14550", 0.0, ours=False)
     assert others.tells_position
 
@@ -173,7 +193,9 @@ def test_an_answer_is_overdue_since_it_was_first_heard_less_the_usual_trip_and_t
     assert uplink.arrival(0.221, 0.02) == Arrival(), "it was not heard for 150 ms: nobody knows"
 
 
-@pytest.mark.parametrize(("late_s", "lasts_s", "told"), [(0.51, 0.14, False), (0.51, 0.16, True), (0.49, 0.16, False)])
+@pytest.mark.parametrize(
+    ("late_s", "lasts_s", "told"), [(0.51, 0.14, False), (0.51, 0.16, True), (0.49, 0.16, False)]
+)
 def test_an_answer_half_a_second_beyond_the_usual_is_late_once_such_answers_last_for_150_ms(
     late_s: float, lasts_s: float, told: bool
 ) -> None:
@@ -186,7 +208,9 @@ def test_an_answer_half_a_second_beyond_the_usual_is_late_once_such_answers_last
 
 
 @pytest.mark.parametrize(("age_s", "overdue_s"), [(4.9, 0.07), (5.1, 0.0)])
-def test_what_was_asked_more_than_five_seconds_ago_is_forgotten(age_s: float, overdue_s: float) -> None:
+def test_what_was_asked_more_than_five_seconds_ago_is_forgotten(
+    age_s: float, overdue_s: float
+) -> None:
     uplink = begun()
     uplink.ask(0.0)
     uplink.ask(age_s)

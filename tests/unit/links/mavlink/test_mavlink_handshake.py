@@ -1,4 +1,6 @@
-"""links/mavlink/protocol/procedures.py and its steps: what is asked when, and what the operator is told."""
+"""links/mavlink/protocol/procedures.py and its steps: what is asked when, and what the operator is
+told.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -28,7 +30,9 @@ Answer = Callable[[Any], list[Any]]
 class Scene:
     """A handshake or a step of one, an autopilot played by a function, and a clock."""
 
-    def __init__(self, kind: int, make: Callable[[AutopilotAddress], HandshakeStep], answer: Answer) -> None:
+    def __init__(
+        self, kind: int, make: Callable[[AutopilotAddress], HandshakeStep], answer: Answer
+    ) -> None:
         self.ours, self.theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
         self.words = Words()
         self.handshake = make(AutopilotAddress(self.ours, self.words, 1, 1, kind))
@@ -74,7 +78,10 @@ def accept(request: Any) -> list[Any]:
 
 
 def refuse(command: int, *results: int, words: str = "") -> Answer:
-    """Refuse ``command`` with ``results`` one after the other, the last for ever; accept everything else."""
+    """Refuse ``command`` with ``results`` one after the other, the last for ever.
+
+    Accept everything else.
+    """
     left = list(results)
 
     def answer(request: Any) -> list[Any]:
@@ -97,7 +104,9 @@ def ardupilot_with(**parameters: float) -> Answer:
 
 
 @pytest.mark.parametrize(("mode", "number"), [("GUIDED", 4.0), ("GUIDED_NOGPS", 20.0)])
-def test_ardupilot_is_asked_for_guided_once_its_thrust_means_thrust(mode: str, number: float) -> None:
+def test_ardupilot_is_asked_for_guided_once_its_thrust_means_thrust(
+    mode: str, number: float
+) -> None:
     answer = ardupilot_with(GUID_OPTIONS=8.0, ATC_ANGLE_BOOST=0.0)
     scene = Scene(ARDUPILOT, lambda autopilot: arming(autopilot, mode), answer).run()
     assert scene.handshake.done
@@ -142,7 +151,12 @@ def test_ardupilot_that_would_misunderstand_our_thrust_is_not_armed(
 
 @pytest.mark.parametrize(
     ("vehicle", "name"),
-    [(0, "MAV_TYPE_GENERIC"), (1, "MAV_TYPE_FIXED_WING"), (4, "MAV_TYPE_HELICOPTER"), (200, "MAV_TYPE 200")],
+    [
+        (0, "MAV_TYPE_GENERIC"),
+        (1, "MAV_TYPE_FIXED_WING"),
+        (4, "MAV_TYPE_HELICOPTER"),
+        (200, "MAV_TYPE 200"),
+    ],
 )
 def test_a_vehicle_that_is_no_multirotor_is_not_armed(vehicle: int, name: str) -> None:
     autopilot = AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4, vehicle)
@@ -151,15 +165,17 @@ def test_a_vehicle_that_is_no_multirotor_is_not_armed(vehicle: int, name: str) -
 
 
 def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> None:
-    answer = refuse(MavCommand.ARM_DISARM, 2, words="Arming denied: resolve health failures first\t")
+    answer = refuse(
+        MavCommand.ARM_DISARM, 2, words="Arming denied: resolve health failures first\t"
+    )
     scene = Scene(PX4, arming, answer).run()
     failure = scene.handshake.failure
     assert scene.commands == [MavCommand.DO_SET_MODE, MavCommand.ARM_DISARM]
     assert isinstance(failure, LinkRejected)
     assert str(failure) == (
-        "PX4 refused to arm (not allowed in its present state, or not with these values, MAV_RESULT_DENIED): "
-        "“Arming denied: resolve health failures first”. "
-        "Clear what it names (its pre-arm checks tell more), then arm again."
+        "PX4 refused to arm (not allowed in its present state, or not with these values, "
+        "MAV_RESULT_DENIED): “Arming denied: resolve health failures first”. Clear what it names "
+        "(its pre-arm checks tell more), then arm again."
     )
 
 
@@ -174,7 +190,9 @@ def test_words_that_come_shortly_after_the_refusal_are_quoted() -> None:
 
 
 def heard(*parts: tuple[int, int, bytes], component: int = 1, words: Words | None = None) -> Words:
-    """What is known after ``parts`` (STATUSTEXT.id, chunk_seq, text) of the system's ``component`` have come."""
+    """What is known after ``parts`` (STATUSTEXT.id, chunk_seq, text) of the system's ``component``
+    have come.
+    """
     words = Words() if words is None else words
     codec = MavlinkCodec(1, component)
     for number, part, text in parts:
@@ -193,7 +211,17 @@ WHOLE = (FIRST + SECOND + LAST).decode()
     ("parts", "shown"),
     [
         (((7, 0, FIRST), (7, 1, SECOND), (7, 2, LAST)), WHOLE),
-        (((7, 0, FIRST), (7, 0, FIRST), (7, 1, SECOND), (7, 1, SECOND), (7, 2, LAST), (7, 2, LAST)), WHOLE),
+        (
+            (
+                (7, 0, FIRST),
+                (7, 0, FIRST),
+                (7, 1, SECOND),
+                (7, 1, SECOND),
+                (7, 2, LAST),
+                (7, 2, LAST),
+            ),
+            WHOLE,
+        ),
         (((7, 0, FIRST), (7, 1, SECOND), (7, 2, LAST), (7, 0, b"Armed")), "Armed"),
         (((7, 1, SECOND), (7, 2, LAST)), f"[…]{(SECOND + LAST).decode()}"),
         (((7, 0, FIRST), (7, 2, LAST)), f"{FIRST.decode()}[…]{LAST.decode()}"),
@@ -207,13 +235,17 @@ def test_a_long_text_is_joined_and_a_piece_that_was_lost_is_marked(
     words = heard(*parts)
     assert words.newest == shown
     assert words.complaints().endswith(f"“{shown}”")
-    assert words.complaints().count("; ") == (shown == "Armed"), "a part that is delivered twice is no text of its own"
+    assert words.complaints().count("; ") == (shown == "Armed"), (
+        "a part that is delivered twice is no text of its own"
+    )
 
 
 def test_a_text_in_utf_8_is_shown_as_it_is_also_where_a_letter_stands_in_two_pieces() -> None:
     text = "Akku schwach: bitte sofort landen, der Rückflug dauert für die Restkapazität zu lange"
     whole = text.encode()
-    ends = next(n for n in range(50, 0, -1) if whole[n : n + 1] and whole[n] & 0xC0 == 0x80)  # within a letter
+    ends = next(
+        n for n in range(50, 0, -1) if whole[n : n + 1] and whole[n] & 0xC0 == 0x80
+    )  # within a letter
     padded = b" " * (50 - ends) + whole
     assert heard((7, 0, padded[:50]), (7, 1, padded[50:])).newest == text
 
@@ -254,7 +286,8 @@ def test_motors_are_ordered_off_until_we_ourselves_are_answered(result: int) -> 
 
 
 @pytest.mark.parametrize(
-    ("ask", "result", "what"), [(arming, 0, "the request to enter OFFBOARD"), (killing, 2, "“motors off”")]
+    ("ask", "result", "what"),
+    [(arming, 0, "the request to enter OFFBOARD"), (killing, 2, "“motors off”")],
 )
 def test_an_answer_to_another_ground_station_is_not_ours(
     ask: Callable[[AutopilotAddress], Handshake], result: int, what: str
@@ -272,7 +305,9 @@ def test_an_answer_before_the_question_is_not_one() -> None:
 
 
 def test_disarming_waits_until_the_autopilot_believes_that_it_stands() -> None:
-    scene = Scene(PX4, disarming, refuse(MavCommand.ARM_DISARM, 1, 1, 0, words="Disarming denied: not landed")).run()
+    scene = Scene(
+        PX4, disarming, refuse(MavCommand.ARM_DISARM, 1, 1, 0, words="Disarming denied: not landed")
+    ).run()
     assert scene.handshake.done
     assert [(m.param1, m.param2) for _, m in scene.asked] == [(0.0, 0.0)] * 3
 
@@ -302,7 +337,11 @@ def test_a_stream_is_asked_for_by_its_interval_and_stopped_whatever_the_answer(
     rate_hz: float | None, result: int, interval_us: float
 ) -> None:
     def ask(autopilot: AutopilotAddress) -> Any:
-        return silence(autopilot, "ODOMETRY") if rate_hz is None else stream(autopilot, "ODOMETRY", rate_hz)
+        return (
+            silence(autopilot, "ODOMETRY")
+            if rate_hz is None
+            else stream(autopilot, "ODOMETRY", rate_hz)
+        )
 
     scene = Scene(PX4, ask, refuse(511, result)).run()
     assert scene.handshake.done
@@ -311,8 +350,11 @@ def test_a_stream_is_asked_for_by_its_interval_and_stopped_whatever_the_answer(
 
 
 def test_a_stream_that_is_refused_is_not_asked_for_again() -> None:
-    scene = Scene(ARDUPILOT, lambda autopilot: stream(autopilot, "ODOMETRY", 50.0), refuse(511, 4)).run()
+    scene = Scene(
+        ARDUPILOT, lambda autopilot: stream(autopilot, "ODOMETRY", 50.0), refuse(511, 4)
+    ).run()
     assert len(scene.asked) == 1
-    assert "ArduPilot refused to send ODOMETRY at 50 Hz (it tried and failed, MAV_RESULT_FAILED)" in str(
-        scene.handshake.failure
+    assert (
+        "ArduPilot refused to send ODOMETRY at 50 Hz (it tried and failed, MAV_RESULT_FAILED)"
+        in str(scene.handshake.failure)
     )

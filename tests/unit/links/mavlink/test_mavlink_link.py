@@ -1,4 +1,6 @@
-"""links/mavlink/link.py and its connection towards PX4, ArduPilot and strangers, in virtual time."""
+"""links/mavlink/link.py and its connection towards PX4, ArduPilot and strangers, in virtual
+time.
+"""
 
 import asyncio
 import itertools
@@ -10,13 +12,7 @@ import pytest
 
 from links.core import Command, LinkLost
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol import (
-    ARDUPILOT,
-    INVALID,
-    PX4,
-    MavCommand,
-    MavlinkCodec,
-)
+from links.mavlink.protocol import ARDUPILOT, INVALID, PX4, MavCommand, MavlinkCodec
 from tests.loops import Scene, in_virtual_time, on_stage
 
 # By their numbers: a limit that the test took from the code would bear out any value.
@@ -38,7 +34,9 @@ class Endpoint(asyncio.DatagramProtocol):
         self.beats: asyncio.Task[None]
         """Its heartbeats, for as long as a scene does not end them."""
 
-    async def open(self, local: tuple[str, int] | None = None, remote: tuple[str, int] | None = HERE) -> "Endpoint":
+    async def open(
+        self, local: tuple[str, int] | None = None, remote: tuple[str, int] | None = HERE
+    ) -> "Endpoint":
         loop = asyncio.get_running_loop()
         self.transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=local)
         self.remote = remote
@@ -106,15 +104,22 @@ def play_scene(
 
 
 def scene(**options: Any) -> Callable[[Scene], Callable[..., None]]:
-    """Make a test of a coroutine that is given a link and an autopilot; ``options`` are those of ``play_scene``."""
+    """Make a test of a coroutine that is given a link and an autopilot.
+
+    ``options`` are those of ``play_scene``.
+    """
     return on_stage(lambda play: play_scene(play, **options), 2)
 
 
 @scene()
-async def test_we_send_a_heartbeat_every_second_once_somebody_is_there(link: MavlinkLink, autopilot: Endpoint) -> None:
+async def test_we_send_a_heartbeat_every_second_once_somebody_is_there(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
     await asyncio.sleep(5.5)
     assert 6 <= len(autopilot.of("HEARTBEAT")) <= 7
-    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.of("HEARTBEAT")} == {(245, 190)}
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.of("HEARTBEAT")} == {
+        (245, 190)
+    }
 
 
 @scene()
@@ -124,7 +129,11 @@ async def test_a_heartbeat_of_what_is_no_autopilot_leaves_an_armed_vehicle_armed
     autopilot.armed = True
     await link.arm(lambda: command(0.0))
     await asyncio.sleep(STALE_NEWS_S + 1.0)
-    for kind in (18, 26, 30):  # a companion, a gimbal, a camera with the autopilot's own numbers, which never arm
+    for kind in (
+        18,
+        26,
+        30,
+    ):  # a companion, a gimbal, a camera with the autopilot's own numbers, which never arm
         autopilot.say(D.MAVLink_heartbeat_message(kind, INVALID, 0, 0, 4, 3))
     await asyncio.sleep(0.01)
     assert link.status.state == "armed"
@@ -145,9 +154,15 @@ async def test_only_a_heartbeat_of_the_vehicle_makes_a_connection() -> None:
     wrong, right = await Endpoint(system=9).open(), await Endpoint().open()
     wrong.beat()
     right.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-    right.say(D.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))  # another ground station with the same system
-    says = r"no HEARTBEAT of MAVLink system 1, component 1 .*got only: 2 messages of other systems, "
-    with pytest.raises(LinkLost, match=says + r"heard instead: system 9, component 1 at 127\.0\.0\.1:"):
+    right.say(
+        D.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    )  # another ground station with the same system
+    says = (
+        r"no HEARTBEAT of MAVLink system 1, component 1 .*got only: 2 messages of other systems, "
+    )
+    with pytest.raises(
+        LinkLost, match=says + r"heard instead: system 9, component 1 at 127\.0\.0\.1:"
+    ):
         await connecting
     assert got == []
     assert link.status.state == "closed"
@@ -177,7 +192,7 @@ async def test_a_silent_autopilot_is_lost_and_found_again() -> None:
 
 
 @scene(connect=False)
-async def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_and_waits_for_a_new_arming(
+async def test_an_autopilot_that_restarts_behind_another_address_waits_for_a_new_arming(
     link: MavlinkLink, first: Endpoint
 ) -> None:
     link.connection.request(lambda kind: {"ODOMETRY": 50.0})
@@ -237,12 +252,16 @@ def orders(autopilot: Endpoint) -> list[float]:
     return [m.param1 for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.ARM_DISARM]
 
 
-@pytest.mark.parametrize(("after_s", "ordered"), [(0.5, []), (1.5, [1.0, 0.0])], ids=["before", "after the order"])
+@pytest.mark.parametrize(
+    ("after_s", "ordered"), [(0.5, []), (1.5, [1.0, 0.0])], ids=["before", "after the order"]
+)
 @scene()
 async def test_arming_that_is_given_up_takes_its_order_back(
     link: MavlinkLink, autopilot: Endpoint, after_s: float, ordered: list[float]
 ) -> None:
-    autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) == MavCommand.DO_SET_MODE else []
+    autopilot.answer = lambda m: (
+        accept(m) if getattr(m, "command", None) == MavCommand.DO_SET_MODE else []
+    )
     arming = asyncio.create_task(link.arm(lambda: command(0.0)))
     await asyncio.sleep(after_s)
     arming.cancel()
@@ -266,7 +285,9 @@ async def test_a_heartbeat_that_left_before_arming_is_not_believed_after_it(
 
 
 @scene()
-async def test_land_is_asked_for_while_the_newest_command_still_holds(link: MavlinkLink, autopilot: Endpoint) -> None:
+async def test_land_is_asked_for_while_the_newest_command_still_holds(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
     link._config = msgspec.structs.replace(link._config, bring_down="land")
     autopilot.armed = True
     await link.arm(lambda: command(0.0))
@@ -280,7 +301,9 @@ async def test_land_is_asked_for_while_the_newest_command_still_holds(link: Mavl
 
 
 @scene(kind=ARDUPILOT)
-async def test_ardupilot_that_will_not_disarm_is_put_into_land(link: MavlinkLink, autopilot: Endpoint) -> None:
+async def test_ardupilot_that_will_not_disarm_is_put_into_land(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
     autopilot.armed = True
 
     def answer(message: Any) -> list[Any]:
@@ -299,12 +322,16 @@ async def test_ardupilot_that_will_not_disarm_is_put_into_land(link: MavlinkLink
 
 
 @pytest.mark.parametrize(("own", "share"), [(None, 0.5), (0.0, 0.25), (1.0, 0.5)])
-def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(own: float | None, share: float) -> None:
+def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(
+    own: float | None, share: float
+) -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
         await link.arm(lambda: command(0.0))
         link.send(command(0.5))
         await asyncio.sleep(0.1)
-        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(share)  # the root of 0.25
+        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(
+            share
+        )  # the root of 0.25
 
     play_scene(play, vehicle_curve=1.0, thrust_curve=own)
 
@@ -315,7 +342,10 @@ def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(own: fl
         ({"listen": "127.0.0.1:14540", "remote": "127.0.0.1:14580"}, "exclude each other"),
         ({"tcp": "a:1", "serial": "/dev/x"}, "tcp and serial exclude each other"),
         ({"listen": "a:1", "tcp": "b:1"}, "listen and tcp exclude each other"),
-        ({"bring_down": "land", "ardupilot_mode": "GUIDED_NOGPS"}, "needs a position estimate on board"),
+        (
+            {"bring_down": "land", "ardupilot_mode": "GUIDED_NOGPS"},
+            "needs a position estimate on board",
+        ),
         ({"tcp": "nowhere"}, "is not an address"),
         ({"listen": "nowhere"}, "is not an address"),
         ({"remote": "127.0.0.1"}, "is not an address"),
@@ -331,7 +361,7 @@ def test_a_bad_configuration_is_refused(options: dict[str, Any], complaint: str)
 
 
 @scene()
-async def test_another_program_that_steers_the_same_autopilot_is_told_by_name_but_not_what_may_be_our_echo(
+async def test_another_program_that_steers_the_same_autopilot_is_told_by_name(
     link: MavlinkLink, autopilot: Endpoint
 ) -> None:
     """test_mavlink_connection.py tries how long it must steer, and which vehicle."""
@@ -346,4 +376,7 @@ async def test_another_program_that_steers_the_same_autopilot_is_told_by_name_bu
     assert await steer(245, 190) == ""
     await link.disarm()
     assert "MAVLink system 245, component 190" in await steer(245, 190)
-    assert "MAVLink system 42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too" in await steer(42, 7)
+    assert (
+        "MAVLink system 42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too"
+        in await steer(42, 7)
+    )

@@ -1,4 +1,6 @@
-"""The port from which link.remote is spoken to: PX4 answers the first one that it hears, until it restarts."""
+"""The port from which link.remote is spoken to: PX4 answers the first one that it hears, until it
+restarts.
+"""
 
 import asyncio
 import errno
@@ -66,7 +68,9 @@ async def test_the_vehicle_hears_every_run_from_the_same_port() -> None:
 @in_virtual_time
 async def test_where_nothing_comes_the_first_port_is_named_as_a_cause() -> None:
     link = MavlinkLink(MavlinkLinkConfig(remote=REMOTE, connect_timeout_s=1.0), thrust_max_n=2.0)
-    with pytest.raises(LinkLost, match=rf"the first port that it heard.*from port {port()}: .*link\.local_port"):
+    with pytest.raises(
+        LinkLost, match=rf"the first port that it heard.*from port {port()}: .*link\.local_port"
+    ):
         await link.connect()
     there = MavlinkLink(MavlinkLinkConfig(connect_timeout_s=1.0), thrust_max_n=2.0)
     with pytest.raises(LinkLost, match="nothing came at all") as refused:
@@ -81,7 +85,9 @@ def test_an_autopilot_that_boots_after_the_first_message_is_silent_for_the_same_
         remote = format_address(taken.get_extra_info("sockname"))
         taken.close()
         await asyncio.sleep(0)  # the port is released in the loop's next turn
-        link = MavlinkLink(MavlinkLinkConfig(remote=remote, connect_timeout_s=1.3), thrust_max_n=2.0)
+        link = MavlinkLink(
+            MavlinkLinkConfig(remote=remote, connect_timeout_s=1.3), thrust_max_n=2.0
+        )
         connecting = asyncio.ensure_future(link.connect())
         await asyncio.sleep(0.5)  # the network gives the first message back
         vehicle, _ = await open_port(asyncio.DatagramProtocol, local_addr=parse_address(remote))
@@ -101,7 +107,8 @@ async def taken_port(says: str, **keys: Any) -> None:
     )
     number = taken.get_extra_info("sockname")[1]
     options: dict[str, Any] = {
-        key: value.format(port=number) if isinstance(value, str) else number for key, value in keys.items()
+        key: value.format(port=number) if isinstance(value, str) else number
+        for key, value in keys.items()
     }
     with pytest.raises(LinkLost, match=says.format(port=number)):
         await MavlinkLink(MavlinkLinkConfig(**options), thrust_max_n=2.0).connect()
@@ -111,11 +118,16 @@ async def taken_port(says: str, **keys: Any) -> None:
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
-        ({"remote": REMOTE, "local_port": 0}, r"holds UDP port {port} of this machine.*`ss -lunp`.*link\.local_port"),
+        (
+            {"remote": REMOTE, "local_port": 0},
+            r"holds UDP port {port} of this machine.*`ss -lunp`.*link\.local_port",
+        ),
         ({"listen": "127.0.0.1:{port}"}, "holds this port, and `ss -lunp` names it: end it"),
     ],
 )
-def test_a_port_that_is_taken_is_told_with_the_way_to_find_its_holder(keys: dict[str, Any], says: str) -> None:
+def test_a_port_that_is_taken_is_told_with_the_way_to_find_its_holder(
+    keys: dict[str, Any], says: str
+) -> None:
     asyncio.run(taken_port(says, **keys))
 
 
@@ -126,8 +138,14 @@ def test_a_port_that_is_taken_is_told_with_the_way_to_find_its_holder(keys: dict
             socket.gaierror(socket.EAI_NONAME, "Name or service not known"),
             "correct it, or write the address in numbers",
         ),
-        (OSError(errno.EADDRNOTAVAIL, "Cannot assign requested address"), "`ip address` lists those"),
-        (OSError(errno.EACCES, "Permission denied"), "as it does broadcast addresses, and ports below 1024"),
+        (
+            OSError(errno.EADDRNOTAVAIL, "Cannot assign requested address"),
+            "`ip address` lists those",
+        ),
+        (
+            OSError(errno.EACCES, "Permission denied"),
+            "as it does broadcast addresses, and ports below 1024",
+        ),
     ],
 )
 @pytest.mark.parametrize("options", [{"remote": REMOTE}, {"listen": "10.1.2.3:14540"}])

@@ -50,8 +50,14 @@ def test_a_value_has_these_bytes(autopilot: int, value: float, kind: int, wire: 
     assert decode(autopilot, read, kind) == value
 
 
-@given(st.sampled_from([PX4, ARDUPILOT]), st.sampled_from(sorted(WHOLE_BITS)), st.integers(-(2**24), 2**24))
-def test_every_whole_number_comes_back_or_is_refused(autopilot: int, kind: int, number: int) -> None:
+@given(
+    st.sampled_from([PX4, ARDUPILOT]),
+    st.sampled_from(sorted(WHOLE_BITS)),
+    st.integers(-(2**24), 2**24),
+)
+def test_every_whole_number_comes_back_or_is_refused(
+    autopilot: int, kind: int, number: int
+) -> None:
     bits, signed = WHOLE_BITS[kind]
     low = -(1 << bits - 1) if signed else 0
     if low <= number < low + (1 << bits):
@@ -112,6 +118,8 @@ def test_a_value_is_set_until_it_is_told_back() -> None:
 
 def test_a_value_that_it_does_not_take_is_told_of() -> None:
     told = value(ARDUPILOT, "GUID_TIMEOUT", 3.0)
-    failure = write(ARDUPILOT, AutopilotParameter("GUID_TIMEOUT", 0.5, REAL32), told).handshake.failure
+    failure = write(
+        ARDUPILOT, AutopilotParameter("GUID_TIMEOUT", 0.5, REAL32), told
+    ).handshake.failure
     assert isinstance(failure, LinkRejected)
     assert "keeps GUID_TIMEOUT at 3 instead of 0.5" in str(failure)

@@ -1,4 +1,6 @@
-"""When each procedure asks, what it asks for, and when it gives up, as the autopilots' own times demand."""
+"""When each procedure asks, what it asks for, and when it gives up, as the autopilots' own times
+demand.
+"""
 
 import math
 from collections.abc import Callable
@@ -38,11 +40,15 @@ IN_PROGRESS = 5
 Make = Callable[[AutopilotAddress], Any]
 
 
-def run(make: Make, kind: int, result: int | None) -> tuple[list[float], list[Any], float, LinkError | None]:
-    """Go through a procedure with an autopilot that answers every command with ``result``, or with None not at all.
+def run(
+    make: Make, kind: int, result: int | None
+) -> tuple[list[float], list[Any], float, LinkError | None]:
+    """Go through a procedure with an autopilot that answers every command with ``result``, or with
+    None not at all.
 
     Returns:
-        When requests left [s], the requests, when it was over [s], inf where it goes on, and its failure.
+        When requests left [s], the requests, when it was over [s], inf where it goes on, and its
+        failure.
     """
     theirs = MavlinkCodec(1, 1)
     step = make(AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, kind))
@@ -53,7 +59,10 @@ def run(make: Make, kind: int, result: int | None) -> tuple[list[float], list[An
             requests += theirs.feed(frame)
             times_s.append(round(now_s, 3))
             if result is not None:
-                step.hear(D.MAVLink_command_ack_message(requests[-1].command, result, 0, 0, 245, 190), now_s)
+                step.hear(
+                    D.MAVLink_command_ack_message(requests[-1].command, result, 0, 0, 245, 190),
+                    now_s,
+                )
         if step.done or step.failure is not None:
             return times_s, requests, round(now_s, 3), step.failure
     return times_s, requests, math.inf, None
@@ -82,7 +91,8 @@ def every(period_s: float, count: int, from_s: float = 0.0) -> list[float]:
         (disarming, PX4, TEMPORARILY_REJECTED, every(1.0, 5), 4.3, LinkRejected),
         # What is in progress is left alone for 3 s.
         (disarming, PX4, IN_PROGRESS, every(3.0, 4), math.inf, None),
-        # Accepted: mode and arming at once; ArduCopter's rotors then take 2.5 s. A kill counts twice.
+        # Accepted: mode and arming at once; ArduCopter's rotors then take 2.5 s. A kill counts
+        # twice.
         (arming, PX4, 0, [1.2, 1.2], 1.2, None),
         (Kill, PX4, 0, every(0.05, 2), 0.05, None),
         (landing_disarmed, ARDUPILOT, 0, [0.0], 10.0, LinkRejected),
@@ -90,7 +100,12 @@ def every(period_s: float, count: int, from_s: float = 0.0) -> list[float]:
     ],
 )
 def test_a_request_is_repeated_and_given_up_at_these_times(
-    make: Make, kind: int, result: int | None, asked_s: list[float], over_s: float, failure: type[LinkError] | None
+    make: Make,
+    kind: int,
+    result: int | None,
+    asked_s: list[float],
+    over_s: float,
+    failure: type[LinkError] | None,
 ) -> None:
     times_s, requests, end_s, why = run(make, kind, result)
     # Each repetition may be one poll late.
@@ -113,14 +128,20 @@ def test_a_request_is_repeated_and_given_up_at_these_times(
         (landing_disarmed, ARDUPILOT, [(176, 1.0, 9.0, 0.0)]),
     ],
 )
-def test_an_autopilot_is_asked_for_these_commands(make: Make, kind: int, requests: list[tuple[float, ...]]) -> None:
+def test_an_autopilot_is_asked_for_these_commands(
+    make: Make, kind: int, requests: list[tuple[float, ...]]
+) -> None:
     _, asked, _, _ = run(make, kind, 0)
     assert [(one.command, one.param1, one.param2, one.param3) for one in asked] == requests
 
 
-@pytest.mark.parametrize(("kind", "name"), [(PX4, "PX4"), (ARDUPILOT, "ArduPilot"), (8, "the autopilot")])
+@pytest.mark.parametrize(
+    ("kind", "name"), [(PX4, "PX4"), (ARDUPILOT, "ArduPilot"), (8, "the autopilot")]
+)
 @pytest.mark.parametrize("vehicle", [2, 3, 13, 14, 15, 29])
-def test_every_multirotor_of_both_firmwares_may_be_armed(kind: int, name: str, vehicle: int) -> None:
+def test_every_multirotor_of_both_firmwares_may_be_armed(
+    kind: int, name: str, vehicle: int
+) -> None:
     autopilot = AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, kind, vehicle)
     assert autopilot.name == name
     if kind == 8:
@@ -131,10 +152,19 @@ def test_every_multirotor_of_both_firmwares_may_be_armed(kind: int, name: str, v
 
 
 def test_of_many_parameters_eight_wait_at_once_and_those_that_were_asked_less_come_first() -> None:
-    reads = ReadAll(AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4), [f"P{n}" for n in range(12)])
+    reads = ReadAll(
+        AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4), [f"P{n}" for n in range(12)]
+    )
     theirs = MavlinkCodec(1, 1)
-    asked = [[one.param_id for frame in reads.poll(at_s) for one in theirs.feed(frame)] for at_s in (0.0, 0.4, 0.5)]
-    assert asked == [[f"P{n}" for n in range(8)], [], [*(f"P{n}" for n in range(8, 12)), *(f"P{n}" for n in range(4))]]
+    asked = [
+        [one.param_id for frame in reads.poll(at_s) for one in theirs.feed(frame)]
+        for at_s in (0.0, 0.4, 0.5)
+    ]
+    assert asked == [
+        [f"P{n}" for n in range(8)],
+        [],
+        [*(f"P{n}" for n in range(8, 12)), *(f"P{n}" for n in range(4))],
+    ]
 
 
 # ---- who has it, and what it runs
@@ -151,7 +181,10 @@ def test_it_is_asked_until_both_its_answer_and_its_heartbeat_have_come() -> None
     step = AskMode(PX4_ADDRESS)
     (frame,) = step.poll(0.0)
     (message,) = MavlinkCodec(1, 1).feed(frame)
-    assert (message.command, message.param1) == (MavCommand.REQUEST_MESSAGE, D.MAVLINK_MSG_ID_HEARTBEAT)
+    assert (message.command, message.param1) == (
+        MavCommand.REQUEST_MESSAGE,
+        D.MAVLINK_MSG_ID_HEARTBEAT,
+    )
     assert step.poll(0.5 * AskMode.period_s) == []
     step.hear(HEARTBEAT, 0.01)
     assert not step.done, "it may have left before the question"
@@ -177,6 +210,9 @@ def test_a_version_is_told_in_numbers_and_the_first_bytes_of_the_commit() -> Non
     (question,) = MavlinkCodec(1, 1).feed(*step.poll(0.0))
     assert (question.command, question.param1) == (MavCommand.REQUEST_MESSAGE, 148.0)
     commit, none = list(bytes.fromhex("0a1b2c3d4e5f6071")), [0] * 8
-    step.hear(D.MAVLink_autopilot_version_message(0, 0x01_11_03_FF, 0, 0, 0, commit, none, none, 0, 0, 0), 0.1)
+    step.hear(
+        D.MAVLink_autopilot_version_message(0, 0x01_11_03_FF, 0, 0, 0, commit, none, none, 0, 0, 0),
+        0.1,
+    )
     assert step.done
     assert step.firmware == "PX4 1.17.3 release 0a1b2c3d4e5f6071"

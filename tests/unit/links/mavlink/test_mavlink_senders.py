@@ -11,13 +11,7 @@ import pytest
 from links.core import LinkError
 from links.io import make_key, read_key
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol import (
-    PX4,
-    MavCommand,
-    Signer,
-    TargetSenders,
-    load_dialect,
-)
+from links.mavlink.protocol import PX4, MavCommand, Signer, TargetSenders, load_dialect
 from links.mavlink.protocol.senders import hardware_id
 from tests.loops import Scene, in_virtual_time, on_stage
 from tests.unit.links.mavlink.test_mavlink_link import Endpoint, accept, command
@@ -58,7 +52,11 @@ def test_the_long_hardware_id_counts_before_the_short_one() -> None:
             ([(HERE, first), (THERE, second)], r"at 10\.0\.0\.5:14550.*at 10\.0\.0\.9:14550", "")
             for first, second in ((1, 2), (1, 0), (0, 2), (0, 0), (1, None), (None, None))
         ),
-        ([(HERE, 7), (ELSEWHERE, 7)], "", r"10\.0\.0\.5:14550 and 10\.0\.0\.5:14551: only the first is used"),
+        (
+            [(HERE, 7), (ELSEWHERE, 7)],
+            "",
+            r"10\.0\.0\.5:14550 and 10\.0\.0\.5:14551: only the first is used",
+        ),
         (
             [(HERE, 1), (THERE, 2), (("10.0.0.7", 14550), 3)],
             r"^several autopilots with MAVLink system id 1 are heard: one at 10\.0\.0\.5:14550 .*"
@@ -71,7 +69,10 @@ def test_senders_conflict_and_are_all_named_unless_they_tell_the_same_hardware_i
     heard: list[tuple[tuple[str, int], int | None]], conflict: str, second_path: str
 ) -> None:
     seen = senders(*heard)
-    for told, expected in ((seen.conflict(HERE, 1.0), conflict), (seen.second_path(HERE, 1.0), second_path)):
+    for told, expected in (
+        (seen.conflict(HERE, 1.0), conflict),
+        (seen.second_path(HERE, 1.0), second_path),
+    ):
         assert re.search(expected, told) if expected else told == ""
 
 
@@ -84,8 +85,9 @@ def test_a_second_sender_counts_until_it_has_been_silent_for_three_seconds() -> 
 
 def test_two_hardware_ids_at_one_address_conflict_until_a_silence() -> None:
     seen = senders((HERE, 0xA1), (HERE, 0xB2))
-    assert "2 autopilots with MAVLink system id 1 answer from 10.0.0.5:14550 (hardware ids a1, b2)" in (
-        seen.conflict(HERE, 1.0)
+    assert (
+        "2 autopilots with MAVLink system id 1 answer from 10.0.0.5:14550 (hardware ids a1, b2)"
+        in (seen.conflict(HERE, 1.0))
     )
     seen.beat(HERE, 1.1 + BOTH_S)
     assert seen.conflict(HERE, 1.1 + BOTH_S) == ""
@@ -95,8 +97,9 @@ def test_another_autopilot_than_the_one_that_was_examined_conflicts() -> None:
     seen = senders((HERE, 7))
     seen.examine(HERE)
     seen.beat(THERE, 9.0)
-    assert "10.0.0.9:14550 (which tells no hardware id) is not the one that was checked at 10.0.0.5:14550" in (
-        seen.conflict(THERE, 9.0)
+    assert (
+        "10.0.0.9:14550 (which tells no hardware id) is not the one that was checked at "
+        "10.0.0.5:14550" in (seen.conflict(THERE, 9.0))
     )
     seen.identify(THERE, version(7))
     assert seen.conflict(THERE, 9.0) == ""
@@ -131,14 +134,18 @@ async def second_vehicle(uid: int, kind: int = PX4) -> Endpoint:
 
 
 def scene(uids: tuple[int, int] = (1, 2)) -> Callable[[Scene], Callable[..., None]]:
-    """Make a test of a coroutine that is given a connected link, its autopilot, and another that may begin to beat."""
+    """Make a test of a coroutine that is given a connected link, its autopilot, and another that
+    may begin to beat.
+    """
 
     @in_virtual_time
     async def main(play: Scene) -> None:
         vehicle, other = await second_vehicle(uids[0]), await second_vehicle(uids[1])
         link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
         beating = asyncio.create_task(vehicle.beating())
-        beating.add_done_callback(lambda task: task.cancelled() or task.exception())  # its port may be closed
+        beating.add_done_callback(
+            lambda task: task.cancelled() or task.exception()
+        )  # its port may be closed
         try:
             await link.connect()
             await play(link, vehicle, other)
@@ -162,7 +169,9 @@ async def test_with_a_second_vehicle_on_the_port_nothing_is_armed_and_both_addre
     await asyncio.sleep(0.1)
     for end in (vehicle, other):
         assert port_of(end) in link.status.conflict
-    with pytest.raises(LinkError, match="arming was abandoned: two autopilots with MAVLink system id 1"):
+    with pytest.raises(
+        LinkError, match="arming was abandoned: two autopilots with MAVLink system id 1"
+    ):
         await link.arm(lambda: command(0.0))
     for end in (vehicle, other):
         assert [m for m in end.of("COMMAND_LONG") if m.command == MavCommand.ARM_DISARM] == []
@@ -215,7 +224,9 @@ async def test_a_vehicle_that_takes_the_place_of_the_examined_one_is_not_armed(
 
 
 @in_virtual_time
-async def test_signed_frames_replayed_from_another_port_are_refused_and_no_second_vehicle(tmp_path: Path) -> None:
+async def test_signed_frames_replayed_from_another_port_are_refused_and_no_second_vehicle(
+    tmp_path: Path,
+) -> None:
     make_key(path := tmp_path / "key")
     link = MavlinkLink(MavlinkLinkConfig(quiet=False, signing_key_file=str(path)), thrust_max_n=2.0)
     vehicle, thief = await Endpoint().open(), await Endpoint().open()
@@ -234,6 +245,8 @@ async def test_signed_frames_replayed_from_another_port_are_refused_and_no_secon
     received, kept = link.status.received, int((tmp_path / "key.stamp").read_text())
     await asyncio.sleep(1.0)
     assert link.status.received > received, "the vehicle itself is still heard"
-    assert int((tmp_path / "key.stamp").read_text()) > kept, "a crash would not have a stamp used again"
+    assert int((tmp_path / "key.stamp").read_text()) > kept, (
+        "a crash would not have a stamp used again"
+    )
     beating.cancel()
     await link.close()

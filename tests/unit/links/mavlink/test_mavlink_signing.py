@@ -42,7 +42,10 @@ def heartbeat() -> Any:
     return mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)
 
 
-GOLDEN = "fd27010000f5be520000dc0500000000803f000000000000000000000000cdcccc3dcdcc4c3e9a99993e0000003f010180"
+GOLDEN = (
+    "fd27010000f5be520000dc0500000000803f0000000000000000"
+    "00000000cdcccc3dcdcc4c3e9a99993e0000003f010180"
+)
 """SET_ATTITUDE_TARGET as in test_mavlink_codec.py, but for the flag that says that it is signed."""
 
 
@@ -97,7 +100,13 @@ def unsigned(**form: Any) -> bytes:
         (heartbeat().pack(theirs(NOW - MINUTE)), KEY, 1, {}),
         (heartbeat().pack(theirs(NOW - MINUTE - 1)), KEY, 0, {"replayed": 1}),
     ],
-    ids=["not signed", "another key", "comes twice", "a minute behind", "more than a minute behind"],
+    ids=[
+        "not signed",
+        "another key",
+        "comes twice",
+        "a minute behind",
+        "more than a minute behind",
+    ],
 )
 def test_what_is_not_believed_is_counted_by_its_reason(
     frames: bytes, key: bytes, accepted: int, dropped: dict[str, int]
@@ -108,7 +117,9 @@ def test_what_is_not_believed_is_counted_by_its_reason(
 
 
 def test_a_telemetry_radio_may_put_in_its_status_unsigned() -> None:
-    status = mavlink.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7).pack(mavlink.MAVLink(None, 51, 68))
+    status = mavlink.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7).pack(
+        mavlink.MAVLink(None, 51, 68)
+    )
     assert [m.get_type() for m in signed().feed(status)] == ["RADIO_STATUS"]
 
 
@@ -132,7 +143,8 @@ def test_a_forged_frame_in_a_stream_is_skipped_whole() -> None:
 
 
 def test_a_forged_stamp_of_the_future_does_not_lock_the_true_sender_out() -> None:
-    # pymavlink 2.4.50 stores a stamp before it compares the signature: after this forgery it hears nobody any more.
+    # pymavlink 2.4.50 stores a stamp before it compares the signature: after this forgery it hears
+    # nobody any more.
     ours, peer = signed(), theirs()
     forged = heartbeat().pack(theirs(NOW + MINUTE))
     forged = forged[:-6] + bytes(6)
@@ -160,7 +172,9 @@ def key_file(folder: Path, data: bytes, mode: int = 0o600) -> Path:
     return path
 
 
-@pytest.mark.parametrize("data", [KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b"\n", base64.b64encode(KEY)])
+@pytest.mark.parametrize(
+    "data", [KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b"\n", base64.b64encode(KEY)]
+)
 def test_a_key_is_read_raw_or_as_text(tmp_path: Path, data: bytes) -> None:
     assert read_key(key_file(tmp_path, data)) == KEY
 
@@ -171,12 +185,21 @@ def test_a_key_is_read_raw_or_as_text(tmp_path: Path, data: bytes) -> None:
         *((KEY, mode, f"has mode {mode:04o}") for mode in (0o644, 0o640, 0o606, 0o700, 0o400)),
         *(
             (data, 0o600, "is no key")
-            for data in (b"", KEY[:31], KEY + b"1", b"secret", KEY.hex().encode()[:-2], b"\xff" * 64)
+            for data in (
+                b"",
+                KEY[:31],
+                KEY + b"1",
+                b"secret",
+                KEY.hex().encode()[:-2],
+                b"\xff" * 64,
+            )
         ),
         (bytes(32), 0o600, "only zeros"),
     ],
 )
-def test_what_others_may_read_or_is_no_key_is_refused(tmp_path: Path, data: bytes, mode: int, says: str) -> None:
+def test_what_others_may_read_or_is_no_key_is_refused(
+    tmp_path: Path, data: bytes, mode: int, says: str
+) -> None:
     with pytest.raises(ValueError, match=says):
         read_key(key_file(tmp_path, data, mode))
 
@@ -196,7 +219,9 @@ def test_a_key_of_another_user_is_refused(tmp_path: Path) -> None:
         read_key(path)
 
 
-def test_after_a_restart_no_stamp_is_used_again_even_if_the_clock_was_set_back(tmp_path: Path) -> None:
+def test_after_a_restart_no_stamp_is_used_again_even_if_the_clock_was_set_back(
+    tmp_path: Path,
+) -> None:
     stamps = StampFile(key_file(tmp_path, KEY))
     now = stamps.first()
     assert now > 10 * 365 * 86400 * TICKS_PER_S  # after 2025

@@ -1,4 +1,6 @@
-"""The autopilot's own poses where its clock runs slower than ours, and where they come late: TIMESYNC tells which."""
+"""The autopilot's own poses where its clock runs slower than ours, and where they come late:
+TIMESYNC tells which.
+"""
 
 import asyncio
 from typing import Any
@@ -15,7 +17,10 @@ LONG_S = 30.0
 
 
 def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
-    """Poses at 50 Hz from a clock that is ``slow`` by that share; all it says is late from the middle on."""
+    """Poses at 50 Hz from a clock that is ``slow`` by that share.
+
+    All it says is late from the middle on.
+    """
     poses: list[Pose] = []
     sources: list[MavlinkPoseSource] = []
 
@@ -27,7 +32,9 @@ def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
             return 7.0 + (loop.time() - begun) * (1.0 - slow)
 
         def say(message: Any) -> None:
-            loop.call_later(late_s if loop.time() - begun > 0.5 * LONG_S else 0.0, autopilot.say, message)
+            loop.call_later(
+                late_s if loop.time() - begun > 0.5 * LONG_S else 0.0, autopilot.say, message
+            )
 
         def answer(message: Any) -> list[Any]:
             if message.get_type() == "TIMESYNC" and message.tc1 == 0:
@@ -44,7 +51,19 @@ def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
             at_us = int(clock_s() * 1e6)
             say(
                 D.MAVLink_odometry_message(
-                    at_us, 1, 1, loop.time(), 0.0, 0.0, (1.0, 0.0, 0.0, 0.0), *[0.0] * 6, unknown, unknown, 0, 8, 0
+                    at_us,
+                    1,
+                    1,
+                    loop.time(),
+                    0.0,
+                    0.0,
+                    (1.0, 0.0, 0.0, 0.0),
+                    *[0.0] * 6,
+                    unknown,
+                    unknown,
+                    0,
+                    8,
+                    0,
                 )
             )
             await asyncio.sleep(0.02)
@@ -65,8 +84,12 @@ def test_a_simulated_autopilot_that_falls_behind_sends_no_late_poses(slow: float
 @pytest.mark.parametrize("slow", [0.0, SLOW])
 def test_poses_of_an_autopilot_that_come_late_are_as_old_as_they_are(slow: float) -> None:
     poses, _ = flown(slow, 0.2)
-    late = [pose for pose in poses if pose.position_ned[0] > poses[0].arrival_s + 0.5 * LONG_S + 1.0]
-    errors = [pose.time_s - pose.position_ned[0] for pose in late]  # each says where it is by when it was
+    late = [
+        pose for pose in poses if pose.position_ned[0] > poses[0].arrival_s + 0.5 * LONG_S + 1.0
+    ]
+    errors = [
+        pose.time_s - pose.position_ned[0] for pose in late
+    ]  # each says where it is by when it was
     assert max(errors) < 1e-3, "never younger"
     assert min(errors) > -0.012
     assert len(late) > 500

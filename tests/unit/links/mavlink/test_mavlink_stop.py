@@ -1,4 +1,7 @@
-"""How the MAVLink link ends a flight: by force, by mode LAND, by its own bring-down; and a network without room."""
+"""How the MAVLink link ends a flight: by force, by mode LAND, by its own bring-down.
+
+And a network without room.
+"""
 
 import asyncio
 import time  # noqa: TID251  # to stand still
@@ -11,16 +14,16 @@ from links.core import Command, Deadman, LinkError, LinkLost, LinkMisuse, LinkRe
 from links.io import Datagrams
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.link import Transmitter
-from links.mavlink.protocol import (
-    ARDUPILOT,
-    FORCE,
-    PX4,
-    ForwardConfig,
-    MavCommand,
-    MavlinkCodec,
-)
+from links.mavlink.protocol import ARDUPILOT, FORCE, PX4, ForwardConfig, MavCommand, MavlinkCodec
 from tests.loops import in_real_time, in_virtual_time
-from tests.unit.links.mavlink.test_mavlink_link import D, Endpoint, accept, command, play_scene, scene
+from tests.unit.links.mavlink.test_mavlink_link import (
+    D,
+    Endpoint,
+    accept,
+    command,
+    play_scene,
+    scene,
+)
 
 PARTS = (Segment(1.0, 0.8, (0.2, 0.0, 0.0)), Segment(0.2, 0.0, (0.0, 0.0, 0.0)))
 
@@ -64,7 +67,11 @@ async def test_a_kill_is_repeated_until_it_is_acknowledged_and_the_stream_ends_b
 
     def answer(message: Any) -> list[Any]:
         heard.append(message)
-        return [ack(MavCommand.ARM_DISARM)] if is_kill(message) and sum(map(is_kill, heard)) > 20 else []
+        return (
+            [ack(MavCommand.ARM_DISARM)]
+            if is_kill(message) and sum(map(is_kill, heard)) > 20
+            else []
+        )
 
     autopilot.answer = answer
     await link.kill()
@@ -80,7 +87,9 @@ async def test_a_kill_is_repeated_until_it_is_acknowledged_and_the_stream_ends_b
 
 
 @scene()
-async def test_one_acknowledgement_alone_may_belong_to_an_order_to_arm(link: MavlinkLink, autopilot: Endpoint) -> None:
+async def test_one_acknowledgement_alone_may_belong_to_an_order_to_arm(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
     autopilot.answer = lambda message: []
     killing = asyncio.create_task(link.kill())
     await asyncio.sleep(0.01)
@@ -96,14 +105,20 @@ async def test_one_acknowledgement_alone_may_belong_to_an_order_to_arm(link: Mav
 async def test_a_kill_that_nobody_obeys_says_what_to_do(
     link: MavlinkLink, autopilot: Endpoint, result: int | None, error: type[LinkError]
 ) -> None:
-    autopilot.answer = lambda m: [ack(MavCommand.ARM_DISARM, result)] if result is not None and is_kill(m) else []
+    autopilot.answer = lambda m: (
+        [ack(MavCommand.ARM_DISARM, result)] if result is not None and is_kill(m) else []
+    )
     with pytest.raises(error, match="kill switch"):
         await link.kill()
 
 
 @scene()
-async def test_a_kill_while_arming_ends_that_and_nobody_arms_after_it(link: MavlinkLink, autopilot: Endpoint) -> None:
-    autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) != MavCommand.ARM_DISARM or is_kill(m) else []
+async def test_a_kill_while_arming_ends_that_and_nobody_arms_after_it(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    autopilot.answer = lambda m: (
+        accept(m) if getattr(m, "command", None) != MavCommand.ARM_DISARM or is_kill(m) else []
+    )
     arming = asyncio.create_task(link.arm(idle))
     await asyncio.sleep(1.4)  # the order to arm has left
     killing = asyncio.create_task(link.kill())
@@ -144,12 +159,17 @@ async def test_a_closed_link_cannot_kill_and_says_so() -> None:
 
 
 @pytest.mark.parametrize(("kind", "mode"), [(PX4, (4.0, 6.0)), (ARDUPILOT, (9.0, 0.0))])
-def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: int, mode: tuple[float, float]) -> None:
+def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(
+    kind: int, mode: tuple[float, float]
+) -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
         lands: list[float] = []
 
         def answer(message: Any) -> list[Any]:
-            if getattr(message, "command", None) == MavCommand.DO_SET_MODE and (message.param2, message.param3) == mode:
+            if (
+                getattr(message, "command", None) == MavCommand.DO_SET_MODE
+                and (message.param2, message.param3) == mode
+            ):
                 lands.append(asyncio.get_running_loop().time())
                 return [] if len(lands) == 1 else accept(message)  # the first got lost
             if getattr(message, "command", None) == MavCommand.REQUEST_MESSAGE:
@@ -164,7 +184,9 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: 
         autopilot.heard.clear()
         await link.silent()
         assert len(lands) == 2
-        frames = [(t, m.thrust) for t, m in autopilot.heard if m.get_type() == "SET_ATTITUDE_TARGET"]
+        frames = [
+            (t, m.thrust) for t, m in autopilot.heard if m.get_type() == "SET_ATTITUDE_TARGET"
+        ]
         assert len(frames) > 15  # the rates went on until it was accepted
         assert {round(thrust, 3) for _, thrust in frames} == {0.4}
         assert frames[-1][0] <= lands[-1] + 0.03
@@ -198,17 +220,26 @@ async def test_an_autopilot_that_a_pilot_has_just_taken_over_is_asked_for_its_mo
     assert len(asked) == loses + 1
     assert not [m for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.DO_SET_MODE]
     assert link.status.taken == "POSCTL"
-    assert all(m.thrust > 0.0 for m in autopilot.of("SET_ATTITUDE_TARGET")), "it was not played to its end"
+    assert all(m.thrust > 0.0 for m in autopilot.of("SET_ATTITUDE_TARGET")), (
+        "it was not played to its end"
+    )
 
 
 KNOWN, STILL, GPS_JUMPS, SITS = 831, 167, 831 | 1024, 831 | 128
-"""Flags as real autopilots told them in flight, and on the ground without GPS; and what is not to be believed."""
+"""Flags as real autopilots told them in flight, and on the ground without GPS; and what is not to
+be believed."""
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 @pytest.mark.parametrize(
     ("flags", "ago_s", "lands"),
-    [(KNOWN, 0.5, True), (KNOWN, 3.0, False), (STILL, 0.5, False), (GPS_JUMPS, 0.5, False), (SITS, 0.5, False)],
+    [
+        (KNOWN, 0.5, True),
+        (KNOWN, 3.0, False),
+        (STILL, 0.5, False),
+        (GPS_JUMPS, 0.5, False),
+        (SITS, 0.5, False),
+    ],
 )
 def test_unless_told_otherwise_land_is_asked_of_an_autopilot_that_says_that_it_knows_where_it_is(
     kind: int, flags: int, ago_s: float, lands: bool
@@ -226,9 +257,15 @@ def test_unless_told_otherwise_land_is_asked_of_an_autopilot_that_says_that_it_k
             await asyncio.sleep(0.05)
         autopilot.heard.clear()
         await link.silent()
-        modes = [(m.param2, m.param3) for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.DO_SET_MODE]
+        modes = [
+            (m.param2, m.param3)
+            for m in autopilot.of("COMMAND_LONG")
+            if m.command == MavCommand.DO_SET_MODE
+        ]
         assert modes == ([(4.0, 6.0) if kind == PX4 else (9.0, 0.0)] if lands else [])
-        assert (autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust > 0.0) == lands  # the rates ended early, or at their end
+        assert (
+            autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust > 0.0
+        ) == lands  # the rates ended early, or at their end
 
     play_scene(play, kind=kind)
 
@@ -275,7 +312,10 @@ FORWARDS = ForwardConfig(enabled=True)
 )
 @pytest.mark.parametrize("distrusted", [True, False])
 def test_after_poses_were_wrong_land_is_asked_only_where_it_can_not_rest_on_them(
-    settings: dict[str, Any], happens: Callable[[MavlinkLink, Endpoint], None], lands: bool, distrusted: bool
+    settings: dict[str, Any],
+    happens: Callable[[MavlinkLink, Endpoint], None],
+    lands: bool,
+    distrusted: bool,
 ) -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
         autopilot.answer = accept
@@ -296,7 +336,9 @@ def test_after_poses_were_wrong_land_is_asked_only_where_it_can_not_rest_on_them
 
 
 @scene(bring_down="land")
-async def test_a_land_that_is_refused_leaves_the_rates_to_their_end(link: MavlinkLink, autopilot: Endpoint) -> None:
+async def test_a_land_that_is_refused_leaves_the_rates_to_their_end(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
     await link.arm(idle)
     autopilot.armed = True
     autopilot.answer = lambda m: [ack(m.command, 2)] if m.get_type() == "COMMAND_LONG" else []
@@ -360,11 +402,15 @@ class Transport(asyncio.DatagramTransport):
 
 
 @pytest.mark.parametrize("peername", [None, ("127.0.0.1", 1)])
-def test_a_datagram_that_the_kernel_has_no_room_for_is_dropped_not_kept_for_later(peername: Any) -> None:
+def test_a_datagram_that_the_kernel_has_no_room_for_is_dropped_not_kept_for_later(
+    peername: Any,
+) -> None:
     socket = FullSocket()
     transport = Transport({"socket": socket, "peername": peername})
     datagrams = Datagrams(transport)
-    assert datagrams.send(b"stale soon", ("127.0.0.1", 1) if peername is None else None) == "congested"
+    assert (
+        datagrams.send(b"stale soon", ("127.0.0.1", 1) if peername is None else None) == "congested"
+    )
     assert transport.kept == []
     datagrams.abort()
     assert socket.closed
@@ -403,8 +449,11 @@ async def test_an_autopilot_that_is_back_takes_newer_commands_only_if_commanded_
 
 
 @in_real_time
-async def test_a_program_that_stood_still_reads_what_waits_before_anything_of_a_bring_down_leaves() -> None:
-    """One datagram is read in each turn of the event loop; the last of these tells that somebody else has taken it."""
+async def test_a_program_that_stood_still_reads_what_waits_before_its_bring_down() -> None:
+    """One datagram is read in each turn of the event loop.
+
+    The last of these tells that somebody else has taken it.
+    """
     left: list[Command | Segment] = []
     waiting, read = 5, 0
     loop, deadman = asyncio.get_running_loop(), Deadman()

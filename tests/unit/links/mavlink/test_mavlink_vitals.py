@@ -1,4 +1,6 @@
-"""What an autopilot tells of itself: mode names of both firmwares, its battery, and its pre-arm checks."""
+"""What an autopilot tells of itself: mode names of both firmwares, its battery, and its pre-arm
+checks.
+"""
 
 from typing import Any
 
@@ -72,7 +74,13 @@ PREARM = 0x10000000
         (PX4, 4 << 16 | 3 << 24, 0, PREARM | 1, True),
         (PX4, 4 << 16 | 3 << 24, 0, 1, False),
         (PX4, 6 << 16, 0, PREARM, True),
-        (PX4, 6 << 16, 0, 0, None),  # in OFFBOARD it waits for set-points, which wait for the arming
+        (
+            PX4,
+            6 << 16,
+            0,
+            0,
+            None,
+        ),  # in OFFBOARD it waits for set-points, which wait for the arming
         (ARDUPILOT, 0, PREARM, PREARM, True),
         (ARDUPILOT, 4, PREARM, 0, False),
         (ARDUPILOT, 0, 0, 0, None),  # its checks are switched off
@@ -84,7 +92,11 @@ def test_pre_arm_checks_are_read_as_each_firmware_tells_them(
 ) -> None:
     vitals = Vitals()
     heartbeat = D.MAVLink_heartbeat_message(2, kind, 0x01, mode, 3, 3)
-    tell(vitals, heartbeat, D.MAVLink_sys_status_message(enabled, enabled, health, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0))
+    tell(
+        vitals,
+        heartbeat,
+        D.MAVLink_sys_status_message(enabled, enabled, health, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0),
+    )
     assert vitals.ready is ready
 
 

@@ -1,4 +1,6 @@
-"""MAVLink over each transport, in real time: nothing raises, what is lost is opened again, nothing stale leaves."""
+"""MAVLink over each transport, in real time: nothing raises, what is lost is opened again, nothing
+stale leaves.
+"""
 
 import asyncio
 import gc
@@ -29,7 +31,9 @@ ARMED = 128
 
 
 class End:
-    """The autopilot's end of one transport: it accepts everything, goes away, and comes back under the same name."""
+    """The autopilot's end of one transport: it accepts everything, goes away, and comes back under
+    the same name.
+    """
 
     def __init__(self, way: str, folder: Path) -> None:
         self.way, self.port = way, folder / "ttyACM0"
@@ -46,7 +50,11 @@ class End:
         else:
             address = parse_address(self.options.setdefault(self.way, await free_address()))
             udp = {"listen": {"remote": address}, "remote": {"local": address}}
-            opens = open_tcp(self.hear, address=address) if self.way == "tcp" else open_udp(self.hear, **udp[self.way])
+            opens = (
+                open_tcp(self.hear, address=address)
+                if self.way == "tcp"
+                else open_udp(self.hear, **udp[self.way])
+            )
             self.wire = await opens
         self.beats = asyncio.create_task(self.beating())
 
@@ -66,17 +74,27 @@ class End:
             self.heard.append(message.get_type())
             if message.get_type() == "COMMAND_LONG":
                 self.armed = self.armed or message.command == 400
-                self.put(self.codec.pack(D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190)))
+                self.put(
+                    self.codec.pack(
+                        D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190)
+                    )
+                )
 
     async def beating(self) -> None:
         """Send the heartbeat ten times a second."""
         while True:
-            self.put(self.codec.pack(D.MAVLink_heartbeat_message(2, PX4, ARMED if self.armed else 0, 0, 3, 3)))
+            self.put(
+                self.codec.pack(
+                    D.MAVLink_heartbeat_message(2, PX4, ARMED if self.armed else 0, 0, 3, 3)
+                )
+            )
             await asyncio.sleep(0.1)
 
 
 @pytest.fixture(params=["listen", "remote", "tcp", "serial"])
-def end(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[End]:
+def end(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[End]:
     monkeypatch.setattr(links.mavlink.connection, "REOPEN_S", 0.05)
     monkeypatch.setattr("links.mavlink.protocol.procedures.STREAM_S", 0.1)
     yield End(request.param, tmp_path)
@@ -99,7 +117,9 @@ def command() -> Command:
 
 @of_kind("tcp", "serial")
 @in_real_time
-async def test_a_stream_that_is_closed_or_unplugged_is_opened_again_and_waits_for_a_new_arming(end: End) -> None:
+async def test_a_stream_that_is_closed_or_unplugged_is_opened_again_and_waits_for_a_new_arming(
+    end: End,
+) -> None:
     await end.start()
     link = link_to(end)
     await link.connect()
@@ -154,7 +174,9 @@ async def test_a_port_that_another_program_has_is_told_of(end: End) -> None:
 
 @of_kind("tcp", "serial")
 @in_real_time
-async def test_a_stream_that_takes_nothing_is_reset_and_what_waits_in_it_never_arrives(end: End) -> None:
+async def test_a_stream_that_takes_nothing_is_reset_and_what_waits_in_it_never_arrives(
+    end: End,
+) -> None:
     await end.start()
     link = link_to(end)
     await link.connect()
@@ -192,7 +214,10 @@ def play(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
 
 
 def troubles(codec: MavlinkCodec, seed: int) -> Iterator[bytes]:
-    """Yield the bytes of noise, wrong baud rates, collisions and strangers; a whole frame among them is true."""
+    """Yield the bytes of noise, wrong baud rates, collisions and strangers.
+
+    A whole frame among them is true.
+    """
     luck = random.Random(seed)
     beat = codec.dialect.MAVLink_heartbeat_message(2, 12, ARMED, 0, 3, 3)
     for _ in range(60):

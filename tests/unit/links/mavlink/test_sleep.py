@@ -1,4 +1,6 @@
-"""A computer that sleeps: its monotonic clock stands still, and what was fresh before would pass for fresh after."""
+"""A computer that sleeps: its monotonic clock stands still, and what was fresh before would pass
+for fresh after.
+"""
 
 import asyncio
 import sys
@@ -61,7 +63,9 @@ def test_it_is_told_how_long_the_computer_slept_since_the_watch_began(lid: Lid) 
     assert Sleep(time.monotonic).slept_s == 0.0
 
 
-def test_a_program_that_stands_still_between_two_looks_at_the_clocks_has_not_slept(lid: Lid) -> None:
+def test_a_program_that_stands_still_between_two_looks_at_the_clocks_has_not_slept(
+    lid: Lid,
+) -> None:
     lid.less_s = [5.0, 0.0]
     sleep = Sleep(time.monotonic)
     assert sleep.slept_s == 0.0
@@ -102,7 +106,7 @@ def set_points(autopilot: Endpoint) -> int:
 
 
 @scene()
-async def test_nothing_more_leaves_over_mavlink_when_the_computer_wakes_and_a_new_arming_begins_anew(
+async def test_nothing_more_leaves_over_mavlink_when_the_computer_wakes(
     link: MavlinkLink, autopilot: Endpoint, lid: Lid
 ) -> None:
     await link.arm(lambda: command(0.0))
@@ -136,7 +140,9 @@ async def test_a_bring_down_that_was_slept_through_is_not_played_to_its_end(
 
 
 @scene()
-async def test_an_arming_that_was_slept_through_is_taken_back(link: MavlinkLink, autopilot: Endpoint, lid: Lid) -> None:
+async def test_an_arming_that_was_slept_through_is_taken_back(
+    link: MavlinkLink, autopilot: Endpoint, lid: Lid
+) -> None:
     autopilot.answer = lambda message: []
     arming = asyncio.create_task(link.arm(lambda: command(0.0)))
     await asyncio.sleep(0.3)

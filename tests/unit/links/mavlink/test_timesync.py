@@ -13,7 +13,9 @@ OFFSET_S = -1234.5
 
 def trip(sync: Timesync, now_s: float, there_s: float, back_s: float) -> bool:
     ours = sync.ask(now_s)
-    return sync.take_answer(int((now_s + there_s + OFFSET_S + 2000.0) * 1e9), ours, now_s + there_s + back_s)
+    return sync.take_answer(
+        int((now_s + there_s + OFFSET_S + 2000.0) * 1e9), ours, now_s + there_s + back_s
+    )
 
 
 def test_an_even_trip_tells_the_clock_exactly() -> None:
@@ -24,8 +26,12 @@ def test_an_even_trip_tells_the_clock_exactly() -> None:
     assert sync.best.offset_s == pytest.approx(OFFSET_S + 2000.0, abs=1e-6)
 
 
-@given(st.lists(st.tuples(st.floats(0.001, 0.2), st.floats(0.001, 0.2)), min_size=1, max_size=NEWEST))
-def test_the_clock_is_wrong_by_at_most_half_the_shortest_trip(trips: list[tuple[float, float]]) -> None:
+@given(
+    st.lists(st.tuples(st.floats(0.001, 0.2), st.floats(0.001, 0.2)), min_size=1, max_size=NEWEST)
+)
+def test_the_clock_is_wrong_by_at_most_half_the_shortest_trip(
+    trips: list[tuple[float, float]],
+) -> None:
     sync = Timesync()
     for n, (there, back) in enumerate(trips):
         assert trip(sync, 1.0 + n, there, back)

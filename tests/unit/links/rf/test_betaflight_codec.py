@@ -27,7 +27,8 @@ MSP = [
     ),
     (b"$M!\x00\xff\xff", 255, b"", False),
 ]
-"""Frame by the document, command, payload, and whether the board knows it; None where it is from us."""
+"""Frame by the document, command, payload, and whether the board knows it; None where it is from
+us."""
 
 
 @pytest.mark.parametrize(("frame", "command", "payload", "known"), MSP)
@@ -57,24 +58,30 @@ def test_whatever_a_command_line_says_what_is_found_can_be_said_again(said: str)
 
 def test_settings_are_found_in_what_the_command_line_says() -> None:
     said = (
-        "get rates_type\r\nrates_type = ACTUAL\r\nAllowed values: BETAFLIGHT, RACEFLIGHT, KISS, ACTUAL, QUICK\r\n"
-        "Default value: BETAFLIGHT\r\naux 3 1 0 900 2100 0 0\r\nrxrange 2 988 2012\r\nmap AETR1234\r\n\r\n"
-        "rxfail 3 a\r\nrxfail 4 s 1000\r\nrxfail 5 h\r\n"
-        "thr_mid = 50\r\nboard_name = nan\r\n# "
+        "get rates_type\r\nrates_type = ACTUAL\r\nAllowed values: BETAFLIGHT, RACEFLIGHT, KISS, "
+        "ACTUAL, QUICK\r\nDefault value: BETAFLIGHT\r\naux 3 1 0 900 2100 0 0\r\nrxrange 2 988 "
+        "2012\r\nmap AETR1234\r\n\r\nrxfail 3 a\r\nrxfail 4 s 1000\r\nrxfail 5 h\r\nthr_mid = "
+        "50\r\nboard_name = nan\r\n# "
     )
     assert find_settings(said) == {
         "rates_type": "ACTUAL", "thr_mid": 50.0, "board_name": "nan", "aux 3": "1 0 900 2100 0 0",
-        "rxrange 2": "988 2012", "map": "AETR1234", "rxfail 3": "a", "rxfail 4": "s 1000", "rxfail 5": "h",
+        "rxrange 2": "988 2012", "map": "AETR1234", "rxfail 3": "a", "rxfail 4": "s 1000",
+        "rxfail 5": "h",
     }  # fmt: skip
 
 
 def test_a_board_s_map_follows_ours() -> None:
     swapped = ChannelMap(
-        thrust=Throttle(channel=1), roll=Stick(channel=6), pitch=Stick(channel=2), yaw=Stick(channel=3)
+        thrust=Throttle(channel=1),
+        roll=Stick(channel=6),
+        pitch=Stick(channel=2),
+        yaw=Stick(channel=3),
     )
     assert describe_pulses(CrsfLinkConfig(map=swapped)) == (512.0, "TER12A34")
     with pytest.raises(ValueError, match="channels 1 to 8"):
-        describe_pulses(CrsfLinkConfig(map=ChannelMap(roll=Stick(channel=9), arm=ArmSwitch(channel=5))))
+        describe_pulses(
+            CrsfLinkConfig(map=ChannelMap(roll=Stick(channel=9), arm=ArmSwitch(channel=5)))
+        )
 
 
 def test_a_request_has_these_bytes_and_at_most_255_of_payload() -> None:
@@ -100,8 +107,14 @@ def test_a_frame_with_any_byte_wrong_is_dropped_and_the_one_behind_it_is_read() 
 @pytest.mark.parametrize(
     ("answer", "refusal"),
     [
-        ("set x = 1\r\n###ERROR IN set: INVALID NAME: x###\r\n# ", "###ERROR IN set: INVALID NAME: x###"),
-        ("set x = 900\r\nInvalid value. Allowed range: 0 - 100\r\n", "Invalid value. Allowed range: 0 - 100"),
+        (
+            "set x = 1\r\n###ERROR IN set: INVALID NAME: x###\r\n# ",
+            "###ERROR IN set: INVALID NAME: x###",
+        ),
+        (
+            "set x = 900\r\nInvalid value. Allowed range: 0 - 100\r\n",
+            "Invalid value. Allowed range: 0 - 100",
+        ),
         ("bogus\r\nUnknown command, try 'help'\r\n", "Unknown command, try 'help'"),
         ("invalid\r\nx set to 1\r\n", None),  # the echo is ours
         ("set x = 1\r\nx set to 1\r\n# ", None),
@@ -120,7 +133,9 @@ def test_a_refusal_is_a_line_behind_the_echo(answer: str, refusal: str | None) -
         ("map", "AETR1234", "map AETR1234"),
     ],
 )
-def test_a_setting_is_changed_by_the_line_that_its_kind_has(name: str, value: float | str, line: str) -> None:
+def test_a_setting_is_changed_by_the_line_that_its_kind_has(
+    name: str, value: float | str, line: str
+) -> None:
     assert describe_change(name, value) == line
 
 

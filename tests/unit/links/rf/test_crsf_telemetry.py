@@ -1,4 +1,7 @@
-"""What comes back through a CRSF module, by the words of its document; and how it steers the pacer."""
+"""What comes back through a CRSF module, by the words of its document.
+
+And how it steers the pacer.
+"""
 
 import math
 import struct
@@ -32,7 +35,9 @@ def frame(kind: int, payload: bytes) -> bytes:
 
 
 def timing(early_s: float, period_s: float = 0.004) -> bytes:
-    return frame(0x3A, b"\xea\xee\x10" + struct.pack(">Ii", round(1e7 * period_s), round(1e7 * early_s)))
+    return frame(
+        0x3A, b"\xea\xee\x10" + struct.pack(">Ii", round(1e7 * period_s), round(1e7 * early_s))
+    )
 
 
 BATTERY = frame(0x08, bytes.fromhex("00A8 0011 000123 32"))
@@ -49,7 +54,10 @@ LINK = frame(0x14, bytes((60, 0, 99, 0xFB, 0, 2, 3, 70, 98, 7)))
             frame(0x14, bytes((80, 60, 99, 0x80, *bytes(6)))),
             RfTelemetry(uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=-128),
         ),
-        (frame(0x1E, struct.pack(">hhh", -1000, 2000, 31000)), RfTelemetry(attitude=so3.from_euler_zyx(0.2, 0.1, 3.1))),
+        (
+            frame(0x1E, struct.pack(">hhh", -1000, 2000, 31000)),
+            RfTelemetry(attitude=so3.from_euler_zyx(0.2, 0.1, 3.1)),
+        ),
         (frame(0x21, b"ACRO*\0rest"), RfTelemetry(mode="ACRO*")),
         (timing(-0.00012), RfTelemetry(early_s=-0.00012)),
     ],
@@ -63,11 +71,19 @@ def test_frames_are_read_as_their_document_says(data: bytes, tells: RfTelemetry)
 
 
 @given(st.sampled_from([0x08, 0x14, 0x1E, 0x21, 0x3A]), st.binary(max_size=60))
-def test_whatever_they_hold_nothing_raises_and_every_number_is_finite(kind: int, payload: bytes) -> None:
+def test_whatever_they_hold_nothing_raises_and_every_number_is_finite(
+    kind: int, payload: bytes
+) -> None:
     (heard,) = CrsfLinkConfig().codec().decoder().feed(frame(kind, payload))
     if heard.tells is not None:
         told = heard.tells
-        numbers = (told.battery_v, told.battery_share, told.uplink_share, told.early_s, *(told.attitude or ()))
+        numbers = (
+            told.battery_v,
+            told.battery_share,
+            told.uplink_share,
+            told.early_s,
+            *(told.attitude or ()),
+        )
         assert all(math.isfinite(number) for number in numbers if number is not None)
 
 
@@ -100,13 +116,17 @@ def test_a_bridge_s_attitude_is_of_the_stations_own_clock() -> None:
     bench.port.comes = encode_attitude(0.0, 0.1, 0.0)
     bench.frame()
     there = bench.pacer.report(bench.now)
-    end = StationEnd(bytes(32), Welcome(bytes(16), bytes(16), 0.0, CrsfLinkConfig().manner, there), 0.0)
+    end = StationEnd(
+        bytes(32), Welcome(bytes(16), bytes(16), 0.0, CrsfLinkConfig().manner, there), 0.0
+    )
     end._clock.narrow(99.0, 101.0, 0.0)
     here = end.ours(there)
     assert there.telemetry.attitude_s is not None
     assert here.telemetry.attitude_s == pytest.approx(there.telemetry.attitude_s + 100.0, abs=1e-3)
     assert here.telemetry.attitude == there.telemetry.attitude
-    assert end.ours(msgspec.structs.replace(there, telemetry=RfTelemetry())).telemetry == RfTelemetry()
+    assert (
+        end.ours(msgspec.structs.replace(there, telemetry=RfTelemetry())).telemetry == RfTelemetry()
+    )
 
 
 def test_what_is_told_is_reported_and_forgotten_after_a_while() -> None:
@@ -120,7 +140,9 @@ def test_what_is_told_is_reported_and_forgotten_after_a_while() -> None:
 
 
 @pytest.mark.parametrize("early_s", [0.0011, -0.0007])
-def test_the_pacer_meets_the_modules_phase_by_two_percent_of_a_period_a_frame(early_s: float) -> None:
+def test_the_pacer_meets_the_modules_phase_by_two_percent_of_a_period_a_frame(
+    early_s: float,
+) -> None:
     bench = Bench(CrsfLinkConfig())
     bench.port.comes = timing(early_s)
     bench.frame()
@@ -133,7 +155,10 @@ def test_the_pacer_meets_the_modules_phase_by_two_percent_of_a_period_a_frame(ea
 
 
 def test_no_deadline_moves_however_the_frames_are_steered() -> None:
-    """The module asks for later frames all the time; what a command may do ends when it would without."""
+    """The module asks for later frames all the time.
+
+    What a command may do ends when it would without.
+    """
     config = CrsfLinkConfig(arm_low_s=0.0, arm_high_s=0.01)
     ends = []
     for asks in (b"", timing(0.0019)):
@@ -141,7 +166,9 @@ def test_no_deadline_moves_however_the_frames_are_steered() -> None:
         pacer = FramePacer(config, 2.0, port, now)
         channels = Channels(config.map, count=16, thrust_max_n=2.0)
         pacer.order(Arm(1, now), now)
-        command = Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.1, (Segment(0.05, 0.5, (0.0, 0.0, 0.0)),))
+        command = Command(
+            1.0, (0.0, 0.0, 0.0), 1, now, now + 0.1, (Segment(0.05, 0.5, (0.0, 0.0, 0.0)),)
+        )
         pacer.order(Give(1, command), now)
         lifted_s = now
         while now < 101.0:

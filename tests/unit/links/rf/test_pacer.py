@@ -1,4 +1,6 @@
-"""What leaves at each frame, by the pacer's rules alone: no process, no clock, and a port that writes down."""
+"""What leaves at each frame, by the pacer's rules alone: no process, no clock, and a port that
+writes down.
+"""
 
 import math
 from collections.abc import Callable
@@ -100,7 +102,10 @@ class Bench:
 
     def thrusts(self, count: int) -> list[float]:
         """The thrust [N] of each of ``count`` frames."""
-        return [math.nan if one is None else round(one.thrust_n, 1) for one in (self.frame() for _ in range(count))]
+        return [
+            math.nan if one is None else round(one.thrust_n, 1)
+            for one in (self.frame() for _ in range(count))
+        ]
 
     def end(self, *, orphaned: bool, after_s: float) -> None:
         """Its commander ends, or asks for the end ``after_s`` the bring-down."""
@@ -160,10 +165,14 @@ def test_arming_shows_the_switch_down_then_up_and_the_throttle_down_until_it_is_
     assert switch.count(False) == pytest.approx(CONFIG.arm_low_s / PERIOD_S, abs=1.1)
     down = [sticks is not None and sticks.thrust_n == 0.0 for sticks in seen]
     assert down == sorted(down, reverse=True), "and then obeys"
-    assert down.count(True) == pytest.approx((CONFIG.arm_low_s + CONFIG.arm_high_s) / PERIOD_S, abs=1.1)
+    assert down.count(True) == pytest.approx(
+        (CONFIG.arm_low_s + CONFIG.arm_high_s) / PERIOD_S, abs=1.1
+    )
 
 
-def test_a_command_leaves_until_its_deadline_then_its_bring_down_then_disarm_frames_for_ever() -> None:
+def test_a_command_leaves_until_its_deadline_then_its_bring_down_then_disarm_frames_for_ever() -> (
+    None
+):
     bench = flying()
     assert bench.thrusts(33) == [1.5] * 11 + [0.8] * 22
     assert all(map(is_disarm, bench.flown(4.0)))
@@ -206,7 +215,9 @@ def test_a_frame_that_is_late_says_what_is_true_when_it_leaves() -> None:
     bench.pacer.prepare(bench.now + PERIOD_S)
     bench.pacer.leave(bench.now + PERIOD_S + 0.004)
     bench.now += 2 * PERIOD_S
-    assert is_disarm(bench._channels.read(bench._decoder.feed(bench.port.frames[-1])[0].positions or ()))
+    assert is_disarm(
+        bench._channels.read(bench._decoder.feed(bench.port.frames[-1])[0].positions or ())
+    )
 
 
 def test_an_unplugged_port_disarms_and_is_opened_again_within_half_a_second() -> None:
@@ -279,15 +290,23 @@ def test_an_orphan_never_finishes_an_arming(when_s: float) -> None:
 def test_a_command_that_is_no_number_is_counted_and_changes_nothing() -> None:
     bench = Bench()
     bench.arm()
-    bad = msgspec.structs.replace(Command(1.0, (0.0, 0.0, 0.0), 1, bench.now, bench.now + 0.25), thrust_n=math.nan)
+    bad = msgspec.structs.replace(
+        Command(1.0, (0.0, 0.0, 0.0), 1, bench.now, bench.now + 0.25), thrust_n=math.nan
+    )
     bench.pacer.order(Give(1, bad), bench.now)
     assert bench.pacer.report(bench.now).dropped == {"bad_command": 1}
     assert lifting(bench.frame())
 
 
 @settings(max_examples=60)
-@given(st.lists(st.sampled_from(["give", "late", "stop", "arm", "end", "wait", "gone", "back"]), max_size=60))
-def test_whatever_is_ordered_nothing_lifts_without_an_arming_and_a_fresh_command(orders: list[str]) -> None:
+@given(
+    st.lists(
+        st.sampled_from(["give", "late", "stop", "arm", "end", "wait", "gone", "back"]), max_size=60
+    )
+)
+def test_whatever_is_ordered_nothing_lifts_without_an_arming_and_a_fresh_command(
+    orders: list[str],
+) -> None:
     bench = Bench()
     armed_s = fresh_s = -math.inf
     for order in orders:
@@ -297,7 +316,8 @@ def test_whatever_is_ordered_nothing_lifts_without_an_arming_and_a_fresh_command
                 fresh_s = bench.now
             case "late":
                 bench.pacer.order(
-                    Give(1, Command(1.9, (0.0, 0.0, 0.0), 1, bench.now - 1.0, bench.now - 0.1)), bench.now
+                    Give(1, Command(1.9, (0.0, 0.0, 0.0), 1, bench.now - 1.0, bench.now - 0.1)),
+                    bench.now,
                 )
             case "stop":
                 bench.pacer.order(Stop(), bench.now)
@@ -321,7 +341,9 @@ def test_whatever_is_ordered_nothing_lifts_without_an_arming_and_a_fresh_command
             assert bench.now >= armed_s + CONFIG.arm_low_s + CONFIG.arm_high_s
             assert bench.now <= fresh_s + 0.25 + 0.5 + 1e-6
             assert sticks is not None
-            assert sticks.thrust_n == pytest.approx(1.5, abs=0.01) or sticks.thrust_n == pytest.approx(0.8, abs=0.01)
+            assert sticks.thrust_n == pytest.approx(
+                1.5, abs=0.01
+            ) or sticks.thrust_n == pytest.approx(0.8, abs=0.01)
 
 
 # ---- what comes in time, and what comes after the end
@@ -334,9 +356,12 @@ def test_a_command_that_came_in_time_counts_though_it_is_looked_for_only_once_a_
     short = Command(1.5, (0.0, 0.0, 0.0), 1, bench.now, bench.now + 1.5 * PERIOD_S, (DOWN,))
     bench.pacer.order(Give(1, short), bench.now)
     bench.frame()
-    # Its deadline passes half-way to the next frame; the one that replaces it is only seen just before that.
+    # Its deadline passes half-way to the next frame; the one that replaces it is only seen just
+    # before that.
     look_s = bench.now + 0.9 * PERIOD_S
-    bench.pacer.order(Give(1, Command(1.2, (0.0, 0.0, 0.0), 2, look_s, look_s + 0.25, (DOWN,))), look_s)
+    bench.pacer.order(
+        Give(1, Command(1.2, (0.0, 0.0, 0.0), 2, look_s, look_s + 0.25, (DOWN,))), look_s
+    )
     sticks = bench.frame()
     assert sticks is not None and sticks.thrust_n == pytest.approx(1.2, abs=0.01)
     assert bench.pacer.report(bench.now).refused == 0
@@ -434,7 +459,9 @@ def stopped() -> Bench:
 
 
 @pytest.mark.parametrize("before", [arming, stopped])
-def test_one_that_takes_over_in_the_midst_of_an_arming_or_after_a_stop_disarms(before: Callable[[], Bench]) -> None:
+def test_one_that_takes_over_in_the_midst_of_an_arming_or_after_a_stop_disarms(
+    before: Callable[[], Bench],
+) -> None:
     assert all(map(is_disarm, heir_of(before(), PERIOD_S).flown(1.0)))
 
 

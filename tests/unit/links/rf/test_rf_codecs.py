@@ -1,4 +1,6 @@
-"""Both codecs of serial RF modules against frames that others documented, and what they do with garbage."""
+"""Both codecs of serial RF modules against frames that others documented, and what they do with
+garbage.
+"""
 
 import pytest
 
@@ -24,7 +26,11 @@ def test_the_reader_finds_what_the_golden_frame_says(row: Row) -> None:
 @row
 def test_the_writer_gives_the_golden_frame_byte_for_byte(row: Row) -> None:
     if row.positions is None:
-        written = row.codec.greeting() if row.service is None else row.codec.encode([0.0] * 16, row.service)
+        written = (
+            row.codec.greeting()
+            if row.service is None
+            else row.codec.encode([0.0] * 16, row.service)
+        )
     else:
         written = row.codec.encode(row.positions, row.service)
     assert written.hex(" ") == row.frame.hex(" ")

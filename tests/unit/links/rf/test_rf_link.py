@@ -29,7 +29,9 @@ class Room(RfRoom):
 
 
 @contextlib.asynccontextmanager
-async def room(config: DsmLinkConfig | CrsfLinkConfig = CONFIG, *, armed: bool = False) -> AsyncIterator[Room]:
+async def room(
+    config: DsmLinkConfig | CrsfLinkConfig = CONFIG, *, armed: bool = False
+) -> AsyncIterator[Room]:
     it = Room(config)
     peer = asyncio.create_task(it.peer.run())
     try:
@@ -52,7 +54,9 @@ async def test_arming_takes_its_stated_time_and_returns_just_ahead_of_a_frame() 
         begun = loop.time()
         await it.link.arm(idle)
         took = loop.time() - begun
-        assert took == pytest.approx(CONFIG.arm_low_s + CONFIG.arm_high_s, abs=2.1 * CONFIG.period_s)
+        assert took == pytest.approx(
+            CONFIG.arm_low_s + CONFIG.arm_high_s, abs=2.1 * CONFIG.period_s
+        )
         assert it.receiver.armed
         it.link.send(command(1.0))
         await asyncio.sleep(CONFIG.lead_s + CONFIG.frame_s + 1e-6)

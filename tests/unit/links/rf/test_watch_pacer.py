@@ -24,7 +24,10 @@ def watching(period_s: float) -> StandbyWatch:
 
 
 def looks(watch: StandbyWatch, *, late_s: float = 0.0, vouched_s: float = 10.0) -> float | None:
-    """Look whenever it is time, by a pacer that vouched last at ``vouched_s``; when it is convicted."""
+    """Look whenever it is time, by a pacer that vouched last at ``vouched_s``.
+
+    When it is convicted.
+    """
     now = 10.0
     for _ in range(100):
         if watch.look(now + late_s, vouched_s):
@@ -61,7 +64,9 @@ def test_frames_far_apart_are_waited_for() -> None:
     assert convicted is not None and convicted > 10.15
 
 
-def test_a_pacer_that_has_not_begun_or_vouches_ahead_is_waited_for_and_looked_at_all_the_same() -> None:
+def test_a_pacer_that_has_not_begun_or_vouches_ahead_is_waited_for_and_looked_at_all_the_same() -> (
+    None
+):
     assert looks(watching(0.0225), vouched_s=0.0) is None
     watch = watching(0.0225)
     assert not watch.look(10.0, 12.0)
@@ -102,7 +107,9 @@ def test_a_port_is_held_in_common_and_let_go_in_common() -> None:
     locked = Path(f"/proc/self/fdinfo/{held.fd}").read_text()
     assert "lock:" in locked
     port.close()
-    assert "lock:" not in Path(f"/proc/self/fdinfo/{held.fd}").read_text(), "who opens it again is not kept out"
+    assert "lock:" not in Path(f"/proc/self/fdinfo/{held.fd}").read_text(), (
+        "who opens it again is not kept out"
+    )
     held.hear()
     assert held.fd is None
     theirs.close()

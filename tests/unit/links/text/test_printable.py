@@ -1,4 +1,6 @@
-"""Whatever others say, it reaches the screen as letters: nothing steers the terminal, forges a line or a style."""
+"""Whatever others say, it reaches the screen as letters: nothing steers the terminal, forges a line
+or a style.
+"""
 
 import argparse
 import os

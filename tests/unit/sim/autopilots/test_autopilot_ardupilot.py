@@ -15,11 +15,15 @@ class CopterFlight(Flight):
     """Flight of a simulated ArduCopter."""
 
     def __init__(self, airframe: Brick | None = None, **parameters: float) -> None:
-        super().__init__(airframe or Brick(5.0, held=True), ArduPilotAutopilot, parameters=parameters)
+        super().__init__(
+            airframe or Brick(5.0, held=True), ArduPilotAutopilot, parameters=parameters
+        )
 
     def masked(self, mask: int, thrust: float = 0.5) -> None:
         target = self.codec.dialect.MAVLink_set_attitude_target_message
-        self.send(self.codec.pack(target(0, 1, 1, mask, (1.0, 0.0, 0.0, 0.0), 0.1, 0.2, 0.3, thrust)))
+        self.send(
+            self.codec.pack(target(0, 1, 1, mask, (1.0, 0.0, 0.0, 0.0), 0.1, 0.2, 0.3, thrust))
+        )
 
     def arm(self) -> "CopterFlight":
         assert self.command(MavCommand.DO_SET_MODE, 1.0, float(CopterMode.GUIDED)) == 0

@@ -13,7 +13,9 @@ THEIRS = ("127.0.0.1", 14580)
 
 
 class Port:
-    """The firmware's port, at whose other end PX4 answers a TIMESYNC behind some telemetry, where it ``answers``."""
+    """The firmware's port, at whose other end PX4 answers a TIMESYNC behind some telemetry, where
+    it ``answers``.
+    """
 
     def __init__(self) -> None:
         self.answers = True
@@ -59,7 +61,9 @@ def firmware(tmp_path: Path, port: Port, monkeypatch: pytest.MonkeyPatch) -> Px4
     return one
 
 
-def test_the_plant_waits_until_its_thread_has_taken_what_was_said(firmware: Px4, port: Port) -> None:
+def test_the_plant_waits_until_its_thread_has_taken_what_was_said(
+    firmware: Px4, port: Port
+) -> None:
     port.waits.append(b"first")
     assert firmware.hear() == [b"first"]
     firmware.say_all([b"one", b"two"])
@@ -68,7 +72,9 @@ def test_the_plant_waits_until_its_thread_has_taken_what_was_said(firmware: Px4,
     assert firmware.hear() == [b"telemetry"], "the answer is ours alone"
 
 
-def test_a_thread_that_sleeps_in_the_plants_time_is_not_waited_for(firmware: Px4, port: Port) -> None:
+def test_a_thread_that_sleeps_in_the_plants_time_is_not_waited_for(
+    firmware: Px4, port: Port
+) -> None:
     port.waits.append(b"first")
     firmware.hear()
     port.answers = False

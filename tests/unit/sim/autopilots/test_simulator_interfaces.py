@@ -1,4 +1,6 @@
-"""Simulator interfaces of PX4 and ArduPilot: golden bytes of each message, the noise of sensors, parameter files."""
+"""Simulator interfaces of PX4 and ArduPilot: golden bytes of each message, the noise of sensors,
+parameter files.
+"""
 
 import statistics
 from collections.abc import Callable
@@ -15,7 +17,13 @@ from sim.autopilots.px4 import Outputs, SimulatorCodec
 from sim.world import TrueState, generator, rows
 
 STATE = TrueState(
-    2.5, (1.0, -2.0, -1.5), (0.25, 0.5, -0.125), (1.0, 0.0, 0.0, 0.0), (0.5, -0.25, 0.125), 9.81, on_ground=False
+    2.5,
+    (1.0, -2.0, -1.5),
+    (0.25, 0.5, -0.125),
+    (1.0, 0.0, 0.0, 0.0),
+    (0.5, -0.25, 0.125),
+    9.81,
+    on_ground=False,
 )
 FORCE: Vec3 = (0.5, -0.25, -9.75)
 QUIET = (0.0,) * 10
@@ -31,7 +39,9 @@ def test_hil_sensor_has_its_golden_bytes() -> None:
 
 def test_motor_outputs_are_read_from_golden_bytes() -> None:
     frame = bytes.fromhex(
-        "fd5100000001015d0000e0510f000000000001000000000000000000003f0000803e0000403f0000803f" + "00" * 48 + "81d1be"
+        "fd5100000001015d0000e0510f000000000001000000000000000000003f0000803e0000403f0000803f"
+        + "00" * 48
+        + "81d1be"
     )
     assert list(SimulatorCodec().feed(frame)) == [Outputs(1_004_000, True, (0.5, 0.25, 0.75, 1.0))]
 
@@ -40,45 +50,64 @@ def test_servo_outputs_are_read_from_golden_bytes() -> None:
     few = bytes.fromhex("1a48900107000000e803e204dc05d007" + "00" * 24)
     servos = ardupilot.read_servos(few)
     assert servos is not None
-    assert (servos.rate_hz, servos.frame, servos.pulses_us[:4]) == (400, 7, (1000, 1250, 1500, 2000))
+    assert (servos.rate_hz, servos.frame, servos.pulses_us[:4]) == (
+        400,
+        7,
+        (1000, 1250, 1500, 2000),
+    )
     assert servos.motors == (0.0, 0.25, 0.5, 1.0)
     many = bytes.fromhex("8173900107000000e803e204dc05d007" + "00" * 56)
     assert ardupilot.read_servos(many) == servos._replace(pulses_us=(*servos.pulses_us, *[0] * 16))
 
 
-@pytest.mark.parametrize("packet", [b"", b"\x1a\x48", bytes.fromhex("1b48900107000000") + bytes(32), bytes(40)])
+@pytest.mark.parametrize(
+    "packet", [b"", b"\x1a\x48", bytes.fromhex("1b48900107000000") + bytes(32), bytes(40)]
+)
 def test_what_is_no_servo_packet_is_none(packet: bytes) -> None:
     assert ardupilot.read_servos(packet) is None
 
 
 def test_the_state_for_ardupilot_has_its_golden_bytes() -> None:
     assert ardupilot.write_state(2.5, STATE, FORCE) == (
-        b'\n{"timestamp":2.5, "imu":{"gyro":[0.5, -0.25, 0.125], "accel_body":[0.5, -0.25, -9.75]}, '
-        b'"position":[1.0, -2.0, -1.5], "quaternion":[1.0, 0.0, 0.0, 0.0], "velocity":[0.25, 0.5, -0.125], '
-        b'"no_time_sync":1}\n'
+        b'\n{"timestamp":2.5, "imu":{"gyro":[0.5, -0.25, 0.125], "accel_body":[0.5, -0.25, '
+        b'-9.75]}, "position":[1.0, -2.0, -1.5], "quaternion":[1.0, 0.0, 0.0, 0.0], '
+        b'"velocity":[0.25, 0.5, -0.125], "no_time_sync":1}\n'
     )
 
 
 @pytest.mark.parametrize("thrust_n", [0.0, 9.81])
 def test_sensors_of_px4_have_the_noise_of_its_own_simulator(thrust_n: float) -> None:
     codec, reader = SimulatorCodec(), MavlinkCodec(1, 1)
-    state = TrueState(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), thrust_n, True)
+    state = TrueState(
+        0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), thrust_n, True
+    )
     noise = rows(generator(0, "test").standard_normal, 10)
-    frames = [codec.pack_sensors(4000 * k, state, (0.0, 0.0, -9.81), next(noise), k) for k in range(2000)]
+    frames = [
+        codec.pack_sensors(4000 * k, state, (0.0, 0.0, -9.81), next(noise), k) for k in range(2000)
+    ]
     seen = [message for frame in frames for message in reader.feed(frame)]
     expected = {
-        "xacc": 0.5 if thrust_n else 0.1, "yacc": 1.7 if thrust_n else 0.1, "zacc": 1.4 if thrust_n else 0.1,
-        "xgyro": 0.14 if thrust_n else 0.01, "ygyro": 0.07 if thrust_n else 0.01, "zgyro": 0.03 if thrust_n else 0.01,
+        "xacc": 0.5 if thrust_n else 0.1, "yacc": 1.7 if thrust_n else 0.1,
+        "zacc": 1.4 if thrust_n else 0.1,
+        "xgyro": 0.14 if thrust_n else 0.01, "ygyro": 0.07 if thrust_n else 0.01,
+        "zgyro": 0.03 if thrust_n else 0.01,
         "xmag": 0.02, "ymag": 0.02, "zmag": 0.03, "abs_pressure": 0.01,
     }  # fmt: skip
     for field, sigma in expected.items():
-        assert statistics.stdev(getattr(one, field) for one in seen) == pytest.approx(sigma, rel=0.06), field
-    assert statistics.mean(one.zacc for one in seen) == pytest.approx(-9.81, abs=0.1), "it shows gravity"
+        assert statistics.stdev(getattr(one, field) for one in seen) == pytest.approx(
+            sigma, rel=0.06
+        ), field
+    assert statistics.mean(one.zacc for one in seen) == pytest.approx(-9.81, abs=0.1), (
+        "it shows gravity"
+    )
 
 
 def test_slower_sensors_are_new_at_their_own_rates() -> None:
     codec, reader = SimulatorCodec(), MavlinkCodec(1, 1)
-    fields = [reader.feed(codec.pack_sensors(4000 * k, STATE, FORCE, QUIET, k))[0].fields_updated for k in range(250)]
+    fields = [
+        reader.feed(codec.pack_sensors(4000 * k, STATE, FORCE, QUIET, k))[0].fields_updated
+        for k in range(250)
+    ]
     assert sum(bool(one & 0b111111) for one in fields) == 250, "accelerometer and gyro"
     assert sum(bool(one & 0b111000000) for one in fields) == 125, "magnetometer"
     assert sum(bool(one & 0b1101000000000) for one in fields) == 50, "barometer"
@@ -88,12 +117,18 @@ def test_slower_sensors_are_new_at_their_own_rates() -> None:
 def test_every_parameter_has_a_number_and_a_reason_and_is_told_once(name: str) -> None:
     told = read_parameters(name)
     assert len({one.name for one in told}) == len(told) > 20
-    assert all(float(one.value) == float(one.value) and len(one.name) <= 16 and one.reason for one in told)
+    assert all(
+        float(one.value) == float(one.value) and len(one.name) <= 16 and one.reason for one in told
+    )
 
 
-@pytest.mark.parametrize(("find", "key"), [(px4.find_program, "--px4"), (ardupilot.find_program, "--ardupilot")])
+@pytest.mark.parametrize(
+    ("find", "key"), [(px4.find_program, "--px4"), (ardupilot.find_program, "--ardupilot")]
+)
 def test_a_folder_in_which_nothing_was_built_is_one_sentence(
     find: Callable[[Path], Path], key: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(ConfigError, match=f"{key}: expected a folder in which .* there is no {tmp_path}"):
+    with pytest.raises(
+        ConfigError, match=f"{key}: expected a folder in which .* there is no {tmp_path}"
+    ):
         find(tmp_path)

@@ -8,7 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.__main__ import COMMANDS as FLYING, GONE, MOVED, main as flying_main, parser as flying_parser
+from groundstation.__main__ import (
+    COMMANDS as FLYING,
+    GONE,
+    MOVED,
+    main as flying_main,
+    parser as flying_parser,
+)
 from groundstation.config import ArgumentError, ConfigError, load
 from groundstation.interfaces.cli import commands as flying
 from groundstation.recording.records import MAGIC
@@ -33,9 +39,14 @@ def test_help_lists_few_commands_in_groups(groups: Groups, names: int, most: int
     assert all(f"\n  {name} " in shown for name in listed)
 
 
-@pytest.mark.parametrize(("program", "moved"), [("groundstation", MOVED), ("groundstation-sim", SIM_MOVED)])
+@pytest.mark.parametrize(
+    ("program", "moved"), [("groundstation", MOVED), ("groundstation-sim", SIM_MOVED)]
+)
 def test_an_old_spelling_is_the_command_of_today_with_a_line_of_advice(
-    program: str, moved: dict[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    program: str,
+    moved: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     main = {"groundstation": flying_main, "groundstation-sim": simulating_main}[program]
     for old, today in moved.items():
@@ -61,14 +72,29 @@ SECONDS = "expected seconds, more than 0 and at most 86400"
 @pytest.mark.parametrize(
     ("parser", "words", "complaint"),
     [
-        *((SIM, f"{command} --seed -1", f"{SEED} '-1'") for command in ("fly", "serve", "dev faults", "tune")),
+        *(
+            (SIM, f"{command} --seed -1", f"{SEED} '-1'")
+            for command in ("fly", "serve", "dev faults", "tune")
+        ),
         (SIM, "mission --seed 1.5", f"{SEED} '1.5'"),
         (SIM, "fly --seed seven", f"{SEED} 'seven'"),
-        (SIM, "campaign --first-seed -1", "--first-seed: expected a whole number, 0 or more, got '-1'"),
-        (SIM, "campaign --flights none", "--flights: expected a whole number, 1 or more, got 'none'"),
+        (
+            SIM,
+            "campaign --first-seed -1",
+            "--first-seed: expected a whole number, 0 or more, got '-1'",
+        ),
+        (
+            SIM,
+            "campaign --flights none",
+            "--flights: expected a whole number, 1 or more, got 'none'",
+        ),
         (SIM, "fly --duration long", f"--duration: {SECONDS}, got 'long'"),
         (SIM, "compare --scenarios ,", "--scenarios: expected names between commas, got ','"),
-        (SIM, "tune --gain-margin much", "--gain-margin: expected a whole number, 0 or more, got 'much'"),
+        (
+            SIM,
+            "tune --gain-margin much",
+            "--gain-margin: expected a whole number, 0 or more, got 'much'",
+        ),
         (FLY, "check lab.toml --seconds x", f"--seconds: {SECONDS}, got 'x'"),
         (FLY, "stop-all --nix", "groundstation stop-all: error: unrecognized arguments: --nix"),
         (
@@ -76,34 +102,63 @@ SECONDS = "expected seconds, more than 0 and at most 86400"
             "config show lab.toml --nix more",
             "groundstation config show: error: unrecognized arguments: --nix more",
         ),
-        (FLY, "request", "groundstation request: error: the following arguments are required: WHAT\n"),
+        (
+            FLY,
+            "request",
+            "groundstation request: error: the following arguments are required: WHAT\n",
+        ),
     ],
 )
 def test_a_value_or_a_word_that_can_not_be_is_told_beside_the_usage_of_its_command(
-    parser: Callable[[], ArgumentParser], words: str, complaint: str, capsys: pytest.CaptureFixture[str]
+    parser: Callable[[], ArgumentParser],
+    words: str,
+    complaint: str,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit) as caught:
         parser().parse_args(words.split())
     told = capsys.readouterr().err
     assert caught.value.code == 2 and complaint in told
-    assert told.startswith(f"usage: groundstation{'-sim' if parser is SIM else ''} {words.split(maxsplit=1)[0]}")
+    assert told.startswith(
+        f"usage: groundstation{'-sim' if parser is SIM else ''} {words.split(maxsplit=1)[0]}"
+    )
 
 
 @pytest.mark.parametrize(
     ("parser", "words", "says"),
     [
-        (SIM, "compare --controllers bogus", r"^--controllers: expected one of \['adaptive', .* got 'bogus'$"),
-        (SIM, "tune --report --duration 16", r"^--duration: .* more than 16 .* got 16\.0: only what is flown after"),
+        (
+            SIM,
+            "compare --controllers bogus",
+            r"^--controllers: expected one of \['adaptive', .* got 'bogus'$",
+        ),
+        (
+            SIM,
+            "tune --report --duration 16",
+            r"^--duration: .* more than 16 .* got 16\.0: only what is flown after",
+        ),
         (SIM, "compare --trials 3", "^--trials: is for --equal-margins alone: leave it out$"),
-        (SIM, "compare --equal-margins --scenarios paper", "^--scenarios: is told by --equal-margins itself"),
-        (SIM, "compare --equal-margins --controllers mine:make", "^--controllers: expected some of"),
+        (
+            SIM,
+            "compare --equal-margins --scenarios paper",
+            "^--scenarios: is told by --equal-margins itself",
+        ),
+        (
+            SIM,
+            "compare --equal-margins --controllers mine:make",
+            "^--controllers: expected some of",
+        ),
         (SIM, "serve --param FOO", "^--param: expected NAME=VALUE, got 'FOO'"),
         (SIM, "serve --param FOO=1", "^--param: expected one of "),
         (SIM, "serve --param COM_OBL_RC_ACT=much", "^--param: COM_OBL_RC_ACT=much: "),
         (FLY, "check examples/loopback.toml --seconds 3", "^--seconds: is for --watch"),
         (FLY, "logs --folder /nope", "^--folder: .*nope does not exist$"),
         (FLY, "logs --folder README.md", "^--folder: .*README.md is no folder$"),
-        (FLY, "logs /there/flight.mcap", r"^logs: expected CONFIG.toml or a folder; .*`groundstation report .*flight"),
+        (
+            FLY,
+            "logs /there/flight.mcap",
+            r"^logs: expected CONFIG.toml or a folder; .*`groundstation report .*flight",
+        ),
     ],
 )
 def test_what_can_not_be_meant_is_refused_by_its_option_before_anything_starts(
@@ -118,10 +173,18 @@ def test_what_can_not_be_meant_is_refused_by_its_option_before_anything_starts(
 @pytest.mark.parametrize(
     ("program", "line", "advice"),
     [
-        (flying_main, "export LOG.mcap --format rrd", "`groundstation view` shows a recording in Foxglove"),
+        (
+            flying_main,
+            "export LOG.mcap --format rrd",
+            "`groundstation view` shows a recording in Foxglove",
+        ),
         (flying_main, "evidence LOG.mcap --write page.md", "`--json` has the figures"),
         (flying_main, "report README.md --format=html,tex", "`--format csv` has the table"),
-        (simulating_main, "fly paper --view", "`groundstation view DIR/flight.mcap` shows the flight"),
+        (
+            simulating_main,
+            "fly paper --view",
+            "`groundstation view DIR/flight.mcap` shows the flight",
+        ),
         (simulating_main, "dev states", "`dev reference` draws its diagram"),
     ],
 )
@@ -137,7 +200,10 @@ def test_words_that_are_gone_are_followed_by_what_to_do_instead(
 def test_what_is_said_to_be_gone_is_gone(
     parser: Callable[[], ArgumentParser], gone: dict[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    refused_later = {"report --format tex", "report --format png"}  # a list of formats, which the command itself reads
+    refused_later = {
+        "report --format tex",
+        "report --format png",
+    }  # a list of formats, which the command itself reads
     for spelling in gone.keys() - refused_later:
         with pytest.raises(SystemExit, match="2"):
             parser().parse_args([*spelling.split(), "x"])
@@ -147,7 +213,9 @@ def test_what_is_said_to_be_gone_is_gone(
 
 def test_a_controller_that_there_is_not_is_blamed_on_the_option_that_named_it() -> None:
     for words in ([], ["--config", "examples/loopback.toml"]):
-        with pytest.raises(ArgumentError, match=r"^controller: expected one of \['adaptive', .* got 'bogus'") as caught:
+        with pytest.raises(
+            ArgumentError, match=r"^controller: expected one of \['adaptive', .* got 'bogus'"
+        ) as caught:
             simulating.fly(simulating_parser().parse_args(["fly", *words, "--controller", "bogus"]))
         assert caught.value.option == "--controller"
     with pytest.raises(ConfigError, match=r"^--set: controller.kind: "):
@@ -164,15 +232,22 @@ def test_a_controller_that_there_is_not_is_blamed_on_the_option_that_named_it() 
         (["link.tcp=foo"], "link.tcp"),
     ],
 )
-def test_an_address_that_is_none_is_blamed_by_its_dotted_key(overrides: list[str], key: str) -> None:
+def test_an_address_that_is_none_is_blamed_by_its_dotted_key(
+    overrides: list[str], key: str
+) -> None:
     with pytest.raises(ConfigError, match=f"^--set: {key}: 'foo' is not an address"):
         load(None, Config, overrides)
 
 
-def test_a_recording_of_a_few_bytes_is_listed_as_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_of_a_few_bytes_is_listed_as_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "short.mcap").write_bytes(MAGIC + b"\x01")
     assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path)])) == 0
-    assert "short.mcap  is no recording of a flight, or was cut off before it began" in capsys.readouterr().out
+    assert (
+        "short.mcap  is no recording of a flight, or was cut off before it began"
+        in capsys.readouterr().out
+    )
 
 
 def test_a_folder_that_the_configuration_names_may_come_with_the_first_recording(
@@ -191,4 +266,7 @@ def test_a_folder_is_listed_with_the_flights_that_have_folders_of_their_own(
         (tmp_path / name).touch()
     assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path), "--json"])) == 0
     found = json.loads(capsys.readouterr().out)
-    assert [row["file"] for row in found["flights"]] == ["20260101-120000-mqx.mcap", "paper/flight.mcap"]
+    assert [row["file"] for row in found["flights"]] == [
+        "20260101-120000-mqx.mcap",
+        "paper/flight.mcap",
+    ]

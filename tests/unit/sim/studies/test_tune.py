@@ -1,4 +1,6 @@
-"""Tuning without flying: which gains, between which bounds, in which world, and what a search does with verdicts."""
+"""Tuning without flying: which gains, between which bounds, in which world, and what a search does
+with verdicts.
+"""
 
 import math
 from collections.abc import Sequence
@@ -28,14 +30,7 @@ from sim.studies.tune import (
     space,
     stage_scenarios,
 )
-from sim.studies.tune.tune import (
-    BROKEN,
-    GAIN_DOWN,
-    GAIN_UP,
-    Sortie,
-    try_gains,
-    verify,
-)
+from sim.studies.tune.tune import BROKEN, GAIN_DOWN, GAIN_UP, Sortie, try_gains, verify
 from tests.flight.flights import UnflownFlyers
 
 
@@ -63,24 +58,40 @@ def test_a_vehicle_of_ones_own_meets_the_air_of_the_scenario(tmp_path: Path) -> 
     path = tmp_path / "lab.toml"
     path.write_text(
         "[vehicle]\nmass_kg = 0.5\nthrust_max_n = 10.0\nthrust_lag_s = 0.05\nrate_lag_s = 0.04\n"
-        "command_delay_s = 0.01\nframe_period_s = 0.0125\n"
-        "hover_thrust = 0.4\nthrust_curve = 0.3\n"
-        "[link]\nperiod_s = 0.0125\n[pose]\nrate_hz = 120\nlatency_s = 0.012\n[controller]\nk2 = 3.0\n"
+        "command_delay_s = 0.01\nframe_period_s = 0.0125\nhover_thrust = 0.4\nthrust_curve = 0.3\n"
+        "[link]\nperiod_s = 0.0125\n[pose]\nrate_hz = 120\nlatency_s = 0.012\n[controller]\nk2 = "
+        "3.0\n"
     )
     asked = ["controller.k3=5.0", "sim.wind_turbulence=0.3", "trajectory.scale_m=0.5"]
     (stage,) = stage_scenarios(["adverse"], path, asked)
     world, config, adverse = stage.world, stage.config, SCENARIOS["adverse"].world
     assert (world.mass_kg, world.thrust_curve, world.thrust_gain) == (0.5, 0.3, 0.85)
-    assert world.thrust_max_n == config.full_thrust_n == pytest.approx(0.5 * 9.81 / (0.3 * 0.4**2 + 0.7 * 0.4))
+    assert (
+        world.thrust_max_n
+        == config.full_thrust_n
+        == pytest.approx(0.5 * 9.81 / (0.3 * 0.4**2 + 0.7 * 0.4))
+    )
     assert (world.thrust_lag_s, world.rate_lag_s) == (0.05, 0.04)
-    assert (world.pose_rate_hz, world.pose_latency_s, world.frame_period_s) == (120.0, 0.012, 0.0125)
-    assert (world.command_delay_s, world.wind_turbulence, world.wind_gust) == (0.01, 0.3, adverse.wind_gust)
+    assert (world.pose_rate_hz, world.pose_latency_s, world.frame_period_s) == (
+        120.0,
+        0.012,
+        0.0125,
+    )
+    assert (world.command_delay_s, world.wind_turbulence, world.wind_gust) == (
+        0.01,
+        0.3,
+        adverse.wind_gust,
+    )
     station = make_station(path, asked, stage)
     for made in (config, station):
         assert isinstance(made.controller, Gains)
         assert (made.controller.k2, made.controller.k3) == (3.0, 5.0)
         assert isinstance(made.pose, ViconConfig)
-        assert (made.vehicle.mass_kg, mavlink(made).period_s, made.pose.latency_s) == (0.5, 0.0125, 0.012)
+        assert (made.vehicle.mass_kg, mavlink(made).period_s, made.pose.latency_s) == (
+            0.5,
+            0.0125,
+            0.012,
+        )
         assert msgspec.to_builtins(made.trajectory)["scale_m"] == 0.5
 
 
@@ -88,19 +99,27 @@ def test_a_vehicle_of_ones_own_meets_the_air_of_the_scenario(tmp_path: Path) -> 
 
 
 def test_a_flight_fails_by_a_crash_or_by_five_times_the_error_but_never_below_10_cm() -> None:
-    assert limit_cm([SortieOutcome(0.1, ""), SortieOutcome(0.2, ""), SortieOutcome(9.0, "")]) == 10.0
+    assert (
+        limit_cm([SortieOutcome(0.1, ""), SortieOutcome(0.2, ""), SortieOutcome(9.0, "")]) == 10.0
+    )
     assert limit_cm([SortieOutcome(4.0, "")]) == 20.0
     assert limit_cm([SortieOutcome(4.0, ""), SortieOutcome(None, "crashed")]) is None
     assert failure([SortieOutcome(10.0, "")], 10.0) is None
     assert failure([SortieOutcome(1.0, ""), SortieOutcome(10.1, "")], 10.0) == "RMS 10.1 cm"
-    assert failure([SortieOutcome(None, "crashed: hit the floor")], 10.0) == "crashed: hit the floor"
+    assert (
+        failure([SortieOutcome(None, "crashed: hit the floor")], 10.0) == "crashed: hit the floor"
+    )
 
 
 def test_each_axis_changes_one_thing_of_the_truth_and_nothing_that_is_told() -> None:
     (stage,) = stage_scenarios(["paper"], None, [])
     for axis in AXES:
         wrong = axis.wrong(stage, axis.value(0.1))
-        changed = {f for f in type(stage.world).__struct_fields__ if getattr(wrong.world, f) != getattr(stage.world, f)}
+        changed = {
+            f
+            for f in type(stage.world).__struct_fields__
+            if getattr(wrong.world, f) != getattr(stage.world, f)
+        }
         assert changed == {axis.field}
         assert wrong.config == stage.config
         assert axis.wrong(stage, axis.value(0.0)) == stage
@@ -112,7 +131,9 @@ def test_each_axis_changes_one_thing_of_the_truth_and_nothing_that_is_told() -> 
 
 
 class Judges(UnflownFlyers):
-    """Knows what every flight comes to without flying it: errors grow with the distance of k2 from 3 and k3 from 9."""
+    """Knows what every flight comes to without flying it: errors grow with the distance of k2 from
+    3 and k3 from 9.
+    """
 
     def judge(self, sortie: Sortie) -> SortieOutcome:
         gains = sortie.stage.config.controller
@@ -121,7 +142,9 @@ class Judges(UnflownFlyers):
             return SortieOutcome(50.0, "flown to the end")
         if gains.k3 > 14.0:
             return SortieOutcome(None, "crashed: hit the floor")
-        return SortieOutcome(1.0 + math.log(gains.k2 / 3.0) ** 2 + math.log(gains.k3 / 9.0) ** 2, "flown to the end")
+        return SortieOutcome(
+            1.0 + math.log(gains.k2 / 3.0) ** 2 + math.log(gains.k3 / 9.0) ** 2, "flown to the end"
+        )
 
 
 def _search(*overrides: str, keys: Sequence[str] = ("k2", "k3"), sampler_seed: int = 0) -> Search:
@@ -172,22 +195,41 @@ def test_gains_without_the_proof_are_never_flown() -> None:
     for sortie in judges.flights:
         assert isinstance(sortie.stage.config.controller, Gains)
         assert bound_decrease(sortie.stage.config.controller).startswith("composite")
-    assert max(trial.gains["kb"] for trial in trials) > 1.0  # so the bounds do not keep it by themselves
+    assert (
+        max(trial.gains["kb"] for trial in trials) > 1.0
+    )  # so the bounds do not keep it by themselves
 
 
-def test_what_a_search_found_is_judged_once_more_by_the_floors_on_seeds_that_it_has_not_seen() -> None:
+def test_what_a_search_found_is_judged_once_more_by_the_floors_on_seeds_that_it_has_not_seen() -> (
+    None
+):
     search, judges = _search(), Judges()
     far, near, fragile = (
-        try_gains(search, {"k2": k2, "k3": 9.0}, Judges(), number) for number, k2 in enumerate((1.0, 2.9, 3.6))
+        try_gains(search, {"k2": k2, "k3": 9.0}, Judges(), number)
+        for number, k2 in enumerate((1.0, 2.9, 3.6))
     )
     evidence = verify(search, far, near, judges, 3)
     assert evidence.complaints == []
-    assert {(sortie.seed, sortie.duration_s) for sortie in judges.flights} == {(seed, 60.0) for seed in range(3)}
+    assert {(sortie.seed, sortie.duration_s) for sortie in judges.flights} == {
+        (seed, 60.0) for seed in range(3)
+    }
     worlds = [sortie.stage.world for sortie in judges.flights]
-    assert {(one.command_delay_s, one.thrust_gain) for one in worlds} == {(0, 1), (0.02, 1), (0, 0.75), (0, 1.25)}
+    assert {(one.command_delay_s, one.thrust_gain) for one in worlds} == {
+        (0, 1),
+        (0.02, 1),
+        (0, 0.75),
+        (0, 1.25),
+    }
     assert (evidence.after.figures[0].rms_cm, evidence.after.figures[0].crashed) == (near.rms_cm, 0)
-    assert verify(search, near, far, Judges(), 3).complaints[0].startswith("the mean error is 2.21 cm, and was 1")
-    assert "extra command delay 20 ms: RMS 50.0 cm" in verify(search, far, fragile, Judges(), 3).complaints
+    assert (
+        verify(search, near, far, Judges(), 3)
+        .complaints[0]
+        .startswith("the mean error is 2.21 cm, and was 1")
+    )
+    assert (
+        "extra command delay 20 ms: RMS 50.0 cm"
+        in verify(search, far, fragile, Judges(), 3).complaints
+    )
 
 
 class Interrupted(Judges):

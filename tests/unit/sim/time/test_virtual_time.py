@@ -126,7 +126,9 @@ def test_a_suspended_process_finds_its_timers_and_datagrams_due_at_once_when_it_
         context = copy_context()
         context.run(process.set, True)
         living = asyncio.create_task(live(), context=context)
-        wire, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=("127.0.0.1", 5000))
+        wire, _ = await loop.create_datagram_endpoint(
+            asyncio.DatagramProtocol, remote_addr=("127.0.0.1", 5000)
+        )
         await asyncio.sleep(1.5)
         loop.suspend(process)
         await asyncio.sleep(1.0)

@@ -15,7 +15,12 @@ def horizon(seed: int = 0) -> Horizon:
 
 
 def truth(
-    time_s: float, attitude: Quat = so3.IDENTITY, velocity: Vec3 = ZERO, rates: Vec3 = ZERO, *, on_ground: bool = False
+    time_s: float,
+    attitude: Quat = so3.IDENTITY,
+    velocity: Vec3 = ZERO,
+    rates: Vec3 = ZERO,
+    *,
+    on_ground: bool = False,
 ) -> TrueState:
     return TrueState(time_s, ZERO, velocity, attitude, rates, GRAVITY, on_ground)
 
@@ -42,7 +47,9 @@ def test_it_turns_with_the_body_and_tells_its_newest_loop() -> None:
     felt, rates = horizon(), (0.0, 0.0, math.radians(90.0))
 
     def at(time_s: float) -> tuple[Quat, Vec3]:
-        return felt.feel(truth(time_s, so3.from_euler_zyx(0.0, 0.0, time_s * rates[2]), rates=rates))
+        return felt.feel(
+            truth(time_s, so3.from_euler_zyx(0.0, 0.0, time_s * rates[2]), rates=rates)
+        )
 
     before, after = at(250.25 * LOOP_S)[0], at(255.75 * LOOP_S)[0]
     turned = so3.rotation_vector(so3.multiply(so3.conjugate(before), after))[2]
@@ -54,7 +61,9 @@ def test_who_accelerates_for_long_is_taken_for_less_leant() -> None:
     lean = math.radians(15.0)
     for heading, axis in ((0.0, 1), (0.5 * math.pi, 0)):
         felt, roll_pitch = horizon(), (0.0, 0.0, 0.0)
-        attitude = so3.from_euler_zyx(lean, 0.0, 0.0) if heading else so3.from_euler_zyx(0.0, -lean, 0.0)
+        attitude = (
+            so3.from_euler_zyx(lean, 0.0, 0.0) if heading else so3.from_euler_zyx(0.0, -lean, 0.0)
+        )
         for n in range(300):
             speed = 0.02 * n * GRAVITY * math.tan(lean)
             velocity = (speed * math.cos(heading), speed * math.sin(heading), 0.0)

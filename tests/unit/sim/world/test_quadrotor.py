@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
-from sim.world import Quadrotor, Wind, World, begin_eddies, compute_turbulence, generator, rows, stir
+from sim.world import (
+    Quadrotor,
+    Wind,
+    World,
+    begin_eddies,
+    compute_turbulence,
+    generator,
+    rows,
+    stir,
+)
 from sim.world.world import CORRELATION_S, GRID_S
 
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
@@ -25,7 +34,7 @@ def test_it_is_held_until_released() -> None:
     assert plant.truth(3.0).thrust_n == pytest.approx(0.6 * 0.08 * 9.81)
 
 
-def test_a_look_that_comes_late_after_a_command_shows_where_the_vehicle_was_and_changes_nothing() -> None:
+def test_a_look_that_comes_late_shows_where_the_vehicle_was_and_changes_nothing() -> None:
     late_s = 0.004
     in_time, late = vehicle(CALM), vehicle(CALM)
     for plant in (in_time, late):
@@ -47,11 +56,15 @@ def test_commands_are_clamped_to_what_the_vehicle_can_do() -> None:
     plant.command(0.0, 99.0, (99.0, -99.0, 99.0))
     state = plant.truth(5.0)
     assert state.thrust_n == pytest.approx(1.37)
-    assert state.rates_rad_s == pytest.approx((math.radians(200), -math.radians(200), math.radians(300)))
+    assert state.rates_rad_s == pytest.approx(
+        (math.radians(200), -math.radians(200), math.radians(300))
+    )
 
 
 def test_the_motion_agrees_with_a_fine_independent_integration() -> None:
-    world = msgspec.structs.replace(CALM, drag_per_s=0.3, wind_mean=(0.4, -0.2, 0.1), rate_leak=0.05)
+    world = msgspec.structs.replace(
+        CALM, drag_per_s=0.3, wind_mean=(0.4, -0.2, 0.1), rate_leak=0.05
+    )
     plant = vehicle(world)
     plant.release(0.0)
     plant.command(0.0, 0.9, (1.5, -1.0, 0.8))
@@ -63,10 +76,18 @@ def test_the_motion_agrees_with_a_fine_independent_integration() -> None:
     command, wind = np.array([1.5, -1.0, 0.8]), np.array(world.wind_mean)
     leak = 0.05 * np.array([-1.0, -1.5, 0.0])
     for _ in range(steps):
-        a = -thrust / 0.08 * rotation[:, 2] + np.array([0, 0, 9.81]) + wind - 0.3 * v + rotation @ leak
+        a = (
+            -thrust / 0.08 * rotation[:, 2]
+            + np.array([0, 0, 9.81])
+            + wind
+            - 0.3 * v
+            + rotation @ leak
+        )
         p, v = p + h * v + 0.5 * h * h * a, v + h * a
         middle = w + 0.5 * h * (command - w) / world.rate_lag_s
-        s = np.array([[0, -middle[2], middle[1]], [middle[2], 0, -middle[0]], [-middle[1], middle[0], 0]])
+        s = np.array(
+            [[0, -middle[2], middle[1]], [middle[2], 0, -middle[0]], [-middle[1], middle[0], 0]]
+        )
         rotation = rotation @ (np.eye(3) + h * s + 0.5 * h * h * s @ s)
         w = w + h * (command - w) / world.rate_lag_s
         thrust += h * (0.9 - thrust) / world.thrust_lag_s
@@ -109,7 +130,11 @@ def test_turbulence_has_the_asked_rms_and_correlation_on_every_axis() -> None:
 
 def test_wind_is_mean_plus_gust_plus_step() -> None:
     world = msgspec.structs.replace(
-        CALM, wind_mean=(1.0, 0.0, 0.0), wind_gust=(0.0, 0.5, 0.0), wind_step=(0.0, 0.0, 2.0), wind_step_time_s=30.0
+        CALM,
+        wind_mean=(1.0, 0.0, 0.0),
+        wind_gust=(0.0, 0.5, 0.0),
+        wind_step=(0.0, 0.0, 2.0),
+        wind_step_time_s=30.0,
     )
     wind = Wind(world, rows(generator(0, "wind").standard_normal, 3))
     assert wind.at(1.25) == pytest.approx((1.0, 0.5, 0.0))

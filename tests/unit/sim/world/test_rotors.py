@@ -1,4 +1,6 @@
-"""The rotor-level plant: it answers as its constants say, and another autopilot may have its rotors."""
+"""The rotor-level plant: it answers as its constants say, and another autopilot may have its
+rotors.
+"""
 
 import math
 from collections.abc import Callable
@@ -15,7 +17,11 @@ from sim.world import FourRotors, Quadrotor, Wind, World, generator, rows
 def vehicle(scenario: str, seed: int | None = None, **keys: Any) -> Quadrotor:
     """In calm air, flying, at hover thrust."""
     world = msgspec.structs.replace(
-        SCENARIOS[scenario].world, wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6, start_thrust=1.0, **keys
+        SCENARIOS[scenario].world,
+        wind_mean=(0.0, 0.0, 0.0),
+        floor_z_m=1e6,
+        start_thrust=1.0,
+        **keys,
     )
     gyro = None if seed is None else rows(generator(seed, "gyro").standard_normal, 3)
     plant = Quadrotor(world, Wind(world, iter(())), None, gyro)
@@ -44,7 +50,11 @@ def best_lag(times: np.ndarray, told: Callable[[float], float], seen: np.ndarray
 
 @pytest.mark.parametrize(
     ("scenario", "rate_lag_s", "thrust_lag_s"),
-    [("rotors_quad1kg", 0.042, 0.043), ("rotors_mqx", 0.054, 0.041), ("rotors_mqx_radio", 0.104, 0.109)],
+    [
+        ("rotors_quad1kg", 0.042, 0.043),
+        ("rotors_mqx", 0.054, 0.041),
+        ("rotors_mqx_radio", 0.104, 0.109),
+    ],
 )
 def test_it_answers_like_the_pure_lags_that_its_constants_were_chosen_by(
     scenario: str, rate_lag_s: float, thrust_lag_s: float
@@ -59,9 +69,15 @@ def test_it_answers_like_the_pure_lags_that_its_constants_were_chosen_by(
         plant, seen = vehicle(scenario), []
         for time in times.tolist():
             one = step(time - 0.002)
-            plant.command(time - 0.002, hover * (1.0 if turned else 1.0 + 0.2 * one), (0.3 * one * turned, 0.0, 0.0))
+            plant.command(
+                time - 0.002,
+                hover * (1.0 if turned else 1.0 + 0.2 * one),
+                (0.3 * one * turned, 0.0, 0.0),
+            )
             state = plant.truth(time)
-            seen.append(state.rates_rad_s[0] / 0.3 if turned else (state.thrust_n / hover - 1.0) / 0.2)
+            seen.append(
+                state.rates_rad_s[0] / 0.3 if turned else (state.thrust_n / hover - 1.0) / 0.2
+            )
         lag = best_lag(times, step, np.array(seen))
         assert lag == pytest.approx(rate_lag_s if turned else thrust_lag_s, abs=0.003)
 
@@ -80,7 +96,10 @@ def test_rotors_at_their_limit_turn_it_slower_and_the_integral_does_not_wind_up(
     for plant in (mild, hard):
         plant.command(0.0, 0.08 * 9.81, (3.0, 0.0, 0.0))
     assert hard.truth(0.05).rates_rad_s[0] < 0.7 * mild.truth(0.05).rates_rad_s[0]
-    peaks = [max(plant.truth(0.05 + 0.01 * k).rates_rad_s[0] for k in range(60)) for plant in (mild, hard)]
+    peaks = [
+        max(plant.truth(0.05 + 0.01 * k).rates_rad_s[0] for k in range(60))
+        for plant in (mild, hard)
+    ]
     assert peaks[1] < 1.3 * 3.0
 
 
@@ -107,7 +126,8 @@ def test_another_autopilot_has_the_rotors_in_their_order() -> None:
         signals = [level] * 4
         signals[which] = more
         signs.append(tuple(math.copysign(1.0, rate) for rate in turned(tuple(signals))))  # type: ignore[arg-type]
-    # Front right, rear left (counter-clockwise, so they turn it to the right), front left, rear right.
+    # Front right, rear left (counter-clockwise, so they turn it to the right), front left, rear
+    # right.
     assert signs == [(-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, -1.0), (-1.0, -1.0, -1.0)]
     with pytest.raises(ValueError, match=r'sim\.plant = "rotors" only'):
         Quadrotor(World(), Wind(World(), iter(()))).drive_rotors(0.0, (0.0, 0.0, 0.0, 0.0))
@@ -122,7 +142,8 @@ def test_drag_along_the_bodys_axes_is_against_the_air() -> None:
     still = vehicle("paper", **drag, air_velocity=(3.0, 4.0, 0.0))
     still.command(0.0, weight(World()), (0.0, 0.0, 0.0))
     x, y, z = still.truth(0.01).velocity_ned
-    # Upright, against 5 m/s: (0.4 + 0.05 · 5) 3, (0.2 + 0.05 · 5) 4, and lift 0.02 · 25 along the thrust.
+    # Upright, against 5 m/s: (0.4 + 0.05 · 5) 3, (0.2 + 0.05 · 5) 4, and lift 0.02 · 25 along the
+    # thrust.
     assert (x / 0.01, y / 0.01, z / 0.01) == pytest.approx((1.95, 1.8, -0.5), rel=0.01)
     none = vehicle("paper", air_velocity=(3.0, 4.0, 0.0))
     none.command(0.0, weight(World()), (0.0, 0.0, 0.0))

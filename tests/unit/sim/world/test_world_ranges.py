@@ -1,4 +1,6 @@
-"""Ranges of ``sim`` keys: a number in another unit is refused, and what every scenario flies is not."""
+"""Ranges of ``sim`` keys: a number in another unit is refused, and what every scenario flies is
+not.
+"""
 
 import pytest
 
@@ -29,7 +31,9 @@ from sim.scenarios import SCENARIOS, prepare
         "sim.pose_loss=5",
     ],
 )
-def test_a_figure_of_the_world_in_another_unit_is_refused_with_what_is_accepted(override: str) -> None:
+def test_a_figure_of_the_world_in_another_unit_is_refused_with_what_is_accepted(
+    override: str,
+) -> None:
     key, _, _ = override.partition("=")
     with pytest.raises(ConfigError, match=rf"{key}(\[\d\])?: expected a number "):
         prepare(SCENARIOS["paper"], [override])

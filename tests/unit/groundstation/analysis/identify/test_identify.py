@@ -43,7 +43,9 @@ def flown(
     noise_rad: float = 1e-3,
     wind: float = 0.1,
 ) -> FlightStretch:
-    """Open loop, by the controller's own model: lags of 60 and 40 ms, a delay of 15 ms, poses at 50 Hz."""
+    """Open loop, by the controller's own model: lags of 60 and 40 ms, a delay of 15 ms, poses at
+    50 Hz.
+    """
     rng = np.random.default_rng(3)
     vehicle = Vehicle(name="made-up", mass_kg=0.5, thrust_max_n=9.0)
     config = Config(vehicle=vehicle, link=MavlinkLinkConfig())
@@ -57,7 +59,9 @@ def flown(
     for step in range(count):
         t = step * STEP_S
         if step % FRAME_STEPS == 0:
-            told = strength * np.array([math.sin(7.0 * t), math.sin(5.0 * t + 1.0), 0.6 * math.sin(9.0 * t)])
+            told = strength * np.array(
+                [math.sin(7.0 * t), math.sin(5.0 * t + 1.0), 0.6 * math.sin(9.0 * t)]
+            )
             u = hover + strength * (0.06 * math.sin(6.0 * t) + 0.05 * math.sin(11.0 * t))
             sent_s.append(t)
             newtons.append(9.0 * u)
@@ -72,14 +76,24 @@ def flown(
             places.append(np.array(motion.position) + rng.normal(0.0, noise_m, 3))
             attitudes.append(turned_by(motion.attitude, (x, y, z)))
         push = push + rng.normal(0.0, wind * math.sqrt(STEP_S), 3)
-        motion = integrate(FLOATS, motion, drive, STEP_S, disturbance=(push[0], push[1], push[2]), **PLANT)
+        motion = integrate(
+            FLOATS, motion, drive, STEP_S, disturbance=(push[0], push[1], push[2]), **PLANT
+        )
     use = slice(50, None)
-    parts = (np.array(sent_s), np.array(newtons), np.array(rates), np.array(at)[use], np.array(places)[use])
+    parts = (
+        np.array(sent_s),
+        np.array(newtons),
+        np.array(rates),
+        np.array(at)[use],
+        np.array(places)[use],
+    )
     return FlightStretch(Path("made-up.mcap"), config, *parts, np.array(attitudes)[use])
 
 
 def holds(found: IdentifiedVehicle, **truth: float) -> None:
-    """Every truth lies within its interval, widened by half: this is one draw of twenty that may miss."""
+    """Every truth lies within its interval, widened by half: this is one draw of twenty that may
+    miss.
+    """
     for name, true in truth.items():
         one = found.parameters[name]
         assert one.interval is not None, name
@@ -150,8 +164,18 @@ def test_a_curve_that_nobody_told_is_found() -> None:
 
 
 def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
-    found = identify(flown(strength=0.0, scale=1.0, noise_m=1e-4, noise_rad=1e-4, wind=0.0, seconds=10.0))
-    for name in ("thrust_scale", "thrust_curve", "thrust_lag", "rate_lag", "yaw_rate_lag", "rate_delay", "drag"):
+    found = identify(
+        flown(strength=0.0, scale=1.0, noise_m=1e-4, noise_rad=1e-4, wind=0.0, seconds=10.0)
+    )
+    for name in (
+        "thrust_scale",
+        "thrust_curve",
+        "thrust_lag",
+        "rate_lag",
+        "yaw_rate_lag",
+        "rate_delay",
+        "drag",
+    ):
         one = found.parameters[name]
         assert (one.value, one.interval, one.note) == (None, None, FLY)
     assert table(found).count(FLY) == len(found.parameters) - 1
@@ -163,4 +187,6 @@ def test_scale_and_curve_agree_with_what_was_told_where_the_vehicle_flew() -> No
     assert full_n(config, 0.6, 1.0, 0.3) == pytest.approx(1.37)
     assert most_n(config, 0.6, 1.0, 0.3) == pytest.approx(1.37)
     assert hover_signal(config, 0.6, 1.0, 0.3) == pytest.approx(signal(0.08 * G / 1.37, 0.3))
-    assert most_n(config, 0.6, 0.8, 0.7) == pytest.approx(0.8 * 1.37 * thrust(0.6, 0.3) / thrust(0.6, 0.7))
+    assert most_n(config, 0.6, 0.8, 0.7) == pytest.approx(
+        0.8 * 1.37 * thrust(0.6, 0.3) / thrust(0.6, 0.7)
+    )

@@ -1,4 +1,6 @@
-"""The certificate in numbers: the thrust bound, the bound on V_m and its terms, and for how long a condition lasts."""
+"""The certificate in numbers: the thrust bound, the bound on V_m and its terms, and for how long a
+condition lasts.
+"""
 
 import math
 from typing import Any
@@ -56,18 +58,31 @@ def test_the_bound_is_its_terms_and_negative_for_the_papers_gains() -> None:
         (Gains(kb=0.0), "none: adaptation is off"),
     ],
 )
-def test_the_certificate_names_the_bound_that_holds_for_the_gains_that_fly(gains: Gains, expected: str) -> None:
+def test_the_certificate_names_the_bound_that_holds_for_the_gains_that_fly(
+    gains: Gains, expected: str
+) -> None:
     assert bound_decrease(gains).startswith(expected)
 
 
 def values(**some: Any) -> Diagnostics:
     """Values of the law, zero but for ``some``."""
-    vectors = dict.fromkeys(("z1", "z2", "z3", "u_star", "b_hat", "b_hat_dot", "disturbance", "rates_wanted"), ZERO)
-    scalars = {"v_terms": ZERO, "w_terms": ZERO, "v_known": 0.0, "w": 0.0, "certificate": "", "thrust_rate": 0.0}
+    vectors = dict.fromkeys(
+        ("z1", "z2", "z3", "u_star", "b_hat", "b_hat_dot", "disturbance", "rates_wanted"), ZERO
+    )
+    scalars = {
+        "v_terms": ZERO,
+        "w_terms": ZERO,
+        "v_known": 0.0,
+        "w": 0.0,
+        "certificate": "",
+        "thrust_rate": 0.0,
+    }
     return Diagnostics(**{**vectors, **scalars, **some})
 
 
-def decided(diagnostics: Diagnostics, *, saturated: bool = False, thrust: float = 0.785) -> Decision:
+def decided(
+    diagnostics: Diagnostics, *, saturated: bool = False, thrust: float = 0.785
+) -> Decision:
     return Decision(ActuatorCommand(thrust, ZERO), saturated, diagnostics)
 
 
@@ -80,13 +95,25 @@ PROVABLE = Gains(kb=0.8, kappa=2.0, k3=4.0, k3_down=3.0, b_bound=5.0, epsilon=0.
         # 1 - kb/2 √(κ/k3) = 1 - 0.4 √(2/3) of W; 8²/(2 left k3)
         (PROVABLE, 0.33670, 15.8401, 0.0),
         # B + ε = 2 B: the projection stretches by 3
-        (Gains(kb=0.8, kappa=0.5, k3=3.0, k3_down=4.0, b_bound=1.0, epsilon=1.0), 0.25505, 20.9109, 0.0),
+        (
+            Gains(kb=0.8, kappa=0.5, k3=3.0, k3_down=4.0, b_bound=1.0, epsilon=1.0),
+            0.25505,
+            20.9109,
+            0.0,
+        ),
         # the paper's: all of W, but V may swing by (2 B + ε)²/(2 kb)
-        (Gains(kb=0.8, k3=4.0, k3_down=3.0, composite="off", b_bound=5.0, epsilon=0.5), 0.5, 10.6667, 68.9063),
+        (
+            Gains(kb=0.8, k3=4.0, k3_down=3.0, composite="off", b_bound=5.0, epsilon=0.5),
+            0.5,
+            10.6667,
+            68.9063,
+        ),
         (Gains(kb=0.8, k3=4.0, k3_down=3.0, composite="raw"), 0.0, 10.6667, 0.0),
     ],
 )
-def test_the_bound_on_the_decrease_in_flight(gains: Gains, share: float, power: float, spare: float) -> None:
+def test_the_bound_on_the_decrease_in_flight(
+    gains: Gains, share: float, power: float, spare: float
+) -> None:
     found = decrease(gains)
     assert found[1:] == pytest.approx((share, power, spare), rel=1e-4)
 
@@ -114,7 +141,9 @@ def test_v_and_its_decrease_are_with_what_observer_and_law_disagree_in(
 
 
 def test_what_noise_adds_follows_its_intensity() -> None:
-    """With the observer's steady gains of a Butterworth filter, w = (q²/i)^(1/8): three axes, half the curvature."""
+    """With the observer's steady gains of a Butterworth filter, w = (q²/i)^(1/8): three axes, half
+    the curvature.
+    """
     law = Gains(sigma_slope=2.0, k2=1.5, rho_slope=0.5, wind_rate_noise=3.0)
     intensity = 0.002**2 * 0.01
     w = (3.0**2 / intensity) ** 0.125
@@ -129,7 +158,10 @@ def test_what_noise_adds_follows_its_intensity() -> None:
 
 @pytest.mark.parametrize("saturated", [False, True])
 def test_what_v_gains_in_a_frame_is_shared_among_its_sources(saturated: bool) -> None:
-    """Each is a gradient at mid-frame times a change within the frame; what is left is the poses'."""
+    """Each is a gradient at mid-frame times a change within the frame.
+
+    What is left is the poses'.
+    """
     mass, pull, dt, total = 0.5, 1.6, 0.02, 0.3
     attitude = so3.from_euler_zyx(0.2, -0.3, 0.5)
     before = Motion(ZERO, ZERO, attitude, 5.0, (0.3, -0.2, 0.1))
@@ -160,7 +192,13 @@ def test_the_largest_source_is_named_and_the_next_where_it_is_half_as_large() ->
     for sideways, told in ((0.3, "the next"), (0.1, "alone")):
         sources = EnergySources(1.0)
         then = Look(0.0, 0.0, 0.0, motion, decided(values(z3=(1.0, 0.0, 1.0))))
-        now = Look(0.1, 0.0, 0.0, motion, decided(values(z3=(1.0, 0.0, 1.0), disturbance=(sideways, 0.0, 0.4))))
+        now = Look(
+            0.1,
+            0.0,
+            0.0,
+            motion,
+            decided(values(z3=(1.0, 0.0, 1.0), disturbance=(sideways, 0.0, 0.4))),
+        )
         sources.add(Frame(then, now, sideways + 0.4), 0.0)
         said = sources.name_largest(sources.for_s)
         assert said.startswith(f"{VERTICAL}, 4 m²/s³")
@@ -192,7 +230,8 @@ def test_limits_are_reported_from_just_beyond_them_on() -> None:
         found = [monitor._check_thrust(thrust, 0.02 * n, 0.02) for n in range(60)]
         assert any(found) is told
     for law, length, told in (
-        (Gains(b_bound=5.0), 5.0, False), (Gains(b_bound=5.0), 5.001, True), (Gains(b_bound=5.0, kb=0.0), 9.0, False),
+        (Gains(b_bound=5.0), 5.0, False), (Gains(b_bound=5.0), 5.001, True), (Gains(b_bound=5.0,
+            kb=0.0), 9.0, False),
     ):  # fmt: skip
         monitor = CertificateMonitor(vehicle, law)
         found = [monitor._check_disturbance(length, 0.02 * n, 0.02) for n in range(30)]

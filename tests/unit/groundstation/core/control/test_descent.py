@@ -1,4 +1,6 @@
-"""The failsafe descent's thrust: what it believes of wind and thrust, and how much it lifts at most."""
+"""The failsafe descent's thrust: what it believes of wind and thrust, and how much it lifts at
+most.
+"""
 
 import math
 
@@ -18,7 +20,9 @@ G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.02
 VEHICLE = Vehicle(mass_kg=MASS_KG, thrust_max_n=4.0 * MASS_KG * G)
 
 
-def estimate(time_s: float, *, down_m_s2: float = 0.0, effectiveness: float = 1.0, sinks_m_s: float = 3.0) -> Estimate:
+def estimate(
+    time_s: float, *, down_m_s2: float = 0.0, effectiveness: float = 1.0, sinks_m_s: float = 3.0
+) -> Estimate:
     """Level, and sinking much faster than it is to: it wants to be lifted as much as may be."""
     motion = Motion((0.0, 0.0, -2.0), (0.0, 0.0, sinks_m_s), IDENTITY, MASS_KG * G, ZERO)
     return Estimate(time_s, motion, (0.0, 0.0, down_m_s2), ZERO, effectiveness)
@@ -39,14 +43,20 @@ def lifts(descent: Descent, at: Estimate) -> float:
 
 def test_it_lifts_at_once_by_what_thrust_gives_now_and_against_the_mean_wind_of_before() -> None:
     assert lifts(begin(), estimate(0.0, effectiveness=0.7)) == pytest.approx(1.24 / 0.7, rel=1e-6)
-    assert lifts(begin((0.0, 0.0, 2.0)), estimate(0.0, down_m_s2=2.0)) == pytest.approx(1.24 + 2.0 / G)
+    assert lifts(begin((0.0, 0.0, 2.0)), estimate(0.0, down_m_s2=2.0)) == pytest.approx(
+        1.24 + 2.0 / G
+    )
 
 
 def test_what_swings_up_and_down_is_not_lifted_against() -> None:
-    """Poses that are late make a disturbance of their own lateness: 3 m/s² to and fro, once a second."""
+    """Poses that are late make a disturbance of their own lateness: 3 m/s² to and fro, once a
+    second.
+    """
     descent = begin()
     swings = [3.0 * math.sin(2.0 * math.pi * PERIOD_S * n) for n in range(250)]
-    most = max(lifts(descent, estimate(PERIOD_S * n, down_m_s2=down)) for n, down in enumerate(swings))
+    most = max(
+        lifts(descent, estimate(PERIOD_S * n, down_m_s2=down)) for n, down in enumerate(swings)
+    )
     assert most < 1.24 * (1.0 + 1.0 / G)
 
 
@@ -60,13 +70,17 @@ def test_what_pulls_down_steadily_is_lifted_against_within_two_seconds() -> None
 
 
 @pytest.mark.parametrize("push_m_s2", [(3.0, 0.0, 0.0), (0.0, -6.0, 0.0), (0.0, 0.0, 5.0)])
-def test_blind_it_leans_and_lifts_against_the_wind_of_before_and_nothing_that_poses_show_now(push_m_s2: Vec3) -> None:
+def test_blind_it_leans_and_lifts_against_the_wind_of_before_and_nothing_that_poses_show_now(
+    push_m_s2: Vec3,
+) -> None:
     """Poses that are mirrored show a wind that grows with each lean against it."""
 
     def flown(*shown: Vec3) -> list[object]:
         descent = begin((0.5, 0.0, 0.0), blind=True)
         at, down = estimate(0.0), Reference((0.0, 0.0, -2.0), (0.0, 0.0, 0.3))
-        return [descent.decide(at._replace(disturbance=push), down, PERIOD_S).drive for push in shown]
+        return [
+            descent.decide(at._replace(disturbance=push), down, PERIOD_S).drive for push in shown
+        ]
 
     still = (0.5, 0.0, 0.0)
     assert flown(*50 * [push_m_s2]) == flown(*50 * [still])
@@ -86,7 +100,9 @@ def test_blind_it_brakes_what_the_model_sinks_faster_than_its_pull_gives_but_no_
         shares.append(lifts(descent, estimate(PERIOD_S * n, sinks_m_s=sinks_m_s)))
         sinks_m_s += PERIOD_S * G * (1.0 - shares[-1])
     pulled_m_s = told_m_s + 150 * PERIOD_S * BLIND_PULL_M_S2
-    assert sinks_m_s == pytest.approx(pulled_m_s + max(faster_m_s - BLIND_BRAKES_M_S, 0.0), abs=0.05)
+    assert sinks_m_s == pytest.approx(
+        pulled_m_s + max(faster_m_s - BLIND_BRAKES_M_S, 0.0), abs=0.05
+    )
     assert max(shares) < 1.16
     assert PERIOD_S * sum(share > 1.03 for share in shares) < 0.5
 
@@ -95,4 +111,6 @@ def test_blind_it_brakes_what_the_model_sinks_faster_than_its_pull_gives_but_no_
 def test_blind_it_brakes_a_climb_of_the_model_and_pulls_no_more_than_so_far(
     climbs_m_s: float, pull_m_s2: float
 ) -> None:
-    assert lifts(begin(blind=True), estimate(0.0, sinks_m_s=-climbs_m_s)) == pytest.approx(1.0 - pull_m_s2 / G)
+    assert lifts(begin(blind=True), estimate(0.0, sinks_m_s=-climbs_m_s)) == pytest.approx(
+        1.0 - pull_m_s2 / G
+    )

@@ -12,7 +12,9 @@ from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integra
 G = 9.81
 VEHICLES = [
     Vehicle(),
-    Vehicle(mass_kg=1.0, thrust_max_n=20.0, thrust_lag_s=0.03, rate_lag_s=0.02, frame_period_s=0.01),
+    Vehicle(
+        mass_kg=1.0, thrust_max_n=20.0, thrust_lag_s=0.03, rate_lag_s=0.02, frame_period_s=0.01
+    ),
 ]
 
 
@@ -23,7 +25,9 @@ def full_tones(vehicle: Vehicle) -> ExcitationTones:
 
 
 def flown(vehicle: Vehicle, yaw_rad: float, until_s: float) -> tuple[list[float], list[Motion]]:
-    """Instants, and motions of a hovering vehicle that is given nothing but the tones, held frame by frame."""
+    """Instants, and motions of a hovering vehicle that is given nothing but the tones, held frame
+    by frame.
+    """
     tones, hover = full_tones(vehicle), vehicle.mass_kg * G
     attitude = so3.from_euler_zyx(0.0, 0.0, yaw_rad)
     motion = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), attitude, hover, (0.0, 0.0, 0.0))
@@ -32,7 +36,8 @@ def flown(vehicle: Vehicle, yaw_rad: float, until_s: float) -> tuple[list[float]
     for n in range(round(until_s / frame_s)):
         drive = tones.add_to(ActuatorCommand(hover, (0.0, 0.0, 0.0)), n * frame_s)
         motion = integrate(
-            FLOATS, motion, drive, frame_s, mass=vehicle.mass_kg, gravity=G, disturbance=(0.0, 0.0, 0.0),
+            FLOATS, motion, drive, frame_s, mass=vehicle.mass_kg, gravity=G, disturbance=(0.0,
+                0.0, 0.0),
             thrust_lag=vehicle.thrust_lag_s, rate_lag=vehicle.rate_lag_s,
         )  # fmt: skip
         times.append((n + 1) * frame_s)
@@ -42,14 +47,18 @@ def flown(vehicle: Vehicle, yaw_rad: float, until_s: float) -> tuple[list[float]
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.0, -2.5])
-def test_tilt_rates_and_accelerations_are_those_of_the_model(vehicle: Vehicle, yaw_rad: float) -> None:
+def test_tilt_rates_and_accelerations_are_those_of_the_model(
+    vehicle: Vehicle, yaw_rad: float
+) -> None:
     times, motions = flown(vehicle, yaw_rad, 4.0)
     tones = full_tones(vehicle)
     late = [(t, m) for t, m in zip(times, motions, strict=True) if t > 2.0]
     for time_s, motion in late:
         tone = tones.motion(time_s, yaw_rad)
         assert tone.rates == pytest.approx(motion.rates[:2], abs=0.06)
-        assert tone.thrust_share == pytest.approx(motion.thrust / (vehicle.mass_kg * G) - 1.0, abs=0.006)
+        assert tone.thrust_share == pytest.approx(
+            motion.thrust / (vehicle.mass_kg * G) - 1.0, abs=0.006
+        )
     # Tilt and place drift by how the tones began; what swings is told.
     roll = [euler_zyx(m.attitude)[0] - tones.motion(t, yaw_rad).tilt[0] for t, m in late]
     assert max(roll) - min(roll) < math.radians(0.5)
@@ -69,7 +78,9 @@ def test_the_state_without_the_tones_is_the_one_before_them() -> None:
     tones = full_tones(VEHICLES[0])
     tone = tones.motion(3.0, 0.7)
     attitude = so3.rotate(so3.from_euler_zyx(0.0, 0.0, 0.7), (*tone.tilt, 0.0))
-    motion = Motion(tone.position, tone.velocity, attitude, 0.8 * (1.0 + tone.thrust_share), (*tone.rates, 0.1))
+    motion = Motion(
+        tone.position, tone.velocity, attitude, 0.8 * (1.0 + tone.thrust_share), (*tone.rates, 0.1)
+    )
     without = tones.take_out(Estimate(3.0, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), 0.7).motion
     assert without.position == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
     assert without.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)

@@ -30,7 +30,11 @@ MODERATE = ActuatorCommand(HOVER_N, (0.1, -0.1, 0.05))
 
 
 def at(
-    height_m: float = 1.0, *, attitude: Quat = IDENTITY, time_s: float = 5.0, sinking_m_s: float = 0.0
+    height_m: float = 1.0,
+    *,
+    attitude: Quat = IDENTITY,
+    time_s: float = 5.0,
+    sinking_m_s: float = 0.0,
 ) -> LimitInput:
     """A flight that lifted off at 0 s, 1 m above its floor or as told."""
     motion = Motion((0.0, 0.0, -height_m), (0.0, 0.0, sinking_m_s), attitude, HOVER_N, ZERO)
@@ -47,7 +51,9 @@ def test_a_moderate_command_in_the_air_passes_all_limits_of_a_transit_unchanged(
     assert limits.apply(TRANSIT.limits, MODERATE, at()) == MODERATE
 
 
-def test_thrust_of_the_first_climb_is_limited_until_the_height_has_responded_and_never_again() -> None:
+def test_thrust_of_the_first_climb_is_limited_until_the_height_has_responded_and_never_again() -> (
+    None
+):
     limits, hard = FlightLimits(VEHICLE, GAINS), MODERATE._replace(thrust=VEHICLE.thrust_max_n)
     first = (FirstClimbLimit,)
     assert limits.apply(first, hard, at()) == hard, "no lift-off: it began in the air"
@@ -61,8 +67,12 @@ def test_thrust_of_the_first_climb_is_limited_until_the_height_has_responded_and
     assert limits.apply(first, hard, at(0.5 * FIRST_CLIMB_M, time_s=1.6)) == hard
 
 
-@pytest.mark.parametrize(("degrees", "time_s", "is_cut"), [(25.0, 5.0, False), (45.0, 5.0, True), (35.0, 0.5, True)])
-def test_rates_beyond_the_tilt_limit_are_turned_back(degrees: float, time_s: float, is_cut: bool) -> None:
+@pytest.mark.parametrize(
+    ("degrees", "time_s", "is_cut"), [(25.0, 5.0, False), (45.0, 5.0, True), (35.0, 0.5, True)]
+)
+def test_rates_beyond_the_tilt_limit_are_turned_back(
+    degrees: float, time_s: float, is_cut: bool
+) -> None:
     rolls = ActuatorCommand(HOVER_N, (0.5, 0.0, 0.0))
     now = at(attitude=tilted(degrees), time_s=time_s)
     cut = FlightLimits(VEHICLE, GAINS).apply((TiltLimit,), rolls, now)
@@ -76,7 +86,9 @@ def test_thrust_in_transit_neither_drops_the_vehicle_nor_drives_it_aside() -> No
     assert limits.apply((ThrustLimit,), low, at()).thrust == pytest.approx(LOW_SHARE * HOVER_N)
     assert limits.apply((ThrustLimit,), high, at()) == high, "level, it drives nothing aside"
     leaning = limits.apply((ThrustLimit,), high, at(attitude=tilted(60.0)))
-    assert leaning.thrust * math.sin(math.radians(60.0)) == pytest.approx(HOVER_N * math.tan(math.radians(40.0)))
+    assert leaning.thrust * math.sin(math.radians(60.0)) == pytest.approx(
+        HOVER_N * math.tan(math.radians(40.0))
+    )
 
 
 def test_near_the_ground_rates_only_level_and_only_while_contact_is_possible() -> None:
@@ -90,7 +102,9 @@ def test_near_the_ground_rates_only_level_and_only_while_contact_is_possible() -
 
 
 @pytest.mark.parametrize(("sinking_m_s", "share"), [(0.0, UPLINK_LOST_SHARE), (0.6, 1.0)])
-def test_without_uplink_commands_are_gentle_and_let_the_vehicle_sink_slowly(sinking_m_s: float, share: float) -> None:
+def test_without_uplink_commands_are_gentle_and_let_the_vehicle_sink_slowly(
+    sinking_m_s: float, share: float
+) -> None:
     limits, hard = FlightLimits(VEHICLE, GAINS), ActuatorCommand(2.0 * HOVER_N, (2.0, -1.0, 0.5))
     now = at(sinking_m_s=sinking_m_s)
     assert limits.apply((UplinkLostLimit,), hard, now) == hard

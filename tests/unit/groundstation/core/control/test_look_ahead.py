@@ -1,4 +1,6 @@
-"""What a law will want in a moment, at which instant its command acts, and the parts of the baselines."""
+"""What a law will want in a moment, at which instant its command acts, and the parts of the
+baselines.
+"""
 
 import math
 from typing import Any
@@ -6,11 +8,28 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from groundstation.core.control import Adaptive, Gains, acceleration, make_controller, push, yaw_rate
+from groundstation.core.control import (
+    Adaptive,
+    Gains,
+    acceleration,
+    make_controller,
+    push,
+    yaw_rate,
+)
 from groundstation.core.control.adaptive import move_back
 from groundstation.core.control.controllers import L1, Indi
 from groundstation.core.control.demand_limits import DemandLimits
-from groundstation.core.geometry import FLOATS, IDENTITY, ZERO, Quat, Vec3, add_scaled, rotate, so3, third_column
+from groundstation.core.geometry import (
+    FLOATS,
+    IDENTITY,
+    ZERO,
+    Quat,
+    Vec3,
+    add_scaled,
+    rotate,
+    so3,
+    third_column,
+)
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import Estimate
 from groundstation.core.trajectory import Reference
@@ -23,7 +42,9 @@ VEHICLE = Vehicle(drag_per_s=0.8, rate_limits_deg_s=(1e5, 1e5, 1e5))
 GAINS = Gains(composite="off", sigma_bound=1.5, rho_bound=1.0)
 PERIOD_S = VEHICLE.frame_period_s
 WIND: Vec3 = (0.4, -0.3, 0.2)
-FLIES = Motion((0.4, 0.1, -0.6), (1.3, -0.9, 0.6), so3.from_euler_zyx(0.2, 0.25, 0.4), 0.9, (0.3, -0.4, 0.2))
+FLIES = Motion(
+    (0.4, 0.1, -0.6), (1.3, -0.9, 0.6), so3.from_euler_zyx(0.2, 0.25, 0.4), 0.9, (0.3, -0.4, 0.2)
+)
 
 
 def course(t: float) -> Reference:
@@ -49,7 +70,9 @@ def test_rates_lead_by_the_derivative_of_what_the_law_wants() -> None:
     assert not saturated
     x, y, z = third_column(FLIES.attitude)
     push = add_scaled(WIND, -FLIES.thrust / VEHICLE.mass_kg, (x, y, z))
-    speeds = add_scaled(add_scaled(push, -VEHICLE.drag_per_s, FLIES.velocity), GAINS.gravity, (0.0, 0.0, 1.0))
+    speeds = add_scaled(
+        add_scaled(push, -VEHICLE.drag_per_s, FLIES.velocity), GAINS.gravity, (0.0, 0.0, 1.0)
+    )
     later = Motion(
         add_scaled(add_scaled(FLIES.position, AHEAD_S, FLIES.velocity), 0.5 * AHEAD_S**2, speeds),
         add_scaled(FLIES.velocity, AHEAD_S, speeds),
@@ -58,7 +81,9 @@ def test_rates_lead_by_the_derivative_of_what_the_law_wants() -> None:
         FLIES.rates,
     )
     then.begin(add_scaled(now.b_hat, AHEAD_S, now.b_hat_dot))
-    soon = then.decide(Estimate(0.0, later, WIND, ZERO), course(1.0 + AHEAD_S), PERIOD_S).diagnostics
+    soon = then.decide(
+        Estimate(0.0, later, WIND, ZERO), course(1.0 + AHEAD_S), PERIOD_S
+    ).diagnostics
     gain = lead(FLOATS, PERIOD_S, VEHICLE.rate_lag_s)
     led = [
         is_ + gain * (GAINS.k_omega * (wants - is_) + (will - wants) / AHEAD_S)
@@ -92,10 +117,12 @@ HERE = Reference((0.0, 0.0, -1.0))
 LATE_THRUST = Vehicle(thrust_delay_s=0.06)
 HOVERS = Motion((0.0, 0.0, -1.0), ZERO, IDENTITY, 9.81 * LATE_THRUST.mass_kg, ZERO)
 HANGS = Estimate(0.0, HOVERS, ZERO, ZERO)
-SPINS = Estimate(0.0, HOVERS._replace(velocity=(0.0, 0.0, 0.02), rates=(20.0, 0.0, 0.0)), ZERO, ZERO)
+SPINS = Estimate(
+    0.0, HOVERS._replace(velocity=(0.0, 0.0, 0.02), rates=(20.0, 0.0, 0.0)), ZERO, ZERO
+)
 
 
-def test_each_half_of_a_command_is_of_the_instant_at_which_it_begins_to_act_and_told_where_it_is_clamped() -> None:
+def test_each_half_of_a_command_is_of_the_instant_at_which_it_begins_to_act() -> None:
     apart, spinning, sooner, later = (Adaptive(LATE_THRUST, Gains()) for _ in range(4))
     drive, saturated, _ = apart.decide_apart(HANGS, SPINS, HERE, PERIOD_S)
     first, last = sooner.decide(HANGS, HERE, PERIOD_S), later.decide(SPINS, HERE, PERIOD_S)
@@ -120,7 +147,9 @@ def make_estimate(motion: dict[str, Any] | None = None, disturbance: Vec3 = ZERO
 
 
 @given(attitude, vec, vec)
-def test_thrust_along_the_push_gives_the_wanted_acceleration(q: Quat, wanted: Vec3, wind: Vec3) -> None:
+def test_thrust_along_the_push_gives_the_wanted_acceleration(
+    q: Quat, wanted: Vec3, wind: Vec3
+) -> None:
     along, cut = push(wanted, wind, G, math.radians(80.0))
     x, y, z = along
     assert not cut
@@ -137,18 +166,24 @@ def test_a_push_is_never_tilted_beyond_its_limit_nor_upside_down(wanted: Vec3) -
     (x, y, z), cut = push(wanted, ZERO, G, math.radians(30.0))
     assert z >= 1.0
     assert math.hypot(x, y) <= z * math.tan(math.radians(30.0)) * (1.0 + 1e-12)
-    if math.hypot(wanted[0], wanted[1]) > (G - min(wanted[2], G - 1.0)) * math.tan(math.radians(30.0)) * 1.001:
+    if (
+        math.hypot(wanted[0], wanted[1])
+        > (G - min(wanted[2], G - 1.0)) * math.tan(math.radians(30.0)) * 1.001
+    ):
         assert cut
 
 
 def test_indi_pushes_against_the_wind_that_the_observer_sees() -> None:
     gains = Indi(k_acceleration=0.0, actuator_compensation=False)
-    decision = make_controller(gains, PLAIN).decide(make_estimate(disturbance=(0.0, 0.0, 2.0)), HERE, 0.0)
+    decision = make_controller(gains, PLAIN).decide(
+        make_estimate(disturbance=(0.0, 0.0, 2.0)), HERE, 0.0
+    )
     assert decision.drive.thrust == pytest.approx(PLAIN.mass_kg * (G + 2.0))
 
 
-def test_l1_finds_an_unknown_push_by_its_formulas_and_counteracts_what_its_filter_lets_through() -> None:
-    # v̂˙ = f + σ̂ + A_s ṽ over T_s, σ̂ = -Φ⁻¹ e^(A_s T_s) ṽ, then C(s); the vehicle gathers speed by σ beyond the model.
+def test_l1_finds_an_unknown_push_and_counteracts_what_its_filter_lets_through() -> None:
+    # v̂˙ = f + σ̂ + A_s ṽ over T_s, σ̂ = -Φ⁻¹ e^(A_s T_s) ṽ, then C(s); the vehicle gathers speed
+    # by σ beyond the model.
     gains, h, sigma = L1(predictor_pole=2.0, bandwidth_rad_s=6.0), PLAIN.frame_period_s, 0.8
     controller = make_controller(gains, PLAIN)
     keep = math.exp(-2.0 * h)

@@ -19,9 +19,14 @@ SWINGS = values(v_known=4.0, w=60.0)
 """V stands still, although it must fall."""
 
 
-def flown(watch: CertificateMonitor, decision: Decision, seconds: float, start_s: float = 0.0) -> list[str]:
+def flown(
+    watch: CertificateMonitor, decision: Decision, seconds: float, start_s: float = 0.0
+) -> list[str]:
     """The warnings of ``seconds`` of the same decision."""
-    looks = (watch.look(start_s + k * PERIOD_S, HOVER, decision) for k in range(round(seconds / PERIOD_S) + 1))
+    looks = (
+        watch.look(start_s + k * PERIOD_S, HOVER, decision)
+        for k in range(round(seconds / PERIOD_S) + 1)
+    )
     return [warning.text for seen in looks for warning in seen.warnings]
 
 
@@ -29,11 +34,15 @@ def test_a_v_that_only_stands_still_although_it_must_fall_is_told_once() -> None
     watch = CertificateMonitor(VEHICLE, Gains())
     swinging = decided(SWINGS)
     (warning,) = flown(watch, swinging, 4.0)
-    assert warning.startswith("Lyapunov: V has been above its bound for 0.5 s; largest term: poses contradict")
+    assert warning.startswith(
+        "Lyapunov: V has been above its bound for 0.5 s; largest term: poses contradict"
+    )
     assert warning.endswith("60 m²/s³")
     assert watch.look(4.1, HOVER, swinging).state == "violated"
     reading = watch.reading()
-    assert reading is not None and reading.violated_fraction == pytest.approx(1.0 - 0.48 / 4.1, abs=0.01)
+    assert reading is not None and reading.violated_fraction == pytest.approx(
+        1.0 - 0.48 / 4.1, abs=0.01
+    )
 
 
 def test_a_v_within_its_bound_is_not_told() -> None:
@@ -59,15 +68,24 @@ def test_a_disturbance_beyond_b_is_told_with_its_size() -> None:
     estimated = (3.0, 0.0, 4.2)
     (warning,) = flown(watch, decided(values(b_hat=estimated, disturbance=estimated)), 2.0)
     assert warning.startswith(
-        "Lyapunov: the disturbance estimate has been above controller.b_bound for 0.5 s: 5.2 m/s², limit 5 m/s²"
+        "Lyapunov: the disturbance estimate has been above controller.b_bound for 0.5 s: 5.2 m/s², "
+        "limit 5 m/s²"
     )
     reading = watch.reading()
     assert reading is not None
     assert reading.b_hat_fraction == pytest.approx(math.hypot(3.0, 4.2) / 5.5)
 
 
-@pytest.mark.parametrize(("thrust", "which"), [(VEHICLE.thrust_max_n, "upper"), (VEHICLE.thrust_min_n, "lower")])
-def test_a_thrust_that_stays_at_its_limit_is_told_under_every_controller(thrust: float, which: str) -> None:
+@pytest.mark.parametrize(
+    ("thrust", "which"), [(VEHICLE.thrust_max_n, "upper"), (VEHICLE.thrust_min_n, "lower")]
+)
+def test_a_thrust_that_stays_at_its_limit_is_told_under_every_controller(
+    thrust: float, which: str
+) -> None:
     for config in (Gains(), Pid()):
-        (warning,) = flown(CertificateMonitor(VEHICLE, config), decided(values(), saturated=True, thrust=thrust), 2.0)
+        (warning,) = flown(
+            CertificateMonitor(VEHICLE, config),
+            decided(values(), saturated=True, thrust=thrust),
+            2.0,
+        )
         assert f"at its {which} limit" in warning

@@ -1,4 +1,6 @@
-"""The model, the actuators and the estimator against the simulated plant, which shares no code with them."""
+"""The model, the actuators and the estimator against the simulated plant, which shares no code with
+them.
+"""
 
 import math
 import random
@@ -49,7 +51,9 @@ def flown(
     plant = Quadrotor(world, Wind(world, rows(generator(seed, "wind").standard_normal, 3)))
     plant.release(0.0)
     gauss = random.Random(seed).gauss
-    estimator = ModelEstimator(VEHICLE, msgspec.structs.replace(Gains(), composite=composite, **gains))
+    estimator = ModelEstimator(
+        VEHICLE, msgspec.structs.replace(Gains(), composite=composite, **gains)
+    )
     frame, pose = 0, 0
     while pose * 0.02 <= seconds:
         if frame * 0.0225 <= pose * 0.02:
@@ -74,7 +78,9 @@ def flown(
 def test_a_command_led_through_the_lag_arrives_where_it_should(hold: float, lag: float) -> None:
     wanted_rise = 0.3
     command = 1.0 + lead(FLOATS, hold, lag) * wanted_rise
-    assert 1.0 + approach(FLOATS, hold, lag) * (command - 1.0) == pytest.approx(1.0 + hold * wanted_rise)
+    assert 1.0 + approach(FLOATS, hold, lag) * (command - 1.0) == pytest.approx(
+        1.0 + hold * wanted_rise
+    )
 
 
 def test_the_rolled_model_agrees_with_the_plant() -> None:
@@ -83,7 +89,9 @@ def test_the_rolled_model_agrees_with_the_plant() -> None:
     drive = ActuatorCommand(0.9, (1.0, -0.8, 0.5))
     plant.command(0.0, *drive)
     start = plant.truth(0.0)
-    motion = Motion(start.position_ned, start.velocity_ned, start.attitude, start.thrust_n, start.rates_rad_s)
+    motion = Motion(
+        start.position_ned, start.velocity_ned, start.attitude, start.thrust_n, start.rates_rad_s
+    )
     for _ in range(8):
         motion = roll(motion, drive, 0.0225)
     truth = plant.truth(8 * 0.0225)
@@ -106,7 +114,9 @@ def test_the_observer_finds_velocity_far_better_than_differences_do() -> None:
 @pytest.mark.parametrize("wind", [(0.5, -0.3, 0.8), (-2.0, 1.0, 0.0)])
 def test_the_observer_finds_the_disturbance(wind: Vec3) -> None:
     estimator, _ = flown(
-        msgspec.structs.replace(CALM, wind_mean=wind, pose_noise_m=0.0001), 8.0, effectiveness_deviation=0.0
+        msgspec.structs.replace(CALM, wind_mean=wind, pose_noise_m=0.0001),
+        8.0,
+        effectiveness_deviation=0.0,
     )
     assert math.dist(estimator.predict(8.0).disturbance, wind) < 0.1
 
@@ -155,7 +165,9 @@ def test_thrust_and_rates_begin_to_follow_a_command_each_after_its_own_delay(lat
         for i in range(9):
             each.add_command(0.01 * i, ActuatorCommand(1.0 + 0.1 * i, (0.1 * i, 0.0, 0.0)))
             each.predict(0.01 * i + 0.005)
-    now, then, on_time = (one.predict(t).motion for one, t in ((estimator, 0.12), (plain, 0.09), (plain, 0.12)))
+    now, then, on_time = (
+        one.predict(t).motion for one, t in ((estimator, 0.12), (plain, 0.09), (plain, 0.12))
+    )
     for name, delayed in (("thrust", late == "thrust"), ("rates", late == "rate")):
         expected = getattr(then if delayed else on_time, name)
         assert getattr(now, name) == pytest.approx(expected, abs=1e-9)
@@ -164,7 +176,12 @@ def test_thrust_and_rates_begin_to_follow_a_command_each_after_its_own_delay(lat
 @pytest.mark.parametrize(
     ("across_m2", "along_m2", "configured_s", "split"),
     [
-        (1e-6, 2.1e-6, None, (1e-6, 1.1e-6 / 4.0)),  # more than twice as noisy along the motion: the stamps jitter
+        (
+            1e-6,
+            2.1e-6,
+            None,
+            (1e-6, 1.1e-6 / 4.0),
+        ),  # more than twice as noisy along the motion: the stamps jitter
         (1e-6, 1.9e-6, None, (3.9e-6 / 3.0, 0.0)),  # by chance
         (1e-6, 9.0e-6, 0.0, (11e-6 / 3.0, 0.0)),  # told that there is none
         (1e-6, 1.0e-6, 0.003, (1e-6, 9e-6)),  # told how large it is
@@ -175,7 +192,9 @@ def test_noise_is_split_into_that_of_positions_and_the_jitter_of_stamps(
     across_m2: float, along_m2: float, configured_s: float | None, split: tuple[float, float]
 ) -> None:
     mean_m2 = (2.0 * across_m2 + along_m2) / 3.0
-    assert split_noise(FLOATS, mean_m2, (along_m2, 4.0), 1e-7, configured_s) == pytest.approx(split, rel=1e-4)
+    assert split_noise(FLOATS, mean_m2, (along_m2, 4.0), 1e-7, configured_s) == pytest.approx(
+        split, rel=1e-4
+    )
 
 
 @pytest.mark.parametrize(
@@ -198,7 +217,9 @@ def test_uneven_stamps_of_a_vehicle_at_rest_are_noise_once_it_moves(
             estimator.update(Pose(n, stamp_s, stamp_s, (0.0, 0.0, 0.0), so3.IDENTITY))
     noise_m = estimator.noise_m
     assert estimator.find_noise((0.0, 0.0, 0.0)) == noise_m
-    assert estimator.find_noise((0.6, 0.0, -0.8)) == pytest.approx(math.hypot(noise_m, told_s), rel=0.15)
+    assert estimator.find_noise((0.6, 0.0, -0.8)) == pytest.approx(
+        math.hypot(noise_m, told_s), rel=0.15
+    )
 
 
 @pytest.mark.parametrize("uneven", [False, True])
@@ -209,7 +230,8 @@ def test_fourth_differences_show_noise_and_jitter_and_no_smooth_motion(uneven: b
         times = [0.01 * k + (0.004 * (k % 2) if uneven else 0.0) for k in range(5)]
         seen = [t + draw.gauss(0.0, jitter_s) for t in times]
         places = [
-            (speed_m_s * t + 3.0 * t * t + draw.gauss(0.0, noise_m), 2.0 * t**3 + draw.gauss(0.0, noise_m),
+            (speed_m_s * t + 3.0 * t * t + draw.gauss(0.0, noise_m), 2.0 * t**3 + draw.gauss(0.0,
+                noise_m),
              draw.gauss(0.0, noise_m)) for t in seen
         ]  # fmt: skip
         for i, value in enumerate(fourth_difference(times, places)):
@@ -226,7 +248,9 @@ def test_a_direction_is_a_unit_vector_and_none_at_rest() -> None:
     axis, speed2 = find_direction(FLOATS, (1.0, -2.0, 2.0))
     assert (*axis, speed2) == pytest.approx((1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0, 9.0))
     assert find_direction(FLOATS, (0.0, 0.0, 0.0)) == ((0.0, 0.0, 0.0), 0.0)
-    assert part_along((0.6, 0.8, 0.0), (1.0, 2.0, 3.0)) == pytest.approx((2.2 * 0.6, 2.2 * 0.8, 0.0))
+    assert part_along((0.6, 0.8, 0.0), (1.0, 2.0, 3.0)) == pytest.approx(
+        (2.2 * 0.6, 2.2 * 0.8, 0.0)
+    )
 
 
 @pytest.mark.parametrize(("step_m", "factor"), [(0.2, 1.0), (0.6, 2.0), (3.0, 5.0)])
@@ -234,7 +258,9 @@ def test_a_covariance_is_widened_until_it_explains_an_innovation_and_by_five_at_
     step_m: float, factor: float
 ) -> None:
     upper: Covariance = (0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-    side_m = step_m / math.sqrt(3.0)  # 0.42 m is three times what is expected of three axes of 0.02 m²
+    side_m = step_m / math.sqrt(
+        3.0
+    )  # 0.42 m is three times what is expected of three axes of 0.02 m²
     widened = widen_covariance(FLOATS, upper, 0.01, (side_m, -side_m, side_m))
     assert widened == pytest.approx([factor * one for one in upper])
 
@@ -244,7 +270,8 @@ def test_at_lift_off_the_hover_thrusts_error_is_shared_and_friction_forgotten_be
     estimator.frozen = estimator.lands = True
     estimator.drive((3.0, 4.0, 2.0))
     left = estimator.lift_off(0.4, 1.2)
-    # Thrust may be off by 0.15 g = 1.47 m/s², the disturbance by 1 m/s²: 68 % of the error are thrust's.
+    # Thrust may be off by 0.15 g = 1.47 m/s², the disturbance by 1 m/s²: 68 % of the error are
+    # thrust's.
     weight = 1.4715**2 / (1.4715**2 + 1.0)
     share = 1.0 / (1.0 + 0.2 * weight)
     # Of 5 m/s² aside 0.5 may be friction.
@@ -275,17 +302,28 @@ def test_what_is_held_stays_until_the_poses_are_believed_again() -> None:
     assert estimator.disturbance != held
     moved = Motion((1.0, 2.0, -3.0), (0.1, 0.2, 0.3), so3.IDENTITY, 1.0, (0.0, 0.0, 0.0))
     estimator.believe(moved, (0.1, 0.0, 0.0), 1.1)
-    assert (estimator.motion, estimator.disturbance, estimator.effectiveness) == (moved, (0.1, 0.0, 0.0), 1.1)
+    assert (estimator.motion, estimator.disturbance, estimator.effectiveness) == (
+        moved,
+        (0.1, 0.0, 0.0),
+        1.1,
+    )
     estimator.reset_motion(moved)
     look(1.06)
     assert estimator.disturbance != (0.1, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("turned_deg", "across", "along"), [(0.0, 1.0, 5.0), (90.0, 3.0, 1.0), (45.0, 2.0, 3.0)])
+@pytest.mark.parametrize(
+    ("turned_deg", "across", "along"), [(0.0, 1.0, 5.0), (90.0, 3.0, 1.0), (45.0, 2.0, 3.0)]
+)
 def test_covariances_turn_with_the_motion(turned_deg: float, across: float, along: float) -> None:
-    """Those of noise along the motion, 5, and across it, 1; across is the mean of both directions."""
+    """Those of noise along the motion, 5, and across it, 1.
+
+    Across is the mean of both directions.
+    """
     angle = math.radians(turned_deg)
     ones: Covariance = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     fives: Covariance = (5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0)
-    turned = turn_track(ones, AlongTrack((1.0, 0.0, 0.0), fives), (math.cos(angle), 0.0, math.sin(angle)))
+    turned = turn_track(
+        ones, AlongTrack((1.0, 0.0, 0.0), fives), (math.cos(angle), 0.0, math.sin(angle))
+    )
     assert [{round(one, 9) for one in found} for found in turned] == [{across}, {along}]

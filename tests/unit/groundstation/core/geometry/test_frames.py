@@ -1,4 +1,6 @@
-"""Axes by their letters, and physical situations worked out by hand: in a round trip two mistakes may cancel."""
+"""Axes by their letters, and physical situations worked out by hand: in a round trip two mistakes
+may cancel.
+"""
 
 import itertools
 import math
@@ -12,13 +14,20 @@ from groundstation.core.geometry import Alignment, Body, Frames, Quat, Vec3, Wor
 
 WORLDS: tuple[World, ...] = get_args(World)
 BODIES: tuple[Body, ...] = get_args(Body)
-turns = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: math.hypot(*q) > 0.1).map(so3.normalize)
+turns = (
+    st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: math.hypot(*q) > 0.1).map(so3.normalize)
+)
 
 
 def about(axis: Vec3, degrees: float) -> Quat:
     """Right-handed turn about a unit axis."""
     half = math.radians(degrees) / 2.0
-    return (math.cos(half), math.sin(half) * axis[0], math.sin(half) * axis[1], math.sin(half) * axis[2])
+    return (
+        math.cos(half),
+        math.sin(half) * axis[0],
+        math.sin(half) * axis[1],
+        math.sin(half) * axis[2],
+    )
 
 
 X: Vec3 = (1.0, 0.0, 0.0)
@@ -45,7 +54,9 @@ def test_every_right_handed_name_is_known_and_no_other() -> None:
             for flips in itertools.product((0, 1), repeat=3):
                 odd = sum(order[j] > order[i] for i in range(3) for j in range(i)) % 2
                 if (odd + sum(flips)) % 2 == 0:
-                    right.add("".join(pairs[axis][flip] for axis, flip in zip(order, flips, strict=True)))
+                    right.add(
+                        "".join(pairs[axis][flip] for axis, flip in zip(order, flips, strict=True))
+                    )
         assert len(known) == 24
         assert set(known) == right
 
@@ -90,11 +101,12 @@ def test_markers_six_centimetres_above_the_centre_of_mass(given: Quat, centre: V
 
 
 def test_everything_at_once() -> None:
-    # y up; the lab's north is our east; its origin is half a metre north of ours and 1 m up. The markers' forward
-    # lies to the right of the nose, their centre 10 cm behind that of mass. They are 2 m "north" and 1 m up, looking
-    # "north", which is east: so the nose looks north.
+    # y up; the lab's north is our east; its origin is half a metre north of ours and 1 m up. The
+    # markers' forward lies to the right of the nose, their centre 10 cm behind that of mass. They
+    # are 2 m "north" and 1 m up, looking "north", which is east: so the nose looks north.
     alignment = Alignment(
-        lab_rotation_deg=(0.0, 0.0, 90.0), lab_origin_m=(0.5, 0.0, -1.0), body_rotation_deg=(0.0, 0.0, 90.0),
+        lab_rotation_deg=(0.0, 0.0, 90.0), lab_origin_m=(0.5, 0.0, -1.0), body_rotation_deg=(0.0,
+            0.0, 90.0),
         centre_of_mass_m=(0.1, 0.0, 0.0),
     )  # fmt: skip
     place, turn = Frames("nue", "fur", alignment).ours((2.0, 1.0, 0.0), so3.IDENTITY)
@@ -103,7 +115,8 @@ def test_everything_at_once() -> None:
 
 
 ANY = Alignment(
-    lab_rotation_deg=(5.0, -12.0, 130.0), lab_origin_m=(1.5, -0.25, 0.5), body_rotation_deg=(-3.0, 8.0, -75.0),
+    lab_rotation_deg=(5.0, -12.0, 130.0), lab_origin_m=(1.5, -0.25, 0.5), body_rotation_deg=(-3.0,
+        8.0, -75.0),
     centre_of_mass_m=(0.02, -0.01, 0.05),
 )  # fmt: skip
 

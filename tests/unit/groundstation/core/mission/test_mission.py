@@ -6,7 +6,16 @@ import pytest
 
 from groundstation.core.messages import Ask, Request, notice
 from groundstation.core.messages.snapshot import decode
-from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
+from groundstation.core.mission import (
+    EVENT_OF,
+    FINAL,
+    IN_AIR,
+    ON_GROUND,
+    TABLE,
+    Event,
+    Mission,
+    State,
+)
 from groundstation.core.mission.mission import IllegalMove
 from tests.proving.reference import states_page as markdown
 
@@ -17,7 +26,10 @@ PAGE = Path(__file__).parents[5] / "docs" / "explanation" / "safety.md"
 def reached(start: State, without: frozenset[Event] = frozenset()) -> set[State]:
     """Every state that can be reached from ``start`` by other events than ``without``."""
     found = {start}
-    while more := {t for (s, event), t in TABLE.items() if s in found and event not in without} - found:
+    while (
+        more := {t for (s, event), t in TABLE.items() if s in found and event not in without}
+        - found
+    ):
         found |= more
     return found
 

@@ -1,4 +1,7 @@
-"""Leaving the floor and coming back to it: thrust, lift-off, touchdown; and what an impatient operator means."""
+"""Leaving the floor and coming back to it: thrust, lift-off, touchdown.
+
+And what an impatient operator means.
+"""
 
 import math
 
@@ -19,16 +22,22 @@ def pose(number: int, down: float, resets: int = 0) -> Pose:
 
 
 @given(st.floats(0.0, 0.9), st.floats(0.2, 5.0), st.floats(0.0, 0.3))
-def test_thrust_rises_without_a_step_and_never_above_its_limit(idle: float, spool_s: float, lag_s: float) -> None:
+def test_thrust_rises_without_a_step_and_never_above_its_limit(
+    idle: float, spool_s: float, lag_s: float
+) -> None:
     spool = Spool(10.0, 13.0, spool_s, 10.0 * idle, 3.0, lag_s)
     told = [spool.thrust_n(3.0 + 0.001 * i) for i in range(6000)]
     assert told[0] == pytest.approx(10.0 * idle)
     assert all(0.0 <= b - a < 0.1 for a, b in zip(told, told[1:], strict=False))
     assert told[-1] == 13.0
-    assert 0.001 * sum(9.0 < thrust < 13.0 for thrust in told) <= 0.3  # from 0.9x the weight to the limit
+    assert (
+        0.001 * sum(9.0 < thrust < 13.0 for thrust in told) <= 0.3
+    )  # from 0.9x the weight to the limit
 
 
-def test_thrust_before_lift_off_is_bounded_by_the_told_weight_or_by_a_measured_hover_thrust() -> None:
+def test_thrust_before_lift_off_is_bounded_by_the_told_weight_or_by_a_measured_hover_thrust() -> (
+    None
+):
     def limit(*told: str) -> float:
         config = from_dict({}, Config, ["vehicle.mass_kg=1", "vehicle.thrust_max_n=20", *told])
         return limit_n(config.takeoff, config.vehicle, config.weight_n) / 9.81
@@ -119,8 +128,15 @@ def test_what_is_pushed_up_near_the_floor_may_be_carried(
     assert touchdown.may_have_contact == touches
 
 
-@given(st.floats(0.0, 0.75, exclude_max=True), st.floats(-3.0, 0.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_what_falls_has_not_touched_down(share: float, speed_m_s: float, gust_m_s2: float, drag_per_s: float) -> None:
+@given(
+    st.floats(0.0, 0.75, exclude_max=True),
+    st.floats(-3.0, 0.0),
+    st.floats(0.0, 1.0),
+    st.floats(0.0, 1.0),
+)
+def test_what_falls_has_not_touched_down(
+    share: float, speed_m_s: float, gust_m_s2: float, drag_per_s: float
+) -> None:
     touchdown = Touchdown(1.0)
     for i in range(300):
         assert not touchdown.update(0.01 * i, share, share, speed_m_s, 0.8, 0.0, 0.25)
@@ -132,15 +148,30 @@ def test_what_falls_has_not_touched_down(share: float, speed_m_s: float, gust_m_
 @pytest.mark.parametrize(
     ("heights_m", "sinks_m_s", "every_s", "stands_s"),
     [
-        ([0.06, 0.01, 0.008, 0.0, 0.0, 0.0], 0.25, 0.22, 0.66),  # few poses come: stands since the second one
-        ([0.1, 0.1], 0.25, 0.42, None),  # poses that were held back begin again where they had ceased
+        (
+            [0.06, 0.01, 0.008, 0.0, 0.0, 0.0],
+            0.25,
+            0.22,
+            0.66,
+        ),  # few poses come: stands since the second one
+        (
+            [0.1, 0.1],
+            0.25,
+            0.42,
+            None,
+        ),  # poses that were held back begin again where they had ceased
         ([0.1] * 40, 0.25, 0.02, None),  # it stood there before: a picture that stands in the air
         ([0.05] * 40, 0.25, 0.02, 0.44),  # since the first pose after that
         ([0.14] + [0.1] * 40, 0.25, 0.02, 0.44),  # a floor higher than told
         ([0.14] + [0.1] * 40, 0.16, 0.02, 0.66),  # told to sink slowly: so it may be slower
         ([0.14] + [0.1] * 40, 0.0, 0.02, None),  # a hover so low, and a landing that stops first
         ([0.2] * 40, 0.25, 0.02, None),  # a picture that stands in the air
-        ([0.15 - 0.05 * 0.02 * i for i in range(100)], 0.25, 0.02, None),  # held back by its own cushion, but sinking
+        (
+            [0.15 - 0.05 * 0.02 * i for i in range(100)],
+            0.25,
+            0.02,
+            None,
+        ),  # held back by its own cushion, but sinking
         ([0.0, 0.03] * 40, 0.25, 0.02, None),
     ],
 )
@@ -161,7 +192,12 @@ def test_poses_that_stand_low_while_it_is_told_to_sink_are_of_a_vehicle_on_the_f
 def test_three_presses_land_descend_and_kill_and_each_says_what_comes_next() -> None:
     interrupts = Interrupts()
     asked = [interrupts.press("SIGINT", t) for t in (0.0, 2.0, 4.0, 6.0)]
-    assert [request and request.ask for request, _ in asked] == [Ask.LAND, Ask.DESCEND, Ask.KILL, Ask.KILL]
+    assert [request and request.ask for request, _ in asked] == [
+        Ask.LAND,
+        Ask.DESCEND,
+        Ask.KILL,
+        Ask.KILL,
+    ]
     assert "failsafe descent" in asked[0][1].text
     assert "motors off" in asked[1][1].text
 

@@ -53,12 +53,29 @@ def shown(time_s: float, **changes: Any) -> Tick:
         (0.0, 0.0, 0.0),
         changes.get("effectiveness", 1.0),
     )
-    command = msgspec.structs.replace(command, **{k: v for k, v in changes.items() if k in ("thrust_n", "rates_rad_s")})
-    pose = Pose(0, time_s - changes.get("age_s", 0.0), time_s, changes.get("seen", (0.0, 0.0, -1.0)), leaning(0.0))
+    command = msgspec.structs.replace(
+        command, **{k: v for k, v in changes.items() if k in ("thrust_n", "rates_rad_s")}
+    )
+    pose = Pose(
+        0,
+        time_s - changes.get("age_s", 0.0),
+        time_s,
+        changes.get("seen", (0.0, 0.0, -1.0)),
+        leaning(0.0),
+    )
     pose = msgspec.structs.replace(pose, reset_count=changes.get("resets", 0))
     reference = Reference((0.0, 0.0, -1.0))
     decision = make_decision(VEHICLE, estimate, reference, command.thrust_n, command.rates_rad_s)
-    return Tick(time_s, 0.0, pose, estimate, reference, decision, command, CertificateReading("none", 0.0, ()))
+    return Tick(
+        time_s,
+        0.0,
+        pose,
+        estimate,
+        reference,
+        decision,
+        command,
+        CertificateReading("none", 0.0, ()),
+    )
 
 
 def first(
@@ -90,16 +107,51 @@ CASES: list[tuple[dict[str, Any], float, GuardAction, str]] = [
     ({"attitude": (math.nan,) * 4}, CONFIG.tilt_s, GuardAction.DESCEND, "tilt 180°"),
     ({"attitude": leaning(41.0)}, CONFIG.oscillation_s, GuardAction.LAND, "oscillation: tilt 41°"),
     ({"disturbance": (9.0, 0.0, 0.0)}, CONFIG.oscillation_s, GuardAction.LAND, "oscillation: tilt"),
-    ({"disturbance": (math.nan, 0.0, 0.0)}, CONFIG.oscillation_s, GuardAction.LAND, "oscillation: tilt 180°"),
+    (
+        {"disturbance": (math.nan, 0.0, 0.0)},
+        CONFIG.oscillation_s,
+        GuardAction.LAND,
+        "oscillation: tilt 180°",
+    ),
     ({"position": (1.1, 0.0, -1.0)}, CONFIG.error_s, GuardAction.LAND, "1.10 m from the reference"),
-    ({"position": (math.nan, 0.0, -1.0)}, CONFIG.error_s, GuardAction.LAND, "nan m from the reference"),
-    ({"velocity": (0.0, 2.6, 0.0), "position": (0.0, -1.0, -1.0)}, 0.0, GuardAction.HOLD, "before the fence"),
-    ({"velocity": (0.0, 0.0, 2.6)}, CONFIG.speed_s, GuardAction.LAND, "2.6 m/s relative to the reference velocity"),
-    ({"position": (1.9, 0.0, -1.0), "velocity": (1.0, 0.0, 0.0)}, 0.0, GuardAction.HOLD, "before the fence"),
+    (
+        {"position": (math.nan, 0.0, -1.0)},
+        CONFIG.error_s,
+        GuardAction.LAND,
+        "nan m from the reference",
+    ),
+    (
+        {"velocity": (0.0, 2.6, 0.0), "position": (0.0, -1.0, -1.0)},
+        0.0,
+        GuardAction.HOLD,
+        "before the fence",
+    ),
+    (
+        {"velocity": (0.0, 0.0, 2.6)},
+        CONFIG.speed_s,
+        GuardAction.LAND,
+        "2.6 m/s relative to the reference velocity",
+    ),
+    (
+        {"position": (1.9, 0.0, -1.0), "velocity": (1.0, 0.0, 0.0)},
+        0.0,
+        GuardAction.HOLD,
+        "before the fence",
+    ),
     ({"position": (2.1, 0.0, -1.0)}, 0.0, GuardAction.LAND, "0.10 m outside the fence"),
     ({"position": (0.0, 0.0, -2.1)}, 0.0, GuardAction.LAND, "outside the fence"),
-    ({"thrust_n": VEHICLE.thrust_max_n}, CONFIG.thrust_limit_s, GuardAction.LAND, "thrust at its limit"),
-    ({"rates_rad_s": (0.0, -FULL, 0.0)}, CONFIG.rate_limit_s, GuardAction.DESCEND, "a body rate at its limit"),
+    (
+        {"thrust_n": VEHICLE.thrust_max_n},
+        CONFIG.thrust_limit_s,
+        GuardAction.LAND,
+        "thrust at its limit",
+    ),
+    (
+        {"rates_rad_s": (0.0, -FULL, 0.0)},
+        CONFIG.rate_limit_s,
+        GuardAction.DESCEND,
+        "a body rate at its limit",
+    ),
     ({"effectiveness": 0.69}, 1.0, GuardAction.LAND, "thrust is 69 % of what is commanded"),
     ({"effectiveness": math.nan}, 1.0, GuardAction.LAND, "thrust is nan % of what is commanded"),
     ({"age_s": 0.16}, 0.3, GuardAction.LAND, "pose age 160 ms on arrival, limit 150 ms"),
@@ -141,7 +193,9 @@ def test_within_its_limit_a_guard_is_quiet(limit: dict[str, Any]) -> None:
 def test_every_row_of_the_table_has_a_sentence_and_a_key_and_there_are_few() -> None:
     assert len(GUARDS) <= 20
     assert all(guard.id in NOTICES for guard in GUARDS)
-    keys = [guard.key.removeprefix("guards.") for guard in GUARDS if guard.key.startswith("guards.")]
+    keys = [
+        guard.key.removeprefix("guards.") for guard in GUARDS if guard.key.startswith("guards.")
+    ]
     assert all(key in GuardsConfig.__struct_fields__ for key in keys)
 
 
@@ -150,7 +204,12 @@ def test_the_limits_of_a_configuration_are_listed_row_by_row_as_the_table_has_th
     limits = list_limits(config, config.guards)
     assert [limit.key for limit in limits] == [guard.key for guard in GUARDS]
     tilt = limits[0]
-    assert (tilt.key, tilt.limit, tilt.lasts_s, tilt.step) == ("guards.tilt_deg", 45.0, 0.2, "failsafe descent")
+    assert (tilt.key, tilt.limit, tilt.lasts_s, tilt.step) == (
+        "guards.tilt_deg",
+        45.0,
+        0.2,
+        "failsafe descent",
+    )
     without = {limit.key for limit in limits if limit.limit is None}
     assert without == {"fence", "fence.braking_m_s2", "guards.battery_v"}  # none is set up
 
@@ -164,7 +223,9 @@ def test_an_estimate_that_is_reset_again_and_again_lands() -> None:
 def test_of_several_the_gravest_is_told() -> None:
     outside = {"position": (2.1, 0.0, -1.0), "attitude": leaning(81.0)}
     told = findings((shown(PERIOD_S * i, **outside) for i in range(50)), FENCE)
-    assert [one.step for one in told if one is not None] == [GuardAction.LAND] * 5 + [GuardAction.DESCEND] * 45
+    assert [one.step for one in told if one is not None] == [GuardAction.LAND] * 5 + [
+        GuardAction.DESCEND
+    ] * 45
 
 
 def test_a_descent_has_no_reference_to_be_far_from() -> None:
@@ -178,7 +239,9 @@ def test_a_limit_cycle_has_breaks_and_lands_it_all_the_same(share: float, lands:
     ticks = (shown(PERIOD_S * i, rates_rad_s=rates) for i, rates in enumerate(rolls))
     found = next(filter(None, findings(ticks)), None)
     assert (found is not None) == lands
-    assert found is None or (found.step is GuardAction.DESCEND and "of the last 2 s" in found.reason.text)
+    assert found is None or (
+        found.step is GuardAction.DESCEND and "of the last 2 s" in found.reason.text
+    )
 
 
 def swung(degrees: float, period_s: float) -> GuardFinding | None:
@@ -223,7 +286,10 @@ def test_the_link_tells_of_its_delay_and_of_the_battery(status: dict[str, Any], 
 
 def test_what_lasts_is_answered_by_one_step_after_the_other_and_never_by_a_gentler_one() -> None:
     escalation = Escalation(2.0)
-    brake, tilt = GuardFinding(GuardAction.HOLD, NEAR_FENCE), GuardFinding(GuardAction.DESCEND, TILTED)
+    brake, tilt = (
+        GuardFinding(GuardAction.HOLD, NEAR_FENCE),
+        GuardFinding(GuardAction.DESCEND, TILTED),
+    )
     first_ = escalation.escalate(brake, 0.0)
     assert first_ == brake
     assert escalation.escalate(brake, 1.9) is None
@@ -242,13 +308,19 @@ def test_what_lasts_is_answered_by_one_step_after_the_other_and_never_by_a_gentl
 
 @pytest.mark.parametrize(
     ("velocity", "disturbance"),
-    [((6.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, -6.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, -6.0), (5.0, 0.0, 0.0))],
+    [
+        ((6.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        ((0.0, -6.0, 0.0), (0.0, 0.0, 0.0)),
+        ((0.0, 0.0, -6.0), (5.0, 0.0, 0.0)),
+    ],
 )
 def test_who_flies_fast_has_to_lean_against_its_drag(velocity: Vec3, disturbance: Vec3) -> None:
     vehicle = msgspec.structs.replace(VEHICLE, drag_per_s=1.0)
     x, y, z = (d - v + g for d, v, g in zip(disturbance, velocity, (0.0, 0.0, 9.81), strict=True))
     attitude = so3.from_euler_zyx(math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0)
-    assert so3.third_column(attitude) == pytest.approx([each / math.hypot(x, y, z) for each in (x, y, z)])
+    assert so3.third_column(attitude) == pytest.approx(
+        [each / math.hypot(x, y, z) for each in (x, y, z)]
+    )
     leans = {"velocity": velocity, "disturbance": disturbance, "attitude": attitude}
     followed = Reference((0.0, 0.0, -1.0), velocity)
     ticks = (shown(PERIOD_S * i, **leans)._replace(reference=followed) for i in range(100))

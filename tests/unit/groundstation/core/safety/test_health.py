@@ -1,11 +1,24 @@
-"""Health of the poses: a vehicle that is flown by tones, and what poses that show something else come to."""
+"""Health of the poses: a vehicle that is flown by tones, and what poses that show something else
+come to.
+"""
 
 import math
 from collections.abc import Callable
 
 import pytest
 
-from groundstation.core.geometry import FLOATS, IDENTITY, ZERO, Quat, Vec3, add, multiply_each, scale, so3, subtract
+from groundstation.core.geometry import (
+    FLOATS,
+    IDENTITY,
+    ZERO,
+    Quat,
+    Vec3,
+    add,
+    multiply_each,
+    scale,
+    so3,
+    subtract,
+)
 from groundstation.core.messages import Pose
 from groundstation.core.safety import HealthState, PoseHealth
 from groundstation.core.safety.health import ClimbMonitor, StopDetector, YawMonitor
@@ -40,10 +53,17 @@ Distort = Callable[[float, list[Motion]], tuple[Vec3, Quat]]
 
 
 def command(time_s: float, yaw_rad_s: float = 0.0) -> ActuatorCommand:
-    """The command of a vehicle at ``time_s`` whose whole motion is asked for: three tones around the hover."""
+    """The command of a vehicle at ``time_s`` whose whole motion is asked for: three tones around
+    the hover.
+    """
     phases = [w * time_s for w in TONES_RAD_S]
-    roll, pitch = TONE_RATE_RAD_S * sum(map(math.cos, phases)), TONE_RATE_RAD_S * sum(map(math.sin, phases))
-    return ActuatorCommand(HOVER_N * (1.0 + TONE_SHARE * sum(map(math.sin, phases))), (roll, pitch, yaw_rad_s))
+    roll, pitch = (
+        TONE_RATE_RAD_S * sum(map(math.cos, phases)),
+        TONE_RATE_RAD_S * sum(map(math.sin, phases)),
+    )
+    return ActuatorCommand(
+        HOVER_N * (1.0 + TONE_SHARE * sum(map(math.sin, phases))), (roll, pitch, yaw_rad_s)
+    )
 
 
 def fly(
@@ -54,7 +74,10 @@ def fly(
     health: PoseHealth | None = None,
     yaw_rad_s: float = 0.0,
 ) -> PoseHealth:
-    """Fly for ``for_s`` [s], or until the poses fail; ``agrees`` is what the autopilot's own attitude says of them."""
+    """Fly for ``for_s`` [s], or until the poses fail.
+
+    ``agrees`` is what the autopilot's own attitude says of them.
+    """
     health = PoseHealth(VEHICLE.mass_kg, GRAVITY) if health is None else health
     health.autopilot_agrees = agrees
     motions = [Motion((0.0, 0.0, -1.0), ZERO, IDENTITY, HOVER_N, ZERO)]
@@ -64,14 +87,18 @@ def fly(
         response = integrate_actuators(FLOATS, begin_response(before), drive, DT_S, *LAGS)
         now = integrate(
             FLOATS, before, drive, DT_S,
-            mass=VEHICLE.mass_kg, gravity=GRAVITY, disturbance=ZERO, thrust_lag=LAGS[0], rate_lag=LAGS[1],
+            mass=VEHICLE.mass_kg, gravity=GRAVITY, disturbance=ZERO, thrust_lag=LAGS[0],
+            rate_lag=LAGS[1],
         )  # fmt: skip
         motions.append(now)
         position, attitude = distort(time_s, motions)
-        roll, pitch, _ = so3.rotation_vector(so3.multiply(so3.conjugate(before.attitude), response.attitude))
+        roll, pitch, _ = so3.rotation_vector(
+            so3.multiply(so3.conjugate(before.attitude), response.attitude)
+        )
         health.add_pose(
             Pose(n, time_s, time_s, position, attitude), before, response,
-            subtract(now.position, before.position), (roll, pitch), ZERO, 1.0, NOISE_M, NOISE_M, counts=True,
+            subtract(now.position, before.position), (roll, pitch), ZERO, 1.0, NOISE_M, NOISE_M,
+            counts=True,
         )  # fmt: skip
         if health.has_failed:
             break
@@ -80,7 +107,10 @@ def fly(
 
 def shrink_attitude(share: float) -> Distort:
     """Poses that show a share of each turn from level [-]."""
-    return lambda _, m: (m[-1].position, so3.rotate(IDENTITY, scale(share, so3.rotation_vector(m[-1].attitude))))
+    return lambda _, m: (
+        m[-1].position,
+        so3.rotate(IDENTITY, scale(share, so3.rotation_vector(m[-1].attitude))),
+    )
 
 
 SHOWN: dict[str, Distort] = {
@@ -91,9 +121,15 @@ SHOWN: dict[str, Distort] = {
     "attitude is a fifth": shrink_attitude(0.2),
     "attitude is twice": shrink_attitude(2.0),
     "position freezes": lambda _, m: (m[0].position, m[-1].attitude),
-    "north is mirrored": lambda _, m: (multiply_each((-1.0, 1.0, 1.0), m[-1].position), m[-1].attitude),
+    "north is mirrored": lambda _, m: (
+        multiply_each((-1.0, 1.0, 1.0), m[-1].position),
+        m[-1].attitude,
+    ),
     "height freezes": lambda _, m: ((*m[-1].position[:2], -1.0), m[-1].attitude),
-    "yaw turns unasked": lambda t, m: (m[-1].position, so3.rotate(m[-1].attitude, (0.0, 0.0, 0.4 * t))),
+    "yaw turns unasked": lambda t, m: (
+        m[-1].position,
+        so3.rotate(m[-1].attitude, (0.0, 0.0, 0.4 * t)),
+    ),
     "runs away": lambda t, m: (add(m[-1].position, (0.5 * 15.0 * t * t, 0.0, 0.0)), m[-1].attitude),
 }
 """What poses show."""
@@ -118,7 +154,12 @@ SHOWN: dict[str, Distort] = {
     ],
 )
 def test_poses_that_show_another_motion_fail_for_their_reason_and_leave_what_still_responds(
-    shown: str, agrees: bool | None, reason_id: str, failed_s: float, alarm: float, attitude_usable: bool
+    shown: str,
+    agrees: bool | None,
+    reason_id: str,
+    failed_s: float,
+    alarm: float,
+    attitude_usable: bool,
 ) -> None:
     health = fly(SHOWN[shown], agrees=agrees)
     assert (health.state, health.reason_id) == (HealthState.FAILED, reason_id)
@@ -130,7 +171,9 @@ def test_poses_that_show_another_motion_fail_for_their_reason_and_leave_what_sti
 
 
 @pytest.mark.parametrize("shown", ["truth", "attitude freezes", "attitude is late"])
-def test_true_poses_are_confirmed_and_an_autopilot_that_agrees_clears_any_attitude(shown: str) -> None:
+def test_true_poses_are_confirmed_and_an_autopilot_that_agrees_clears_any_attitude(
+    shown: str,
+) -> None:
     health = fly(SHOWN[shown], agrees=True)
     assert (health.state, health.reason_id) == (HealthState.OK, "")
     assert health.alarm == pytest.approx(0.0, abs=1e-9)
@@ -166,7 +209,11 @@ def test_failed_is_final_and_keeps_the_first_reason() -> None:
     health.fail("pose.late", 3.0)
     health.fail("pose.yaw_unasked", 1.0)
     health.suspect(4.0)
-    assert (health.state, health.reason_id, health.believed_until_s) == (HealthState.FAILED, "pose.late", 3.0)
+    assert (health.state, health.reason_id, health.believed_until_s) == (
+        HealthState.FAILED,
+        "pose.late",
+        3.0,
+    )
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.3, 0.5])
@@ -179,9 +226,13 @@ def test_a_yaw_that_follows_its_command_within_the_autopilots_lag_is_no_drift(la
 
 
 @pytest.mark.parametrize(("beyond_rad_s", "dt_s"), [(0.3, 0.01), (-0.3, 0.02)])
-def test_a_yaw_that_nobody_asked_for_is_its_mean_over_a_second(beyond_rad_s: float, dt_s: float) -> None:
+def test_a_yaw_that_nobody_asked_for_is_its_mean_over_a_second(
+    beyond_rad_s: float, dt_s: float
+) -> None:
     monitor = YawMonitor()
-    drifts = [monitor.add_pose(n * dt_s, 0.2 + beyond_rad_s, 0.2, dt_s) for n in range(round(1.0 / dt_s))]
+    drifts = [
+        monitor.add_pose(n * dt_s, 0.2 + beyond_rad_s, 0.2, dt_s) for n in range(round(1.0 / dt_s))
+    ]
     assert drifts[-1] == pytest.approx(0.3 * (1.0 - 1.0 / math.e), rel=0.02)
 
 
@@ -197,12 +248,18 @@ def test_a_yaw_that_nobody_asked_for_is_its_mean_over_a_second(beyond_rad_s: flo
     ],
 )
 def test_a_height_behind_its_thrust_is_found_until_the_vehicle_has_climbed_out(
-    hover_share: float, thrust_share: float, shown_m_s: float, noise_m: float, behind_s: float | None
+    hover_share: float,
+    thrust_share: float,
+    shown_m_s: float,
+    noise_m: float,
+    behind_s: float | None,
 ) -> None:
     monitor, force = ClimbMonitor(hover_share, 0.5, GRAVITY), -GRAVITY * thrust_share
     found_s = None
     for n in range(1, 200):
-        if monitor.add_pose(shown_m_s * DT_S, force * DT_S, 0.5 * force * DT_S * DT_S, DT_S, noise_m):
+        if monitor.add_pose(
+            shown_m_s * DT_S, force * DT_S, 0.5 * force * DT_S * DT_S, DT_S, noise_m
+        ):
             found_s = n * DT_S
             break
         if monitor.is_over:
@@ -219,14 +276,19 @@ FRAME_S = 0.02
 def watch_stop(
     places_m: list[float], model_m_s: list[float], push_m_s2: float = 0.0, noise_m: float = NOISE_M
 ) -> tuple[bool, bool]:
-    """Whether a vehicle whose north is at ``places_m`` by its poses stopped dead; and whether it is to be asked.
+    """Whether a vehicle whose north is at ``places_m`` by its poses stopped dead.
+
+    And whether it is to be asked.
 
     The model has it at ``model_m_s`` before each pose, and pushes it by ``push_m_s2``.
     """
     detector, stopped, asked, since_s = StopDetector(), False, False, 0.0
     for n, (place_m, speed_m_s) in enumerate(zip(places_m, model_m_s, strict=True)):
         pose = Pose(n, since_s, since_s, (place_m, 0.0, -1.0), IDENTITY)
-        before, push = Motion((0.0, 0.0, -1.0), (speed_m_s, 0.0, 0.0), IDENTITY, 0.8, ZERO), (push_m_s2, 0.0, 0.0)
+        before, push = (
+            Motion((0.0, 0.0, -1.0), (speed_m_s, 0.0, 0.0), IDENTITY, 0.8, ZERO),
+            (push_m_s2, 0.0, 0.0),
+        )
         stopped |= detector.add_pose(pose, before, push, ZERO, FRAME_S, noise_m) is not None
         asked |= detector.is_driven
         since_s += FRAME_S
@@ -240,8 +302,10 @@ def test_a_speed_that_only_the_model_has_is_no_stop() -> None:
 
 @pytest.mark.parametrize(("speed_m_s", "push_m_s2", "stopped"), [
     (0.3, 0.0, True), (-0.6, 0.0, True), (1.5, 0.0, True),
-    (0.16, 0.0, True), (0.14, 0.0, False),  # a collision takes .15 m/s within a pose; less is noise and wind
-    (0.24, 3.0, True), (0.21, 3.0, False),  # and 25 ms of a push beyond that: commands may be mistimed so
+    (0.16, 0.0, True), (0.14, 0.0, False),
+    # a collision takes .15 m/s within a pose; less is noise and wind
+    (0.24, 3.0, True), (0.21, 3.0, False),
+    # and 25 ms of a push beyond that: commands may be mistimed so
 ])  # fmt: skip
 def test_a_picture_that_freezes_is_stopped_dead_unless_its_motion_was_slow(
     speed_m_s: float, push_m_s2: float, stopped: bool
@@ -250,16 +314,29 @@ def test_a_picture_that_freezes_is_stopped_dead_unless_its_motion_was_slow(
     assert watch_stop(moves + 9 * moves[-1:], 19 * [speed_m_s], push_m_s2)[0] is stopped
 
 
-@pytest.mark.parametrize(("noise_m", "speed_m_s", "stopped"), [(0.002, 0.36, False), (0.002, 0.44, True)])
-def test_noise_hides_where_a_push_turns_a_motion_back(noise_m: float, speed_m_s: float, stopped: bool) -> None:
-    """Within four sigma, 8 mm, 1 g turns back what was not faster than 0.4 m/s; the model knows nothing of it."""
+@pytest.mark.parametrize(
+    ("noise_m", "speed_m_s", "stopped"), [(0.002, 0.36, False), (0.002, 0.44, True)]
+)
+def test_noise_hides_where_a_push_turns_a_motion_back(
+    noise_m: float, speed_m_s: float, stopped: bool
+) -> None:
+    """Within four sigma, 8 mm, 1 g turns back what was not faster than 0.4 m/s.
+
+    The model knows nothing of it.
+    """
     moves = [n * FRAME_S * speed_m_s for n in range(10)]
     assert watch_stop(moves + 9 * moves[-1:], 19 * [speed_m_s], noise_m=noise_m)[0] is stopped
 
 
 @pytest.mark.parametrize(
     ("push_m_s2", "stopped", "asked"),
-    [(0.3, False, False), (1.0, False, True), (1.25, False, True), (1.4, True, True), (2.5, True, True)],
+    [
+        (0.3, False, False),
+        (1.0, False, True),
+        (1.25, False, True),
+        (1.4, True, True),
+        (2.5, True, True),
+    ],
 )
 def test_a_place_that_stands_while_commands_push_is_asked_and_beyond_any_wind_accused(
     push_m_s2: float, stopped: bool, asked: bool

@@ -1,4 +1,6 @@
-"""What is believed of a vehicle on its floor: limits in numbers, and many draws of a vehicle in one dimension."""
+"""What is believed of a vehicle on its floor: limits in numbers, and many draws of a vehicle in one
+dimension.
+"""
 
 import math
 import random
@@ -33,10 +35,17 @@ class Spooled(NamedTuple):
 
 
 def spooled(
-    seed: int, *, hover_share: float = 1.0, lag_s: float = 0.05, noise_m: float = 0.0003, wander_m: float = 0.0,
+    seed: int, *, hover_share: float = 1.0, lag_s: float = 0.05, noise_m: float = 0.0003,
+    wander_m: float = 0.0,
 ) -> Spooled:  # fmt: skip
-    """Spool up a vehicle that hovers at a share of its told weight; its poses wander by ``wander_m`` in 2 s, 1σ [m]."""
-    draw, vehicle = random.Random(seed), Vehicle(mass_kg=1.0 / G, thrust_max_n=2.0, thrust_lag_s=lag_s)
+    """Spool up a vehicle that hovers at a share of its told weight.
+
+    Its poses wander by ``wander_m`` in 2 s, 1σ [m].
+    """
+    draw, vehicle = (
+        random.Random(seed),
+        Vehicle(mass_kg=1.0 / G, thrust_max_n=2.0, thrust_lag_s=lag_s),
+    )
     standing, walked, number = StandingPoses(), 0.0, 0
 
     def pose(at_s: float, up_m: float) -> Pose:
@@ -80,7 +89,10 @@ def spooled(
 
 
 def test_thrust_rises_on_the_floor_in_these_steps() -> None:
-    """To 60 % of 10 N in 2 s, smooth at both ends; to 90 % in 0.1 s; to the limit of 13 N in 0.15 s less the lag."""
+    """To 60 % of 10 N in 2 s, smooth at both ends.
+
+    To 90 % in 0.1 s; to the limit of 13 N in 0.15 s less the lag.
+    """
     spool = Spool(10.0, 13.0, 2.0, 1.0, 5.0, 0.05)
     times_s = (4.0, 5.0, 5.5, 6.0, 6.5, 7.0, 7.05, 7.1, 7.15, 7.2, 9.0)
     assert [spool.thrust_n(now_s) for now_s in times_s] == pytest.approx(
@@ -93,15 +105,22 @@ def test_thrust_rises_on_the_floor_in_these_steps() -> None:
     assert [weak.thrust_n(now_s) for now_s in (5.0, 7.0, 8.0)] == [5.0, 5.0, 5.0]
 
 
-def standing(wander_m: float = 0.0, climb_m_s: float | None = None, resets: tuple[int, ...] = ()) -> StandingPoses:
-    """Three seconds of poses at 50 Hz; each half second they step by ``wander_m`` aside and down, and back."""
+def standing(
+    wander_m: float = 0.0, climb_m_s: float | None = None, resets: tuple[int, ...] = ()
+) -> StandingPoses:
+    """Three seconds of poses at 50 Hz.
+
+    Each half second they step by ``wander_m`` aside and down, and back.
+    """
     found = StandingPoses()
     for k in range(151):
         step, number = k // 25 % 2, k // 25
         velocity = None if climb_m_s is None else (0.0, 0.0, climb_m_s * step)
         place = (wander_m * step, -2.0 * wander_m * step, 3.0 * wander_m * step)
         count = resets[number] if resets else 0
-        found.add(Pose(k, 0.02 * k, 0.02 * k, place, LEVEL, velocity_ned=velocity, reset_count=count))
+        found.add(
+            Pose(k, 0.02 * k, 0.02 * k, place, LEVEL, velocity_ned=velocity, reset_count=count)
+        )
     return found
 
 
@@ -117,7 +136,9 @@ def standing(wander_m: float = 0.0, climb_m_s: float | None = None, resets: tupl
         (StandingPoses(), (0.0, 0.0, 0.0)),
     ],
 )
-def test_the_wander_at_rest_is_the_growth_of_the_variance(poses: StandingPoses, wander: tuple[float, ...]) -> None:
+def test_the_wander_at_rest_is_the_growth_of_the_variance(
+    poses: StandingPoses, wander: tuple[float, ...]
+) -> None:
     assert tuple(poses.wander) == pytest.approx(wander)
 
 
@@ -147,7 +168,9 @@ def test_a_vehicle_on_its_floor_neither_tips_nor_slides(
     assert (found is None) is (says is None)
     assert (says or "") in str(found)
     moved = Pose(152, 3.02, 3.02, (9.0, 0.0, 0.0), LEVEL, reset_count=1)
-    assert at_rest.find_disturbance(moved, (0.0, 0.0, 0.0), light_s) is None, "the source has moved its origin"
+    assert at_rest.find_disturbance(moved, (0.0, 0.0, 0.0), light_s) is None, (
+        "the source has moved its origin"
+    )
 
 
 Shown = Callable[[float], tuple[float, float | None] | None]
@@ -159,8 +182,10 @@ SPOOL_UPS: dict[str, tuple[Shown, float | None, str | None]] = {
     "no pose after a while": (lambda s: (0.0, None) if s <= 0.5 else None, 0.76, "no pose for 26"),
     # 0.3 s after thrust had 90 % of the weight
     "the floor": (lambda s: (0.0, None), 1.40, "the poses did not move"),
-    "a rise for a moment": (lambda s: (0.004 * (1.18 < s < 1.26), None), 1.40, "the poses did not move"),
-    "jumps of 0.2 m": (lambda s: (0.2 * (s > 1.05 and round(100.0 * s) % 8 < 4), None), None, "jumps"),
+    "a rise for a moment": (lambda s: (0.004 * (1.18 < s < 1.26), None), 1.40,
+        "the poses did not move"),
+    "jumps of 0.2 m": (lambda s: (0.2 * (s > 1.05 and round(100.0 * s) % 8 < 4), None), None,
+        "jumps"),
     # 0.25 s, and twice the time to 0.35 m at g/4, after it moved
     "a rise that an autopilot felt": (
         lambda s: (0.004, 0.12) if 1.18 < s < 1.26 else (0.0, 0.0), 2.52, "did not leave the floor",
@@ -170,19 +195,30 @@ SPOOL_UPS: dict[str, tuple[Shown, float | None, str | None]] = {
 
 
 @pytest.mark.parametrize(("shows", "ends_s", "says"), SPOOL_UPS.values(), ids=SPOOL_UPS)
-def test_a_spool_up_ends_for_these_reasons_at_these_times(shows: Shown, ends_s: float | None, says: str | None) -> None:
+def test_a_spool_up_ends_for_these_reasons_at_these_times(
+    shows: Shown, ends_s: float | None, says: str | None
+) -> None:
     def pose(since_s: float) -> Pose | None:
         if (shown := shows(since_s)) is None:
             return None
         velocity = None if shown[1] is None else (0.0, 0.0, -shown[1])
         at_s = 3.0 + since_s
-        return Pose(200 + round(100.0 * since_s), at_s, at_s, (0.0, 0.0, -shown[0]), LEVEL, velocity_ned=velocity)
+        return Pose(
+            200 + round(100.0 * since_s),
+            at_s,
+            at_s,
+            (0.0, 0.0, -shown[0]),
+            LEVEL,
+            velocity_ned=velocity,
+        )
 
     newest, since_s = pose(0.0), 0.0
     assert newest is not None
     at_rest = standing(climb_m_s=None if newest.velocity_ned is None else 0.0)
     at_rest.add(newest)
-    spool_up = SpoolUp(at_rest, Spool(1.0, 1.3, 1.0, 0.0, 3.0, 0.05), Vehicle(mass_kg=1.0 / G), 1.0, G, 0.0003)
+    spool_up = SpoolUp(
+        at_rest, Spool(1.0, 1.3, 1.0, 0.0, 3.0, 0.05), Vehicle(mass_kg=1.0 / G), 1.0, G, 0.0003
+    )
     for k in range(1, 300):
         since_s = 0.01 * k
         if (seen := pose(since_s)) is not None:
@@ -215,13 +251,17 @@ def test_what_leaps_aside_on_the_floor_as_no_vehicle_does_stops_the_motors(
     standing = StandingPoses()
     for k in range(100):
         standing.add(Pose(k, 0.02 * k, 0.02 * k, (0.0, 0.0, 0.0), LEVEL))
-    spool_up = SpoolUp(standing, Spool(1.0, 1.3, 1.0, 0.0, 1.8, 0.05), Vehicle(mass_kg=1.0 / G), 1.0, G, noise_m)
+    spool_up = SpoolUp(
+        standing, Spool(1.0, 1.3, 1.0, 0.0, 1.8, 0.05), Vehicle(mass_kg=1.0 / G), 1.0, G, noise_m
+    )
     at_s = 1.98 + elapsed_s + 0.8  # thrust is at 60 % of the weight
     spool_up.add_pose(Pose(100, at_s - elapsed_s, at_s, (0.0, 0.0, 0.0), LEVEL))
     spool_up.add_pose(Pose(101, at_s, at_s, (step_m, 0.0, 0.0), LEVEL, reset_count=resets))
     after = Pose(102, at_s + 0.01, at_s + 0.01, (step_m, 0.0, 0.0), LEVEL, reset_count=resets)
     spool_up.add_pose(after)
-    assert ("from one pose to the next" in str(spool_up.find_fault(at_s + 0.01, after, 0.25, None))) is stranger
+    assert (
+        "from one pose to the next" in str(spool_up.find_fault(at_s + 0.01, after, 0.25, None))
+    ) is stranger
 
 
 @pytest.mark.tried(2)  # loads, with and without an estimate that wanders
@@ -232,7 +272,9 @@ def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_
 ) -> None:
     seen = [spooled(seed, hover_share=hover_share, wander_m=wander_m) for seed in range(40)]
     flown = [one for one in seen if not one.fault]
-    assert len(flown) >= (40 if wander_m < 0.05 and hover_share <= 1.0 else 20 if hover_share <= 1.0 else 0)
+    assert len(flown) >= (
+        40 if wander_m < 0.05 and hover_share <= 1.0 else 20 if hover_share <= 1.0 else 0
+    )
     assert all(one.highest_m < 0.4 for one in flown)
     exact = 0.12 if wander_m == 0.0 else 0.3
     assert all(abs(one.hover_share - hover_share) < exact for one in flown)
@@ -242,7 +284,9 @@ def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_
 @pytest.mark.tried(1)  # 50 of 200 seeds
 @pytest.mark.parametrize("first", range(0, 200, 50))
 def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
-    """Poses of an estimate that wanders by 5 cm in 2 s, while the vehicle stands: too heavy for its rotors."""
+    """Poses of an estimate that wanders by 5 cm in 2 s, while the vehicle stands: too heavy for its
+    rotors.
+    """
     seeds = range(first, first + 50)
     flown = [seed for seed in seeds if not spooled(seed, hover_share=1.6, wander_m=0.05).fault]
     assert len(flown) <= 1
@@ -250,7 +294,9 @@ def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
 
 @pytest.mark.parametrize("hover_share", [0.8, 1.0, 1.2])
 def test_hover_thrust_and_climb_of_an_exact_motion_are_found(hover_share: float) -> None:
-    """At 1.5 of the weight from the first pose on, without lag: half of a t², a = g (1.5 / share - 1)."""
+    """At 1.5 of the weight from the first pose on, without lag: half of a t², a = g (1.5 / share -
+    1).
+    """
     at_rest, wander = Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), LEVEL), StandingWander(0.0, 0.0, 0.0)
     lift = LiftOff(at_rest, 0.0, 1.0, 0.0, G, wander, 0.0003)
     lift.add_command(0.0, 1.5)
@@ -261,5 +307,7 @@ def test_hover_thrust_and_climb_of_an_exact_motion_are_found(hover_share: float)
     assert lift.is_flying and not lift.has_jumped
     assert lift.hover_share == pytest.approx(hover_share, rel=0.005)
     assert lift.climb_m_s == pytest.approx(0.4 * acceleration, rel=0.01)
-    lead = 1.0 if 0.4 * acceleration > 1.0 else 1.1  # what rushes up gets no more than its hover thrust
+    lead = (
+        1.0 if 0.4 * acceleration > 1.0 else 1.1
+    )  # what rushes up gets no more than its hover thrust
     assert lift.climbing_share == pytest.approx(lead * hover_share, rel=0.005)

@@ -30,8 +30,12 @@ class Flown:
         self.steps: list[tuple[str, float]] = []
         self.told: list[str] = []
 
-    def on(self, for_s: float, error_m: float = 0.01, v: float = 0.01, *, counts: bool = True) -> "Flown":
-        motion = Motion((error_m, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, (0.0, 0.0, 0.0))
+    def on(
+        self, for_s: float, error_m: float = 0.01, v: float = 0.01, *, counts: bool = True
+    ) -> "Flown":
+        motion = Motion(
+            (error_m, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, (0.0, 0.0, 0.0)
+        )
         estimate = Estimate(self.time_s, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)
         for _ in range(round(for_s / PERIOD_S)):
             self.time_s += PERIOD_S
@@ -68,7 +72,9 @@ def test_a_gain_moves_in_small_steps_and_stays_where_the_flight_is_as_good() -> 
     ("error_m", "v", "words"),
     [(0.016, 0.01, "RMS"), (0.01, 0.042, "V has"), (math.nan, 0.01, "RMS"), (0.01, math.nan, "V")],
 )
-def test_a_gain_goes_back_by_itself_where_error_or_v_rises_too_far(error_m: float, v: float, words: str) -> None:
+def test_a_gain_goes_back_by_itself_where_error_or_v_rises_too_far(
+    error_m: float, v: float, words: str
+) -> None:
     flight = Flown().on(11.0)
     assert flight.ask("controller.k2", 3.0)[0]
     flight.on(RAMP_S + JUDGED_S + BACK_S + 0.1, error_m=error_m, v=v)
@@ -112,7 +118,9 @@ def test_a_change_can_be_taken_back_and_no_other_made_while_it_is_judged() -> No
         ("k2", 2.1, "can't be changed"),
     ],
 )
-def test_what_is_out_of_bounds_or_no_gain_is_refused_in_words(key: str, value: float, words: str) -> None:
+def test_what_is_out_of_bounds_or_no_gain_is_refused_in_words(
+    key: str, value: float, words: str
+) -> None:
     flight = Flown().on(11.0)
     done, says = flight.ask(key, value)
     assert not done

@@ -19,11 +19,15 @@ AT_REST: Vec3 = (0.0, 0.0, 0.0)
 
 def motion(time_s: float) -> Motion:
     """The model's: north at 2 m/s."""
-    return Motion((SPEED_M_S * time_s, 0.0, -1.0), (SPEED_M_S, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, AT_REST)
+    return Motion(
+        (SPEED_M_S * time_s, 0.0, -1.0), (SPEED_M_S, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, AT_REST
+    )
 
 
 def believed(shown_s: dict[int, float], aside_m: dict[int, float], count: int = 30) -> list[bool]:
-    """Which of ``count`` poses at 50 Hz are believed, the n-th showing the place of ``shown_s[n]``, east by metres."""
+    """Which of ``count`` poses at 50 Hz are believed, the n-th showing the place of ``shown_s[n]``,
+    east by metres.
+    """
     gate, answers, last_s = PoseGate(), list[bool](), 0.0
     for n in range(count):
         time_s = n * PERIOD_S
@@ -38,7 +42,10 @@ def believed(shown_s: dict[int, float], aside_m: dict[int, float], count: int = 
 
 @pytest.mark.parametrize(("late_s", "lost"), [(0.001, 0), (0.003, 3), (0.006, 1)])
 def test_one_exposure_that_was_late_costs_few_poses(late_s: float, lost: int) -> None:
-    """One that is believed just so spoils the speed of the next; one that is not costs itself alone."""
+    """One that is believed just so spoils the speed of the next.
+
+    One that is not costs itself alone.
+    """
     answers = believed({10: 10 * PERIOD_S - late_s}, {})
     assert answers.count(False) == lost
     assert all(answers[:10]) and all(answers[14:])
@@ -78,7 +85,9 @@ commands = st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0), st.floats(-
 def test_no_push_of_1_g_and_no_noise_fails_true_poses(
     push_m_s2: float, commanded: Vec3, noise_m: float, period_s: float
 ) -> None:
-    assert largest_share((0.6 * push_m_s2, -0.8 * push_m_s2, 0.0), commanded, noise_m, period_s) < 1.0
+    assert (
+        largest_share((0.6 * push_m_s2, -0.8 * push_m_s2, 0.0), commanded, noise_m, period_s) < 1.0
+    )
 
 
 @given(st.floats(0.0, 1.2), commands, noises, periods)

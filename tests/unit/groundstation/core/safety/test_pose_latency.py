@@ -20,8 +20,12 @@ def true(time_s: float, strength: float) -> tuple[Quat, tuple[float, float, floa
     return so3.from_euler_zyx(roll, 0.0, 1.0), (2.0 * strength * math.cos(2.0 * time_s), 0.0, 0.0)
 
 
-def found(late_s: float, *, strength: float = 0.1, askew: Quat = so3.IDENTITY, seconds: float = 15.0) -> float | None:
-    """What is found of poses at 50 Hz that are stamped ``late_s`` too late, and attitudes at 20 Hz."""
+def found(
+    late_s: float, *, strength: float = 0.1, askew: Quat = so3.IDENTITY, seconds: float = 15.0
+) -> float | None:
+    """What is found of poses at 50 Hz that are stamped ``late_s`` too late, and attitudes at
+    20 Hz.
+    """
     latency, rng = PoseLatency(), np.random.default_rng(1)
     told = 0
     for k in range(round(50 * seconds)):
@@ -69,8 +73,12 @@ def test_a_gap_and_a_clock_that_jumps_are_no_latency() -> None:
     assert latency.late_s is None
 
 
-def answered(late_s: float, *, seconds: float = 15.0, hz: int = 50, askew: Quat = so3.IDENTITY) -> ResponseLatency:
-    """What is found of poses alone that show the turns ``late_s`` later than the model of the commands."""
+def answered(
+    late_s: float, *, seconds: float = 15.0, hz: int = 50, askew: Quat = so3.IDENTITY
+) -> ResponseLatency:
+    """What is found of poses alone that show the turns ``late_s`` later than the model of the
+    commands.
+    """
     response, rng = ResponseLatency(), np.random.default_rng(1)
     for k in range(1, round(hz * seconds)):
         stamp, dt = k / hz, 1.0 / hz
@@ -83,7 +91,9 @@ def answered(late_s: float, *, seconds: float = 15.0, hz: int = 50, askew: Quat 
 
 @pytest.mark.parametrize("hz", [50, 100, 240])
 @pytest.mark.parametrize("late_s", [-0.015, 0.015, 0.03])
-def test_a_vehicle_that_turns_later_than_told_is_found_by_poses_alone(late_s: float, hz: int) -> None:
+def test_a_vehicle_that_turns_later_than_told_is_found_by_poses_alone(
+    late_s: float, hz: int
+) -> None:
     for askew in (so3.IDENTITY, ASKEW):
         assert answered(late_s, hz=hz, askew=askew).late_s == pytest.approx(late_s, abs=0.003)
 
@@ -100,7 +110,9 @@ def test_it_is_said_once_and_the_poses_own_latency_is_not_said_again() -> None:
     assert response.describe_news((0.025, 0.0)) is None
     told = response.describe_news(None)
     assert told is not None
-    assert told.text.startswith(tuple(f"poses or the vehicle's turns are {late_ms} ms later" for late_ms in (29, 30)))
+    assert told.text.startswith(
+        tuple(f"poses or the vehicle's turns are {late_ms} ms later" for late_ms in (29, 30))
+    )
     assert response.describe_news(None) is None
     rates = answered(0.03).describe_news((0.0, 0.0))
     assert rates is not None and rates.text.startswith("the vehicle turns")

@@ -30,7 +30,9 @@ def swing(time_s: float, size: float = 0.002) -> tuple[float, float]:
     return size * sum(map(math.cos, phases)), size * sum(map(math.sin, phases))
 
 
-def asked(share: tuple[tuple[float, float], tuple[float, float]], *, seed: int = 0, for_s: float = 3.0) -> Alarm:
+def asked(
+    share: tuple[tuple[float, float], tuple[float, float]], *, seed: int = 0, for_s: float = 3.0
+) -> Alarm:
     """Alarm of poses that show ``share`` of what is asked, a 2 x 2 matrix, in noise."""
     plane, draw = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(seed)
     alarm = Alarm(0.0, 0.0, False)
@@ -53,7 +55,9 @@ def test_true_poses_answer(seed: int) -> None:
 
 
 @given(st.floats(0.7, 1.3), st.integers(0, 100))
-def test_a_scale_that_is_configured_wrong_by_less_than_half_is_accepted(scale: float, seed: int) -> None:
+def test_a_scale_that_is_configured_wrong_by_less_than_half_is_accepted(
+    scale: float, seed: int
+) -> None:
     assert asked(((scale, 0.0), (0.0, scale)), seed=seed).tones < 0.5
 
 
@@ -69,7 +73,9 @@ def test_a_scale_that_is_configured_wrong_by_less_than_half_is_accepted(scale: f
         ((2.0, 0.0), (0.0, 2.0)),  # twice
     ],
 )
-def test_poses_that_show_something_else_are_accused(share: tuple[tuple[float, float], tuple[float, float]]) -> None:
+def test_poses_that_show_something_else_are_accused(
+    share: tuple[tuple[float, float], tuple[float, float]],
+) -> None:
     assert asked(share).tones >= 1.0
 
 
@@ -91,7 +97,9 @@ def blown(answer: float, *, late_s: float = 0.15) -> Alarm:
         seen = answer * truth
         y, c = passes.step([seen - seen_before, step], DT_S)
         seen_before = seen
-        plane.add((y - c + draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)), (0.0, 0.0), (c, 0.0), DT_S)
+        plane.add(
+            (y - c + draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)), (0.0, 0.0), (c, 0.0), DT_S
+        )
         if (n + 1) % 5 == 0 and n > 100:
             largest = max(largest, plane.look(NOISE_M).own)
     return Alarm(0.0, largest, False)
@@ -103,7 +111,11 @@ def test_wind_that_the_law_answers_accuses_nobody() -> None:
 
 def runaway(share: float) -> Alarm:
     """Alarm as the law's own motion grows, of poses that show ``share`` of it."""
-    plane, draw, alarm = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(2), Alarm(0, 0, False)
+    plane, draw, alarm = (
+        Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY),
+        random.Random(2),
+        Alarm(0, 0, False),
+    )
     for n in range(150):
         v = 0.0005 * math.exp(n * DT_S / 0.25)
         e = (share - 1.0) * v + draw.gauss(0.0, NOISE_M)
@@ -160,7 +172,11 @@ def test_windows_that_became_too_short_say_nothing_any_more() -> None:
 
 
 def test_tones_that_have_ended_convict_nobody_by_the_scatter_of_a_calmer_time() -> None:
-    plane, draw, largest = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(3), 0.0
+    plane, draw, largest = (
+        Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY),
+        random.Random(3),
+        0.0,
+    )
     for n in range(round(4.0 / DT_S)):
         time_s = n * DT_S
         u = swing(time_s) if time_s < 1.0 else (0.0, 0.0)

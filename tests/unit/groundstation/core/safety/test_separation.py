@@ -1,4 +1,6 @@
-"""Other vehicles: how they are seen, what room is left to them, and what follows where it is too little."""
+"""Other vehicles: how they are seen, what room is left to them, and what follows where it is too
+little.
+"""
 
 import math
 from typing import Any
@@ -12,7 +14,14 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Check, Others, PoseStatus, Sentence, Verdict
 from groundstation.core.messages.pose import BodySighting
 from groundstation.core.mission import State
-from groundstation.core.safety import Escalation, GuardAction, GuardFinding, Guards, Separation, SeparationConfig
+from groundstation.core.safety import (
+    Escalation,
+    GuardAction,
+    GuardFinding,
+    Guards,
+    Separation,
+    SeparationConfig,
+)
 from groundstation.core.safety.geofence import Near
 from groundstation.flight.preflight import Checks
 from groundstation.settings import Config
@@ -39,7 +48,11 @@ speeds = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 
 
 def seen(
-    place: Vec3, velocity: Vec3 = (0.0, 0.0, 0.0), *, until_s: float = 1.0, names: tuple[str, ...] = ("bee",)
+    place: Vec3,
+    velocity: Vec3 = (0.0, 0.0, 0.0),
+    *,
+    until_s: float = 1.0,
+    names: tuple[str, ...] = ("bee",),
 ) -> Others:
     """The others, each at ``place`` at ``until_s``, watched at 100 Hz for a quarter of a second."""
     others = Others(names)
@@ -50,7 +63,13 @@ def seen(
     return others
 
 
-def near(place: Vec3, velocity: Vec3, other: Vec3, others_velocity: Vec3, config: SeparationConfig = PLACE) -> Near:
+def near(
+    place: Vec3,
+    velocity: Vec3,
+    other: Vec3,
+    others_velocity: Vec3,
+    config: SeparationConfig = PLACE,
+) -> Near:
     found = Separation(config, seen(other, others_velocity)).nearest(place, velocity, 1.0)
     assert found is not None
     return found
@@ -74,7 +93,11 @@ def test_a_body_that_was_seen_once_or_is_seen_again_after_long_has_no_speed() ->
 
 @pytest.mark.parametrize(
     ("place", "reason"),
-    [((math.nan, 0.0, 0.0), "not_finite"), ((0.0, math.inf, 0.0), "not_finite"), ((0.0, 0.0, 2e6), "absurd")],
+    [
+        ((math.nan, 0.0, 0.0), "not_finite"),
+        ((0.0, math.inf, 0.0), "not_finite"),
+        ((0.0, 0.0, 2e6), "absurd"),
+    ],
 )
 def test_a_place_that_is_none_is_counted_and_not_believed(place: Vec3, reason: str) -> None:
     others = seen((1.0, 0.0, 0.0))
@@ -92,15 +115,25 @@ def test_speed_never_makes_room_and_leaving_takes_none(a: Vec3, u: Vec3, b: Vec3
     assert still.room_m == pytest.approx(math.dist(a, b) - PLACE.distance_m)
     assert near(a, u, b, v).room_m <= still.room_m + 1e-6
     away = tuple(0.5 * (p - q) for p, q in zip(a, b, strict=True))
-    assert near(a, (away[0], away[1], away[2]), b, rest).room_m == pytest.approx(still.room_m, abs=1e-6)
+    assert near(a, (away[0], away[1], away[2]), b, rest).room_m == pytest.approx(
+        still.room_m, abs=1e-6
+    )
 
 
-@given(st.floats(0.0, 2.0), st.floats(0.0, 2.0), st.floats(0.3, 3.0), st.floats(0.0, 1.0), st.floats(0.2, 1.0))
+@given(
+    st.floats(0.0, 2.0),
+    st.floats(0.0, 2.0),
+    st.floats(0.3, 3.0),
+    st.floats(0.0, 1.0),
+    st.floats(0.2, 1.0),
+)
 def test_who_brakes_as_counted_on_once_there_is_no_room_keeps_the_distance(
     u: float, v: float, braking: float, reaction_s: float, distance_m: float
 ) -> None:
     assume(u + v > 0.1)
-    config = SeparationConfig(others=("bee",), distance_m=distance_m, braking_m_s2=braking, reaction_s=reaction_s)
+    config = SeparationConfig(
+        others=("bee",), distance_m=distance_m, braking_m_s2=braking, reaction_s=reaction_s
+    )
     bee, dt = Placed(("bee",)), 0.01
     separation, gap = Separation(config, bee), 20.0
     while True:
@@ -133,7 +166,9 @@ def found_after(
     place: Vec3, velocity: Vec3, other: Vec3, others_velocity: Vec3 = (0.0, 0.0, 0.0)
 ) -> GuardFinding | None:
     """What a guard says of it once it lasts; time stands still for the other one."""
-    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(PLACE, seen(other, others_velocity)))
+    guards = Guards(
+        CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(PLACE, seen(other, others_velocity))
+    )
     finding = None
     for i in range(6):
         tick = shown(1.0 + 0.02 * i, position=place, velocity=velocity)
@@ -169,18 +204,27 @@ def test_too_near_is_answered(
 
 @pytest.mark.parametrize(
     ("velocity", "other"),
-    [(REST, (0.6, 0.0, -1.0)), ((-1.0, 0.0, 0.0), (0.6, 0.0, -1.0)), ((1.0, 0.0, 0.0), (1.6, 0.0, -1.0))],
+    [
+        (REST, (0.6, 0.0, -1.0)),
+        ((-1.0, 0.0, 0.0), (0.6, 0.0, -1.0)),
+        ((1.0, 0.0, 0.0), (1.6, 0.0, -1.0)),
+    ],
 )
 def test_who_keeps_away_is_left_alone(velocity: Vec3, other: Vec3) -> None:
     assert found_after(HERE, velocity, other) is None
 
 
 @pytest.mark.parametrize(
-    ("unknown", "step"), [("warn", GuardAction.WARN), ("hold", GuardAction.HOLD), ("land", GuardAction.LAND)]
+    ("unknown", "step"),
+    [("warn", GuardAction.WARN), ("hold", GuardAction.HOLD), ("land", GuardAction.LAND)],
 )
-def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(unknown: Any, step: GuardAction) -> None:
+def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(
+    unknown: Any, step: GuardAction
+) -> None:
     config = msgspec.structs.replace(PLACE, unknown=unknown)
-    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(config, seen((3.0, 0.0, 0.0))))
+    guards = Guards(
+        CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(config, seen((3.0, 0.0, 0.0)))
+    )
     said: list[tuple[float, GuardAction | None]] = []
     for i in range(150):
         time_s = 1.0 + 0.02 * i
@@ -198,7 +242,9 @@ def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(unknown: Any, 
 def test_nearness_is_never_answered_by_a_descent_that_knows_no_place() -> None:
     escalation, steps = Escalation(2.0), []
     for i in range(1000):
-        finding = GuardFinding(GuardAction.HOLD, Sentence("guard.separation", "near"), most=GuardAction.LAND)
+        finding = GuardFinding(
+            GuardAction.HOLD, Sentence("guard.separation", "near"), most=GuardAction.LAND
+        )
         answer = escalation.escalate(finding, 0.02 * i)
         steps += [answer.step] if answer is not None else []
     assert steps == [GuardAction.HOLD, GuardAction.LAND]
@@ -219,7 +265,12 @@ def apart(others: Others, **separation: Any) -> Check:
         (seen((1.0, 0.0, 0.0)), {}, Verdict.PASS, "1.00 m away"),
         (seen((0.5, 0.0, 0.0)), {}, Verdict.FAIL, "0.50 m from bee, limit 0.6 m"),
         (seen((1.0, 0.0, 0.0), until_s=0.5), {}, Verdict.FAIL, "no sighting of bee"),
-        (seen((1.0, 0.0, 0.0), until_s=0.5), {"unknown": "warn"}, Verdict.WARN, "no sighting of bee"),
+        (
+            seen((1.0, 0.0, 0.0), until_s=0.5),
+            {"unknown": "warn"},
+            Verdict.WARN,
+            "no sighting of bee",
+        ),
         (Others(("bee", "cat")), {}, Verdict.FAIL, "no sighting of bee, cat"),
     ],
 )

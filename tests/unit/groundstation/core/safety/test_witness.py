@@ -43,7 +43,12 @@ def told(time_s: float, angles: Angles) -> Attitude:
 
 
 def watch(
-    shown: Turning, felt: Turning, *, armed_s: float = ARMED_S, lasts_s: float = 8.0, witness: Witness | None = None
+    shown: Turning,
+    felt: Turning,
+    *,
+    armed_s: float = ARMED_S,
+    lasts_s: float = 8.0,
+    witness: Witness | None = None,
 ) -> Agreement:
     """Verdict on poses that show one motion while the autopilot feels another."""
     witness, verdict = witness or Witness(), None
@@ -64,8 +69,12 @@ def test_a_body_that_hangs_still_says_neither() -> None:
     assert verdict.agrees is None and verdict.disagrees_since_s is None
 
 
-@pytest.mark.parametrize(("late_s", "agrees"), [(0.0, True), (0.04, True), (0.16, False), (0.3, False)])
-def test_poses_that_come_later_than_the_autopilot_turns_are_doubted(late_s: float, agrees: bool) -> None:
+@pytest.mark.parametrize(
+    ("late_s", "agrees"), [(0.0, True), (0.04, True), (0.16, False), (0.3, False)]
+)
+def test_poses_that_come_later_than_the_autopilot_turns_are_doubted(
+    late_s: float, agrees: bool
+) -> None:
     assert watch(lambda time_s: swing(time_s - once_armed(time_s, late_s)), swing).agrees is agrees
 
 
@@ -75,7 +84,9 @@ def test_a_tilt_that_was_there_before_arming_is_how_the_body_is_mounted() -> Non
 
 
 @pytest.mark.parametrize(("off_deg", "doubted"), [(7.0, False), (14.0, True)])
-def test_a_tilt_that_comes_after_arming_is_doubted_beyond_ten_degrees(off_deg: float, doubted: bool) -> None:
+def test_a_tilt_that_comes_after_arming_is_doubted_beyond_ten_degrees(
+    off_deg: float, doubted: bool
+) -> None:
     verdict = watch(lambda time_s: (once_armed(time_s, math.radians(off_deg)), 0.0, 0.0), still)
     assert (verdict.agrees is False) is doubted
 
@@ -108,5 +119,7 @@ def test_a_vehicle_that_is_moved_by_hand_shows_which_axes_go_the_same_way() -> N
     def tipped(time_s: float, way: float) -> Angles:
         return 0.4 * math.sin(2.0 * time_s), way * 0.4 * math.sin(1.3 * time_s), 0.0
 
-    verdict = watch(lambda t: tipped(t, -1.0), lambda t: tipped(t, 1.0), armed_s=math.inf, lasts_s=6.0)
+    verdict = watch(
+        lambda t: tipped(t, -1.0), lambda t: tipped(t, 1.0), armed_s=math.inf, lasts_s=6.0
+    )
     assert "roll" in verdict.alike and "pitch" in verdict.unlike

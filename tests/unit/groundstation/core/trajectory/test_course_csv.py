@@ -1,4 +1,7 @@
-"""Courses as CSV: what is read, and in which words the rest is refused; and the way into a configuration."""
+"""Courses as CSV: what is read, and in which words the rest is refused.
+
+And the way into a configuration.
+"""
 
 from pathlib import Path
 
@@ -35,20 +38,45 @@ def test_short_names_are_ned_and_columns_stand_in_any_order() -> None:
 
 
 REFUSED = [
-    ("", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and 2 or more lines of numbers"),
-    ("x,y,z\n1,2,3\n", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and 2 or more lines"),
-    ("1,2,3\n4,5,6\n", "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got '1'"),
-    ("x,y,height\n", "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got 'height'"),
+    (
+        "",
+        "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and 2 or more lines "
+        "of numbers",
+    ),
+    (
+        "x,y,z\n1,2,3\n",
+        "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and 2 or more lines",
+    ),
+    (
+        "1,2,3\n4,5,6\n",
+        "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got '1'",
+    ),
+    (
+        "x,y,height\n",
+        "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got 'height'",
+    ),
     ("x,y\n", "line 1: expected a column down_m or up_m: none of them is there"),
     ("x,y,z,up_m\n", "line 1: expected a column down_m or up_m: only one of them"),
     ("x,north_m,y,z\n", "line 1: the column north_m is there twice"),
     ("x,y,z,vx\n", "line 1: expected a column v_east_m_s: none of them is there"),
     ("x,y,z\n1,2,3\n1,2\n", "line 3: expected 3 values, got 2"),
-    ("# a\nx,y,z\n1,2,3\n1,abc,3\n", "line 4, column east_m: expected a number from -100 to 100, got 'abc'"),
-    ("x,y,z\n1,2,3\n1,nan,3\n", "line 3, column east_m: expected a number from -100 to 100, got 'nan'"),
-    ("x,y,up_m\n1,2,3\n1,2,150\n", "line 3, column up_m: expected a number from -100 to 100, got '150'"),
+    (
+        "# a\nx,y,z\n1,2,3\n1,abc,3\n",
+        "line 4, column east_m: expected a number from -100 to 100, got 'abc'",
+    ),
+    (
+        "x,y,z\n1,2,3\n1,nan,3\n",
+        "line 3, column east_m: expected a number from -100 to 100, got 'nan'",
+    ),
+    (
+        "x,y,up_m\n1,2,3\n1,2,150\n",
+        "line 3, column up_m: expected a number from -100 to 100, got '150'",
+    ),
     ("x,y,z\n1,2,3\n1,,3\n", "line 3, column east_m: expected a number from -100 to 100, got ''"),
-    ("t,x,y,z\n1,1,2,3\n1,1,2,3\n", "line 3, column t_s: expected more than 1, as before it, got 1"),
+    (
+        "t,x,y,z\n1,1,2,3\n1,1,2,3\n",
+        "line 3, column t_s: expected more than 1, as before it, got 1",
+    ),
 ]
 
 
@@ -66,10 +94,15 @@ def configured(folder: Path, course: str, *lines: str, kind: str = "waypoints") 
     return load(folder / "lab.toml", Config)
 
 
-def test_a_configuration_finds_its_course_beside_itself_and_needs_it_no_more(tmp_path: Path) -> None:
+def test_a_configuration_finds_its_course_beside_itself_and_needs_it_no_more(
+    tmp_path: Path,
+) -> None:
     config = configured(tmp_path, GOOD, 'method = "quintic"')
     expected = WaypointsConfig(
-        points_ned=((1.0, 2.0, -3.0), (-1.0, 0.0, -1.5)), times_s=(0.0, 2.5), yaws_deg=(90.0, 80.0), method="quintic"
+        points_ned=((1.0, 2.0, -3.0), (-1.0, 0.0, -1.5)),
+        times_s=(0.0, 2.5),
+        yaws_deg=(90.0, 80.0),
+        method="quintic",
     )
     assert config.trajectory == expected
     (tmp_path / "course.csv").unlink()
@@ -77,14 +110,19 @@ def test_a_configuration_finds_its_course_beside_itself_and_needs_it_no_more(tmp
     assert load(tmp_path / "shown.toml", Config) == config
 
 
-def test_a_course_with_a_byte_order_mark_is_read_and_samples_take_velocities(tmp_path: Path) -> None:
-    config = configured(tmp_path, "\ufefft,x,y,z,vx,vy,vz\n0,0,0,-1,0,0,0\n1,1,0,-1,2,0,0\n", kind="samples")
+def test_a_course_with_a_byte_order_mark_is_read_and_samples_take_velocities(
+    tmp_path: Path,
+) -> None:
+    config = configured(
+        tmp_path, "\ufefft,x,y,z,vx,vy,vz\n0,0,0,-1,0,0,0\n1,1,0,-1,2,0,0\n", kind="samples"
+    )
     assert isinstance(config.trajectory, SamplesConfig)
     assert config.trajectory.velocities_ned == ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0))
 
 
 BAD_COURSES = [
-    ("waypoints", "x,y,z 1,2,3 4,b,6", "file: course.csv: line 3, column east_m: expected a number"),
+    ("waypoints", "x,y,z 1,2,3 4,b,6",
+        "file: course.csv: line 3, column east_m: expected a number"),
     ("samples", "x,y,z 1,2,3 4,5,6", "times_s: missing; expected an array of 2 to 50000 values"),
     ("waypoints", "x,y,z,vx,vy,vz 1,2,3,4,5,6 4,5,6,7,8,9",
      "file: course.csv: has velocities_ned, which trajectory.kind = 'waypoints' can't use"),
@@ -95,7 +133,9 @@ BAD_COURSES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "lines", "words"), BAD_COURSES, ids=[words for _, _, words in BAD_COURSES])
+@pytest.mark.parametrize(
+    ("kind", "lines", "words"), BAD_COURSES, ids=[words for _, _, words in BAD_COURSES]
+)
 def test_a_bad_course_is_refused_as_part_of_its_configuration(
     kind: str, lines: str, words: str, tmp_path: Path
 ) -> None:
@@ -104,21 +144,29 @@ def test_a_bad_course_is_refused_as_part_of_its_configuration(
     assert str(caught.value).startswith(f"{tmp_path / 'lab.toml'}: trajectory.{words}")
 
 
-def test_times_may_count_from_1970_and_a_course_may_stay_at_one_place_for_an_hour(tmp_path: Path) -> None:
+def test_times_may_count_from_1970_and_a_course_may_stay_at_one_place_for_an_hour(
+    tmp_path: Path,
+) -> None:
     course = "t,x,y,z\n1764408600,0,0,-1\n1764408610.5,0.5,0,-1\n"
     assert configured(tmp_path, course).trajectory.build().duration_s == 10.5
-    stays = configured(tmp_path, "t,x,y,z\n0,0,0,-1\n3600,0.01,0,-1\n", kind="samples").trajectory.build()
+    stays = configured(
+        tmp_path, "t,x,y,z\n0,0,0,-1\n3600,0.01,0,-1\n", kind="samples"
+    ).trajectory.build()
     assert stays.duration_s == 3600.0
 
 
 def test_points_in_the_file_and_in_the_configuration_are_one_too_many(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"course\.csv: has points_ned too: leave out trajectory\.points_ned"):
+    with pytest.raises(
+        ConfigError, match=r"course\.csv: has points_ned too: leave out trajectory\.points_ned"
+    ):
         configured(tmp_path, GOOD, "points_ned = [[0, 0, -1], [1, 0, -1]]")
 
 
 def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
     (tmp_path / "lab.toml").write_text('trajectory = { kind = "waypoints", file = "gone.csv" }')
-    with pytest.raises(ConfigError, match=r"trajectory\.file: cannot read .*gone\.csv: No such file or directory$"):
+    with pytest.raises(
+        ConfigError, match=r"trajectory\.file: cannot read .*gone\.csv: No such file or directory$"
+    ):
         load(tmp_path / "lab.toml", Config)
     (tmp_path / "lab.toml").write_text('trajectory = { kind = "waypoints", file = 3 }')
     with pytest.raises(ConfigError, match=r"trajectory\.file: expected a string, got 3$"):
@@ -127,18 +175,25 @@ def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("words", "says"), [
     (["goto", "nan", "0", "-1"], "goto: north_m: expected a number from -100 to 100, got nan"),
-    (["goto", "0", "0", "-1", "1e9"], "goto: yaw_deg: expected a number from -360 to 360, got 1000000000.0"),
-    (["follow", "turned.csv"], "turned.csv: point 2: yaw_deg: expected a number from -360 to 360, got 400.0"),
+    (["goto", "0", "0", "-1", "1e9"],
+        "goto: yaw_deg: expected a number from -360 to 360, got 1000000000.0"),
+    (["follow", "turned.csv"],
+        "turned.csv: point 2: yaw_deg: expected a number from -360 to 360, got 400.0"),
     (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
     (["follow", "huge.csv"], "expected at most 64 points, got 50000"),
     (["follow", "empty.csv"], "yaw_deg, and 1 or more lines of numbers"),
     (["follow", "picture.csv"], "picture.csv: not UTF-8 text"),
-    (["follow", "nan.csv"], "nan.csv: line 2, column north_m: expected a number from -100 to 100, got 'nan'"),
+    (["follow", "nan.csv"],
+        "nan.csv: line 2, column north_m: expected a number from -100 to 100, got 'nan'"),
     (["follow", "many.csv"], "follow: expected at most 64 points, got 65"),
     (["land", "3"], "land: takes nothing behind it"),
 ])  # fmt: skip
 def test_points_that_lead_nowhere_are_refused_before_anybody_is_asked(
-    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: list[str],
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     head = "north_m,east_m,down_m\n"

@@ -1,4 +1,6 @@
-"""Shapes beyond what every trajectory must keep: splines, times of waypoints, and the excitation."""
+"""Shapes beyond what every trajectory must keep: splines, times of waypoints, and the
+excitation.
+"""
 
 import itertools
 import math
@@ -22,10 +24,14 @@ courses = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=2, ma
 
 def peaks(trajectory: Trajectory) -> tuple[float, float]:
     seen = [trajectory.at(trajectory.joints_s[-1] * i / 4000) for i in range(4000)]
-    return max(math.hypot(*r.velocity_ned) for r in seen), max(math.hypot(*r.acceleration_ned) for r in seen)
+    return max(math.hypot(*r.velocity_ned) for r in seen), max(
+        math.hypot(*r.acceleration_ned) for r in seen
+    )
 
 
-def derivative(coefficients: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]", order: int, x: float) -> float:
+def derivative(
+    coefficients: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]", order: int, x: float
+) -> float:
     factors = [math.perm(i, order) * x ** max(i - order, 0) for i in range(len(coefficients))]
     return float(np.dot(factors, coefficients))
 
@@ -47,9 +53,9 @@ def test_derivatives_do_not_jump_at_knots_up_to_the_order_that_is_promised(
         for n in range(smooth + 1):
             a, b = derivative(before, n, 1.0) / h**n, derivative(after, n, 0.0) / k**n
             assert a == pytest.approx(b, rel=1e-6, abs=1e-6)
-        jump = derivative(before, smooth + 1, 1.0) / h ** (smooth + 1) - derivative(after, smooth + 1, 0.0) / k ** (
-            smooth + 1
-        )
+        jump = derivative(before, smooth + 1, 1.0) / h ** (smooth + 1) - derivative(
+            after, smooth + 1, 0.0
+        ) / k ** (smooth + 1)
         assert abs(jump) > 1e-3  # no smoother than it says, so the loop above can fail
 
 
@@ -80,7 +86,9 @@ def test_the_snap_is_least_among_neighbours() -> None:
 def test_times_that_are_found_keep_both_limits_and_reach_one(
     points: list[Vec3], speed: float, acceleration: float
 ) -> None:
-    course = WaypointsConfig(points_ned=tuple(points), max_speed_m_s=speed, max_acceleration_m_s2=acceleration).build()
+    course = WaypointsConfig(
+        points_ned=tuple(points), max_speed_m_s=speed, max_acceleration_m_s2=acceleration
+    ).build()
     fastest, hardest = peaks(course)
     assert fastest <= speed * (1.0 + 1e-6)
     assert hardest <= acceleration * (1.0 + 1e-6)
@@ -90,14 +98,20 @@ def test_times_that_are_found_keep_both_limits_and_reach_one(
 
 
 @pytest.mark.parametrize(("with_velocity", "worst"), [(False, 2e-3), (True, 5e-4)])
-def test_samples_of_a_known_motion_give_its_derivatives_back(with_velocity: bool, worst: float) -> None:
+def test_samples_of_a_known_motion_give_its_derivatives_back(
+    with_velocity: bool, worst: float
+) -> None:
     times = tuple(0.05 * i for i in range(201))
     course = SamplesConfig(
         times_s=times,
         points_ned=tuple((math.sin(t), math.cos(t), -1.0) for t in times),
-        velocities_ned=tuple((math.cos(t), -math.sin(t), 0.0) for t in times) if with_velocity else None,
+        velocities_ned=tuple((math.cos(t), -math.sin(t), 0.0) for t in times)
+        if with_velocity
+        else None,
     ).build()
-    for i in range(100, 900):  # away from the ends, where nothing is known of what comes before and after
+    for i in range(
+        100, 900
+    ):  # away from the ends, where nothing is known of what comes before and after
         t = 0.01 * i
         there = course.at(t)
         assert math.dist(there.position_ned, (math.sin(t), math.cos(t), -1.0)) < 1e-9
@@ -142,6 +156,7 @@ def test_it_begins_and_ends_at_rest_and_stays_close() -> None:
     for time_s in (0.0, flown.duration_s):
         assert flown.at(time_s).velocity_ned == (0.0, 0.0, 0.0)
     report = examine_trajectory(Config(trajectory=CONFIG))
-    assert all(abs(low + high - 2.0 * middle) < 0.4 and high - low < 0.4 for low, high, middle in zip(
+    assert all(abs(low + high - 2.0 * middle) < 0.4 and high - low < 0.4 for low, high,
+        middle in zip(
         report.lowest_ned, report.highest_ned, CONFIG.position_ned, strict=True
     ))  # fmt: skip

@@ -1,4 +1,6 @@
-"""The look at a trajectory before take-off: its figures by hand, what it declares of itself, and how it refuses."""
+"""The look at a trajectory before take-off: its figures by hand, what it declares of itself, and
+how it refuses.
+"""
 
 import json
 import math
@@ -13,24 +15,42 @@ import pytest
 from groundstation.__main__ import main
 from groundstation.config import from_dict
 from groundstation.core.geometry import Vec3
-from groundstation.core.trajectory import Demand, FeasibilityReport, Reference, TrajectoryConfig, check_feasibility
+from groundstation.core.trajectory import (
+    Demand,
+    FeasibilityReport,
+    Reference,
+    TrajectoryConfig,
+    check_feasibility,
+)
 from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
-from groundstation.flight.preflight import describe_trajectory, examine_trajectory, explain_fence, explain_refusal
+from groundstation.flight.preflight import (
+    describe_trajectory,
+    examine_trajectory,
+    explain_fence,
+    explain_refusal,
+)
 from groundstation.settings import Config
 
 G = 9.81
 
 
 def seen(trajectory: TrajectoryConfig) -> tuple[FeasibilityReport, dict[str, Demand]]:
-    report = check_feasibility(trajectory.build(), Vehicle(), LimitsConfig(), gravity=G, floor_z_m=0.0)
+    report = check_feasibility(
+        trajectory.build(), Vehicle(), LimitsConfig(), gravity=G, floor_z_m=0.0
+    )
     return report, {("least " if d.least else "") + d.name: d for d in report.demands}
 
 
 def test_a_hold_needs_its_weight_and_nothing_else() -> None:
     report, by_name = seen(HoldConfig(position_ned=(1.0, 2.0, -1.5)))
     assert report.ok
-    assert (report.duration_s, report.span_s, report.length_m, report.share) == (None, 0.0, 0.0, 1.0)
+    assert (report.duration_s, report.span_s, report.length_m, report.share) == (
+        None,
+        0.0,
+        0.0,
+        1.0,
+    )
     assert by_name["least height above the floor"].value == 1.5
     assert by_name["thrust"].value == by_name["least thrust"].value == pytest.approx(0.08 * G)
     assert by_name["tilt"].value == by_name["roll rate"].value == by_name["yaw rate"].value == 0.0
@@ -68,27 +88,35 @@ REFUSED = [
      "at 0.00 s it needs 34.5 deg of tilt, limit 25 deg (limits.max_tilt_deg): "
      "slow it down to about 1.234 m/s (trajectory.speed_m_s)"),
     (f"{CIRCLE} trajectory.speed_m_s=2 limits.max_speed_m_s=1",
-     "m/s of speed, limit 1 m/s (limits.max_speed_m_s): slow it down to about 0.999 m/s (trajectory.speed_m_s)"),
+     "m/s of speed, limit 1 m/s (limits.max_speed_m_s): slow it down to about 0.999 m/s "
+     "(trajectory.speed_m_s)"),
     (f"{CIRCLE} trajectory.speed_m_s=2 limits.max_acceleration_m_s2=1",
-     "m/s² of acceleration, limit 1 m/s² (limits.max_acceleration_m_s2): slow it down to about 0.999 m/s"),
-    (f"{CIRCLE} trajectory.speed_m_s=2.5 trajectory.altitude_m=3 trajectory.tilt_deg=90 limits.reserve=0.2 "
-     "vehicle.thrust_max_n=1.5 vehicle.thrust_min_n=0.2",
+     "m/s² of acceleration, limit 1 m/s² (limits.max_acceleration_m_s2): slow it down to about "
+     "0.999 m/s"),
+    (
+        f"{CIRCLE} trajectory.speed_m_s=2.5 trajectory.altitude_m=3 trajectory.tilt_deg=90 "
+        "limits.reserve=0.2 vehicle.thrust_max_n=1.5 vehicle.thrust_min_n=0.2",
      "N of thrust, limit 1.24 N (vehicle.thrust_max_n and limits.reserve): slow it down to"),
-    (f"{CIRCLE} trajectory.speed_m_s=2.8 trajectory.altitude_m=3 trajectory.tilt_deg=90 limits.max_tilt_deg=60 "
-     "vehicle.thrust_max_n=3",
+    (
+        f"{CIRCLE} trajectory.speed_m_s=2.8 trajectory.altitude_m=3 trajectory.tilt_deg=90 "
+        "limits.max_tilt_deg=60 vehicle.thrust_max_n=3",
      "N of thrust, at least 0.318 N (vehicle.thrust_min_n and limits.reserve): slow it down to"),
     ("trajectory.speed_m_s=1.5 vehicle.rate_limits_deg_s=[100,300,300]",
-     "deg/s of roll rate, limit 90 deg/s (vehicle.rate_limits_deg_s and limits.reserve): slow it down to"),
+     "deg/s of roll rate, limit 90 deg/s (vehicle.rate_limits_deg_s and limits.reserve): slow it "
+     "down to"),
     ("trajectory.kind=hold vehicle.thrust_max_n=0.7",
-     "at 0.00 s it needs 0.785 N of thrust, limit 0.632 N (vehicle.thrust_max_n and limits.reserve): "
-     "flying it slower does not help"),
+     "at 0.00 s it needs 0.785 N of thrust, limit 0.632 N (vehicle.thrust_max_n and "
+     "limits.reserve): flying it slower does not help"),
     ("trajectory.kind=hold trajectory.position_ned=[0,0,1]",
-     "at 0.00 s it is 1.00 m below the floor (flight.floor_z_m): in NED z counts down, so 1 m up is -1"),
+     "at 0.00 s it is 1.00 m below the floor (flight.floor_z_m): in NED z counts down, so 1 m up "
+     "is -1"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("overrides", "words"), REFUSED, ids=[words for _, words in REFUSED])
-def test_what_asks_too_much_is_refused_with_the_time_the_limit_and_a_way_out(overrides: str, words: str) -> None:
+def test_what_asks_too_much_is_refused_with_the_time_the_limit_and_a_way_out(
+    overrides: str, words: str
+) -> None:
     config = from_dict({}, Config, ["flight.floor_z_m=0", *overrides.split()])
     report = examine_trajectory(config)
     assert not report.ok
@@ -109,7 +137,12 @@ def test_the_command_says_pass_or_fail_and_by_its_exit_code_too(
     assert "FAIL: at " in capsys.readouterr().out
     assert run(monkeypatch, "trajectory", "--json", "--set", "limits.max_speed_m_s=0.4") == 1
     facts = json.loads(capsys.readouterr().out)
-    assert (facts["kind"], facts["vehicle"], facts["pass"], facts["duration_s"]) == ("lemniscate", "mqx", False, None)
+    assert (facts["kind"], facts["vehicle"], facts["pass"], facts["duration_s"]) == (
+        "lemniscate",
+        "mqx",
+        False,
+        None,
+    )
     assert [d["name"] for d in facts["demands"] if not d["ok"]] == ["speed"]
     path = tmp_path / "fast.toml"
     path.write_text("[trajectory]\nkind = 'lemniscate'\nspeed_m_s = 3.0\n")
@@ -127,7 +160,9 @@ class Curve:
 
     duration_s: float | None = None
 
-    def __init__(self, change: Callable[[Reference, float], Reference], speed_m_s: float = 1.5) -> None:
+    def __init__(
+        self, change: Callable[[Reference, float], Reference], speed_m_s: float = 1.5
+    ) -> None:
         self._change = change
         self._rad_s = speed_m_s / RADIUS_M
         self.joints_s: Sequence[float] = (0.0, math.tau / self._rad_s)
@@ -136,7 +171,8 @@ class Curve:
         w = self._rad_s
         c, s = RADIUS_M * math.cos(w * time_s), RADIUS_M * math.sin(w * time_s)
         exact = Reference(
-            (c, s, -1.5), (-w * s, w * c, 0.0), (-w * w * c, -w * w * s, 0.0), (w**3 * s, -(w**3) * c, 0.0),
+            (c, s, -1.5), (-w * s, w * c, 0.0), (-w * w * c, -w * w * s, 0.0), (w**3 * s,
+                -(w**3) * c, 0.0),
             yaw_rad=w * time_s, yaw_rate_rad_s=w,
         )  # fmt: skip
         return self._change(exact, time_s)
@@ -170,9 +206,22 @@ def report(curve: Curve) -> FeasibilityReport:
         (replace(acceleration_ned=ZERO), "acceleration"),
         (scaled("acceleration_ned", 2.0), "acceleration"),
         (replace(yaw_rate_rad_s=0.0), "yaw rate"),
-        (lambda exact, t: msgspec.structs.replace(exact, velocity_ned=ZERO) if 3.0 < t < 3.5 else exact, "velocity"),
+        (
+            lambda exact, t: (
+                msgspec.structs.replace(exact, velocity_ned=ZERO) if 3.0 < t < 3.5 else exact
+            ),
+            "velocity",
+        ),
     ],
-    ids=["at rest", "too slow", "backwards", "no acceleration", "twice", "no turn", "for half a second"],
+    ids=[
+        "at rest",
+        "too slow",
+        "backwards",
+        "no acceleration",
+        "twice",
+        "no turn",
+        "for half a second",
+    ],
 )
 def test_derivatives_that_positions_do_not_have_are_found(
     change: Callable[[Reference, float], Reference], name: str
@@ -264,7 +313,9 @@ def test_the_fence_counts_too() -> None:
 
 def test_a_corner_that_is_flown_at_full_speed_is_found() -> None:
     def corner(exact: Reference, t: float) -> Reference:
-        """Straight ahead, and from one moment on to the side: no acceleration is declared anywhere."""
+        """Straight ahead, and from one moment on to the side: no acceleration is declared
+        anywhere.
+        """
         ahead, aside = 0.5 * min(t, 4.0), 0.5 * max(t - 4.0, 0.0)
         return Reference((ahead, aside, -1.5), (0.5, 0.0, 0.0) if t < 4.0 else (0.0, 0.5, 0.0))
 

@@ -1,4 +1,6 @@
-"""Lines and orders of the core API: whatever a client sends, it comes out as an order, or as words why it is none."""
+"""Lines and orders of the core API: whatever a client sends, it comes out as an order, or as words
+why it is none.
+"""
 
 import re
 
@@ -31,7 +33,11 @@ def test_no_bytes_raise_or_are_taken_for_an_order(data: bytes) -> None:
 @given(
     st.dictionaries(
         st.sampled_from(["id", "ask", "control", "set", "why", "vehicle", "name", "x"]),
-        st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.sampled_from(["land", "take", "k"]),
+        st.none()
+        | st.booleans()
+        | st.integers()
+        | st.floats(allow_nan=False)
+        | st.sampled_from(["land", "take", "k"]),
     )
 )
 def test_an_order_asks_for_exactly_one_thing(keys: dict[str, object]) -> None:
@@ -43,7 +49,8 @@ def test_an_order_asks_for_exactly_one_thing(keys: dict[str, object]) -> None:
 
 @pytest.mark.parametrize(
     "message",
-    [StationHello(1, "mqx", 7, "0.1", "[vehicle]"), Control("tui 7", True), OrderAnswer(7, True, "landing"),
+    [StationHello(1, "mqx", 7, "0.1", "[vehicle]"), Control("tui 7", True), OrderAnswer(7, True,
+        "landing"),
      Refusal("no"), sample(3.0)],
     ids=lambda message: type(message).__name__,
 )  # fmt: skip
@@ -70,7 +77,14 @@ def test_the_points_of_an_order_reach_the_flight() -> None:
 
 @pytest.mark.parametrize(
     "points",
-    ["[[1, 2]]", "[[1, 2, 3, 4, 5]]", "[[1, 2, 1e9]]", "[[1, 2, null]]", "[]", "[" + "[0,0,-1]," * 64 + "[0,0,-1]]"],
+    [
+        "[[1, 2]]",
+        "[[1, 2, 3, 4, 5]]",
+        "[[1, 2, 1e9]]",
+        "[[1, 2, null]]",
+        "[]",
+        "[" + "[0,0,-1]," * 64 + "[0,0,-1]]",
+    ],
 )
 def test_points_that_are_none_are_no_order(points: str) -> None:
     refused = decode_order(f'{{"id": 2, "ask": "goto", "points": {points}}}'.encode())
@@ -83,13 +97,21 @@ def test_points_that_are_none_are_no_order(points: str) -> None:
     (("1", 2, 0), "north_m: expected a number from -100 to 100, got '1'"),
     ((1, 2, 0, -400), "yaw_deg: expected a number from -360 to 360, got -400"),
 ])  # fmt: skip
-def test_a_point_that_a_program_makes_is_held_to_what_the_wire_takes(numbers: tuple[float, ...], says: str) -> None:
+def test_a_point_that_a_program_makes_is_held_to_what_the_wire_takes(
+    numbers: tuple[float, ...], says: str
+) -> None:
     with pytest.raises(ValueError, match=re.escape(says)):
         Waypoint(*numbers)
 
 
-@given(st.lists(st.tuples(st.integers(0, 2), st.sampled_from([*Ask, "take", "give", "leave"])), max_size=40))
-def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(moves: list[tuple[int, str]]) -> None:
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 2), st.sampled_from([*Ask, "take", "give", "leave"])), max_size=40
+    )
+)
+def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(
+    moves: list[tuple[int, str]],
+) -> None:
     core = Sampled()
     desk, parties, holder = Desk("mqx", core), [Party(number) for number in range(3)], None
     for number, (who, what) in enumerate(moves):
@@ -98,12 +120,18 @@ def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(moves:
             desk.leave(party)
             holder = None if holder is party else holder
         elif what in ("take", "give"):
-            done = desk.take(ClientOrder(id=number, control="take" if what == "take" else "give"), party, 0.0).done
+            done = desk.take(
+                ClientOrder(id=number, control="take" if what == "take" else "give"), party, 0.0
+            ).done
             assert done == (holder in (None, party) if what == "take" else holder is party)
             if done:
                 holder = party if what == "take" else None
         else:
-            desk.take(ClientOrder(id=number, ask=Ask(what), vehicle="mqx", points=points_of(what)), party, 0.0)
+            desk.take(
+                ClientOrder(id=number, ask=Ask(what), vehicle="mqx", points=points_of(what)),
+                party,
+                0.0,
+            )
             free = what in ("land", "descend", "abort", "kill")
             assert (len(core.asked) == asked + 1) == (free or holder is party)
         assert [desk.control(one).yours for one in parties] == [one is holder for one in parties]
@@ -123,9 +151,13 @@ def test_what_starts_or_steers_is_refused_late_and_what_brings_down_never(ask: A
     core, party = Sampled(), Party(7)
     desk = Desk("mqx", core)
     desk.take(ClientOrder(id=1, control="take"), party, 0.0)
-    late = desk.take(ClientOrder(id=2, ask=ask, vehicle="mqx", until_s=10.0, points=points_of(ask)), party, 12.5)
+    late = desk.take(
+        ClientOrder(id=2, ask=ask, vehicle="mqx", until_s=10.0, points=points_of(ask)), party, 12.5
+    )
     down = ask in (Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL)
     assert (late.done, len(core.asked)) == (down, int(down))
     assert down or "2.5 s too late" in late.says
-    desk.take(ClientOrder(id=3, ask=ask, vehicle="mqx", until_s=10.0, points=points_of(ask)), party, 9.9)
+    desk.take(
+        ClientOrder(id=3, ask=ask, vehicle="mqx", until_s=10.0, points=points_of(ask)), party, 9.9
+    )
     assert len(core.asked) == 1 + int(down)

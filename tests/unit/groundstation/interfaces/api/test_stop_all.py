@@ -1,4 +1,6 @@
-"""``stop-all`` where a process can't be asked: it gets a signal, is told of, and no other waits for it."""
+"""``stop-all`` where a process can't be asked: it gets a signal, is told of, and no other waits for
+it.
+"""
 
 import asyncio
 import signal

@@ -43,9 +43,13 @@ class Desk:
         self.told: list[Sentence] = []
         sessions = (f"{number:032x}" for number in itertools.count(1))
         clients = {name: ClientKey(KEYS[name], frozenset(asks)) for name, asks in may.items()}
-        self.gate = Gatekeeper(PLACE, clients, self.core.ask, lambda: next(sessions), self.told.append)
+        self.gate = Gatekeeper(
+            PLACE, clients, self.core.ask, lambda: next(sessions), self.told.append
+        )
 
-    def take(self, data: bytes, *, retained: bool = False, now_s: float = 0.0, wall_ms: int = NOW_MS) -> bytes | None:
+    def take(
+        self, data: bytes, *, retained: bool = False, now_s: float = 0.0, wall_ms: int = NOW_MS
+    ) -> bytes | None:
         return self.gate.take(data, retained=retained, now_s=now_s, wall_ms=wall_ms)
 
     def answer(self, data: bytes, key: bytes = KEY) -> tuple[bool, str] | None:
@@ -108,15 +112,24 @@ def test_the_seal_is_what_the_documents_say_with_points_in_one_line_before_the_w
 ) -> None:
     data = sealed(7, ask, why="wind", points=points)
     request = msgspec.json.decode(data, type=SealedRequest)
-    lines = f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\n{ask}\n{NOW_MS + 3000}\n{line}wind"
+    lines = (
+        f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\n{ask}\n{NOW_MS + 3000}\n"
+        f"{line}wind"
+    )
     assert request.mac == hmac.new(KEY, lines.encode(), "sha256").hexdigest()
     assert is_sealed(request, KEY, PLACE)
 
 
 def test_no_other_points_than_those_are_sealed() -> None:
     data = sealed(7, "goto", points=THERE)
-    for other in ([[1.0, 0.5, -1.25]], [[1.0, 0.5, -1.3], [0, 0, -1, 90]], [[1.0, 0.5, -1.25, 0], [0, 0, -1, 90]]):
-        assert not is_sealed(msgspec.json.decode(changed(data, points=other), type=SealedRequest), KEY, PLACE)
+    for other in (
+        [[1.0, 0.5, -1.25]],
+        [[1.0, 0.5, -1.3], [0, 0, -1, 90]],
+        [[1.0, 0.5, -1.25, 0], [0, 0, -1, 90]],
+    ):
+        assert not is_sealed(
+            msgspec.json.decode(changed(data, points=other), type=SealedRequest), KEY, PLACE
+        )
 
 
 DROPPED = {
@@ -146,7 +159,9 @@ DROPPED = {
 
 
 @pytest.mark.parametrize(("data", "reason"), DROPPED.values(), ids=DROPPED)
-def test_anything_else_does_nothing_but_a_counter_and_one_line(desk: Desk, data: bytes, reason: str) -> None:
+def test_anything_else_does_nothing_but_a_counter_and_one_line(
+    desk: Desk, data: bytes, reason: str
+) -> None:
     assert desk.take(data) is None
     assert desk.core.asked == []
     assert desk.gate.counts == {reason: 1}
@@ -183,7 +198,9 @@ def test_what_expired_stays_so_even_if_the_clock_is_set_back(desk: Desk) -> None
 
 
 def test_a_request_from_a_clock_ahead_is_not_obeyed_once_its_time_has_come(desk: Desk) -> None:
-    """And whoever has such a clock is heard again once it is right, although its numbers are smaller then."""
+    """And whoever has such a clock is heard again once it is right, although its numbers are
+    smaller then.
+    """
     ahead = sealed(10**9, expires_ms=NOW_MS + 3_600_000)
     desk.take(ahead)
     assert desk.take(ahead, wall_ms=NOW_MS + 3_599_000) is None
@@ -226,7 +243,10 @@ def test_in_a_flood_only_a_kill_is_heard() -> None:
     desk = Desk(tablet=ANYONE)
     for _ in range(200):
         desk.take(b'{"ask":"land"}')
-    assert desk.gate.counts == {"malformed": ANY_MESSAGES.burst, "flooded": 200 - ANY_MESSAGES.burst}
+    assert desk.gate.counts == {
+        "malformed": ANY_MESSAGES.burst,
+        "flooded": 200 - ANY_MESSAGES.burst,
+    }
     unheard = (
         sealed(1),
         sealed(2, "kill", key=OTHER_KEY),
@@ -251,9 +271,13 @@ def pair() -> Desk:
     return Desk(tablet={Ask.HOLD}, phone={Ask.HOLD, Ask.KILL})
 
 
-def kill(pair: Desk, number: int = 1, client: str = "phone", **more: Any) -> tuple[bool, str] | None:
+def kill(
+    pair: Desk, number: int = 1, client: str = "phone", **more: Any
+) -> tuple[bool, str] | None:
     """Return the answer to a client's kill."""
-    return pair.answer(sealed(number, "kill", key=KEYS[client], client=client, **more), KEYS[client])
+    return pair.answer(
+        sealed(number, "kill", key=KEYS[client], client=client, **more), KEYS[client]
+    )
 
 
 def test_a_kill_waits_for_no_turn(pair: Desk) -> None:
@@ -272,15 +296,22 @@ def test_a_kill_waits_for_no_turn(pair: Desk) -> None:
         ({"client": "tablet"}, "tablet may not ask for kill"),
     ],
 )
-def test_a_kill_that_does_not_count_is_answered_why(pair: Desk, more: dict[str, Any], says: str) -> None:
+def test_a_kill_that_does_not_count_is_answered_why(
+    pair: Desk, more: dict[str, Any], says: str
+) -> None:
     answer = kill(pair, **more)
     assert answer is not None
     assert (answer[0], answer[1].startswith(says), pair.core.asked) == (False, True, [])
 
 
 @pytest.mark.parametrize("ask", list(Ask))
-def test_the_desk_takes_from_afar_all_but_to_arm_and_what_a_local_client_has_control_of(ask: Ask) -> None:
-    core, request = Sampled(), Request(ask, "by MQTT", (Waypoint(1.0, 0.0, -1.0),) if ask is Ask.GOTO else ())
+def test_the_desk_takes_from_afar_all_but_to_arm_and_what_a_local_client_has_control_of(
+    ask: Ask,
+) -> None:
+    core, request = (
+        Sampled(),
+        Request(ask, "by MQTT", (Waypoint(1.0, 0.0, -1.0),) if ask is Ask.GOTO else ()),
+    )
     station = ControlDesk("mqx", core)
     assert (station.from_afar(request).says.startswith("nobody arms")) == (ask is Ask.ARM)
     assert core.asked == ([] if ask is Ask.ARM else [request])

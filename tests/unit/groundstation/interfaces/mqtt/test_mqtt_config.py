@@ -60,7 +60,10 @@ def test_a_password_or_a_key_that_others_may_read_stops_the_start(tmp_path: Path
     mqtt = {
         "username": "mqx",
         "password_file": str(password),
-        "requests": {"enabled": True, "clients": {"tablet": {"key_file": str(key), "may": ["land"]}}},
+        "requests": {
+            "enabled": True,
+            "clients": {"tablet": {"key_file": str(key), "may": ["land"]}},
+        },
     }
     password.chmod(0o640)
     with pytest.raises(ConfigError, match=r"mqtt\.password_file: .* has mode 0640"):
@@ -68,7 +71,9 @@ def test_a_password_or_a_key_that_others_may_read_stops_the_start(tmp_path: Path
     password.chmod(0o600)
     ensure_mqtt(of(**mqtt))
     key.chmod(0o644)
-    with pytest.raises(ConfigError, match=r"mqtt\.requests\.clients\.tablet\.key_file: .* has mode 0644"):
+    with pytest.raises(
+        ConfigError, match=r"mqtt\.requests\.clients\.tablet\.key_file: .* has mode 0644"
+    ):
         ensure_mqtt(of(**mqtt))
 
 
@@ -80,7 +85,9 @@ def test_two_clients_never_share_a_key(tmp_path: Path) -> None:
 
 
 def test_a_missing_authority_or_certificate_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"mqtt\.tls\.ca_file: cannot use /nowhere/ca.crt: No such file"):
+    with pytest.raises(
+        ConfigError, match=r"mqtt\.tls\.ca_file: cannot use /nowhere/ca.crt: No such file"
+    ):
         open_broker(of(tls={"enabled": True, "ca_file": "/nowhere/ca.crt"}))
     (tmp_path / "key").touch(0o600)
     (tmp_path / "cert").touch()
@@ -97,7 +104,8 @@ def test_a_url_says_where_the_broker_is() -> None:
 
 
 @pytest.mark.parametrize(
-    "url", ["lab.example", "http://lab", "mqtt://lab.example", "mqtts://", "mqtts://a:b@c", "mqtts://c:x"]
+    "url",
+    ["lab.example", "http://lab", "mqtt://lab.example", "mqtts://", "mqtts://a:b@c", "mqtts://c:x"],
 )
 def test_what_is_no_url_of_a_broker_is_refused(url: str) -> None:
     with pytest.raises(ConfigError):

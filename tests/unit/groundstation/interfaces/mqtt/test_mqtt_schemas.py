@@ -25,7 +25,11 @@ PUBLISHED: dict[str, list[bytes]] = {
         msgspec.json.encode(sample(1.0)),
         msgspec.json.encode(
             msgspec.structs.replace(
-                sample(1.0), pose_age_s=math.inf, error_m=math.nan, diagnostics=None, certificate=None
+                sample(1.0),
+                pose_age_s=math.inf,
+                error_m=math.nan,
+                diagnostics=None,
+                certificate=None,
             )
         ),
     ],
@@ -33,7 +37,9 @@ PUBLISHED: dict[str, list[bytes]] = {
     "health.json": [msgspec.json.encode(HealthMessage("0.1.0", 1, 2, 0, {"done": 1}))],
     "request-session.json": [msgspec.json.encode(SessionMessage("0" * 32))],
     "request.json": [REQUEST],
-    "answer.json": [seal_answer(KEY, PLACE, msgspec.json.decode(REQUEST, type=SealedRequest), True, "landing")],
+    "answer.json": [
+        seal_answer(KEY, PLACE, msgspec.json.decode(REQUEST, type=SealedRequest), True, "landing")
+    ],
 }
 
 

@@ -94,7 +94,9 @@ def test_a_multiplexer_is_known_by_what_it_sets(environment: dict[str, str], tak
 
 
 def read(parser: InputParser, data: bytes, now_s: float) -> list[str]:
-    return [one.key if isinstance(one, Key) else type(one).__name__ for one in parser.read(data, now_s)]
+    return [
+        one.key if isinstance(one, Key) else type(one).__name__ for one in parser.read(data, now_s)
+    ]
 
 
 @pytest.mark.parametrize("data", [Random(7).randbytes(3000), b"h\x0c" * 2000])
@@ -106,7 +108,9 @@ def test_of_bytes_that_nobody_types_no_key_passes(data: bytes) -> None:
     assert gate.dropped > 1000
 
 
-@pytest.mark.parametrize("pieces", [[b"\x1b[200~abc"], [b"\x1b[2", b"00~abc"], [b"\x1b[200~a\x1b[201~b\x1b[200~c"]])
+@pytest.mark.parametrize(
+    "pieces", [[b"\x1b[200~abc"], [b"\x1b[2", b"00~abc"], [b"\x1b[200~a\x1b[201~b\x1b[200~c"]]
+)
 def test_a_paste_without_an_end_is_ended(pieces: list[bytes]) -> None:
     parser = InputParser(debug=False)
     for piece in pieces:

@@ -8,12 +8,7 @@ import pytest
 from groundstation.core.messages import Ask, Notice, Snapshot
 from groundstation.core.mission import State
 from groundstation.interfaces.api import Control
-from groundstation.interfaces.tui.drawing import (
-    PlotTrack,
-    Spans,
-    number_rows,
-    top_view,
-)
+from groundstation.interfaces.tui.drawing import PlotTrack, Spans, number_rows, top_view
 from groundstation.interfaces.tui.fleet import (
     SILENCE_S,
     FleetMonitor,
@@ -86,7 +81,9 @@ def test_heights_are_up_from_the_floor_and_errors_in_centimetres() -> None:
 
 def test_a_command_at_its_limit_carries_a_mark() -> None:
     limits = (1.0, 1.0, 1.0)
-    rows = plain(number_rows(changed(thrust_n=1.37, rates_rad_s=(1.0, -1.0, 0.5), rate_limits_rad_s=limits)))
+    rows = plain(
+        number_rows(changed(thrust_n=1.37, rates_rad_s=(1.0, -1.0, 0.5), rate_limits_rad_s=limits))
+    )
     marked = [row.rstrip().endswith("!") for row in rows if " N" in row or "°/s" in row]
     assert marked == [True, True, True, False]
 
@@ -104,7 +101,9 @@ def test_a_violated_bound_carries_a_mark_and_a_bound_that_holds_does_not() -> No
 def test_words_from_the_vehicle_cannot_steer_the_terminal() -> None:
     hostile = "\x1b[2J\x07[red]armed[/]\r\n"
     assert printable(hostile) == "·[2J·[red]armed[/]··"
-    link = msgspec.structs.replace(sample(1.0).link, text=hostile, state=hostile, dropped={hostile: 3})
+    link = msgspec.structs.replace(
+        sample(1.0).link, text=hostile, state=hostile, dropped={hostile: 3}
+    )
     assert "\x1b" not in "".join(plain(number_rows(changed(link=link))))
 
 
@@ -112,7 +111,9 @@ def test_a_kill_takes_two_presses_within_a_second() -> None:
     twice = Twice()
     assert [twice.press(t) for t in (0.0, 1.5, 2.4, 2.6, 3.0)] == [False, False, True, False, True]
     assert not twice.waits(3.1) and not twice.is_held
-    assert [twice.press(t) for t in (5.0, 5.001)] == [False, True] and not twice.is_held, "a script is fast"
+    assert [twice.press(t) for t in (5.0, 5.001)] == [False, True] and not twice.is_held, (
+        "a script is fast"
+    )
 
 
 @pytest.mark.parametrize("delay_s", [0.25, 0.5, 0.66])
@@ -123,7 +124,9 @@ def test_a_kill_key_that_is_held_down_is_no_second_press(delay_s: float, apart_s
     twice.press(10.0 + delay_s)  # the keyboard's own first repetition looks like a press
     assert not any(twice.press(10.0 + delay_s + apart_s * n) for n in range(1, 40))
     assert twice.is_held, "so the kill that waits for a repetition is not carried out"
-    assert not twice.press(20.0) and twice.press(20.4) and not twice.is_held, "let go, it counts again"
+    assert not twice.press(20.0) and twice.press(20.4) and not twice.is_held, (
+        "let go, it counts again"
+    )
 
 
 TAKEN_BY = {
@@ -144,19 +147,29 @@ def test_orders_have_keys_of_their_own_and_those_that_act_everywhere_are_no_lett
     keys = [key for order in ORDERS for key in order.keys]
     assert len(set(keys)) == len(keys)
     assert all(key.startswith("ctrl+") for order in ORDERS if order.always for key in order.keys)
-    assert {order.ask for order in ORDERS} == set(Ask) - {Ask.GOTO}, "points are asked for from a shell or a program"
+    assert {order.ask for order in ORDERS} == set(Ask) - {Ask.GOTO}, (
+        "points are asked for from a shell or a program"
+    )
 
 
 def test_every_emergency_key_has_a_second_one_that_no_common_multiplexer_takes() -> None:
     seconds = [order.second_key for order in ORDERS if order.always and order.key]
-    assert len(seconds) == 4 and not {key.removeprefix("ctrl+") for key in seconds} & set("".join(TAKEN_BY.values()))
+    assert len(seconds) == 4 and not {key.removeprefix("ctrl+") for key in seconds} & set(
+        "".join(TAKEN_BY.values())
+    )
     assert {key for order in ORDERS if order.always for key in order.keys} == STOP_KEYS
 
 
 @pytest.mark.parametrize("state", State)
-def test_what_brings_the_vehicle_down_is_possible_in_every_state_that_is_not_over(state: State) -> None:
+def test_what_brings_the_vehicle_down_is_possible_in_every_state_that_is_not_over(
+    state: State,
+) -> None:
     over = state in ("landed", "aborted", "handed_over", "killed")
-    assert [possible(BY_ASK[ask], state) for ask in (Ask.LAND, Ask.ABORT, Ask.KILL)] == [not over, not over, True]
+    assert [possible(BY_ASK[ask], state) for ask in (Ask.LAND, Ask.ABORT, Ask.KILL)] == [
+        not over,
+        not over,
+        True,
+    ]
     assert possible(BY_ASK[Ask.ARM], state) == (state is State.READY)
     assert possible(BY_ASK[Ask.ARM], "of a later version")
 
@@ -181,7 +194,9 @@ def test_who_holds_control_is_not_known_while_nobody_is_there() -> None:
     assert picture.holder == Control(None, yours=False)
 
 
-def test_another_ground_station_begins_with_empty_plots_and_the_next_flight_of_one_does_too() -> None:
+def test_another_ground_station_begins_with_empty_plots_and_the_next_flight_of_one_does_too() -> (
+    None
+):
     picture = Picture(0.0)
     for origin, kept in (("process 1", 1), ("process 1", 2), ("process 2", 1)):
         picture.take(FlightIdentity("mqx", origin, ""), 0.0)
@@ -193,7 +208,12 @@ def test_another_ground_station_begins_with_empty_plots_and_the_next_flight_of_o
 
 
 def heard(
-    fleet: FleetMonitor, name: str, *, state: str = "tracking", now_s: float = 0.0, station_s: float = 0.0
+    fleet: FleetMonitor,
+    name: str,
+    *,
+    state: str = "tracking",
+    now_s: float = 0.0,
+    station_s: float = 0.0,
 ) -> VehicleView:
     snapshot = msgspec.structs.replace(sample(station_s, vehicle=name), state=state)
     fleet.hear(f"lab/{name}/state", state.encode(), now_s)
@@ -229,7 +249,9 @@ def test_silence_is_an_alarm_unless_the_flight_has_ended_or_its_station_has_said
 
 
 def test_a_vehicle_whose_snapshots_come_is_not_offline() -> None:
-    """The last will of an earlier connection says so, until the station publishes its state again."""
+    """The last will of an earlier connection says so, until the station publishes its state
+    again.
+    """
     fleet = FleetMonitor("lab")
     seen = heard(fleet, "mqx")
     fleet.hear("lab/mqx/state", b"offline", 0.5)
@@ -260,7 +282,13 @@ def test_what_is_not_understood_is_dropped(topic: str, payload: bytes) -> None:
 
 def test_what_needs_somebody_comes_first() -> None:
     fleet = FleetMonitor("lab")
-    for name, state in (("a", "ready"), ("b", "ready"), ("c", "tracking"), ("d", "aborted"), ("e", "hold")):
+    for name, state in (
+        ("a", "ready"),
+        ("b", "ready"),
+        ("c", "tracking"),
+        ("d", "aborted"),
+        ("e", "hold"),
+    ):
         heard(fleet, name, state=state)
     fleet.hear("lab/a/state", b"offline", 0.0)
     shown = fleet_rows(fleet, 0.0)

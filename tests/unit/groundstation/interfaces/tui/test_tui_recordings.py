@@ -54,7 +54,9 @@ def test_a_recording_that_was_cut_off_is_read_up_to_the_cut(flight: Path, tmp_pa
 
 
 def played(steer: Callable[[Playback], None], seconds: float) -> list[News]:
-    """What a playback of 60 s brings in so many seconds, steered at the beginning, in virtual time."""
+    """What a playback of 60 s brings in so many seconds, steered at the beginning, in virtual
+    time.
+    """
 
     async def listen() -> list[News]:
         playback = Playback(HELLO, [sample(0.1 * i) for i in range(601)])
@@ -81,7 +83,13 @@ def newest(news: list[News]) -> Snapshot:
 
 @pytest.mark.parametrize(
     ("keys", "at_s"),
-    [([], 4.0), (["faster"], 8.0), (["faster"] * 9, 60.0), (["slower", "slower", "slower"], 1.0), (["pause"], 0.0)],
+    [
+        ([], 4.0),
+        (["faster"], 8.0),
+        (["faster"] * 9, 60.0),
+        (["slower", "slower", "slower"], 1.0),
+        (["pause"], 0.0),
+    ],
 )
 def test_it_plays_as_fast_as_it_is_told(keys: list[str], at_s: float) -> None:
     def steer(playback: Playback) -> None:

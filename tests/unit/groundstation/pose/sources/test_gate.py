@@ -1,4 +1,6 @@
-"""The gate: what of a source's poses can't be true, how it is told, and how a new place comes to be believed."""
+"""The gate: what of a source's poses can't be true, how it is told, and how a new place comes to be
+believed.
+"""
 
 import math
 import re
@@ -51,7 +53,7 @@ def leaning(degrees: float) -> Quat:
 
 
 @pytest.mark.parametrize("degrees", [20.0, 40.0, 80.0])
-def test_a_floor_levels_what_comes_down_leaning_from_one_pose_to_the_next_and_nothing_else_turns_so_fast(
+def test_a_floor_levels_what_comes_down_leaning_and_nothing_else_turns_so_fast(
     degrees: float,
 ) -> None:
     gate = Gate(GateConfig(rate_deg_s=100.0))
@@ -79,7 +81,9 @@ def test_a_floor_levels_what_comes_down_leaning_from_one_pose_to_the_next_and_no
         (pose(3), "out_of_order"),
     ],
 )
-def test_what_can_not_be_true_is_counted_and_the_next_good_pose_passes(wrong: Pose, reason: str) -> None:
+def test_what_can_not_be_true_is_counted_and_the_next_good_pose_passes(
+    wrong: Pose, reason: str
+) -> None:
     gate = gate_in_flight()
     assert gate.filter_pose(wrong) == (None, None)
     assert gate.dropped == {reason: 1}
@@ -90,11 +94,31 @@ def test_what_can_not_be_true_is_counted_and_the_next_good_pose_passes(wrong: Po
 @pytest.mark.parametrize(
     ("config", "wrong", "told"),
     [
-        ({}, {"attitude": so3.from_euler_zyx(math.pi, 0.0, 0.0)}, r"tilted \(180° from upright, limit 120° .*carry"),
-        ({"tilt_deg": 10.0}, {"attitude": leaning(12.0)}, r"tilted \(12° from upright, limit 10° \(gate.tilt_deg\)"),
-        ({}, {"position_ned": (0.4, 0.5, -1.0)}, r"jump \(0.50 m from .*, limit 0.1\d m \(gate.jump_m"),
-        ({}, {"attitude": yawed(90.0)}, r"spin \(turned by 90° since the last one, limit \d+° \(gate.rate_deg_s\)"),
-        ({}, {"velocity_ned": (0.0, 30.0, 0.0)}, r"too_fast \(30.0 m/s, limit 20 m/s \(gate.speed_m_s\)"),
+        (
+            {},
+            {"attitude": so3.from_euler_zyx(math.pi, 0.0, 0.0)},
+            r"tilted \(180° from upright, limit 120° .*carry",
+        ),
+        (
+            {"tilt_deg": 10.0},
+            {"attitude": leaning(12.0)},
+            r"tilted \(12° from upright, limit 10° \(gate.tilt_deg\)",
+        ),
+        (
+            {},
+            {"position_ned": (0.4, 0.5, -1.0)},
+            r"jump \(0.50 m from .*, limit 0.1\d m \(gate.jump_m",
+        ),
+        (
+            {},
+            {"attitude": yawed(90.0)},
+            r"spin \(turned by 90° since the last one, limit \d+° \(gate.rate_deg_s\)",
+        ),
+        (
+            {},
+            {"velocity_ned": (0.0, 30.0, 0.0)},
+            r"too_fast \(30.0 m/s, limit 20 m/s \(gate.speed_m_s\)",
+        ),
     ],
 )
 def test_a_drop_by_a_limit_is_told_with_its_number_and_the_limit(
@@ -137,13 +161,17 @@ def test_of_a_crowd_of_wild_poses_none_passes_because_it_happens_to_come_near() 
     wild = [pose(n, (n * DT, 0.6 * (-1.0) ** n, -0.5)) for n in range(20, 24)]
     passed, _ = flown(gate, [*wild, near])
     assert not passed
-    swerve = pose(25, (25 * DT, 0.5 * 5.0 * (6 * DT) ** 2, -1.0))  # what the vehicle may have done at 5 m/s²
+    swerve = pose(
+        25, (25 * DT, 0.5 * 5.0 * (6 * DT) ** 2, -1.0)
+    )  # what the vehicle may have done at 5 m/s²
     assert gate.filter_pose(swerve)[0] is not None
 
 
 def test_poses_that_stay_elsewhere_are_believed_after_a_while_and_not_before() -> None:
     gate = gate_in_flight()
-    passed, events = flown(gate, (pose(n, (5.0 + n * DT, 2e-3 * math.sin(n), -1.0)) for n in range(20, 200)))
+    passed, events = flown(
+        gate, (pose(n, (5.0 + n * DT, 2e-3 * math.sin(n), -1.0)) for n in range(20, 200))
+    )
     (moved,) = events
     assert moved.id == "pose.elsewhere"
     assert "6.5" in str(moved)
@@ -202,7 +230,9 @@ def test_an_outbreak_is_told_once_as_it_begins_and_once_as_it_is_over() -> None:
     told = [
         event
         for n in range(300)
-        for event in outbreaks.look(0.05 * n, PoseStatus(0, {"not_tracked": max(0, min(n, 50) - 9), "jump": 0}), None)
+        for event in outbreaks.look(
+            0.05 * n, PoseStatus(0, {"not_tracked": max(0, min(n, 50) - 9), "jump": 0}), None
+        )
     ]
     assert [event.id for event in told] == ["pose.dropping", "pose.passed"]
     assert "hidden" in str(told[0])
@@ -212,16 +242,21 @@ def test_an_outbreak_is_told_once_as_it_begins_and_once_as_it_is_over() -> None:
 def look_on(*looks: tuple[float, PoseStatus, Pose | None]) -> list[tuple[float, str]]:
     """When news comes of ``looks`` [s], and of what."""
     outbreaks = Outbreaks(COAST_S)
-    return [(now_s, event.id) for now_s, status, newest in looks for event in outbreaks.look(now_s, status, newest)]
+    return [
+        (now_s, event.id)
+        for now_s, status, newest in looks
+        for event in outbreaks.look(now_s, status, newest)
+    ]
 
 
 def late(by_s: float) -> PoseStatus:
     return PoseStatus(1, {}, late_s=by_s)
 
 
-def test_lateness_is_told_as_it_begins_as_it_doubles_and_once_it_has_been_over_for_two_seconds() -> None:
+def test_lateness_is_told_as_it_begins_as_it_doubles_and_after_its_end() -> None:
     quiet = [(0.1 * k, late(0.0), None) for k in range(5, 40)]
-    told = look_on((0.0, late(0.0), None), (0.1, late(0.03), None), (0.2, late(0.06), None), (0.3, late(0.061), None),
+    told = look_on((0.0, late(0.0), None), (0.1, late(0.03), None), (0.2, late(0.06), None), (0.3,
+        late(0.061), None),
                    (0.4, late(0.1), None), *quiet)  # fmt: skip
     assert [event for _, event in told] == ["pose.later", "pose.later", "pose.punctual"]
     assert [now_s for now_s, _ in told] == pytest.approx([0.1, 0.3, 2.4])
@@ -230,12 +265,20 @@ def test_lateness_is_told_as_it_begins_as_it_doubles_and_once_it_has_been_over_f
 def test_poses_that_are_lost_and_come_back_are_told_after_the_limit() -> None:
     newest = pose(0)  # of 0.0 s
     status = PoseStatus(1, {})
-    told = look_on((0.25, status, newest), (0.26, status, newest), (0.5, status, newest), (0.51, status, pose(25)))
+    told = look_on(
+        (0.25, status, newest),
+        (0.26, status, newest),
+        (0.5, status, newest),
+        (0.51, status, pose(25)),
+    )
     assert told == [(0.26, "pose.lost"), (0.51, "pose.back")]
 
 
 def test_drops_of_before_the_first_look_are_news_and_an_unsteady_clock_is_told_both_ways() -> None:
     steady, unsteady = PoseStatus(0, {"jump": 1}), PoseStatus(0, {"jump": 1}, unsteady_clock=True)
-    told = look_on((0.0, steady, None), (1.9, unsteady, None), (2.1, steady, None), (4.2, steady, None))
-    assert told == [(0.0, "pose.dropping"), (1.9, "pose.unsteady_clock"), (2.1, "pose.steady_clock"),
+    told = look_on(
+        (0.0, steady, None), (1.9, unsteady, None), (2.1, steady, None), (4.2, steady, None)
+    )
+    assert told == [(0.0, "pose.dropping"), (1.9, "pose.unsteady_clock"), (2.1,
+        "pose.steady_clock"),
                     (2.1, "pose.passed")]  # fmt: skip

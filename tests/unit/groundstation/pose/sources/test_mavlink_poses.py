@@ -24,8 +24,10 @@ def sent(message: Any) -> Any:
 
 def odometry(time_s: float, **changes: Any) -> Any:
     fields: dict[str, Any] = {
-        "time_usec": int(time_s * 1e6), "frame_id": 1, "child_frame_id": 1, "x": 1.0, "y": -2.0, "z": -3.0,
-        "q": (1.0, 0.0, 0.0, 0.0), "vx": 0.5, "vy": 0.25, "vz": -0.125, "rollspeed": 0.0, "pitchspeed": 0.0,
+        "time_usec": int(time_s * 1e6), "frame_id": 1, "child_frame_id": 1, "x": 1.0, "y": -2.0,
+        "z": -3.0,
+        "q": (1.0, 0.0, 0.0, 0.0), "vx": 0.5, "vy": 0.25, "vz": -0.125, "rollspeed": 0.0,
+        "pitchspeed": 0.0,
         "yawspeed": 0.0, "pose_covariance": [math.nan] * 21, "velocity_covariance": [math.nan] * 21,
         "reset_counter": 0, "estimator_type": 8, "quality": 0,
     }  # fmt: skip
@@ -65,7 +67,9 @@ def test_velocity_in_the_body_frame_is_turned_into_the_world(frame: int, child: 
     # Forward at 1 m/s with the nose 10° up: a climb of sin 10°.
     message = odometry(1.0, q=NOSE_UP, frame_id=frame, child_frame_id=child, vx=1.0, vy=0.0, vz=0.0)
     velocity = decode(OdometryDecoder(0.0), message, 1.0).velocity_ned
-    assert velocity == pytest.approx((math.cos(math.radians(10.0)), 0.0, -math.sin(math.radians(10.0))), abs=1e-6)
+    assert velocity == pytest.approx(
+        (math.cos(math.radians(10.0)), 0.0, -math.sin(math.radians(10.0))), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -82,7 +86,9 @@ def test_velocity_in_the_body_frame_is_turned_into_the_world(frame: int, child: 
         ({"frame_id": 1, "child_frame_id": 20}, "wrong_frame"),
     ],
 )
-def test_odometry_that_makes_no_pose_is_dropped_and_counted(changes: dict[str, Any], reason: str) -> None:
+def test_odometry_that_makes_no_pose_is_dropped_and_counted(
+    changes: dict[str, Any], reason: str
+) -> None:
     decoder = OdometryDecoder(0.0)
     assert decoder.decode(odometry(1.0, **changes), 1.0) is None
     assert (decoder.intake.accepted, decoder.intake.dropped) == (0, {reason: 1})
@@ -95,7 +101,10 @@ def test_a_velocity_that_is_not_a_number_is_no_velocity() -> None:
 
 def test_a_reset_of_the_estimate_changes_the_count() -> None:
     decoder = OdometryDecoder(0.0)
-    counts = [decode(decoder, odometry(1.0 + 0.01 * n, reset_counter=n // 2), 1.0).reset_count for n in range(4)]
+    counts = [
+        decode(decoder, odometry(1.0 + 0.01 * n, reset_counter=n // 2), 1.0).reset_count
+        for n in range(4)
+    ]
     assert counts == [0, 0, 1, 1]
 
 

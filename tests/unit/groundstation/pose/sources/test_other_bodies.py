@@ -1,4 +1,7 @@
-"""Every source that sees several bodies tells where the others are, in our axes; hidden ones are not seen."""
+"""Every source that sees several bodies tells where the others are, in our axes.
+
+Hidden ones are not seen.
+"""
 
 import asyncio
 import math
@@ -30,9 +33,13 @@ KINDS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("pose", KINDS, ids=["vicon", "json", "natnet multicast", "natnet unicast", "qualisys"])
+@pytest.mark.parametrize(
+    "pose", KINDS, ids=["vicon", "json", "natnet multicast", "natnet unicast", "qualisys"]
+)
 @in_virtual_time
-async def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(pose: dict[str, Any]) -> None:
+async def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(
+    pose: dict[str, Any],
+) -> None:
     config = from_dict({"pose": pose}, Config)
     others, poses = Others(("bee", "cat")), list[Pose]()
     loop = asyncio.get_running_loop()
@@ -40,7 +47,9 @@ async def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(pos
     assert tracked is not None
     own, tracker = tracked
     await tracker.open()
-    source = make_source(config.pose, make_link(config.link, thrust_max_n=1.0, thrust_curve=0.0), others)
+    source = make_source(
+        config.pose, make_link(config.link, thrust_max_n=1.0, thrust_curve=0.0), others
+    )
     frame, bee, cat = 0, (1.0, 0.5, -1.5), (-1.0, 0.25, -0.5)
 
     async def stream(seconds: float, hidden: bool) -> None:

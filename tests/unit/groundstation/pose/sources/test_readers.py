@@ -1,4 +1,6 @@
-"""Readers of each source: bodies that are not seen or share a name, and two trackers that send to one port."""
+"""Readers of each source: bodies that are not seen or share a name, and two trackers that send to
+one port.
+"""
 
 import json
 import math
@@ -10,7 +12,14 @@ import pytest
 
 from groundstation.core.geometry import IDENTITY, Vec3
 from groundstation.core.messages import Others
-from groundstation.pose.sources import Intake, JsonReader, NatNetReader, QualisysReader, ViconReader, VisionReader
+from groundstation.pose.sources import (
+    Intake,
+    JsonReader,
+    NatNetReader,
+    QualisysReader,
+    ViconReader,
+    VisionReader,
+)
 from groundstation.pose.sources.intake import FEW_POSES, PoseReader
 from groundstation.pose.sources.json_codec import encode as encode_json, json_pose
 from groundstation.pose.sources.mavlink_codec import VisionEstimate, encode_vision
@@ -47,7 +56,9 @@ def vicon(n: int, north_m: float = 0.0, *names: str) -> bytes:
 
 def json_line(n: int, north_m: float = 0.0, *names: str) -> bytes:
     place = (north_m + 1e-4 * (n % 3), 0.0, 0.5)
-    return encode_json([json_pose(name, place, IDENTITY, t=FRAME_S * n) for name in names or ("quad",)])
+    return encode_json(
+        [json_pose(name, place, IDENTITY, t=FRAME_S * n) for name in names or ("quad",)]
+    )
 
 
 def vision(n: int, north_m: float = 0.0, *names: str) -> bytes:
@@ -57,7 +68,9 @@ def vision(n: int, north_m: float = 0.0, *names: str) -> bytes:
 
 def motioncapture(n: int, north_m: float = 0.0, *names: str) -> bytes:
     body = SimpleNamespace(position=PLACE, rotation=SimpleNamespace(w=1.0, x=0.0, y=0.0, z=0.0))
-    return json.dumps([{"name": name, "t": FRAME_S * n, **describe_body(body)} for name in names]).encode()
+    return json.dumps(
+        [{"name": name, "t": FRAME_S * n, **describe_body(body)} for name in names]
+    ).encode()
 
 
 def natnet(n: int, north_m: float = 0.0, *names: str) -> bytes:
@@ -103,7 +116,9 @@ def reader(kind: str, others: Others | None = None) -> Any:
 @pytest.mark.parametrize("kind", [kind for kind in LINES if kind != "vision"])
 def test_of_two_bodies_with_the_vehicle_s_name_or_id_neither_is_flown(kind: str) -> None:
     source = reader(kind)
-    assert [list(source.read(LINES[kind](n, 0.0, "quad", "quad"), FRAME_S * n)) for n in (1, 2)] == [[], []]
+    assert [
+        list(source.read(LINES[kind](n, 0.0, "quad", "quad"), FRAME_S * n)) for n in (1, 2)
+    ] == [[], []]
     assert source.status.dropped == {"same_name": 2}
 
 
@@ -128,7 +143,8 @@ def test_a_body_without_a_rotation_is_not_seen() -> None:
         '{"name": "NAME", "t": 1, "valid": false}',
         '{"name": "NAME", "t": 1, "position": null, "quaternion": null}',
         '{"name": "NAME", "t": 1, "position": [0, 0, 0], "quaternion": null}',
-        '{"name": "NAME", "t": 1, "position": null, "quaternion": {"w": 1, "x": 0, "y": 0, "z": 0}}',
+        '{"name": "NAME", "t": 1, "position": null, "quaternion": {"w": 1, "x": 0, "y": 0, "z": '
+        "0}}",
     ],
 )
 def test_a_place_that_is_left_out_or_null_is_one_that_is_not_seen(hidden: str) -> None:
@@ -137,7 +153,9 @@ def test_a_place_that_is_left_out_or_null_is_one_that_is_not_seen(hidden: str) -
     assert source.read(hidden.replace("NAME", "quad").encode(), 1.0) == ()
     assert source.status.dropped == {"not_tracked": 1}
     seen = '{"name": "quad", "t": 2, "position": [1, 2, 3], "quaternion": [1, 0, 0, 0]}'
-    assert len(source.read(f"[{hidden.replace('NAME', 'wand')}, {seen}]".encode(), 2.0)) == 1, "beside one not seen"
+    assert len(source.read(f"[{hidden.replace('NAME', 'wand')}, {seen}]".encode(), 2.0)) == 1, (
+        "beside one not seen"
+    )
     assert others.sighting("wand") is None
 
 
@@ -162,7 +180,10 @@ def test_what_python_writes_of_a_number_that_is_none_loses_no_other_body() -> No
 
 
 def listen(source: PoseReader, frames: range, line: Line, *senders: object) -> list[float]:
-    """Read the frames of the first sender where the vehicle is, of each other aside; returns where poses put it."""
+    """Read the frames of the first sender where the vehicle is, of each other aside.
+
+    Returns where poses put it.
+    """
     norths = []
     for n in frames:
         for k, sender in enumerate(senders):
@@ -190,7 +211,9 @@ def test_the_first_of_two_senders_is_used_and_both_are_named(kind: str) -> None:
 def test_two_senders_that_begin_at_once_are_told_within_a_few_poses(kind: str) -> None:
     source = reader(kind)
     norths = listen(source, range(50), LINES[kind], FIRST, SECOND)
-    assert sum(abs(north) < 0.1 for north in norths) >= 50 - FEW_POSES, "of two clocks none keeps the other's"
+    assert sum(abs(north) < 0.1 for north in norths) >= 50 - FEW_POSES, (
+        "of two clocks none keeps the other's"
+    )
     assert source.status.dropped["second_sender"] == 50 - FEW_POSES
     assert "come from two addresses, 10.0.0.5:51001 and 10.0.0.7:40123" in source.status.advice
 
@@ -205,7 +228,9 @@ def test_a_tracker_that_takes_over_from_one_that_fell_silent_is_no_second_one() 
 
 def test_a_program_that_sends_each_datagram_from_another_port_is_one_sender() -> None:
     source = reader("json")
-    assert all(listen(source, range(n, n + 1), json_line, ("10.0.0.5", 40000 + n)) for n in range(300))
+    assert all(
+        listen(source, range(n, n + 1), json_line, ("10.0.0.5", 40000 + n)) for n in range(300)
+    )
     assert (source.status.dropped, source.status.advice) == ({}, "")
 
 

@@ -1,4 +1,6 @@
-"""The source's stamps on our clock: backlogs, lateness, wrong rates and units, steps, restarts, gaps, drift."""
+"""The source's stamps on our clock: backlogs, lateness, wrong rates and units, steps, restarts,
+gaps, drift.
+"""
 
 import math
 import random
@@ -21,7 +23,11 @@ LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 
 def times(clock: SourceClock, messages: Iterable[tuple[float, float]]) -> list[float]:
     """The time of each (stamp, arrival) that is not stale."""
-    return [clock.time_s(stamp, arrival) for stamp, arrival in messages if not clock.stale(stamp, arrival)]
+    return [
+        clock.time_s(stamp, arrival)
+        for stamp, arrival in messages
+        if not clock.stale(stamp, arrival)
+    ]
 
 
 def test_frames_that_waited_in_the_kernel_are_as_old_as_their_numbers_say() -> None:
@@ -51,7 +57,9 @@ def test_an_exchange_of_clocks_tells_a_slow_clock_from_late_messages() -> None:
         arrival_s = 0.01 * n * 1.1  # a simulated autopilot on a machine that is too slow for it
         ages.append(arrival_s - times(clock, [(0.01 * n, arrival_s)])[0])
         if n % 100 == 0:
-            clock.apply_exchange(0.01 * n - (arrival_s - 0.002))  # it showed 0.01 n no earlier than 2 ms ago
+            clock.apply_exchange(
+                0.01 * n - (arrival_s - 0.002)
+            )  # it showed 0.01 n no earlier than 2 ms ago
     assert max(ages) < 0.12
 
 
@@ -60,7 +68,10 @@ def test_a_wrong_rate_is_found_out_within_three_seconds(told_hz: float) -> None:
     clock = SourceClock(1.0 / told_hz)
     true_hz = 100.0
     arrivals = [20.0 + n / true_hz + (0.0, 0.004, 0.001)[n % 3] for n in range(600)]
-    ages = [arrival - time for arrival, time in zip(arrivals, times(clock, enumerate(arrivals)), strict=True)]
+    ages = [
+        arrival - time
+        for arrival, time in zip(arrivals, times(clock, enumerate(arrivals)), strict=True)
+    ]
     assert max(ages[300:]) < 0.008
     assert clock.interval_s == pytest.approx(1.0 / true_hz, rel=0.1)
     assert clock.drift == pytest.approx(told_hz / true_hz - 1.0, abs=0.01 * told_hz / true_hz)
@@ -78,7 +89,9 @@ def test_a_clock_that_falls_back_is_counted_and_believed_after_a_second() -> Non
 def test_a_clock_that_begins_anew_is_a_reset_that_no_count_of_the_sources_own_hides() -> None:
     intake = Intake(0.0)
     before = intake.pose(500.0, 10.0, HERE, LEVEL, resets=1)
-    after = [intake.pose(3.0 + 0.1 * n, 11.0 + 0.1 * n, HERE, LEVEL, resets=0) for n in range(20)][-1]
+    after = [intake.pose(3.0 + 0.1 * n, 11.0 + 0.1 * n, HERE, LEVEL, resets=0) for n in range(20)][
+        -1
+    ]
     assert before is not None and after is not None
     assert after.reset_count != before.reset_count
 
@@ -109,7 +122,9 @@ class Stream:
 
 @pytest.mark.parametrize("unit_s", [1.0, 1e-1, 1e-2, 1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("rate_hz", [30.0, 120.0])
-def test_a_queue_is_told_in_full_whatever_the_unit_of_the_stamps(unit_s: float, rate_hz: float) -> None:
+def test_a_queue_is_told_in_full_whatever_the_unit_of_the_stamps(
+    unit_s: float, rate_hz: float
+) -> None:
     stream = Stream(lambda n: n / rate_hz / unit_s, rate_hz, round(24.0 * rate_hz))
     late = stream.ages[len(stream.ages) // 2 :]
     assert len(late) > 10.0 * rate_hz
@@ -118,10 +133,17 @@ def test_a_queue_is_told_in_full_whatever_the_unit_of_the_stamps(unit_s: float, 
 
 @pytest.mark.parametrize("factor", [2.5, 4.0, 60.0, 1e3, 1e6, 1e9, 0.4, 1e-3, 1e-6])
 @pytest.mark.parametrize("begun_s", [1e4, 1.8e9])
-def test_stamps_that_run_too_fast_or_too_slow_fail_with_the_factor_and_the_unit(factor: float, begun_s: float) -> None:
+def test_stamps_that_run_too_fast_or_too_slow_fail_with_the_factor_and_the_unit(
+    factor: float, begun_s: float
+) -> None:
     intake = Intake(LATENCY_S)
     for n in range(110):
-        intake.pose(factor * begun_s + factor * 0.02 * n, 5.0 + 0.02 * n, (1e-4 * n, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        intake.pose(
+            factor * begun_s + factor * 0.02 * n,
+            5.0 + 0.02 * n,
+            (1e-4 * n, 0.0, 0.0),
+            (1.0, 0.0, 0.0, 0.0),
+        )
     check = check_stamp_rate(intake.status, JsonConfig())
     assert check is not None and check.verdict is Verdict.FAIL
     shown = max(factor, 1.0 / factor)
@@ -137,7 +159,9 @@ def test_stamps_that_run_too_fast_or_too_slow_fail_with_the_factor_and_the_unit(
 
 @pytest.mark.parametrize("factor", [0.9985, 1.0, 1.0015, 1.15])
 @pytest.mark.parametrize("stall_s", [0.0, 0.25])
-def test_clocks_that_drift_and_networks_that_stall_do_not_fail(factor: float, stall_s: float) -> None:
+def test_clocks_that_drift_and_networks_that_stall_do_not_fail(
+    factor: float, stall_s: float
+) -> None:
     intake = Intake(LATENCY_S)
     for n in range(110):
         arrival_s = 0.02 * n + max(0.0, stall_s - 0.02 * n)
@@ -154,7 +178,9 @@ STUCK: dict[str, tuple[Callable[[int], float], bool]] = {
 
 
 @pytest.mark.parametrize(("stamp", "moves"), STUCK.values(), ids=STUCK)
-def test_stamps_that_do_not_change_from_pose_to_pose_are_named(stamp: Callable[[int], float], moves: bool) -> None:
+def test_stamps_that_do_not_change_from_pose_to_pose_are_named(
+    stamp: Callable[[int], float], moves: bool
+) -> None:
     intake = Intake(LATENCY_S)
     for n in range(200):
         place = (1e-4 * n if moves else 0.0, 0.0, 0.0)
@@ -164,7 +190,9 @@ def test_stamps_that_do_not_change_from_pose_to_pose_are_named(stamp: Callable[[
 
 
 _CHANCE = random.Random(7)
-STEPS = list(accumulate(_CHANCE.expovariate(0.5) if _CHANCE.random() < 0.04 else 0.0 for _ in range(3000)))
+STEPS = list(
+    accumulate(_CHANCE.expovariate(0.5) if _CHANCE.random() < 0.04 else 0.0 for _ in range(3000))
+)
 
 
 def stepping(n: int) -> float:
@@ -198,5 +226,8 @@ def test_an_unsteady_clock_is_told_once_as_it_begins_and_once_as_it_is_over() ->
         stamp = stepping(n) if n < 500 else 0.02 * n + 1e3
         intake.pose(stamp, 0.02 * n, (1e-4 * n, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
         told += outbreaks.look(0.02 * n, intake.status, None)
-    assert [event.id for event in told if "clock" in event.id] == ["pose.unsteady_clock", "pose.steady_clock"]
+    assert [event.id for event in told if "clock" in event.id] == [
+        "pose.unsteady_clock",
+        "pose.steady_clock",
+    ]
     assert any(f"3 times within {UNSTEADY_S:g} s" in event.text for event in told)

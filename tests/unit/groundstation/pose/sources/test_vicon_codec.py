@@ -35,7 +35,10 @@ def test_the_writer_gives_the_golden_datagram_byte_for_byte(row: ViconReadable) 
 def test_a_decoder_gives_its_own_object_in_metres_and_as_a_quaternion(row: ViconReadable) -> None:
     (own,) = (item for item in row.objects if item.name == OURS)
     # The table's mqx is at (1234.5, -250.25, 1000) mm in every row.
-    assert pose_of(own) == ((1.2345, -0.25025, 1.0), quaternion_from_euler_xyz((0.0625, -0.125, 1.5)))
+    assert pose_of(own) == (
+        (1.2345, -0.25025, 1.0),
+        quaternion_from_euler_xyz((0.0625, -0.125, 1.5)),
+    )
 
 
 @dropped
@@ -47,7 +50,9 @@ def test_a_datagram_of_no_use_is_counted_by_reason_and_dropped(row: ViconDropped
 
 
 def frame(number: int, north_mm: float = 0.0) -> bytes:
-    return encode(number, [ViconObject(OURS, (north_mm, -2000.0, 1000.0), (0.0, 0.0, -math.pi / 2.0))])
+    return encode(
+        number, [ViconObject(OURS, (north_mm, -2000.0, 1000.0), (0.0, 0.0, -math.pi / 2.0))]
+    )
 
 
 @pytest.mark.parametrize(
@@ -55,10 +60,12 @@ def frame(number: int, north_mm: float = 0.0) -> bytes:
     [
         (((10, 0.0), (11, 1.0), (11, 1.0), (10, 0.0), (13, 3.0), (12, 2.0)), [10, 11, 13],
          {"duplicate": 1, "out_of_order": 2}),
-        (((5000, 0.0), (100, 9.0), (5001, 1.0), (101, 8.0)), [5000, 5001], {"out_of_order": 2}),  # two trackers at once
+        (((5000, 0.0), (100, 9.0), (5001, 1.0), (101, 8.0)), [5000, 5001], {"out_of_order": 2}),
+        # two trackers at once
         (((1, 1.0), (2, 1.0), (3, 1.0), (4, math.nextafter(1.0, 2.0))), [1, 4], {"frozen": 2}),
     ],
-    ids=["each frame counts once and never backwards", "only the one ahead", "the same to the last bit"],
+    ids=["each frame counts once and never backwards", "only the one ahead",
+        "the same to the last bit"],
 )  # fmt: skip
 def test_of_frames_only_new_measurements_make_poses(
     frames: tuple[tuple[int, float], ...], ids: list[int], dropped: dict[str, int]
