@@ -66,9 +66,7 @@ class Sleeper:
         self._late_at_s: deque[float] = deque(maxlen=10_000)
 
     def late(self, since_s: float) -> float:
-        """The share of its moments that came late, from a time on the monotonic clock until now
-        [-].
-        """
+        """Share of its moments since a monotonic time that came late [-]."""
         out = self._process.stdout
         assert out is not None
         os.set_blocking(out.fileno(), False)
@@ -146,9 +144,7 @@ MACHINE = Machine()
 
 
 def pytest_collection_finish() -> None:
-    """All tests are known: to look at them as garbage again would hold up one in real time for a
-    tenth of a second.
-    """
+    """Freeze the collected tests: garbage collection of them takes a tenth of a second."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(RARELY, *gc.get_threshold()[1:])

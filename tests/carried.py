@@ -1,6 +1,4 @@
-"""A simulated carry: somebody makes the moves by hand, not quite as shown, before a tracker and an
-autopilot.
-"""
+"""A simulated carry: the moves by hand, not quite as shown, before a tracker and an autopilot."""
 
 import math
 import random

@@ -1,6 +1,4 @@
-"""What every test shares: the hypothesis profiles, and how a test says that it needs a system
-program.
-"""
+"""Hypothesis profiles, folders of the tests' own, and system programs that a test needs."""
 
 import os
 import re
@@ -63,9 +61,7 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """What has no test of the kind that is asked for is not even imported: every worker would do
-    so.
-    """
+    """Leave out files without a test of the kind that is asked for: every worker imports them."""
     asked, lives = str(config.option.markexpr), E2E in f"{collection_path.as_posix()}/"
     if asked.startswith("real_time") and not lives and collection_path.suffix == ".py":
         return (
@@ -84,9 +80,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _not_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Flights of tests are recorded and registered too, but never among the user's own, nor those
-    of other tests.
-    """
+    """Record and register flights of tests neither among the user's own nor among each other's."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
     os.environ["XDG_RUNTIME_DIR"] = str(tmp_path_factory.mktemp("run"))
     base = tmp_path_factory.getbasetemp()
@@ -97,9 +91,7 @@ def _not_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 @pytest.fixture
 def short_path() -> Iterator[Path]:
-    """A folder in which a socket's path stays below the system's hundred letters, whatever is in
-    front of it.
-    """
+    """A folder in which a socket's path stays below the system's hundred letters."""
     with TemporaryDirectory(prefix="gs-") as folder:
         yield Path(folder)
 

@@ -94,9 +94,8 @@ def main() -> int:
             try:
                 by = catches(folder, tests_of(room, path), "not (real_time or matrix or soak)")
             except RuntimeError as error:
-                by = (
-                    str(error).strip().splitlines()[-1]
-                )  # as a rule nothing can be imported any more
+                # As a rule nothing can be imported any more.
+                by = str(error).strip().splitlines()[-1]
             file.write_bytes(right)
             place = path.relative_to(ROOT), right[:begin].count(b"\n") + 1
             print(

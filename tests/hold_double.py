@@ -6,9 +6,7 @@ from evdev import AbsInfo, ecodes
 
 
 class DeviceDouble:
-    """What :class:`evdev.InputDevice` is to us: it can be asked how keys and axes stand, until it
-    is unplugged.
-    """
+    """The interface of :class:`evdev.InputDevice`: keys and axes are read until it is unplugged."""
 
     def __init__(self, name: str, path: str, codes: Mapping[int, Sequence[int]]) -> None:
         """``codes`` by kind (EV_KEY, EV_ABS)."""

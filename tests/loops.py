@@ -43,9 +43,7 @@ Scene = Callable[..., Awaitable[None]]
 
 
 def on_stage(stage: Callable[[Scene], None], count: int) -> Callable[[Scene], Callable[..., None]]:
-    """Return a decorator for tests: ``stage`` gives their first ``count`` arguments, and pytest the
-    others.
-    """
+    """Return a decorator for tests: ``stage`` gives their first ``count`` arguments."""
 
     def decorate(test: Scene) -> Callable[..., None]:
         @wraps(test)
@@ -116,9 +114,7 @@ def _move(which: Callable[[H], bool], source: MutableSequence[H], target: list[H
 
 
 class SuspendableLoop(VirtualTimeLoop):
-    """Loop of virtual time on which what belongs to one process may stand still while the rest goes
-    on.
-    """
+    """Loop of virtual time on which one process may stand still while the rest goes on."""
 
     _ready: deque[asyncio.Handle]  # asyncio's own, of which typeshed does not tell
     _scheduled: list[asyncio.TimerHandle]
@@ -130,9 +126,7 @@ class SuspendableLoop(VirtualTimeLoop):
         self._held_timers: list[asyncio.TimerHandle] = []
 
     def suspend(self, process: ContextVar[bool]) -> None:
-        """Run nothing in whose context ``process`` is true, until :meth:`resume`: its timers and
-        datagrams wait.
-        """
+        """Hold back the timers and datagrams of ``process`` until :meth:`resume`."""
         self._suspended = process
 
     def resume(self) -> None:

@@ -11,9 +11,7 @@ import pytest
 
 
 def spread(tried: int, cases: int) -> set[int]:
-    """Return the numbers of the cases that are tried: ``tried`` of ``cases``, the first, and the
-    last of many.
-    """
+    """Return the numbers of the cases tried: ``tried`` of ``cases``, evenly spread."""
     tried = min(tried, cases)
     return (
         {round(k * (cases - 1) / (tried - 1)) for k in range(tried)}

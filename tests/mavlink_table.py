@@ -1,6 +1,4 @@
-"""The byte table of the MAVLink frames, shared by the tests of reader, writer, poses and by the
-fuzz tests.
-"""
+"""The byte table of the MAVLink frames, shared by tests of reader, writer, poses and fuzz."""
 
 import json
 import math

@@ -27,9 +27,7 @@ def mark_session() -> bool:
 
 
 def session_of(process: int) -> str:
-    """The mark of the session that ``process`` runs: its number and, as numbers come again, when it
-    began.
-    """
+    """Mark of the session of ``process``: its number, and when it began, as numbers come again."""
     try:
         return (
             f"{process}:{Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()[19]}"
@@ -55,9 +53,7 @@ def pacers() -> dict[int, str]:
 
 
 def end_orphans(over: str) -> None:
-    """End the pacers of the session ``over``, and of those that did not come to do it
-    themselves.
-    """
+    """End the pacers of the session ``over``, and of those that did not do it themselves."""
     for process, session in pacers().items():
         runs = session_of(int(session.partition(":")[0])) == session
         if session == over or not runs:

@@ -1,6 +1,4 @@
-"""The byte table of the serial RF modules, shared by the tests of reader, writer and by the fuzz
-tests.
-"""
+"""The byte table of the serial RF modules, shared by tests of reader, writer and fuzz."""
 
 import json
 import pathlib

@@ -57,9 +57,7 @@ class Outspoken(Sampled):
 def sample(
     time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text: str = "Armed by us"
 ) -> Snapshot:
-    """The made-up flight ``time_s`` after its start: a figure of eight, flown with some centimetres
-    of error.
-    """
+    """The made-up flight ``time_s`` after its start: a figure of eight with some error."""
     phase = 0.5 * time_s
     reference: Vec3 = (1.2 * math.sin(phase), 0.8 * math.sin(2.0 * phase), -1.0)
     fade = 0.02 + 0.6 * math.exp(-0.5 * time_s)

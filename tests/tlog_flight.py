@@ -1,6 +1,4 @@
-"""A made-up flight as a .tlog: a vehicle without lag that follows a circle exactly, on the
-set-points that do that.
-"""
+"""A made-up flight as a .tlog: a vehicle without lag that follows a circle exactly."""
 
 import math
 import struct
@@ -23,9 +21,7 @@ NOTHING = [0.0] * 21
 
 
 class Flight(msgspec.Struct, frozen=True, kw_only=True):
-    """On the ground for a second, once around a circle of 1 m, then on the ground again, still
-    armed, for two.
-    """
+    """On the ground for 1 s, once around a circle of 1 m, on the ground for 2 s, still armed."""
 
     duration_s: float = 8.0
     """In the air [s]."""
@@ -51,11 +47,8 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
         turning = math.tau / self.duration_s * 30.0 * x * x * (1.0 - x) ** 2
         turning_dot = math.tau / self.duration_s**2 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
         c, s = math.cos(angle), math.sin(angle)
-        force = (
-            turning_dot * s + turning**2 * c,
-            -turning_dot * c + turning**2 * s,
-            GRAVITY,
-        )  # g e3 - p¨
+        # g e3 - p¨
+        force = (turning_dot * s + turning**2 * c, -turning_dot * c + turning**2 * s, GRAVITY)
         length = math.hypot(*force)
         # No yaw: tilt about x and y so that R e3 points along the force.
         pitch = math.atan2(force[0], force[2])

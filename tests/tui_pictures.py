@@ -76,9 +76,7 @@ async def _draw(wanted: Pictured) -> str:
 
 
 def normal(svg: str) -> str:
-    """``svg`` without the numbers that differ from run to run, and without fonts that would have to
-    be fetched.
-    """
+    """``svg`` without the numbers of one run, and without fonts that would be fetched."""
     return FAR_FONT.sub("", ID.sub("terminal-", svg))
 
 

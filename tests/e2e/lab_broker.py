@@ -1,6 +1,4 @@
-"""A broker as a laboratory has it: TLS, passwords and access rules, made by the script that users
-run.
-"""
+"""A laboratory's broker: TLS, passwords and access rules, made by the script that users run."""
 
 import asyncio
 import os

@@ -1,6 +1,4 @@
-"""A controller that flies well until it does not:
-``controller.kind = "tests.e2e.misbehaving:make"``.
-"""
+"""A controller that fails on demand: ``controller.kind = "tests.e2e.misbehaving:make"``."""
 
 import time
 

@@ -1,6 +1,4 @@
-"""What leaves on a pseudo-terminal, stamped by a process of its own: a test may be too busy to know
-when it came.
-"""
+"""Bytes that leave on a pseudo-terminal, stamped by a process that no test keeps busy."""
 
 import asyncio
 import os

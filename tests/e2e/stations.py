@@ -18,9 +18,7 @@ QUICK_LANDING = ["--set", "flight.descent_m_s=1.0", "--set", "trajectory.altitud
 
 
 def run_here(main: Callable[[], int], *words: str | Path) -> "subprocess.CompletedProcess[str]":
-    """How a program ends and what it prints without a terminal, in this process: it starts no
-    Python of its own.
-    """
+    """Exit code and output of a program that is run in this process, without a terminal."""
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(out), redirect_stderr(err):
         patched.setattr("sys.argv", ["program", *map(str, words)])

@@ -36,8 +36,7 @@ __all__ = ["broker", "terminal"]
 
 FIGURE_S = 20.0
 PACE = 1.0
-"""As fast as virtual time goes while something outside is waited for: that takes the time that it
-takes."""
+"""Most virtual seconds in a real one while something outside is waited for [-]."""
 CLIENT = """
 import socket, sys, time
 with socket.socket(socket.AF_UNIX) as station:
@@ -111,9 +110,8 @@ class Outside:
             await until(lambda: flight.state in FINAL)
 
     async def _broker_dies(self) -> None:
-        await asyncio.to_thread(
-            asyncio.run, self._broker.start()
-        )  # streams to an address are in memory on our loop
+        # Streams to an address are in memory on our loop.
+        await asyncio.to_thread(asyncio.run, self._broker.start())
         async with Listener(self._broker.port) as listener:
             await listener.until(
                 lambda to: "tracking" in to.got[STATE] and len(to.got[SNAPSHOT]) > 10

@@ -46,15 +46,10 @@ def lines_of(shell: str) -> dict[str, str]:
 
 
 def shown_for(shell: str, program: str, scripts: list[Path], folder: Path) -> dict[str, str]:
-    """What an interactive ``shell`` shows after each line and a tab, until it is what is expected,
-    or nothing comes.
-    """
+    """The output of an interactive ``shell`` after each line and a tab."""
     far, near = pty.openpty()
-    environment = {
-        "PATH": "/usr/bin:/bin",
-        "TERM": "dumb",
-        "HOME": str(folder),
-    }  # nothing of ours is to be run
+    # Nothing of ours is to be run.
+    environment = {"PATH": "/usr/bin:/bin", "TERM": "dumb", "HOME": str(folder)}
     process = subprocess.Popen(
         [program, *SHELLS[shell]], stdin=near, stdout=near, stderr=near, env=environment,
         cwd=folder,

@@ -1,6 +1,4 @@
-"""The daemon as a service manager and an operator have it: its own process, real sockets, real
-signals.
-"""
+"""The daemon for a service manager and an operator: its own process, sockets and signals."""
 
 import asyncio
 import json

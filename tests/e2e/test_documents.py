@@ -1,6 +1,4 @@
-"""The documents: every link leads somewhere, pictures are XML, and the site is built without a
-warning.
-"""
+"""The documents: every link leads somewhere, pictures are XML, the site has no warning."""
 
 import re
 from pathlib import Path

@@ -1,6 +1,4 @@
-"""Poses by libmotioncapture: its mock back end in a child process that is watched, and started
-again when it ends.
-"""
+"""Poses by libmotioncapture: its mock back end in a child process, restarted when it ends."""
 
 import asyncio
 import os

@@ -1,6 +1,4 @@
-"""A client that others wrote (MAVSDK) flies our simulated autopilot over real UDP: it is not only
-what we believe.
-"""
+"""MAVSDK, a client that others wrote, flies our simulated autopilots over real UDP."""
 
 import subprocess
 import sys
@@ -54,10 +52,8 @@ asyncio.run(main())
 def test_an_independent_client_flies_the_simulated_autopilots() -> None:
     with ExitStack() as stack:  # both at once: a flight is mostly waiting
         flights = {}
-        for autopilot, waits_s in (
-            ("px4", "0.5"),
-            ("ardupilot", "2.6"),
-        ):  # ArduCopter's rotors stand so long
+        # ArduCopter's rotors stand so long.
+        for autopilot, waits_s in (("px4", "0.5"), ("ardupilot", "2.6")):
             port = free_udp_port()
             wires = (
                 f"link.listen=127.0.0.1:{port}",

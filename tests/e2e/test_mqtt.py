@@ -1,6 +1,4 @@
-"""Telemetry to a real mosquitto on a loopback port, which also goes away, comes back, and
-refuses.
-"""
+"""Telemetry to a real mosquitto on a loopback port, which also goes away and comes back."""
 
 import asyncio
 import contextlib
@@ -281,9 +279,7 @@ async def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_afte
 async def test_whatever_is_retained_is_published_again_with_the_health(
     broker: Broker, topic: str
 ) -> None:
-    """An older connection may overwrite it, by its last will or by what it has sent, long after the
-    next one began.
-    """
+    """An older connection's last will may overwrite it long after the next one began."""
 
     await broker.start()
     latest: Latest[Snapshot] = Latest()

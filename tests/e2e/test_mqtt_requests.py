@@ -117,9 +117,8 @@ async def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_al
         await client.publish(
             topic, seal_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1
         )
-        await client.publish(
-            topic, good, qos=1, retain=True
-        )  # a station that comes later must not hear it
+        # A station that comes later must not hear it.
+        await client.publish(topic, good, qos=1, retain=True)
         await client.publish(topic, good, qos=1)
         await client.publish(topic, good, qos=1)
         counts = await counted(client, 9)
@@ -147,9 +146,8 @@ async def client_published(lab: LabBroker, topic: str, data: bytes) -> None:
 async def test_who_asks_reads_why_nothing_came_of_it(
     lab: LabBroker, key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        mqtt_command, "LIFE_MS", 500
-    )  # four of them wait for as long as an operator would
+    # Four of them wait for as long as an operator would.
+    monkeypatch.setattr(mqtt_command, "LIFE_MS", 500)
     make_key(tmp_path / "other.key")
     operator, secret = lab.address("operator"), read_key(key)
     station = Station()
@@ -165,13 +163,11 @@ async def test_who_asks_reads_why_nothing_came_of_it(
             await request_by_mqtt(
                 operator, "mqx", "tablet", read_key(tmp_path / "other.key"), "land"
             )
-        async with (
-            operator.client() as client
-        ):  # the session came again and again, and was asked of once
+        # The session came again and again, and was asked of once.
+        async with operator.client() as client:
             assert await counted(client, 1) == {"unauthenticated": 1}
-        with pytest.raises(
-            Unanswered, match="has not answered"
-        ):  # the access rules do not let a viewer publish
+        # The access rules do not let a viewer publish.
+        with pytest.raises(Unanswered, match="has not answered"):
             await request_by_mqtt(lab.address("viewer"), "mqx", "tablet", secret, "land")
     assert station.core.asked == []
 
@@ -208,9 +204,8 @@ async def test_a_kill_is_heard_in_a_flood_and_all_else_once_it_is_over(
     ]
 
 
-@pytest.mark.filterwarnings(
-    "ignore:unclosed:ResourceWarning"
-)  # paho leaves a failed handshake's socket to Python
+# paho leaves a failed handshake's socket to Python.
+@pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")
 def test_a_broker_of_another_authority_is_not_spoken_to(
     lab: LabBroker,
     needs_program: Callable[..., str],
@@ -223,9 +218,8 @@ def test_a_broker_of_another_authority_is_not_spoken_to(
         station = Station()
         config = config_of(lab, None, **{"mqtt.tls.ca_file": str(ca), **more})
         async with lab.address("viewer").client() as client:
-            await client.subscribe(
-                "groundstation/mqx/snapshot"
-            )  # before its only one, which no broker keeps
+            # Before its only one, which no broker keeps.
+            await client.subscribe("groundstation/mqx/snapshot")
             async with station.serving(config), asyncio.timeout(patience_s):
                 await anext(aiter(client.messages))
 

@@ -1,6 +1,4 @@
-"""Output that nobody reads: a full pipe, a full disk, a terminal that stands still, a reader that
-has gone.
-"""
+"""Output that nobody reads: a full pipe, a full disk, a held terminal, a reader that has gone."""
 
 import json
 import os
@@ -218,9 +216,8 @@ def test_commands_go_on_and_the_flight_lands_while_the_terminal_stands_still() -
             assert process.wait(60) == 0
         times = [entry.value()["time_s"] for entry in the_recording(room).entries(("/command",))]
     assert len(times) > 80
-    assert (
-        max(after - before for before, after in pairwise(times)) < 0.3
-    )  # where it waited, it would be for ever
+    # Where it waited, it would be for ever.
+    assert max(after - before for before, after in pairwise(times)) < 0.3
 
 
 @pytest.mark.tried(1)  # a pipe, and not a terminal as well

@@ -27,9 +27,7 @@ OURS = {"groundstation": parser, "groundstation-sim": sim_parser}
 
 
 class Shown(NamedTuple):
-    """Commands as a document shows them: of one block, or of several of which each needs the one
-    above.
-    """
+    """Commands as a document shows them: of one block, or of several that need each other."""
 
     document: str
     lines: list[str]

@@ -25,9 +25,8 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
         while not os.path.exists(socket):  # noqa: ASYNC240, PTH110  # a look at a local socket blocks nobody
             await asyncio.sleep(0.05)
         while True:
-            with contextlib.suppress(
-                ConnectionRefusedError
-            ):  # it is there a moment before somebody listens
+            # It is there a moment before somebody listens.
+            with contextlib.suppress(ConnectionRefusedError):
                 async for snapshot in snapshots(socket):
                     if until(snapshot):
                         return snapshot
@@ -37,9 +36,7 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
 
 
 def flying(room: Room, *arguments: str) -> AbstractContextManager["subprocess.Popen[str]"]:
-    """Where a busy machine holds up the station for half a second, no flight ends by it: other
-    tests look at that.
-    """
+    """A flight that half a second of a busy machine does not end: other tests look at that."""
     command = room.station("fly", "--arm", "mqx", "--set", "flight.coast_s=0.7", *arguments)
     return beside(command, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
 
@@ -50,9 +47,7 @@ def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
         closed_s: list[float] = []
 
         def is_landing(snapshot: Snapshot) -> bool:
-            """Whoever listens only once it lands may come too late: the terminal is closed on the
-            way.
-            """
+            """Close the terminal on the way: a listener that begins at the landing may be late."""
             assert station.stdout is not None
             if not closed_s and snapshot.state == "tracking" and snapshot.flight_time_s > 1.0:
                 closed_s.append(snapshot.flight_time_s)

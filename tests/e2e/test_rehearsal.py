@@ -1,6 +1,4 @@
-"""One's own room at the desk: ``serve --config`` plays the other side of a file, ``--rehearse``
-flies against it.
-"""
+"""Rehearsal at the desk: ``serve --config`` plays a file's other side, ``--rehearse`` flies."""
 
 import json
 import os
@@ -94,9 +92,8 @@ def test_the_checks_of_a_room_pass_at_the_desk_by_each_kind_of_wire(
     assert facts["pass"] and not bad and done.returncode == 0
     (proof,) = (check for check in facts["checks"] if check["name"] == "props-off test")
     assert proof["verdict"] == "OFF"  # there are no propellers, whatever the wire is
-    assert "simulated" not in {
-        check["name"] for check in facts["checks"]
-    }  # nobody wrote `link.simulated`
+    # Nobody wrote `link.simulated`.
+    assert "simulated" not in {check["name"] for check in facts["checks"]}
 
 
 def test_every_line_of_a_rehearsed_fleet_says_that_it_is_one(short_path: Path) -> None:

@@ -1,6 +1,4 @@
-"""The paper's flight over a radio module's port in real time: quantised channels, a pacer of its
-own, a real pty.
-"""
+"""The paper's flight over a radio module's port in real time: a pacer and a pty of its own."""
 
 import asyncio
 import os

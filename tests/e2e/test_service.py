@@ -1,6 +1,4 @@
-"""The parts of the daemon: lock, notifications, log lines, the unit file and the table of exit
-codes.
-"""
+"""Parts of the daemon: notifications, log lines and the unit file."""
 
 import json
 import logging

@@ -135,9 +135,8 @@ def test_ctrl_c_while_worker_processes_start_is_told_in_one_line(children: int) 
         text=True,
     ) as program:
         children_of = Path(f"/proc/{program.pid}/task/{program.pid}/children")
-        while (
-            len(children_of.read_text().split()) < children
-        ):  # the first is not a worker: it tracks what they share
+        # The first is not a worker: it tracks what they share.
+        while len(children_of.read_text().split()) < children:
             assert program.poll() is None
         os.killpg(program.pid, signal.SIGINT)
         _, told = program.communicate(timeout=60)

@@ -1,6 +1,4 @@
-"""``groundstation stop-all``: real flights in real processes, one of which stands still, reached
-without a broker.
-"""
+"""``groundstation stop-all``: real flights in real processes, one of which stands still."""
 
 import asyncio
 import os
@@ -65,9 +63,8 @@ def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None
     config, port = tmp_path / "bridge.toml", tmp_path / "port"
     make_key(tmp_path / "key")
     master, slave = os.openpty()
-    port.symlink_to(
-        f"/proc/{os.getpid()}/fd/{slave}"
-    )  # the system's name for it is somebody else's soon
+    # The system's name for it is somebody else's soon.
+    port.symlink_to(f"/proc/{os.getpid()}/fd/{slave}")
     link = f'[link]\nkind = "crsf"\nport = "{port}"\nsimulated = true\n'
     config.write_text(f'listen = "127.0.0.1:{free_udp_port()}"\nkey_file = "key"\n{link}')
     try:

@@ -253,9 +253,7 @@ def test_where_a_multiplexer_takes_one_key_of_an_emergency_order_the_other_one_o
 
 @contextlib.contextmanager
 def multiplexed(inner: Terminal, folder: Path, prefix: str) -> Iterator[Terminal]:
-    """Another terminal, which shows ``inner`` and whose keys reach it by way of a tmux with that
-    prefix.
-    """
+    """Another terminal that shows ``inner``; its keys come by a tmux with that prefix."""
     folder = folder / "outer"
     folder.mkdir()
     outer = Terminal(inner.program, folder)

@@ -1,6 +1,4 @@
-"""A simulated flight that is begun, armed, left and landed from the dashboard, in real
-terminals.
-"""
+"""A simulated flight begun, armed, left and landed from the dashboard, in real terminals."""
 
 import os
 import signal

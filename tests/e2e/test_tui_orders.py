@@ -1,6 +1,4 @@
-"""What leaves a dashboard: each order by its key, from every page and dialog, and nothing that was
-not ordered.
-"""
+"""Orders that leave a dashboard: each by its key, from every page, and no other."""
 
 from pathlib import Path
 
@@ -174,9 +172,8 @@ async def test_arming_asks_for_the_name_and_for_no_other(pilot: Pilot[None], sta
         await in_control(pilot)
         await pilot.press("a", *"mqy", "enter")
         await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
-        await until(
-            pilot, lambda: not pilot.app.screen.query_one(Input).value
-        )  # it is not typed onto
+        # It is not typed onto.
+        await until(pilot, lambda: not pilot.app.screen.query_one(Input).value)
         await pilot.press("escape")
         await pilot.pause(0.1)
         await pilot.press("a", *"mq", "escape", "a")

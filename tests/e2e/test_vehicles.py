@@ -1,6 +1,4 @@
-"""Two vehicles as a user flies them: a core process each, and one that dies takes nothing with
-it.
-"""
+"""Two vehicles as a user flies them: a core process each; one that dies takes nothing with it."""
 
 import os
 import re
@@ -120,9 +118,8 @@ def test_a_fleet_that_is_ended_while_its_cores_start_ends_well(
     log, words = tmp_path / "log", program("groundstation", "fleet", fleet_file(tmp_path))
     with started(words, log) as station:
         limit = time.monotonic() + 60.0
-        while not passes_on(
-            station.pid
-        ):  # from when its cores were started on, which takes them a while
+        # From when its cores were started on, which takes them a while.
+        while not passes_on(station.pid):
             assert time.monotonic() < limit
             time.sleep(0.005)
         station.send_signal(number)

@@ -1,6 +1,4 @@
-"""Betaflight's own firmware, unmodified, on four rotors: ours flies it through the RF link's bytes,
-in virtual time.
-"""
+"""Betaflight's own firmware, unmodified, on four rotors: flown through the RF link's bytes."""
 
 from collections.abc import Callable
 from functools import cache
@@ -125,9 +123,8 @@ def test_it_goes_from_the_floor_to_the_figure_and_softly_back(
     assert min(start.thrust) >= 0.75
     assert max(start.thrust) <= 1.25
     assert max(start.climb) < 0.3
-    assert start.smooth or scenario == "adverse", (
-        start
-    )  # its wind leans it by 7.4°, and by more where it pushed
+    # Its wind leans it by 7.4°, and by more where it pushed.
+    assert start.smooth or scenario == "adverse", start
     assert [one.state for one in result.states] == WAY
     assert result.touchdown_m_s is not None and result.touchdown_m_s < 0.5
     assert result.home_m < 0.1
@@ -155,9 +152,7 @@ def test_where_nothing_of_ours_is_heard_any_more_receiver_and_firmware_stop_its_
 
 
 def test_a_receiver_that_holds_its_last_pulses_keeps_the_motors_turning_for_ever() -> None:
-    """The hazard of every override that never goes stale: a receiver's hold, or channels by MSP or
-    UDP.
-    """
+    """The hazard of an override that never goes stale: a receiver's hold, MSP or UDP."""
     assert strike_down(hold_for_ever, "dsm").off_s > WATCHED_S - 0.01
 
 
@@ -196,13 +191,9 @@ def test_pulses_that_come_back_start_no_motor_until_the_arm_channel_has_been_dow
 
 
 def test_identify_finds_the_rates_that_the_scenario_tells(tmp_path: Path) -> None:
-    """Lag and delay from a command's leaving: the link's lead and DSM's frame on the wire come on
-    top.
-    """
-    told = [
-        "trajectory.kind=excitation",
-        "sim.start_ned=[0,0,-1]",
-    ]  # where it begins: a pull-in would clip thrust
+    """Lag and delay from a command's leaving, the link's lead and DSM's frame included."""
+    # Where it begins: a pull-in would clip thrust.
+    told = ["trajectory.kind=excitation", "sim.start_ned=[0,0,-1]"]
     simulate("paper", autopilot=BETAFLIGHT, link="dsm", duration=40.0, overrides=told, out=tmp_path)
     found = identify(read_stretch(tmp_path / RECORDING)).parameters["rate_response"]
     vehicle = by_betaflight(SCENARIOS["paper"]).told

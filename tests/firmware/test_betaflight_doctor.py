@@ -1,6 +1,4 @@
-"""The doctor on Betaflight's own firmware: a board on its command line, which restarts whenever it
-is left.
-"""
+"""The doctor on Betaflight's own firmware: a board on its command line, which restarts."""
 
 import asyncio
 import contextlib
@@ -62,9 +60,7 @@ def recipe(config: Config) -> list[str]:
 
 
 class Host:
-    """A board that is switched on: a port that stays, and a firmware behind it that comes back
-    after each restart.
-    """
+    """A board that is switched on: its port stays, its firmware restarts."""
 
     def __init__(self, settings: Sequence[str]) -> None:
         self.eeprom = configure(settings)
@@ -78,9 +74,8 @@ class Host:
         server = await asyncio.start_server(self._relay, "127.0.0.1", 0)
         running = asyncio.create_task(self._run())
         try:
-            while (
-                not self._cli_port and not running.done()
-            ):  # it boots for as long as the machine takes
+            # It boots for as long as the machine takes.
+            while not self._cli_port and not running.done():
                 await asyncio.sleep(0.01)
             yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
         finally:
@@ -125,9 +120,7 @@ class Host:
 
 @contextlib.asynccontextmanager
 async def serial(port: str) -> AsyncIterator[str]:
-    """A serial port that leads to the board whose other port this is, and stays while the board
-    restarts.
-    """
+    """A serial port that leads to the board's other port, and stays while the board restarts."""
     host, number = port.split(":")
     wire = PtyWire()
 

@@ -150,9 +150,7 @@ def read_set_points(sent: Iterable[tuple[float, bytes]]) -> list[SetPoint]:
 
 
 class Wire:
-    """Record of a flight: datagrams to its autopilot, commands that the controller gave the link,
-    and its end.
-    """
+    """Record of a flight: datagrams to its autopilot, commands given to the link, its end."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[float, bytes]] = []
@@ -190,9 +188,7 @@ def fly_beside(
     confirm: Callable[[], Awaitable[bool]] | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> Wire:
-    """``script(flight, stage)`` beside a flight that begins in the air, and 5 s more in which
-    nothing may come back.
-    """
+    """A flight from the air with ``script`` beside it; in 5 s more nothing may come back."""
     world, config = prepare(SCENARIOS[scenario], list(overrides))
     wire = Wire()
 

@@ -77,9 +77,7 @@ def test_an_estimate_that_wanders_and_turns_its_heading_fails_not_and_lands(
 
 
 def watch_recording(file: Path) -> WatchedHealth:
-    """Monitor the poses of a recorded flight, which are the autopilot's own, with the commands that
-    were sent.
-    """
+    """Monitor the poses of a recorded autopilot's flight, with the commands that were sent."""
     driven = drive_flight(load_flight(file), [])
     config, poses, begin, end = (
         driven.config,

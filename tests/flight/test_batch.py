@@ -1,6 +1,4 @@
-"""Many flights at once agree with whole flights one at a time, so that two simulators cannot drift
-apart.
-"""
+"""Batches of flights agree with whole flights one at a time: two simulators cannot drift apart."""
 
 import pytest
 
@@ -33,9 +31,8 @@ def test_a_batch_agrees_with_whole_flights_to_a_micrometre(
     for seed in range(SEEDS):
         verdict = flown(scenario, *overrides, seed=seed, duration_s=DURATION_S).verdict
         assert 100.0 * batch.rms_m[seed] == pytest.approx(verdict.rms_cm, abs=1e-4, rel=1e-4)
-        assert batch.settle_s[seed] == pytest.approx(
-            verdict.settle_s, abs=0.006
-        )  # two steps of the plant
+        # Two steps of the plant.
+        assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.006)
 
 
 @pytest.mark.parametrize("kind", ["adaptive", "l1", "indi"])
@@ -52,9 +49,8 @@ def test_every_law_is_thrown_and_pushed_in_a_batch_as_in_a_whole_flight(kind: st
     verdict = flown("paper", *overrides, seed=1, duration_s=8.0).verdict
     assert batch.survived.all()
     assert 100.0 * batch.gust_peak_m[0] == pytest.approx(verdict.gust_peak_cm, abs=0.01)
-    assert batch.gust_back_s[0] == pytest.approx(
-        verdict.gust_back_s, abs=0.006
-    )  # two steps of the plant
+    # Two steps of the plant.
+    assert batch.gust_back_s[0] == pytest.approx(verdict.gust_back_s, abs=0.006)
     assert batch.settle_s[0] == pytest.approx(verdict.settle_s, abs=0.006)
     assert batch.lowest_m[0] > world.start_ned[2], "it sinks at first"
 

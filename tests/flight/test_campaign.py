@@ -1,6 +1,4 @@
-"""Campaigns: drawn from the seed alone, resumed where they were left, and flown again one by
-one.
-"""
+"""Campaigns: drawn from the seed alone, resumed, and flown again one by one."""
 
 import json
 import math

@@ -1,6 +1,4 @@
-"""``groundstation carry`` towards a simulated tracker and autopilot, in virtual time and through
-their real bytes.
-"""
+"""``groundstation carry`` towards a simulated tracker and autopilot, through their real bytes."""
 
 import asyncio
 import json

@@ -1,6 +1,4 @@
-"""Whatever becomes of the controller in flight, by the frames that left: fresh, or the bring-down,
-or nothing.
-"""
+"""A controller that fails in flight: frames that leave are fresh, or the bring-down, or none."""
 
 import asyncio
 import math
@@ -25,9 +23,7 @@ BREAKS = ("controller.kind=tests.e2e.misbehaving:make", "controller.fault=raise"
 
 
 def check(wire: Wire, thrust_max_n: float) -> None:
-    """Every frame from the first command on is that of the newest command before its deadline, or
-    its due part.
-    """
+    """Every frame is that of the newest command before its deadline, or its due part."""
     share = [c.thrust_n / thrust_max_n for _, c in wire.commands]
     index = -1
     for time_s, thrust, rates in wire.frames:
@@ -94,9 +90,7 @@ def test_a_controller_that_raises_is_survived_by_its_link(pace: str) -> None:
 @pytest.mark.tried(4)  # random instants
 @pytest.mark.parametrize("seed", range(16))
 def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -> None:
-    """Standing still in an await: the rest of the program goes on, poses come in, unless the
-    cameras are covered.
-    """
+    """It hangs in an await: all else goes on, poses come in unless the cameras are covered."""
     draw = random.Random(seed)
     at_s, lasts_s = (
         draw.uniform(0.0, 7.0),
@@ -191,9 +185,7 @@ def test_a_kill_stops_the_motors_in_flight_and_in_the_bring_down(
 def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """They are read all at once afterwards, and a Vicon datagram does not tell how long it has
-    waited.
-    """
+    """They are read all at once afterwards; a Vicon datagram does not tell how long it waited."""
 
     wire = fly(
         after(2.0, lambda *_: monkeypatch.setattr(StallDetector, "detect_stale", lambda *_: True))
@@ -202,9 +194,8 @@ def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
     assert wire.reason.startswith("no pose for")
 
 
-@pytest.mark.tried(
-    2
-)  # vehicles and airs, and who is silent: the poses and the controller once each
+# Vehicles and airs, and who is silent: the poses and the controller once each.
+@pytest.mark.tried(2)
 @pytest.mark.parametrize("scenario", ["paper", "adverse", "quad1kg"])
 @pytest.mark.parametrize("cause", ["poses", "controller"])
 def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -> None:
@@ -238,18 +229,15 @@ def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -
 def test_a_pose_that_comes_just_before_the_deadline_is_flown_before_it(
     pace: str, period_s: float
 ) -> None:
-    """However far away the next frame is: what ends a flight is a gap between poses, not one and a
-    frame.
-    """
+    """A gap between poses ends a flight, however far away the next frame is."""
 
     async def script(flight: Flight, stage: Stage) -> None:
         assert stage.mocap is not None
         await flying(flight, 2.0)
         for _gap in range(20):
             stage.mocap.cover(True)
-            await asyncio.sleep(
-                0.19
-            )  # and up to 30 ms until the next one, and 20 ms on its way: 240 of 250 ms
+            # And up to 30 ms until the next one, and 20 ms on its way: 240 of 250 ms.
+            await asyncio.sleep(0.19)
             stage.mocap.cover(False)
             await asyncio.sleep(0.137)
 

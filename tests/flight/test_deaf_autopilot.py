@@ -1,6 +1,4 @@
-"""Commands that do not arrive, or too late, while all that the autopilot says and all poses
-come.
-"""
+"""Commands that arrive late or not at all, while the autopilot speaks and poses come."""
 
 import asyncio
 
@@ -42,9 +40,8 @@ def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothin
                     pushed.append(thrust / hovers)
 
         flight._subscribers += (hear,)
-        if (
-            autopilot == "ardupilot"
-        ):  # as the doctor wants it: it holds the last set-point no longer
+        # As the doctor wants it: it holds the last set-point no longer.
+        if autopilot == "ardupilot":
             stage.autopilot.parameters._table["GUID_TIMEOUT"] = (0.5, 9)
         await until(lambda: flight.state is State.HOLD)
         await asyncio.sleep(STRUCK_S)
@@ -55,12 +52,10 @@ def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothin
 
     flown = fly_mission(world, config, seed=0, script=script, autopilot=autopilot)
     assert "commands do not reach the autopilot: it sends" in flown.fault
-    assert (
-        max(pushed) < 1.02
-    )  # what hovers is known to two percent; where it sinks, all of that is told
-    assert (
-        flown.touchdown_m_s or 0.0
-    ) < 0.6  # it sinks at 0.5; PX4 comes down by itself, after the flight's end
+    # What hovers is known to two percent; where it sinks, all of that is told.
+    assert max(pushed) < 1.02
+    # It sinks at 0.5; PX4 comes down by itself, after the flight's end.
+    assert (flown.touchdown_m_s or 0.0) < 0.6
 
 
 @pytest.mark.parametrize(("later_s", "state", "says"), [

@@ -11,8 +11,7 @@ from tests.e2e.stations import run_command
 from tests.growth import looks_within
 
 MOST_CALLS = 150_000
-"""Calls of functions that one second of flight may make: measured 129,000 in `paper`, by CPython
-3.11 [1/s]."""
+"""Function calls of one second of flight: 129,000 in `paper`, by CPython 3.11 [1/s]."""
 
 
 @pytest.mark.tried(1)  # links
@@ -33,9 +32,7 @@ def test_another_process_with_another_hash_seed_gives_the_same_bytes(link: str) 
 
 
 def test_a_second_of_flight_makes_no_more_calls_than_it_may() -> None:
-    """Their number stands for the processor time of a flight: it is the same on every machine,
-    however busy.
-    """
+    """Their number stands for processor time: it is the same on every machine, however busy."""
     world, config = prepare(SCENARIOS["paper"], [])
 
     def count_calls(duration_s: float) -> int:

@@ -1,6 +1,4 @@
-"""How flights end: landing on request, poses that stop, an operator who says no, a vehicle that
-crashes.
-"""
+"""Ends of flights: landing on request, poses that stop, a refusal to confirm, a lost link."""
 
 import asyncio
 import itertools
@@ -121,9 +119,8 @@ def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
     wire = fly_beside(after(4.0, lambda _, stage: setattr(stage.autopilot, "armed", False)))
     assert wire.state is State.ABORTED
     assert "the vehicle is disarmed" in wire.reason
-    assert (
-        wire.frames[-1].time_s < wire.begun_s + 4.0 + 1.0 + 0.5 + 0.1
-    )  # its next heartbeat, our next look
+    # Its next heartbeat, our next look.
+    assert wire.frames[-1].time_s < wire.begun_s + 4.0 + 1.0 + 0.5 + 0.1
 
 
 def test_an_autopilot_that_disarms_by_itself_on_the_floor_has_landed_us() -> None:
@@ -161,9 +158,8 @@ def test_an_autopilot_that_neither_hears_nor_is_heard_ends_the_commands() -> Non
     assert wire.state is State.ABORTED
     assert "the link is lost" in wire.reason
     lifts = [frame.time_s for frame in wire.frames if frame.thrust > 0.0]
-    assert (
-        max(lifts) < wire.begun_s + 4.0 + 8.0
-    )  # its heartbeat missed, and the landing that the poses show
+    # Its heartbeat missed, and the landing that the poses show.
+    assert max(lifts) < wire.begun_s + 4.0 + 8.0
 
 
 def test_a_request_to_land_ends_softly_and_disarmed_and_frames_leave_every_22_5_ms() -> None:

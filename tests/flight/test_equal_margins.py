@@ -1,6 +1,4 @@
-"""``compare --equal-margins``: who may win a search, what is kept of it, and what the table and the
-picture say.
-"""
+"""``compare --equal-margins``: who may win a search, and what is flown again of it."""
 
 import math
 
@@ -18,9 +16,7 @@ LAW = SearchedLaw("pid", "pid", {"p_position": 2.0, "p_velocity": 5.0})
 
 
 class Judges(UnflownFlyers):
-    """Knows what every flight comes to without flying it: the stiffer, the closer, the more effort,
-    the less margin.
-    """
+    """Flights that nobody flies: the stiffer, the closer, the more effort, the less margin."""
 
     def judge(self, sortie: Sortie) -> SortieOutcome:
         gains, world = sortie.stage.config.controller, sortie.stage.world

@@ -1,6 +1,4 @@
-"""groundstation/analysis/evidence: our own flights in the layouts of others, and the captures of
-two autopilots.
-"""
+"""Evidence: our own flights in the layouts of others, and the captures of two autopilots."""
 
 import contextlib
 import csv
@@ -49,9 +47,7 @@ ATTITUDE_P = {"nanobench": 6.0, "neural-fly": 7.0}
 
 @cache
 def flown() -> list[tuple[float, Vec3, Quat, float, Vec3]]:
-    """Each pose of a flight of ours: time [s], place, attitude, and the newest command's share of
-    thrust and rates.
-    """
+    """Each pose of a flight of ours: time [s], place, attitude, newest command (share, rates)."""
     rows, newest = [], None
     for entry in Recording(recorded("paper", duration_s=SECONDS)[0]).entries(
         ("/measured", "/command")
@@ -113,9 +109,7 @@ def nanobench(folder: Path) -> Path:
 
 
 def neural_fly(folder: Path) -> Path:
-    """The same axes, lists in cells, a first column without a name, thrust beside the thrust that
-    hovers.
-    """
+    """The same axes, lists in cells, a column without a name, thrust beside the hover thrust."""
     hover = 0.6
 
     def row(n: int, t: float, p: Vec3, q: Quat, share: float, rates: Vec3) -> dict[str, Any]:
@@ -168,9 +162,7 @@ def ulog(folder: Path, grounded_s: float | None = None) -> Path:
 
 
 def dataflash(folder: Path) -> Path:
-    """ArduPilot's form: each message behind A3 95 and its type, described by messages FMT (type
-    128).
-    """
+    """ArduPilot's form: messages behind A3 95 and their type, described by type 128 (FMT)."""
     forms = {
         128: ("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", "<BB4s16s64s"),
         20: ("XKF1", "QBfffffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,PN,PE,PD", "<QB9f"),
@@ -302,14 +294,12 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
     assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
     assert facts["pose_hz"] == pytest.approx(50.0, rel=0.01)
     assert "thrust_scale" in facts["identified"]
-    assert (
-        "rate_lag" in facts["identified"]
-    ) == own  # of set-points of the attitude the rates are made here
+    # Of set-points of the attitude the rates are made here.
+    assert ("rate_lag" in facts["identified"]) == own
     if own:
         return
-    config = from_dict(
-        {"controller": facts["told"]}, Config
-    )  # what was told flies the filter that was judged
+    # What was told flies the filter that was judged.
+    config = from_dict({"controller": facts["told"]}, Config)
     judged = judge_filter(drive_flight(load_flight(eight)), config.controller)
     assert judged.nis3 == facts["nis3"]
     assert judged.prediction == facts["prediction"]
@@ -323,11 +313,8 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
 @pytest.mark.parametrize(
     ("name", "velocity_off_m_s", "flown_s"),
     [
-        (
-            "px4_takeoff",
-            (0.15, 0.3),
-            25.5 - 8.3,
-        ),  # its simulated GPS wanders; the distance sensor leaves at 8.4 s
+        # Its simulated GPS wanders; the distance sensor leaves at 8.4 s.
+        ("px4_takeoff", (0.15, 0.3), 25.5 - 8.3),
         ("ardupilot_landing", (0.0, 0.1), 88.8 - 58.0),  # "SIM Hit ground" at 88.8 s
     ],
     ids=["px4", "ardupilot"],
@@ -483,9 +470,7 @@ def test_a_file_of_vicon_counts_frames_below_three_lines_of_names(tmp_path: Path
 def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_no_motion(
     tmp_path: Path,
 ) -> None:
-    """As trackers do that lose their body: noughts, a ghost, or all of the room beside where it
-    was.
-    """
+    """Trackers that lose their body send zeros, a ghost, or the whole room moved aside."""
 
     def leap(rows: Rows) -> Rows:
         lost = [
@@ -507,9 +492,8 @@ def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_
     assert facts["left_out"]["poses dropped by the gate, jump"] > 12
     assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
     row = facts["prediction"]["60"]
-    assert row["rms_mm"] < min(
-        3.0, 0.5 * row["pvt_rms_mm"]
-    )  # 2.7: the gate wants a second to agree
+    # 2.7: the gate wants a second to agree.
+    assert row["rms_mm"] < min(3.0, 0.5 * row["pvt_rms_mm"])
     assert 0.7 < facts["nis3"] < 1.4
 
 
@@ -559,9 +543,8 @@ def test_csv_as_other_programs_write_it_is_read(
     assert len(list(Recording(imported(tmp_path, path)).entries(("/measured",)))) == 600
 
 
-@pytest.mark.filterwarnings(
-    "ignore::pytest.PytestUnraisableExceptionWarning"
-)  # pymavlink leaves open what it refuses
+# pymavlink leaves open what it refuses.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("name", ["px4-ulog", "ardupilot-bin"])
 def test_a_log_that_is_damaged_is_refused_or_read_as_far_as_it_goes_without_a_word_of_its_reader(
     name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]

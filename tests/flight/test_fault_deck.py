@@ -177,9 +177,7 @@ def test_a_flight_is_flown_to_its_end_however_far_it_goes() -> None:
 
 
 def judged(time_s: float, thrust: float, rates: tuple[float, float, float]) -> str:
-    """What is wrong with a frame that leaves at ``time_s``, where one command was made with its
-    deadline at 1 s.
-    """
+    """Say why a frame at ``time_s`` is wrong, after one command with its deadline at 1 s."""
     _, config = prepare(SCENARIOS["paper"], [])
     wire = WireJudge(config, Thrust(0.8, lambda time_s, signal: signal, 0.3))
     parts = (Segment(0.5, 0.6, (0.1, 0.0, 0.0)), Segment(0.1, 0.0, (0.0, 0.0, 0.0)))

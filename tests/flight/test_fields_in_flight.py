@@ -1,6 +1,4 @@
-"""The field of each pose source that says "do not use", while it flies: the pose is dropped,
-counted and told of.
-"""
+"""Each pose source's "do not use" in flight: the pose is dropped, counted and told of."""
 
 import asyncio
 import math

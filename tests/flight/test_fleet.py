@@ -1,6 +1,4 @@
-"""Several vehicles in one room: side by side, made to meet, hidden from the cameras, and without
-their relay.
-"""
+"""Several vehicles in one room: apart, made to meet, hidden, and without their relay."""
 
 import asyncio
 from collections.abc import Callable

@@ -1,6 +1,4 @@
-"""Poses forwarded to the simulated autopilots' estimators: right, rate-limited, and only while
-there are good ones.
-"""
+"""Poses forwarded to the simulated autopilots' estimators: true, at their rate, only good ones."""
 
 import asyncio
 import itertools

@@ -22,9 +22,7 @@ LISTED = [
 
 
 def calls_of_one_pose() -> list[str]:
-    """File and function of every call from the datagram of a pose to the wait for the frame after
-    its command.
-    """
+    """File and function of every call from a pose's datagram to the wait after its command."""
     calls: list[str] = []
     found: list[str] = []
 

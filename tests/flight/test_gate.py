@@ -36,9 +36,7 @@ def test_no_pose_of_any_scenario_is_dropped_or_changed(scenario: str) -> None:
 def test_a_push_is_flown_through_on_stamps_that_jitter(
     push: str, jitter_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Jitter of 2 ms, of 10 ms from pose to pose, is 4 mm at 2 m/s: ten times the noise of a calm
-    hold.
-    """
+    """Jitter of 2 ms, of 10 ms from pose to pose, is 4 mm at 2 m/s: ten times a hold's noise."""
     encoder, draw = trackers.json_encoder, random.Random(5)
 
     def with_jitter(config: trackers.JsonConfig) -> trackers.Encoder:

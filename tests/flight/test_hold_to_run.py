@@ -37,9 +37,7 @@ def hand(monkeypatch: pytest.MonkeyPatch) -> Hand:
 def flown(
     hand: Hand, change: Callable[[Hand], None], state: State, after_s: float = 0.3
 ) -> tuple[MissionResult, float]:
-    """A mission in which the operator presses before arming, and ``change`` happens in ``state``,
-    and when it did.
-    """
+    """A mission with the pedal pressed before arming; ``change`` in ``state``, and when [s]."""
     world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 2.0)
     at_s = 0.0
 

@@ -1,6 +1,4 @@
-"""``groundstation identify``: a vehicle that is not as told is found from a recorded flight of
-it.
-"""
+"""``groundstation identify`` finds from a recording how a vehicle differs from what is told."""
 
 import io
 import json
@@ -42,9 +40,8 @@ def log() -> Path:
 @cache
 def facts() -> dict[str, Any]:
     """What --json prints."""
-    mine = log().parent / str(
-        os.getpid()
-    )  # several processes test at once, and share the recording
+    # Several processes test at once, and share the recording.
+    mine = log().parent / str(os.getpid())
     mine.mkdir()
     with redirect_stdout(io.StringIO()) as printed:
         assert identify_command(log(), mine / "found.toml", None, as_json=True) == 0
@@ -67,9 +64,8 @@ def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
     middle = GAIN * (1.0 - 0.05 * 0.5 * SECONDS / 60.0)  # the battery sags
     assert value("thrust_scale") == pytest.approx(middle, rel=0.02)
     assert value("hover_thrust") == pytest.approx(0.080 * 9.81 / 1.37 / middle, rel=0.03)
-    low, high = facts()["parameters"]["pose_latency"][
-        "interval"
-    ]  # commands are 25 ms on their way, answers are not
+    # Commands are 25 ms on their way, answers are not.
+    low, high = facts()["parameters"]["pose_latency"]["interval"]
     assert low < 0.020 < high < 0.050
 
 
@@ -100,9 +96,7 @@ def test_the_vehicle_file_is_one_and_says_how_sure_it_is() -> None:
 
 
 def test_an_excitation_in_a_storm_stays_within_two_tenths_of_a_metre_of_its_point() -> None:
-    """By the truth, from 3 s after it is let go in the wind: so it fits into 3 by 3 m many times
-    over.
-    """
+    """By the truth, from 3 s after its release in the wind: it fits into 3 by 3 m many times."""
     still = (
         "trajectory.kind=excitation",
         "trajectory.laps=1",

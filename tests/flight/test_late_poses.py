@@ -1,6 +1,4 @@
-"""Poses that from some instant on come later than they did, with stamps that say so: their age
-counts, for good.
-"""
+"""Poses that come later from some instant on, with stamps that say so: their age counts."""
 
 import asyncio
 from collections.abc import Sequence
@@ -23,9 +21,7 @@ SOURCES = ["vicon", "natnet", "qualisys", "json"]
 
 
 def late(source: str, late_s: float) -> tuple[MissionResult, list[str], list[float]]:
-    """A mission struck in hold: what became of it, what was told afterwards, and errors of the
-    newest pose's time.
-    """
+    """A mission struck in hold, the lines told afterwards, and errors of the newest pose's time."""
     world, config = from_floor(*prepare(SCENARIOS["paper"], [], source=source), 5.0)
     told: list[str] = []
     errors: list[float] = []
@@ -76,9 +72,8 @@ def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(
     assert max(map(abs, errors)) < 2e-3
     old_s = 0.6 * 0.25 - 0.01  # of flight.coast_s; the cameras' own latency counts, too
     assert mission.why.startswith("aborted: enough was seen" if late_s < old_s else "landed")
-    if (
-        source != "natnet"
-    ):  # Motive says itself how old each frame was as it left: nothing is late on its way
+    # Motive says itself how old each frame was as it left: nothing is late on its way.
+    if source != "natnet":
         assert f"poses are {1e3 * late_s:.0f} ms later than before" in text(told, "later")
 
 

@@ -1,6 +1,4 @@
-"""``import groundstation``: what a script or a notebook does with it, by the documents' own
-examples.
-"""
+"""``import groundstation`` in a script or a notebook, by the documents' own examples."""
 
 import asyncio
 import math
@@ -251,9 +249,8 @@ def test_a_recording_that_was_cut_off_tells_its_error_against_the_truth_all_the_
 ) -> None:
     path = tmp_path / "flight.mcap"
     data = recorded()[0].read_bytes()
-    path.write_bytes(
-        data[: len(data) // 8]
-    )  # cut off before the end, where the truth's figure stands
+    # Cut off before the end, where the truth's figure stands.
+    path.write_bytes(data[: len(data) // 8])
     assert gs.load(path).error_against == "truth"
 
 

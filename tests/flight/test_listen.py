@@ -1,6 +1,4 @@
-"""``check --watch`` towards simulated trackers in virtual time, with every byte that it sends
-looked at.
-"""
+"""``check --watch`` towards simulated trackers in virtual time, with every byte that it sends."""
 
 import asyncio
 import math
@@ -25,9 +23,7 @@ AUTOPILOT_ADDRESS = 14540
 def watched(
     source: str, *overrides: str, seconds: float = 6.0, told: tuple[str, ...] = ()
 ) -> tuple[PoseStreamSummary, Counter[str]]:
-    """What is seen of the held vehicle of ``paper``, and the names of the MAVLink messages that we
-    sent.
-    """
+    """Summary of the held vehicle of ``paper``, and the MAVLink messages that we sent."""
     world, config = prepare(SCENARIOS["paper"], list(overrides), source=source)
     _, config_told = prepare(SCENARIOS["paper"], [*overrides, *told], source=source)
     reader, sent = MavlinkCodec(255, 1), Counter[str]()

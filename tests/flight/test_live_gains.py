@@ -1,6 +1,4 @@
-"""Gains that are changed in a whole flight: recorded, flown again to the last bit, and put back
-where they harm.
-"""
+"""Gains changed in a whole flight: recorded, replayed to the last bit, and never too large."""
 
 import asyncio
 from pathlib import Path

@@ -56,9 +56,8 @@ def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(
     assert flown.tilt_max_deg < 30.0
 
 
-@pytest.mark.tried(
-    2
-)  # scenarios and controllers, of which each flies in contract/test_controllers.py
+# Scenarios and controllers, of which each flies in contract/test_controllers.py.
+@pytest.mark.tried(2)
 @pytest.mark.parametrize(
     ("scenario", "controller"),
     [
@@ -77,9 +76,7 @@ def test_every_scenario_and_every_controller_takes_off_and_lands(
 def test_a_controller_that_does_not_hold_its_place_is_brought_down_though_its_wind_is_wrong() -> (
     None
 ):
-    """Nobody corrects b̂ in the failsafe descent, and what it was left with would lift the vehicle
-    away.
-    """
+    """Nobody corrects b̂ in the failsafe descent: its last value would lift the vehicle away."""
     flown = mission("paper", *SHORT, "controller.kind=uncompensated")
     assert flown.fault  # it leans from wind that nobody takes back
     assert [one.state for one in flown.states][-3:] == ["descent", "disarming", "landed"]

@@ -1,6 +1,4 @@
-"""Points that are asked for while a vehicle holds: flown straight, checked before each leg, ended
-by hold.
-"""
+"""``goto`` from a hold: flown straight, checked before each leg, ended by hold."""
 
 import asyncio
 import math

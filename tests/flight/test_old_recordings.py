@@ -1,6 +1,4 @@
-"""Recordings of an older version (tests/golden/recordings) open, report, identify, export and
-replay.
-"""
+"""Recordings of an older version open, report, identify, export and replay."""
 
 import hashlib
 import json

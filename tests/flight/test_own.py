@@ -1,6 +1,4 @@
-"""A user's own configuration at the desk: every vehicle that comes along, courses from rest to
-rest.
-"""
+"""A user's own configuration at the desk: every preset vehicle, courses from rest to rest."""
 
 import math
 from pathlib import Path

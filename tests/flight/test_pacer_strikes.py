@@ -1,6 +1,4 @@
-"""A pacer that dies or stands still in flight, and frames that others end, in virtual time and by
-the truth.
-"""
+"""A pacer that dies or stands still in flight, in virtual time and by the truth."""
 
 import asyncio
 

@@ -1,6 +1,4 @@
-"""Poses that fail, in whole flights: no command rests on them afterwards, and a replay is the same
-to the bit.
-"""
+"""Poses that fail in whole flights: no command rests on them, and the replay is identical."""
 
 import asyncio
 from functools import cache

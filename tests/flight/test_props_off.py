@@ -1,6 +1,4 @@
-"""The test with the propellers off, against simulated vehicles: what is sent, and that every end of
-it disarms.
-"""
+"""The props-off test against simulated vehicles: commands sent, and every end of it disarms."""
 
 import asyncio
 import contextlib
@@ -100,10 +98,8 @@ def test_motors_idle_by_arming_alone_until_it_is_told_to_let_go(autopilot: str) 
     assert not bench.stage.autopilot.armed
     assert {thrust for _, thrust in bench.thrusts} == {0.0}
     truth = bench.stage.plant.truth(ended_s(bench))
-    assert (truth.position_ned[2], truth.velocity_ned) == (
-        1.0,
-        (0.0, 0.0, 0.0),
-    )  # it stands where it stood
+    # It stands where it stood.
+    assert (truth.position_ned[2], truth.velocity_ned) == (1.0, (0.0, 0.0, 0.0))
     assert bench.heard("armed").firmware.endswith("1.16.0 release 73696d756c617465")
 
 

@@ -1,6 +1,4 @@
-"""groundstation/recording: what stands in the file, whoever reads it and wherever it was cut
-off.
-"""
+"""Recordings: their content, whoever reads them and wherever they were cut off."""
 
 import json
 import os

@@ -123,9 +123,8 @@ def test_the_way_to_the_trajectory_and_the_landing_do_not_count(tmp_path: Path) 
     lines = [entry.value() for entry in Recording(path).entries(("/mission",))]
     assert lines, "it has a mission"
     clocks = [event["clock_s"] for event in mission["events"] if event["kind"] != "request"]
-    assert clocks == pytest.approx(
-        [line["time_s"] for line in lines]
-    )  # as the flight has said them
+    # As the flight has said them.
+    assert clocks == pytest.approx([line["time_s"] for line in lines])
 
 
 def test_every_command_has_an_instant_at_which_its_bytes_left() -> None:

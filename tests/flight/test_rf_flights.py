@@ -28,9 +28,7 @@ from tests.unit.links.rf.test_crsf_telemetry import BATTERY, LINK, frame
 
 @cache
 def rms_cm(scenario: str, link: str, *overrides: str) -> float:
-    """RMS error over the steady part of a flight, which is flown once however many tests look at it
-    [cm].
-    """
+    """RMS error over the steady part of a flight, flown once in a run of tests [cm]."""
     world, config = prepare(SCENARIOS[scenario], list(overrides), link=link)
     result = once(("rf", world, config), lambda _: fly(world, config, seed=0, duration_s=17.0))
     assert result.completed, result.why
@@ -55,9 +53,7 @@ def test_every_radio_link_flies_as_well_as_the_scenario_demands(
 
 
 def test_channels_are_quantised_as_on_the_wire() -> None:
-    """With sticks that reach a hundred times as far a step is as much coarser, and the flight shows
-    it.
-    """
+    """Sticks that reach a hundred times as far have steps a hundred times as coarse."""
     rough = [f"link.map.{axis}.full_rate_deg_s=20000" for axis in ("roll", "pitch", "yaw")]
     assert rms_cm("paper", "dsm", *rough) > 2.0 * rms_cm("paper", "dsm")
 

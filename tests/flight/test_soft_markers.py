@@ -1,6 +1,4 @@
-"""Markers that are mounted softly swing, and more so at the tones by which the poses are asked:
-they are no lie.
-"""
+"""Softly mounted markers swing, most at the tones that ask the poses: they are no lie."""
 
 import asyncio
 import math

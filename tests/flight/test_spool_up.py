@@ -1,6 +1,4 @@
-"""From arming to lift-off nobody is trusted: what a vehicle does whose poses or whose mass are not
-its own.
-"""
+"""Spool-up in whole flights: poses or a mass that are not the vehicle's own, and wind."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -112,9 +110,7 @@ def test_the_poses_of_another_body_that_rests_let_nothing_fly_away(
 
 
 def test_the_poses_of_another_body_with_weight_and_thrust_both_wrong_are_not_much_worse() -> None:
-    """Beyond what is asked for: a fifth too strong and told a quarter too heavy is a thrust of
-    twice the weight.
-    """
+    """Thrust a fifth above, weight a quarter below what is told: twice the weight is pushed."""
     flown = spool_up(
         "quad1kg", "vehicle.mass_kg=1.25", STRONGER, "gate.drop_frozen=false", picture=resting
     )
@@ -209,9 +205,7 @@ OWN = ("sim.own_estimate=true",)
 
 
 def gust_in_hover(scenario: str, wind_m_s2: float) -> tuple[float, float]:
-    """How far the same vehicle leans [deg], and is moved [m], where that wind sets in while it
-    hovers.
-    """
+    """Largest lean [deg] and largest way [m] of the same vehicle in hover, in that wind."""
     told = [
         "sim.wind_mean=[0, 0, 0]",
         f"sim.wind_step=[{wind_m_s2}, 0, 0]",

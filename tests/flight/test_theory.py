@@ -1,14 +1,11 @@
-"""On the plant that the law is made for, the theory can be seen: V falls to its sampling floor, the
-error vanishes.
-"""
+"""The theory on the plant that the law is made for: V falls to its floor, the error vanishes."""
 
 import pytest
 
 from tests.flight.flights import Certified, flown_ideal
 
-pytestmark = (
-    pytest.mark.matrix
-)  # 12 s at 500 Hz; what V falls by is among the properties of the law
+# 12 s at 500 Hz; what V falls by is among the properties of the law.
+pytestmark = pytest.mark.matrix
 
 
 @pytest.fixture(scope="module", params=["provable", "off"])
@@ -18,9 +15,7 @@ def ideal(request: pytest.FixtureRequest) -> list[Certified]:
 
 
 def test_v_never_rises_by_more_than_sampling_allows_on_its_way_down(ideal: list[Certified]) -> None:
-    """Between samples Ṫ and ω are held for 2 ms, so V may rise by terms of second order in that
-    time.
-    """
+    """Ṫ and ω are held for 2 ms, so V may rise by terms of second order in that time."""
     values = [v for t, v, _ in ideal if t > 0.1]
     rise = max(b - a for a, b in zip(values, values[1:], strict=False))
     assert rise < 1e-3 * values[0]

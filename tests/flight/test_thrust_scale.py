@@ -1,6 +1,4 @@
-"""From newtons to the signal on the wire: through the vehicle's thrust curve, and scaled by its
-hover thrust.
-"""
+"""From newtons to the signal on the wire: the vehicle's thrust curve and its hover thrust."""
 
 import functools
 from pathlib import Path

@@ -1,6 +1,4 @@
-"""Tuning with whole flights: margins that agree with flights on either side, and a search end to
-end.
-"""
+"""Tuning with whole flights: a search end to end, and refusals before anything flies."""
 
 import subprocess
 from pathlib import Path

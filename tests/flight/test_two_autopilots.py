@@ -1,6 +1,4 @@
-"""A second vehicle with the same system id sends to the port of a flight: before arming, and in
-flight.
-"""
+"""A second vehicle of the same system id at the port of a flight, before arming and in flight."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -25,9 +23,7 @@ T = TypeVar("T")
 def beside(
     work: Callable[[Config], Awaitable[T]], begin_s: float, source: str = "vicon"
 ) -> tuple[T, list[int]]:
-    """Return what ``work`` returns beside a second vehicle that sends after ``begin_s`` [s], and
-    its commands.
-    """
+    """Do ``work`` beside a second vehicle that sends after ``begin_s`` [s]; its commands, too."""
     world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4"], source=source)
     second = Endpoint()
 

@@ -1,6 +1,4 @@
-"""groundstation/analysis/viewers: what Foxglove is given of a flight, and a recording that is still
-being written.
-"""
+"""Viewers: the messages for Foxglove, and a recording that is still being written."""
 
 import json
 from pathlib import Path

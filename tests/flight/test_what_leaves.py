@@ -1,6 +1,4 @@
-"""What leaves until when after the poses stop: docs/explanation/safety.md, the code and the bytes
-say the same.
-"""
+"""Frames after the poses stop: docs/explanation/safety.md, code and bytes say the same."""
 
 import asyncio
 import re

@@ -1,6 +1,4 @@
-"""The simulated vehicle flown in real time over TCP and over a serial port: its datagrams as a
-stream of bytes.
-"""
+"""The simulated vehicle flown in real time over TCP and a serial port, as a stream of bytes."""
 
 import asyncio
 import contextlib
@@ -56,9 +54,8 @@ class Relay(asyncio.DatagramProtocol):
         self.rest += data
         while self.rest and (end := frame_end(self.rest, 0)) <= len(self.rest):
             assert end, "what the link writes is frame after frame"
-            if (
-                self.autopilot is not None
-            ):  # who speaks to an autopilot that hasn't started isn't heard
+            # Who speaks to an autopilot that hasn't started isn't heard.
+            if self.autopilot is not None:
                 self.transport.sendto(self.rest[:end], self.autopilot)
             self.rest = self.rest[end:]
 

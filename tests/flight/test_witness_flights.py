@@ -190,9 +190,7 @@ def test_where_the_model_sides_with_the_poses_what_a_radio_tells_otherwise_convi
 def test_a_tilt_that_is_askew_in_flight_is_told_and_ends_nothing(
     link: str, sets: tuple[str, ...]
 ) -> None:
-    """A tracked body that is knocked by 9°: the law flies on, as the model finds no more than wind
-    in it.
-    """
+    """A tracked body knocked by 9°: the law flies on, the model finds no more than wind in it."""
     told = flown("paper", lie=body_turned(9.0, 0.0), link=link, sets=sets)
     assert told.mission is not None and told.mission.landed
     assert sum("disagrees with the autopilot's own" in line for line in told.events) <= 1

@@ -126,9 +126,7 @@ def steady(h: float, noise: float, densities: Densities) -> tuple[KalmanGain, Co
 
 
 def observer(h: float, noise: float, densities: Densities) -> Observer:
-    """The filter in continuous time: K/h at 1 kHz, with as much noise in all as ``noise`` at
-    intervals ``h``.
-    """
+    """The filter in continuous time: K/h at 1 kHz, with the noise of intervals ``h`` in all."""
     dense = 0.001
     gain, _ = steady(dense, noise * math.sqrt(h / dense), densities)
     l = ObserverGain(*(k / dense for k in gain))  # noqa: E741  # the law document's letter
@@ -294,9 +292,7 @@ def margins(loop: Loop) -> tuple[float, float, float]:
 
 @st.composite
 def loops(draw: st.DrawFn) -> tuple[Loop, State]:
-    """A closed loop in a random state: b anywhere within B, b̂ anywhere within B + ε, its surface
-    included.
-    """
+    """A closed loop in a random state: b within B, b̂ within B + ε, its surface included."""
     law = draw(laws())
     b = within(FLOATS, vec3(2.0 * np.asarray(draw(vec))), law.b_bound)
     b_hat = within(FLOATS, vec3(4.0 * np.asarray(draw(vec))), radius(law))
@@ -392,9 +388,7 @@ def size_in(covariance: Covariance, e: Array) -> float:
 def test_the_inverse_covariance_is_a_lyapunov_function_for_any_intervals_and_any_noise(
     poses: list[tuple[float, float, bool]], error: tuple[float, ...]
 ) -> None:
-    """So neither gaps nor a gain that follows the measured noise, nor a source with velocity, break
-    the argument.
-    """
+    """Neither gaps nor a gain that follows the noise nor measured velocity break the argument."""
     e = np.array(error) * np.array([0.01, 0.3, 1.0, 0.1])
     covariance = initial_covariance(0.0003**2)
     for h, noise, moving in poses:
@@ -420,9 +414,7 @@ def on_the_figure_eight(time: float) -> tuple[Vec3, Vec3]:
 
 
 def flown(loop: Loop, s: State, duration: float, h: float = 0.005) -> list[tuple[float, State]]:
-    """The closed loop integrated by Runge and Kutta's method, b̂ kept in its ball as the code
-    does.
-    """
+    """The closed loop by Runge and Kutta's method, b̂ kept in its ball as the code does."""
     states = [(0.0, s)]
     for i in range(round(duration / h)):
         t = i * h

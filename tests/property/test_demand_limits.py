@@ -1,6 +1,4 @@
-"""Limits on the law's demands: the vertical axis keeps its reserve, nothing jumps, and inside
-nothing changes.
-"""
+"""Limits on the law's demands: the vertical axis keeps its reserve, and nothing jumps."""
 
 import math
 from typing import Any
@@ -40,9 +38,7 @@ def test_the_yaw_rate_goes_towards_what_is_wanted_no_faster_than_rotors_can_spar
 def test_no_demand_whatever_takes_the_tilt_beyond_its_limit(
     roll: float, pitch: float, yaw: float, rate_x: float, rate_y: float, least: float
 ) -> None:
-    """From any attitude inside, with rates that follow as the law's rate loop has it, 0.75 s of one
-    demand.
-    """
+    """From any attitude inside, 0.75 s of one demand, with the law's own rate loop."""
     attitude, turns = from_euler_zyx(roll, pitch, yaw), (0.0, 0.0, 0.0)
     assume(third_column(attitude)[2] > least)
     h, frame = 0.0005, VEHICLE.frame_period_s

@@ -1,6 +1,4 @@
-"""Bring-down, and descent on the model: within their limits from any state, and gentle where they
-can be.
-"""
+"""Bring-down and descent on the model: within their limits from any state, and gentle."""
 
 import math
 from collections.abc import Callable

@@ -1,6 +1,4 @@
-"""Thrust effectiveness: the second stage is the Kalman filter of the whole problem, and tells
-thrust from wind.
-"""
+"""Thrust effectiveness: the second stage of the Kalman filter tells thrust from wind."""
 
 import math
 import random
@@ -51,9 +49,7 @@ def transition(h: float) -> np.ndarray:
 
 
 def thrust_gives(velocity: Sequence[float], place: Sequence[float]) -> ActuatorResponse:
-    """Commands that give that velocity [m/s] and place [m], NED, to one kilogram: thrust pushes
-    against R e3.
-    """
+    """Commands that give one kilogram that velocity [m/s] and place [m], NED."""
     (a, b, c), (x, y, z) = velocity, place
     return ActuatorResponse((1.0, 0.0, 0.0, 0.0), 0.0, ZERO, (-a, -b, -c), (-x, -y, -z))
 

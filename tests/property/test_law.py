@@ -1,6 +1,4 @@
-"""The law's theory as properties: shaping, projection (P1-P4), the Lyapunov identity, bounds,
-finiteness.
-"""
+"""The law's theory as properties: shaping, projection (P1-P4), Lyapunov identity, bounds."""
 
 import math
 from typing import Any
@@ -189,9 +187,7 @@ def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(
 def test_v_falls_exactly_by_w_on_the_ideal_plant(
     law: Law, vectors: tuple[Vec3, ...], angles: Vec3, lift: float, mass: float, drag: float
 ) -> None:
-    """V˙ = -W + b̃ᵀ(ξ - Proj): the derivative of V along the plant, by differences, against the
-    law's own W.
-    """
+    """V˙ = -W + b̃ᵀ(ξ - Proj): differences of V along the plant against the law's own W."""
     z1, z1_dot, b_hat, b, acceleration, jerk, speed_d = vectors
     b_hat = within(FLOATS, b_hat, law.b_bound)
     thrust = lift * mass * law.gravity

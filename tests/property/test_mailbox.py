@@ -72,9 +72,7 @@ values = st.binary(max_size=40)
 def test_a_writer_that_stops_anywhere_leaves_the_value_before_or_none(
     before: list[bytes], value: bytes, data: st.DataObject
 ) -> None:
-    """Any mixture of the memory before and after, as a processor that reorders its stores may show
-    it.
-    """
+    """Any mixture of memory before and after: a processor may reorder its stores."""
     writer = Mailbox()
     for each in before:
         writer.put(each)

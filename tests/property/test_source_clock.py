@@ -31,9 +31,7 @@ class Source(NamedTuple):
     seed: int
 
     def errors(self, lasts_s: float, delay: Delay) -> list[tuple[float, float]]:
-        """(when it left, by how much our time for it is later than that) for each message taken
-        [s].
-        """
+        """Instant of leaving, and lateness of our time for it, for each message taken [s]."""
         chance = random.Random(self.seed)
         period = (1.0 + self.drift) / self.rate_hz
         sent = []
@@ -84,9 +82,8 @@ def test_after_a_step_poses_are_as_late_for_ever_as_the_step_was(
 def test_a_step_in_the_first_seconds_is_forgotten_no_faster_than_clocks_drift(
     source: Source, at_s: float, step_s: float
 ) -> None:
-    at_s = max(
-        at_s, 10.0 if source.numbers else 0.0
-    )  # a rate of frames is what they have come with
+    # A rate of frames is what they have come with.
+    at_s = max(at_s, 10.0 if source.numbers else 0.0)
     errors = source.errors(LASTS_S, lambda t: step_s if t >= at_s else 0.0)
     drifts = MAX_DRIFT + abs(source.drift)
     assert all(
@@ -115,9 +112,7 @@ def test_a_queue_that_fills_is_forgotten_no_faster_than_clocks_drift(
 def test_of_an_honest_source_nothing_is_called_older_than_it_is(
     source: Source, stalls: list[tuple[float, float]]
 ) -> None:
-    """Jitter, drift, a rate told wrongly, and a network that holds all back for a while, from the
-    start or later.
-    """
+    """Jitter, drift, a rate told wrongly, and a network that holds everything back."""
     errors = source.errors(
         LASTS_S,
         lambda t: max((at + long - t for at, long in stalls if at <= t < at + long), default=0.0),
