@@ -3,6 +3,7 @@ just below it.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
@@ -26,7 +27,7 @@ from tests.proving.faults import (
     is_within,
 )
 from tests.proving.faults.faults import FAMILIES, FROM_START, OBEYING, dropout
-from tests.proving.faults.judge import Answer, Thrust, Truth, judge, judge_honest
+from tests.proving.faults.judge import Answer, Evidence, Thrust, Truth, judge, judge_honest
 
 FALSE = Fault(dropout, poses=Poses.FALSE)
 TRUE = Fault(dropout)
@@ -68,21 +69,12 @@ def verdict(
     fault: Fault = FALSE,
     truth: Truth | None = None,
     *answers: Answer,
-    thrust: Thrust | None = None,
-    touchdown_m_s: float | None = None,
-    land_s: float | None = None,
-    failure: Failure | None = None,
-    exemption: Exemption = Exemption.NONE,
     state: str = "hold",
+    **noted: Any,
 ) -> Row:
     """The row of a made-up flight; of one that stood still where nothing else is told."""
-    return judge(
-        "made up", fault, state, moved(lambda t: (0.0, 0.0, -1.0)) if truth is None else truth,
-        answers,
-        wrong="", exemption=exemption, begun_s=0.0, drift_m=0.0, touchdown_m_s=touchdown_m_s,
-        thrust=thrust,
-        land_s=land_s, failure=failure,
-    )  # fmt: skip
+    truth = moved(lambda t: (0.0, 0.0, -1.0)) if truth is None else truth
+    return judge("made up", fault, state, Evidence(truth, answers, **noted))
 
 
 def told(*signals: tuple[float, float], held_s: float = 0.3) -> Thrust:

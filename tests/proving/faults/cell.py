@@ -1,10 +1,8 @@
-"""One fault in one state of one mission, in virtual time: the whole application against the
-simulated side.
+"""One fault in one state of one mission, in virtual time, against the simulated side.
 
-Up to the instant at which it is struck, a flight of virtual time is the same for all faults that it
-is set up alike for: the wait for poses, the take-off, the way onto the figure. So it is flown once,
-and each fault strikes a copy of the process that has flown it; the rows are those of flights of
-their own. Whoever is copied has no other thread.
+Up to its strike a flight is the same for all faults that are set up alike: the wait for poses, the
+take-off, the way onto the figure. It is flown once, and each fault strikes a copy of the process
+that has flown it; the rows are those of flights of their own. That process has no other thread.
 """
 
 import asyncio
@@ -17,11 +15,18 @@ import msgspec
 from msgspec.structs import replace
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Ask, CommandSent, FlightEvent, Notice, Request, Waypoint
+from groundstation.core.messages import (
+    Ask,
+    CommandSent,
+    FlightEvent,
+    Notice,
+    Request,
+    Tick,
+    Waypoint,
+)
 from groundstation.core.mission import State
-from groundstation.flight import Flight, Give, make_flight
+from groundstation.flight import Give, make_flight
 from groundstation.recording import Record
-from groundstation.settings import Config
 from links.core import thrust as thrust_of
 from sim.autopilots import Px4Autopilot
 from sim.radio import FAILSAFE_S
@@ -41,24 +46,32 @@ from tests.proving.faults.fault import (
     stand_between,
 )
 from tests.proving.faults.faults import CASES, find_fault
-from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, WireJudge, exemption_of, judge
-from tests.proving.faults.monitors import UNGUARDED, DeckMonitors
+from tests.proving.faults.judge import (
+    AUTOPILOT_LANDS,
+    JUDGED_S,
+    Answer,
+    Evidence,
+    Row,
+    Thrust,
+    Truth,
+    WireJudge,
+    exemption_of,
+    judge,
+)
+from tests.proving.faults.monitors import MONITORS, UNGUARDED, go_on
 
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
 AUTOPILOT = {"COM_OF_LOSS_T": 0.3}
-"""Time for which PX4 holds the last set-point [s]; its default is 1 s, docs/how-to/px4.md asks for
-0.2 to 1."""
+"""Time for which PX4 holds the last set-point [s]: docs/how-to/px4.md asks for 0.2 to 1."""
 FIGURE_S = 5.0
 """Duration of the figure where nothing ends it early [s]."""
 NEAR = ("trajectory.centre_ned=[0.093,-1.507,0]",)
-"""The figure begins 1 m above the place at which the scenario's vehicle holds after its take-off: a
-short way."""
+"""The figure begins 1 m above the place at which the scenario's vehicle holds: a short way."""
 DESCENT_AFTER_S = 1.0
 """The failsafe descent is asked for after so long on the figure [s]."""
 MOVES_AFTER_S = 0.5
-"""A point is asked for after so long in the first hold, and the way back after so long in the next
-one [s]."""
+"""A point is asked for so long after the begin of a hold, and so is the way back [s]."""
 MOVES_BY = (0.9, 0.6, -0.3)
 """Where that point is from where it holds [m, NED]."""
 LOOK_S = 0.005
@@ -92,7 +105,7 @@ class FlightCopy(NamedTuple):
 
     case: str
     watch: str = ""
-    """Monitor that it goes on with, as :meth:`monitors.DeckMonitors.go_on` has it."""
+    """Monitor that it goes on with, as :func:`monitors.go_on` has it."""
 
 
 def fly_cell(
@@ -121,7 +134,7 @@ def fly_cell(
 
 def not_struck(case: str, fault: Fault, state: str, why: str, scenario: str = "paper") -> Row:
     """Return the row of a flight that never came to its strike."""
-    return judge(case, fault, state, Truth(0.0), [], wrong=why, scenario=scenario)
+    return judge(case, fault, state, Evidence(Truth(0.0), wrong=why), scenario)
 
 
 class _Broken(Exception):
@@ -148,208 +161,262 @@ async def fly_here(
     Raises:
         NotReached: the flight ended before the state in which it was to be struck.
     """
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, VirtualTimeLoop), "in virtual time only"
-    begun_s = loop.time()
-    asked = [*(LANDS if fault.link == "mavlink" else ()), *fault.overrides, *overrides]
-    world, config = prepare(SCENARIOS[scenario], asked, source=fault.source, link=fault.link)
-    figure_s = HONEST_FIGURE_S if fault.kind is Kind.HONEST else FIGURE_S
-    world, config = from_floor(world, config, figure_s)
-    blind, aborted_m = False, math.inf
+    cell = DeckFlight(fault, seed, scenario, overrides, keep)
+    await cell.reach(state)
+    watch = ""
+    if split is not None:
+        name, watch = split()
+        cell.fault = fault = find_fault(name, state, fault.link)
+    forced_s = generator(seed, f"doubt {name}").random() * FORCED_WITHIN_S
+    go_on(cell.flight, watch, cell.truth.struck_s + float(forced_s))
+    row = judge(name, fault, state, await cell.strike(state), scenario)
+    return replace(row, seed=seed, forced="" if watch == UNGUARDED else watch)
 
-    def newtons(time_s: float, signal: float) -> float:
-        return thrust_of(signal, world.thrust_curve) * stage.plant.most_n(time_s)
 
-    pushing = Thrust(
-        hover_n(world),
-        newtons,
-        AUTOPILOT["COM_OF_LOSS_T"] if fault.link == "mavlink" else FAILSAFE_S,
-    )
-    wire = WireJudge(config, pushing)
-    loop.tap = wire.tap
-    truth, moves = Truth(world.floor_z_m), Moves(loop.time)
+class DeckFlight:
+    """One flight of the deck: ground station, simulated side, and what is noted for the judge."""
 
-    def watch(event: FlightEvent) -> None:
+    def __init__(
+        self,
+        fault: Fault,
+        seed: int,
+        scenario: str,
+        overrides: tuple[str, ...],
+        keep: Give | None,
+    ) -> None:
+        """Set up both sides on the running loop of virtual time, beginning now."""
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop), "in virtual time only"
+        self.fault, self._keep, self._loop, self._begun_s = fault, keep, loop, loop.time()
+        self._blind = False
+        """Whether it came down without poses."""
+        self._aborted_m = math.inf
+        """Height above the floor at which commands ended [m]."""
+        asked = [*(LANDS if fault.link == "mavlink" else ()), *fault.overrides, *overrides]
+        world, config = prepare(SCENARIOS[scenario], asked, source=fault.source, link=fault.link)
+        self._figure_s = HONEST_FIGURE_S if fault.kind is Kind.HONEST else FIGURE_S
+        world, self._config = from_floor(world, config, self._figure_s)
+        held_s = AUTOPILOT["COM_OF_LOSS_T"] if fault.link == "mavlink" else FAILSAFE_S
+        self._thrust = Thrust(hover_n(world), self._find_thrust, held_s)
+        self._wire = WireJudge(self._config, self._thrust)
+        loop.tap = self._wire.tap
+        self.truth, self._moves = Truth(world.floor_z_m), Moves(loop.time)
+        self._stage = Stage(world, self._config, seed, self.truth.step, parameters=AUTOPILOT)
+        self.truth.plant = self._stage.plant
+        self._stage.plant.advance(self._begun_s)
+        meddler = stand_between(self._stage)
+        self.flight = make_flight(
+            self._config,
+            confirm=confirm_at(self._begun_s + MISSION_CONFIRM_S),
+            subscribers=(self._hear,),
+            wires=self._stage.wires,
+            give=self._give,
+            monitors=MONITORS,
+        )
+        self._scene = Scene(self.flight, self._stage, meddler, seed)
+        self._running: list[asyncio.Future[Any]] = []
+        """The simulated side and the ground station, once they run."""
+
+    async def reach(self, state: str) -> None:
+        """Fly to the moment of ``state``; the flight is judged from then on.
+
+        Raises:
+            NotReached: the flight ended before it.
+        """
+        running = map(asyncio.ensure_future, (self._stage.run(), self.flight.run()))
+        self._running = list[asyncio.Future[Any]](running)
+        reaching = asyncio.ensure_future(self._wait_for(MOMENTS[state]))
+        await asyncio.wait({*self._running, reaching}, return_when=asyncio.FIRST_COMPLETED)
+        if not reaching.done():
+            await _cancel([*self._running, reaching])
+            moves = self._moves
+            raise NotReached(f"the flight ended before {state}: {moves.state}: {moves.reason}")
+        reaching.result()
+
+    async def strike(self, state: str) -> Evidence:
+        """Let the fault happen in ``state``, and fly on until it can be judged."""
+        plant, exemption = self._stage.plant, exemption_of(self.fault, state)
+        autopilot = _Autopilot(self._note_open_loop)
+        beside = [self.fault.strike(self._scene), autopilot.watch(self._stage)]
+        if state == "moving":
+            beside.append(self._return())
+        tasks = [*self._running, *map(asyncio.ensure_future, beside)]
+        over = self._see(exemption)
+        await asyncio.wait(
+            {*self._running, over},
+            timeout=LIMIT_S + self._figure_s,
+            return_when=asyncio.FIRST_COMPLETED,
+        )
+        has_ended = self._running[1].done()
+        rests = has_ended and await self._rests(over)
+        restless = "it does not come to rest" if has_ended else "it does not end"
+        wrong = "" if rests or over.done() else restless
+        # How a flight is ended that is cut short is no part of it.
+        self.truth.end()
+        self._thrust.end(self._loop.time())
+        answers = [(time_s, str(after), why) for time_s, after, why in self._moves.answers]
+        drift_m = math.dist(self.truth.struck_ned[:2], self._find_place()[:2])
+        wrong = wrong or self._find_wrong_command(state)
+        for result in await _cancel([*tasks, over]):
+            if isinstance(result, Exception) and not isinstance(result, _Broken):
+                raise result
+        self._loop.tap = None
+        # The rotors at their fullest can't hold it.
+        is_weak = plant.most_n(self._loop.time()) <= hover_n(self._stage.world)
+        return Evidence(
+            truth=self.truth,
+            answers=sorted([*answers, *autopilot.answers]),
+            wrong=wrong,
+            exemption=exemption or (Exemption.WEAK if is_weak else Exemption.NONE),
+            begun_s=self._begun_s,
+            drift_m=drift_m,
+            touchdown_m_s=plant.floor.hardest_m_s,
+            thrust=self._thrust,
+            land_s=autopilot.land_s,
+            failure=self.flight.failure,
+            blind=self._blind,
+            aborted_m=self._aborted_m,
+        )
+
+    def _hear(self, event: FlightEvent) -> None:
         if isinstance(event, Notice) and event.kind == "state":
-            moves.enter(State(event.state), event.text)
-            if moves.answers and event.state == State.ABORTED:
-                nonlocal aborted_m
-                aborted_m = min(aborted_m, height_m())
-            if moves.answers and is_open_loop(moves.state):
-                note_open_loop(loop.time())
-            if moves.answers and pushing.decided_s == math.inf:
-                pushing.decided_s = loop.time()
-                pushing.decided_height_m = height_m()
-        if not isinstance(event, CommandSent):
+            self._enter(State(event.state), event.text)
+        elif isinstance(event, CommandSent):
+            self._note_course(event.tick)
+            if self._scene.controller_raises:
+                raise _Broken("the controller broke")
+
+    def _enter(self, state: State, why: str) -> None:
+        """Note a new state of the mission, and whether it answers the fault."""
+        self._moves.enter(state, why)
+        if not self._moves.answers:
             return
-        # What false poses led to is no course any more: it may run away with them.
-        nonlocal blind
-        pilot = flight._pilot
-        blind = blind or (
+        if state is State.ABORTED:
+            self._aborted_m = min(self._aborted_m, self._find_height_m())
+        # Without poses a failsafe descent follows none, too.
+        if state is State.ABORTED or (state is State.DESCENT and self.fault.poses is Poses.GONE):
+            self._note_open_loop(self._loop.time())
+        if self._thrust.decided_s == math.inf:
+            self._thrust.decided_s = self._loop.time()
+            self._thrust.decided_height_m = self._find_height_m()
+
+    def _note_course(self, tick: Tick) -> None:
+        """Note where one command wants the vehicle to be."""
+        pilot, moves = self.flight._pilot, self._moves
+        self._blind = self._blind or (
             moves.struck and pilot.state.is_blind and not pilot.state.health.has_failed
         )
-        misled = fault.poses is not Poses.TRUE and bool(moves.answers)
-        ended = moves.state in (State.DESCENT, State.ABORTED, State.DISARMING)
-        if not misled and not ended:
-            tick = event.tick
+        # What false poses led to is no course any more: it may run away with them.
+        misled = self.fault.poses is not Poses.TRUE and bool(moves.answers)
+        if not misled and moves.state not in (State.DESCENT, State.ABORTED, State.DISARMING):
             reference = tick.reference
-            truth.refer(
+            self.truth.refer(
                 tick.time_s, reference.position_ned, reference.velocity_ned, tick.estimate.time_s
             )
-        if scene.controller_raises:
-            raise _Broken("the controller broke")
 
-    def give(record: Record) -> None:
-        wire.record(record)
-        if keep is not None:
-            keep(record)
-        if scene.recorder_raises:
+    def _note_open_loop(self, time_s: float) -> None:
+        """Commands follow no pose from ``time_s`` [s] on."""
+        answered_s = time_s + self._stage.world.frame_period_s
+        self._thrust.answered_s = min(self._thrust.answered_s, answered_s)
+
+    def _give(self, record: Record) -> None:
+        self._wire.record(record)
+        if self._keep is not None:
+            self._keep(record)
+        if self._scene.recorder_raises:
             raise OSError("the recorder is gone")
 
-    def height_m() -> float:
-        return world.floor_z_m - stage.plant.truth(loop.time()).position_ned[2]
+    def _find_thrust(self, time_s: float, signal: float) -> float:
+        """Thrust that a signal (0..1) truly gives [N]."""
+        return thrust_of(signal, self._stage.world.thrust_curve) * self._stage.plant.most_n(time_s)
 
-    def note_open_loop(time_s: float) -> None:
-        pushing.answered_s = min(pushing.answered_s, time_s + world.frame_period_s)
+    def _find_place(self) -> Vec3:
+        return self._stage.plant.truth(self._loop.time()).position_ned
 
-    def is_open_loop(state: State) -> bool:
-        """Whether commands in ``state`` follow no pose: without poses a failsafe descent follows
-        none, too.
+    def _find_height_m(self) -> float:
+        return self._stage.world.floor_z_m - self._find_place()[2]
+
+    def _find_wrong_command(self, state: str) -> str:
+        """Describe a command that must not have left; empty where there is none."""
+        wire, config, struck_s = self._wire, self._config, self.truth.struck_s
+        if wire.wrong:
+            return wire.wrong
+        most_s = config.flight.coast_s + config.guards.level_s + 2.0 + BLIND_S
+        lifted_s = self._thrust.last_lift_s - struck_s
+        if self.fault.poses is Poses.GONE and self._thrust.last_lift_s > struck_s + most_s:
+            return f"a command that lifts left {lifted_s:.2f} s after the last true pose"
+        if self.fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
+            return f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
+        return ""
+
+    async def _wait_for(self, moment: Moment) -> None:
+        """Wait for ``moment``, and judge from then on.
+
+        A point to go to, or a failsafe descent, is asked for: no flight comes to it by itself.
         """
-        return state is State.ABORTED or (state is State.DESCENT and fault.poses is Poses.GONE)
+        flight, moves = self.flight, self._moves
+        while True:
+            if moves.state is State.TRACKING and flight.started_s is not None:
+                moves.since_s = flight.started_s  # the figure, not the way onto it
+            if moment.state is State.DESCENT and moves.lasts(State.TRACKING, DESCENT_AFTER_S):
+                flight.ask(Request(Ask.DESCEND, "the deck"))
+            if moment.state is State.MOVING and moves.lasts(State.HOLD, MOVES_AFTER_S):
+                place = self._find_place()
+                point = Waypoint(*(here + by for here, by in zip(place, MOVES_BY, strict=True)))
+                flight.ask(Request(Ask.GOTO, "the deck", (point,)))
+            if moment.is_now(moves, self._find_height_m()):
+                moves.struck = True
+                self.truth.strike(self._loop.time())
+                return
+            await asyncio.sleep(LOOK_S)
 
-    stage = Stage(world, config, seed, truth.step, parameters=AUTOPILOT)
-    truth.plant = stage.plant
-    stage.plant.advance(begun_s)
-    meddler = stand_between(stage)
-    monitors = DeckMonitors()
-    flight = make_flight(
-        config,
-        confirm=confirm_at(begun_s + MISSION_CONFIRM_S),
-        subscribers=(watch,),
-        wires=stage.wires,
-        give=give,
-        monitors=monitors.factories(),
-    )
-    scene = Scene(flight, stage, meddler, seed)
-    turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
-    striking = asyncio.ensure_future(_reach(MOMENTS[state], scene, moves, truth))
-    await asyncio.wait({turning, flying, striking}, return_when=asyncio.FIRST_COMPLETED)
-    if not striking.done():
-        turning.cancel(), flying.cancel(), striking.cancel()
-        await asyncio.gather(turning, flying, striking, return_exceptions=True)
-        raise NotReached(f"the flight ended before {state}: {moves.state}: {moves.reason}")
-    struck_s, where = striking.result()
-    watch_as = ""
-    if split is not None:
-        name, watch_as = split()
-        fault = find_fault(name, state, fault.link)
-    forced_s = generator(seed, f"doubt {name}").random() * FORCED_WITHIN_S
-    monitors.go_on(flight._pilot, watch_as, struck_s + float(forced_s))
-    exemption = exemption_of(fault, state)
-    autopilot = _Autopilot(note_open_loop)
-    tasks: list[asyncio.Future[Any]] = [turning, flying]
-    tasks += map(asyncio.ensure_future, (fault.strike(scene), autopilot.watch(stage)))
-    if state == "moving":
-        tasks.append(asyncio.ensure_future(_return(flight, moves)))
-    over: asyncio.Future[None] = loop.create_future()
-    if fault.kind is Kind.HONEST:
-        over = asyncio.ensure_future(_see_honest(stage, moves))
-    elif exemption is Exemption.NOT_OBSERVABLE:
-        over = asyncio.ensure_future(_fly_on(stage, JUDGED_S))
-    ends: set[asyncio.Future[Any]] = {turning, flying, over}
-    await asyncio.wait(ends, timeout=LIMIT_S + figure_s, return_when=asyncio.FIRST_COMPLETED)
-    rests = flying.done() and await _rests(stage, world, over)
-    ended, rests = flying.done() or over.done(), rests or over.done()
-    # How a flight is ended that is cut short is no part of it.
-    truth.end()
-    pushing.end(loop.time())
-    answers = [(time_s, str(after), reason) for time_s, after, reason in moves.answers]
-    end = stage.plant.truth(loop.time()).position_ned
-    wrong = _left_wrongly(fault, state, config, wire, pushing, struck_s)
-    for task in (*tasks, over):
+    async def _return(self) -> None:
+        """Ask for the way back from the point that was asked for: a flight holds there."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            if self._moves.lasts(State.HOLD, MOVES_AFTER_S):
+                self.flight.ask(Request(Ask.RETURN, "the deck"))
+                return
+
+    def _see(self, exemption: Exemption) -> "asyncio.Future[None]":
+        """Return what is done once a flight that may go on for ever has been seen."""
+        if self.fault.kind is Kind.HONEST:
+            return asyncio.ensure_future(self._see_honest())
+        if exemption is Exemption.NOT_OBSERVABLE:
+            return asyncio.ensure_future(self._fly_for(JUDGED_S))
+        return self._loop.create_future()
+
+    async def _see_honest(self) -> None:
+        """Return when an honest flight has been seen: one that ends early is seen to its end."""
+        await self._fly_for(HONEST_S)
+        if self._moves.answers:
+            await asyncio.sleep(HONEST_MORE_S)
+
+    async def _fly_for(self, seconds: float) -> None:
+        """Return ``seconds`` [s] from now, or from when it leaves the floor."""
+        plant, flown_s = self._stage.plant, 0.0
+        while flown_s < seconds:
+            await asyncio.sleep(LOOK_S)
+            flies = plant.released_s is not None and not plant.truth(self._loop.time()).on_ground
+            flown_s += LOOK_S if flies or flown_s else 0.0
+
+    async def _rests(self, over: "asyncio.Future[None]") -> bool:
+        """Whether it comes to stand with its motors off, before all is ``over``."""
+        plant, world, begun = self._stage.plant, self._stage.world, self._loop.time()
+        while self._loop.time() < begun + REST_LIMIT_S and not over.done():
+            now = plant.truth(self._loop.time())
+            stands = now.on_ground or plant.released_s is None
+            if stands and now.thrust_n < STILL_SHARE * world.mass_kg * world.gravity:
+                return True
+            await asyncio.sleep(0.05)
+        return False
+
+
+async def _cancel(tasks: Sequence["asyncio.Future[Any]"]) -> list[Any]:
+    """Cancel ``tasks``; return their results, or what they raised."""
+    for task in tasks:
         task.cancel()
-    for result in await asyncio.gather(*tasks, over, return_exceptions=True):
-        if isinstance(result, Exception) and not isinstance(result, _Broken):
-            raise result
-    loop.tap = None
-    if autopilot.acts_s is not None:
-        answers.append(
-            (
-                autopilot.acts_s,
-                "autopilot lands",
-                "set-points stopped: the autopilot's own failsafe",
-            )
-        )
-    answers.sort()
-    restless = "" if rests else "it does not come to rest" if ended else "it does not end"
-    too_weak = stage.plant.most_n(loop.time()) <= hover_n(
-        world
-    )  # its rotors at their fullest can't hold it
-    row = judge(
-        name, fault, state, truth, answers,
-        wrong=restless or wrong,
-        exemption=exemption or (Exemption.WEAK if too_weak else Exemption.NONE),
-        begun_s=begun_s,
-        drift_m=math.dist(where[:2], end[:2]),
-        touchdown_m_s=stage.plant.floor.hardest_m_s,
-        thrust=pushing,
-        land_s=autopilot.land_s,
-        failure=flight.failure,
-        scenario=scenario,
-        blind=blind,
-        aborted_m=aborted_m,
-    )  # fmt: skip
-    return replace(row, seed=seed, forced="" if watch_as == UNGUARDED else watch_as)
-
-
-async def _reach(moment: Moment, scene: Scene, moves: Moves, truth: Truth) -> tuple[float, Vec3]:
-    """Return when and where ``moment`` is, and judge from then on.
-
-    A point to go to, or a failsafe descent, is asked for: no flight comes to it by itself.
-    """
-    flight, stage = scene.flight, scene.stage
-    while True:
-        if moves.state is State.TRACKING and flight.started_s is not None:
-            moves.since_s = flight.started_s  # the figure, not the way onto it
-        if moment.state is State.DESCENT and moves.lasts(State.TRACKING, DESCENT_AFTER_S):
-            flight.ask(Request(Ask.DESCEND, "the deck"))
-        if moment.state is State.MOVING and moves.lasts(State.HOLD, MOVES_AFTER_S):
-            place = stage.plant.truth(scene.now_s).position_ned
-            point = Waypoint(*(here + by for here, by in zip(place, MOVES_BY, strict=True)))
-            flight.ask(Request(Ask.GOTO, "the deck", (point,)))
-        height_m = stage.world.floor_z_m - stage.plant.truth(scene.now_s).position_ned[2]
-        if moment.is_now(moves, height_m):
-            moves.struck = True
-            return scene.now_s, truth.strike(scene.now_s)
-        await asyncio.sleep(LOOK_S)
-
-
-async def _return(flight: Flight, moves: Moves) -> None:
-    """Ask for the way back from the point that was asked for, as a flight there holds until
-    somebody does.
-    """
-    while True:
-        await asyncio.sleep(LOOK_S)
-        if moves.lasts(State.HOLD, MOVES_AFTER_S):
-            flight.ask(Request(Ask.RETURN, "the deck"))
-            return
-
-
-async def _see_honest(stage: Stage, moves: Moves) -> None:
-    """Return when an honest flight has been seen: one that ends early is seen to its end."""
-    await _fly_on(stage, HONEST_S)
-    if moves.answers:
-        await asyncio.sleep(HONEST_MORE_S)
-
-
-async def _fly_on(stage: Stage, for_s: float) -> None:
-    """Return ``for_s`` [s] from now, or from when it leaves the floor."""
-    loop, flown_s = asyncio.get_running_loop(), 0.0
-    while flown_s < for_s:
-        await asyncio.sleep(LOOK_S)
-        flies = stage.plant.released_s is not None and not stage.plant.truth(loop.time()).on_ground
-        flown_s += LOOK_S if flies or flown_s else 0.0
+    return await asyncio.gather(*tasks, return_exceptions=True)
 
 
 class _Autopilot:
@@ -357,8 +424,8 @@ class _Autopilot:
 
     def __init__(self, on_act: Callable[[float], None]) -> None:
         """Nothing yet; ``on_act(time_s)`` hears once when it acts by itself."""
-        self.acts_s: float | None = None
-        """When it began to act by itself [s]."""
+        self.answers: list[Answer] = []
+        """When it began to act by itself [s], and how."""
         self.land_s: float | None = None
         """When it took over landing, as it was asked to [s]."""
         self._on_act = on_act
@@ -367,32 +434,16 @@ class _Autopilot:
         """Look until cancelled."""
         loop = asyncio.get_running_loop()
         while stage.radio is None:
-            told = stage.autopilot
+            told, now_s = stage.autopilot, loop.time()
             assert isinstance(told, Px4Autopilot), "the deck flies with a PX4"
-            if self.acts_s is None and told.failsafe:
-                self.acts_s = loop.time()
-                self._on_act(self.acts_s)
-            if (
-                self.land_s is None
-                and not told.failsafe
-                and told.armed
-                and told.mode == told.land_mode
-            ):
-                self.land_s = loop.time()
+            if told.failsafe:
+                if not self.answers:
+                    why = "set-points stopped: the autopilot's own failsafe"
+                    self.answers.append((now_s, AUTOPILOT_LANDS, why))
+                    self._on_act(now_s)
+            elif self.land_s is None and told.armed and told.mode == told.land_mode:
+                self.land_s = now_s
             await asyncio.sleep(2.0 * LOOK_S)
-
-
-async def _rests(stage: Stage, world: World, over: "asyncio.Future[None]") -> bool:
-    """Whether it comes to stand with its motors off, before all is ``over``."""
-    loop = asyncio.get_running_loop()
-    begun = loop.time()
-    while loop.time() < begun + REST_LIMIT_S and not over.done():
-        now = stage.plant.truth(loop.time())
-        stands = now.on_ground or stage.plant.released_s is None
-        if stands and now.thrust_n < STILL_SHARE * world.mass_kg * world.gravity:
-            return True
-        await asyncio.sleep(0.05)
-    return False
 
 
 def hover_n(world: World) -> float:
@@ -401,25 +452,38 @@ def hover_n(world: World) -> float:
     return world.mass_kg * math.hypot(north, east, world.gravity + down)
 
 
-def _left_wrongly(
-    fault: Fault, state: str, config: Config, wire: WireJudge, pushing: Thrust, struck_s: float
-) -> str:
-    """Describe a command that must not have left; empty where there is none."""
-    if wire.wrong:
-        return wire.wrong
-    most = config.flight.coast_s + config.guards.level_s + 2.0 + BLIND_S
-    if fault.poses is Poses.GONE and pushing.last_lift_s > struck_s + most:
-        return (
-            f"a command that lifts left {pushing.last_lift_s - struck_s:.2f} s after the last true "
-            "pose"
-        )
-    if fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
-        return f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
-    return ""
-
-
 class _CopiesFlown(Exception):
     """All copies have flown on."""
+
+
+class _Copies:
+    """Processes that fly on from the same instant, one after the other."""
+
+    def __init__(self, copies: Sequence[FlightCopy]) -> None:
+        self.rows: list[Row] = []
+        self.out: int | None = None
+        """Where a copy writes its row; None in the process that is none."""
+        self._copies = copies
+
+    def split(self) -> FlightCopy:
+        """Fork a process for each copy; return in each of them which it is."""
+        loop = asyncio.get_running_loop()
+        for copy in self._copies:
+            far, near = os.pipe()
+            number = os.fork()
+            if number == 0:
+                os.close(far)
+                asyncio._set_running_loop(loop)  # it is told by the process's number
+                self.out = near
+                return copy
+            os.close(near)
+            with os.fdopen(far, "rb") as told:
+                row = msgspec.msgpack.decode(told.read() or b"\xc0", type=Row | str | None)
+            os.waitpid(number, 0)
+            if not isinstance(row, Row):
+                raise RuntimeError(f"{copy.case}: {row or 'its process was killed'}")
+            self.rows.append(row)
+        raise _CopiesFlown
 
 
 def fly_together(
@@ -432,44 +496,21 @@ def fly_together(
     overrides: tuple[str, ...] = (),
 ) -> list[Row]:
     """Return the rows of ``copies``, whose cases are set up alike: they strike one flight."""
-    case = copies[0].case
-    rows: list[Row] = []
-    out: int | None = None  # where a copy writes its row; None in the process that is none
+    processes = _Copies(copies)
     found: Row | str
-
-    def split() -> FlightCopy:
-        """Fork a process for each copy, one after the other; return in each of them which it is."""
-        nonlocal out
-        loop = asyncio.get_running_loop()
-        for copy in copies:
-            far, near = os.pipe()
-            number = os.fork()
-            if number == 0:
-                os.close(far)
-                asyncio._set_running_loop(loop)  # it is told by the process's number
-                out = near
-                return copy
-            os.close(near)
-            with os.fdopen(far, "rb") as told:
-                row = msgspec.msgpack.decode(told.read() or b"\xc0", type=Row | str | None)
-            os.waitpid(number, 0)
-            if not isinstance(row, Row):
-                raise RuntimeError(f"{copy.case}: {row or 'its process was killed'}")
-            rows.append(row)
-        raise _CopiesFlown
-
     try:
         found = fly_cell(
-            case, state, link=link, seed=seed, scenario=scenario, overrides=overrides, split=split
-        )
+            copies[0].case, state, link=link, seed=seed, scenario=scenario, overrides=overrides,
+            split=processes.split,
+        )  # fmt: skip
     except _CopiesFlown:
-        return rows
+        return processes.rows
     except BaseException as error:
-        if out is None:
+        if processes.out is None:
             raise
         found = f"{type(error).__name__}: {error}"
-    if out is not None:  # a copy ends here: what comes next is its original's to do
-        os.write(out, msgspec.msgpack.encode(found))
+    if processes.out is not None:  # a copy ends here: what comes next is its original's to do
+        os.write(processes.out, msgspec.msgpack.encode(found))
         os._exit(0)
     assert isinstance(found, Row), "told by whoever has failed"
     never = found.why

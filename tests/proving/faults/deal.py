@@ -26,8 +26,7 @@ from tests.proving.faults.monitors import FAILED, UNGUARDED, check_forced
 from tests.proving.faults.table import is_within, text, write
 
 TOGETHER = 12
-"""At most this many cells are flown together by one process, so that all processes have enough to
-do."""
+"""At most this many cells are flown together by one process: all processes have enough to do."""
 
 
 class Cell(msgspec.Struct, frozen=True):
@@ -50,8 +49,7 @@ class Planned(msgspec.Struct, frozen=True):
     scenario: str
     seed: int
     forced: str = ""
-    """Doubt that is forced upon it, as :meth:`monitors.DeckMonitors.go_on` has it; empty for
-    none."""
+    """Doubt that is forced upon it, as :func:`monitors.go_on` has it; empty for none."""
 
     def copies(self) -> tuple[FlightCopy, ...]:
         """Return what is flown for its row: honest rows have the same flight without guards."""

@@ -62,9 +62,7 @@ P = ParamSpec("P")
 
 
 def takes(act: Callable[Concatenate[Scene, P], Coroutine[Any, Any, None]]) -> Callable[P, Strike]:
-    """Make strikes of ``act``, which takes more than the scene: the table tells with what each is
-    flown.
-    """
+    """Make strikes of ``act``, which takes more than the scene: the table has what more."""
 
     def make(*told: P.args, **named: P.kwargs) -> Strike:
         return lambda scene: act(scene, *told, **named)
@@ -94,9 +92,7 @@ async def shows_few(scene: Scene, nth: int, make: Callable[..., Picture], *told:
 async def shows_in_turns(
     scene: Scene, turn_s: float, make: Callable[..., Picture], *told: Any
 ) -> None:
-    """A picture that is wrong for so long [s], true for as long, and wrong again, from what is true
-    then.
-    """
+    """A picture that is by turns wrong and true, for so long each [s]."""
     while True:
         scene.between.picture = make(scene.struck, *told)
         await asyncio.sleep(turn_s)
@@ -126,9 +122,7 @@ async def jitter_stamps(scene: Scene, sigma_s: float) -> None:
 
 @takes
 async def scatter(scene: Scene, most_s: float) -> None:
-    """Poses over a wireless network: none is lost or overtakes another, each is up to so much late
-    [s].
-    """
+    """Poses over a wireless network: each is up to so much late [s], and none overtakes another."""
     period_s = 1.0 / scene.stage.world.pose_rate_hz
     scene.between.way = late(
         lambda _: most_s * min(abs(next(scene.normals)[0]) / 3.0, 1.0), period_s, fresh=False
@@ -137,9 +131,7 @@ async def scatter(scene: Scene, most_s: float) -> None:
 
 @takes
 async def partner(scene: Scene, more_m_s2: Vec3) -> None:
-    """The cameras take a partner for ours, told the same, in air that pushes it by so much more
-    [m/s²].
-    """
+    """The cameras take for ours a partner, told the same, which the air pushes more [m/s²]."""
     stage = scene.stage
     assert stage.mocap is not None, "the deck flies with cameras"
     x, y, z = stage.world.wind_mean
@@ -283,9 +275,7 @@ async def hang_on(scene: Scene, share: float) -> None:
 
 @takes
 async def grasp(scene: Scene, for_s: float) -> None:
-    """Hold the vehicle in its place by a stiff spring and a critical damper, free to turn, and let
-    it go.
-    """
+    """Hold the vehicle in its place by a spring and a critical damper, and let it go."""
     damping_per_s = 2.0 * math.sqrt(GRASP_PER_S2)
     place = scene.stage.plant.truth(scene.now_s).position_ned
 
@@ -305,9 +295,7 @@ async def grasp(scene: Scene, for_s: float) -> None:
 
 @takes
 async def tether(scene: Scene, slack_m: float) -> None:
-    """A cable that trails behind the vehicle is caught on the floor below it, and lets it fly so
-    far [m].
-    """
+    """A cable behind the vehicle is caught on the floor below it, and lets it fly so far [m]."""
     x, y, z = scene.stage.plant.truth(scene.now_s).position_ned
     anchor: Vec3 = (x, y, scene.stage.world.floor_z_m)
     length = anchor[2] - z + slack_m
@@ -323,9 +311,7 @@ async def tether(scene: Scene, slack_m: float) -> None:
 
 @takes
 async def cushion(scene: Scene, on_floor: float) -> None:
-    """Near the floor the same rotors lift more, by that share on it, as the air under them can't
-    get away.
-    """
+    """Near the floor the same rotors lift more, by that share on it."""
     floor, mass = scene.stage.world.floor_z_m, scene.stage.world.mass_kg
 
     def pull(body: Body) -> Vec3:
@@ -391,8 +377,7 @@ FROM_START = ("start", *STATES)
 ON_FLOOR = ("start", "ready", "arming", "spool-up")
 FLYING = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "landing", "descent")
 RADIO_STATES = ("spool-up", "lift-off", "take-off", "hold", "tracking", "descent")
-"""Where a false pose over a radio meets something else than over MAVLink: nobody could land the
-vehicle."""
+"""Where a false pose has other effects over a radio, whose vehicle nobody else could land."""
 SEEN_IN_TIME = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "descent")
 """Where a coordinate that is frozen, or a position that comes late, is flown."""
 DOWN_FROZEN = ("start", "ready", "arming", "spool-up", "take-off", "returning")
@@ -436,40 +421,43 @@ MIRROR: dict[str, tuple[Vec3, Vec3, Vec3]] = {
     "z": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)),
     "north is east": ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
 }
-"""Matrices that give one coordinate the other sign (north is south, east is west, up is down), or
-swap two."""
+"""Matrices that give one coordinate the other sign, or swap two."""
+
+
+def lie(make: Callable[..., Picture], *told: Any, **fault: Any) -> Fault:
+    """Return the fault of cameras that show a wrong picture; ``fault`` are its other fields."""
+    return Fault(shows(make, *told), **fault)
+
 
 _LYING: dict[str, Fault] = {
-    "frozen: but for a nanometre": Fault(shows(pictures.freeze, 1e-9)),
-    "frozen": Fault(shows(pictures.still)),
-    "position frozen": Fault(shows(pictures.still_position)),
-    "position frozen: x": Fault(
-        shows(pictures.still_coordinate, 0), states=("start", *SEEN_IN_TIME)
+    "frozen: but for a nanometre": lie(pictures.freeze, 1e-9),
+    "frozen": lie(pictures.still),
+    "position frozen": lie(pictures.still_position),
+    "position frozen: x": lie(pictures.still_coordinate, 0, states=("start", *SEEN_IN_TIME)),
+    "position frozen: y": lie(
+        pictures.still_coordinate, 1, states=("start", "arming", *SEEN_IN_TIME)
     ),
-    "position frozen: y": Fault(
-        shows(pictures.still_coordinate, 1), states=("start", "arming", *SEEN_IN_TIME)
+    "position frozen: z": lie(pictures.still_coordinate, 2, states=DOWN_FROZEN),
+    "position frozen: north-west": lie(
+        pictures.still_along, 1.0, -1.0, states=("start", *SEEN_IN_TIME)
     ),
-    "position frozen: z": Fault(shows(pictures.still_coordinate, 2), states=DOWN_FROZEN),
-    "position frozen: north-west": Fault(
-        shows(pictures.still_along, 1.0, -1.0), states=("start", *SEEN_IN_TIME)
+    "attitude frozen": lie(pictures.still_attitude),
+    "body at rest": lie(pictures.resting, states=FROM_START),
+    "body at rest: thrust +25 %": lie(
+        pictures.resting, overrides=("sim.thrust_gain=1.25",), states=ON_FLOOR
     ),
-    "attitude frozen": Fault(shows(pictures.still_attitude)),
-    "body at rest": Fault(shows(pictures.resting), states=FROM_START),
-    "body at rest: thrust +25 %": Fault(
-        shows(pictures.resting), overrides=("sim.thrust_gain=1.25",), states=ON_FLOOR
+    "body at rest: mass told +25 %": lie(
+        pictures.resting, overrides=("vehicle.mass_kg=0.1",), states=ON_FLOOR
     ),
-    "body at rest: mass told +25 %": Fault(
-        shows(pictures.resting), overrides=("vehicle.mass_kg=0.1",), states=ON_FLOOR
-    ),
-    "body carried": Fault(shows(pictures.carry), states=FROM_START),
+    "body carried": lie(pictures.carry, states=FROM_START),
     "partner": Fault(
         partner((0.05, -0.03, 0.02)), exemption=Exemption.NOT_OBSERVABLE, states=FROM_START
     ),
-    "drift: 0.1 m/s": Fault(shows(pictures.drift, 0.1), exemption=Exemption.NOT_OBSERVABLE),
-    "drift: 0.3 m/s": Fault(shows(pictures.drift, 0.3), exemption=Exemption.NOT_OBSERVABLE),
-    "mirrored: x": Fault(shows(pictures.map_positions, MIRROR["x"]), states=FROM_START),
-    "mirrored: y": Fault(shows(pictures.map_positions, MIRROR["y"]), states=FROM_START),
-    "mirrored: z": Fault(shows(pictures.map_positions, MIRROR["z"]), states=FROM_START),
+    "drift: 0.1 m/s": lie(pictures.drift, 0.1, exemption=Exemption.NOT_OBSERVABLE),
+    "drift: 0.3 m/s": lie(pictures.drift, 0.3, exemption=Exemption.NOT_OBSERVABLE),
+    "mirrored: x": lie(pictures.map_positions, MIRROR["x"], states=FROM_START),
+    "mirrored: y": lie(pictures.map_positions, MIRROR["y"], states=FROM_START),
+    "mirrored: z": lie(pictures.map_positions, MIRROR["z"], states=FROM_START),
     "few poses lie: x mirrored": Fault(shows_few(4, pictures.map_positions, MIRROR["x"])),
     "few poses lie: z mirrored": Fault(shows_few(4, pictures.map_positions, MIRROR["z"])),
     "few poses lie: position frozen": Fault(shows_few(4, pictures.still_position)),
@@ -479,44 +467,47 @@ _LYING: dict[str, Fault] = {
     "few poses lie: position frozen, one in ten": Fault(shows_few(10, pictures.still_position)),
     "frozen in turns: z": Fault(shows_in_turns(1.0, pictures.still_coordinate, 2), states=FLYING),
     "frozen in turns: position": Fault(shows_in_turns(1.0, pictures.still_position), states=FLYING),
-    "position frozen: x, long hold": Fault(
-        shows(pictures.still_coordinate, 0), states=("hold",), overrides=LONG_HOLD
+    **{
+        f"position frozen: {name}, long hold": lie(
+            make, *told, states=("hold",), overrides=LONG_HOLD
+        )
+        for name, make, *told in (
+            ("x", pictures.still_coordinate, 0),
+            ("z", pictures.still_coordinate, 2),
+            ("position", pictures.still_position),
+        )
+    },
+    "frozen by and by: x": lie(pictures.fading_coordinate, 0, 4.0),
+    "frozen by and by: z": lie(pictures.fading_coordinate, 2, 4.0),
+    "height sinks": lie(pictures.sinking_height, 0.5, 0.8, states=("hold", "landing")),
+    "swapped": lie(pictures.map_positions, MIRROR["north is east"], states=FROM_START),
+    "tilt axes: swapped": lie(
+        pictures.mix_angles, lambda roll, pitch: (pitch, roll), states=FROM_START
     ),
-    "position frozen: z, long hold": Fault(
-        shows(pictures.still_coordinate, 2), states=("hold",), overrides=LONG_HOLD
+    "tilt axes: roll mirrored": lie(
+        pictures.mix_angles, lambda roll, pitch: (-roll, pitch), states=FROM_START
     ),
-    "position frozen: position, long hold": Fault(
-        shows(pictures.still_position), states=("hold",), overrides=LONG_HOLD
+    "tilt axes: pitch mirrored": lie(
+        pictures.mix_angles, lambda roll, pitch: (roll, -pitch), states=FROM_START
     ),
-    "frozen by and by: x": Fault(shows(pictures.fading_coordinate, 0, 4.0)),
-    "frozen by and by: z": Fault(shows(pictures.fading_coordinate, 2, 4.0)),
-    "height sinks": Fault(shows(pictures.sinking_height, 0.5, 0.8), states=("hold", "landing")),
-    "swapped": Fault(shows(pictures.map_positions, MIRROR["north is east"]), states=FROM_START),
-    "tilt axes: swapped": Fault(
-        shows(pictures.mix_angles, lambda roll, pitch: (pitch, roll)), states=FROM_START
+    "yaw off: 14°": lie(pictures.turn_axes, 0.0, 0.0, 14.0, states=FROM_START),
+    "yaw off: 90°": lie(pictures.turn_axes, 0.0, 0.0, 90.0, states=FROM_START),
+    # In flight this one is *yaw flip*.
+    "yaw off: 180°": lie(pictures.turn_axes, 0.0, 0.0, 180.0, states=("start",)),
+    "yaw turning": lie(pictures.turning, 20.0),
+    "tilt off": lie(pictures.turn_axes, 14.0, 0.0, 0.0, states=FROM_START),
+    "unit: m for mm": lie(pictures.scale_positions, 1e-3, states=FROM_START),
+    "scaled: 0.1": lie(
+        pictures.scale_positions, 0.1, states=("take-off", "hold", "tracking", "moving", "descent")
     ),
-    "tilt axes: roll mirrored": Fault(
-        shows(pictures.mix_angles, lambda roll, pitch: (-roll, pitch)), states=FROM_START
+    "scaled: 0.3": lie(
+        pictures.scale_positions, 0.3, states=("take-off", "tracking", "moving", "descent")
     ),
-    "tilt axes: pitch mirrored": Fault(
-        shows(pictures.mix_angles, lambda roll, pitch: (roll, -pitch)), states=FROM_START
-    ),
-    "yaw off: 14°": Fault(shows(pictures.turn_axes, 0.0, 0.0, 14.0), states=FROM_START),
-    "yaw off: 90°": Fault(shows(pictures.turn_axes, 0.0, 0.0, 90.0), states=FROM_START),
-    "yaw off: 180°": Fault(
-        shows(pictures.turn_axes, 0.0, 0.0, 180.0), states=("start",)
-    ),  # later: *yaw flip*
-    "yaw turning": Fault(shows(pictures.turning, 20.0)),
-    "tilt off": Fault(shows(pictures.turn_axes, 14.0, 0.0, 0.0), states=FROM_START),
-    "unit: m for mm": Fault(shows(pictures.scale_positions, 1e-3), states=FROM_START),
-    "scaled: 0.1": Fault(
-        shows(pictures.scale_positions, 0.1),
-        states=("take-off", "hold", "tracking", "moving", "descent"),
-    ),
-    "scaled: 0.3": Fault(
-        shows(pictures.scale_positions, 0.3), states=("take-off", "tracking", "moving", "descent")
-    ),
-    "unit: mm for m": Fault(shows(pictures.scale_positions, 1e3), states=FROM_START),
+    "unit: mm for m": lie(pictures.scale_positions, 1e3, states=FROM_START),
+    "position late": lie(pictures.late_position, 0.3, states=SEEN_IN_TIME),
+    "position smoothed": lie(pictures.smoothed_position, 1.0, states=SEEN_IN_TIME),
+    "stands for moments: again and again": lie(pictures.now_and_again, 0.25, 1.0, states=FLYING),
+    "stands for moments: once": lie(pictures.now_and_again, 0.3, math.inf, states=FLYING),
 }
 LYING = {name: fault._replace(poses=Poses.FALSE) for name, fault in _LYING.items()}
 """Poses look as if they were of our vehicle, and are not."""
@@ -529,18 +520,6 @@ LATE: dict[str, Fault] = {
         )
         for ms in (100, 200, 400)
     },
-    "position late": Fault(
-        shows(pictures.late_position, 0.3), poses=Poses.FALSE, states=SEEN_IN_TIME
-    ),
-    "position smoothed": Fault(
-        shows(pictures.smoothed_position, 1.0), poses=Poses.FALSE, states=SEEN_IN_TIME
-    ),
-    "stands for moments: again and again": Fault(
-        shows(pictures.now_and_again, 0.25, 1.0), poses=Poses.FALSE, states=FLYING
-    ),
-    "stands for moments: once": Fault(
-        shows(pictures.now_and_again, 0.3, math.inf), poses=Poses.FALSE, states=FLYING
-    ),
     "later and later: numbers tell": Fault(comes_late(grow(0.05, 0.4), fresh=False)),
     "later and later: fresh stamps": Fault(
         comes_late(grow(0.05, 0.4), fresh=True), source="json", poses=Poses.FALSE

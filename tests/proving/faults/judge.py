@@ -54,14 +54,14 @@ class Truth:
         """To be set before the first step."""
         self.struck_s = math.inf
         """Time from which on it counts [s]."""
+        self.struck_ned: Vec3 = (0.0, 0.0, 0.0)
+        """Place at which it was struck [m]."""
         self.off_m = 0.0
         """Farthest from the reference, or sideways from where there was none any more."""
         self.highest_m = 0.0
-        """Highest above where it was struck, or above the highest point of the course since,
-        whichever is higher."""
+        """Highest above where it was struck, and above the highest point of the course since."""
         self.sideways_m = 0.0
-        """Farthest sideways from where it was struck, carried along as far as the course has gone
-        since."""
+        """Farthest sideways from where it was struck, carried along with the course since."""
         self.fastest_m_s = 0.0
         """Fastest that it moved."""
         self._floor = floor_z_m
@@ -69,7 +69,6 @@ class Truth:
         self._upright = 1.0
         self._referred_s = -math.inf
         self._from: Vec3 | None = None
-        self._struck: Vec3 = (0.0, 0.0, 0.0)
         self._told: Vec3 | None = None
         """The reference when it was struck, or the first one after."""
         self._before: Vec3 = (0.0, 0.0, 0.0)
@@ -91,13 +90,12 @@ class Truth:
         """Whether there was a course since it was struck."""
         return self._told is not None
 
-    def strike(self, time_s: float) -> Vec3:
-        """Begin to judge at ``time_s``; returns the place [m, NED]."""
+    def strike(self, time_s: float) -> None:
+        """Begin to judge at ``time_s`` [s]."""
         self.struck_s = time_s
-        self._struck = self._course = place = self.plant.truth(time_s).position_ned
-        self._top = place[2]
+        self.struck_ned = self._course = self.plant.truth(time_s).position_ned
+        self._top = self.struck_ned[2]
         self._told = self._before if time_s - self._referred_s <= RECENT_S else None
-        return place
 
     def end(self) -> None:
         """Nothing counts any more."""
@@ -128,7 +126,7 @@ class Truth:
         if self._told is None:
             self._told = self._before
         north, east, down = (
-            s + p - q for s, p, q in zip(self._struck, self._before, self._told, strict=True)
+            s + p - q for s, p, q in zip(self.struck_ned, self._before, self._told, strict=True)
         )
         self._course = north, east, down
         self._top = min(self._top, down)
@@ -136,8 +134,7 @@ class Truth:
 
 
 OVER = 1.03
-"""Hovering is known so well [-]: what is up to 3 % more than the true thrust in the wind counts as
-hovering."""
+"""Up to 3 % more than the true thrust in the wind counts as hovering: it is known so well [-]."""
 LIFTS = 0.01
 """A smaller share of the thrust lifts nothing."""
 
@@ -148,9 +145,7 @@ class Thrust:
     def __init__(
         self, hover_n: float, newtons: Callable[[float, float], float], held_s: float
     ) -> None:
-        """``hover_n`` hovers in the wind [N].
-
-        ``newtons(time_s, signal)`` is what a signal truly gives [N].
+        """``hover_n`` hovers in the wind [N]; ``newtons(time_s, signal)`` is what a signal gives.
 
         A signal (0..1) counts until the next one, or for as long as it is held: ``held_s`` [s].
         """
@@ -232,8 +227,7 @@ ACKNOWLEDGED_S = 0.1
 COURSE_M = 0.5
 """Farthest from the course with false poses that go unnoticed [m]."""
 JUDGED_S = 5.0
-"""Time after the strike at which a flight is judged that poses alone can't tell from a true one
-[s]."""
+"""When a flight that poses alone can't tell from a true one is judged [s after the strike]."""
 NEAR_LIMIT = 1.5
 """No cell of a required family goes beyond this share of a limit [-]."""
 REQUIRED_SHARE = 0.97
@@ -283,8 +277,7 @@ AUTOPILOT_LANDS = "autopilot lands"
 NO_HEIGHT = (str(State.ABORTED), str(State.DESCENT))
 """Answers after which the height of the poses is not believed any more."""
 DOWN_M = 0.15
-"""Height below which commands that end leave the vehicle on the floor [m]: .15 m of fall are
-1.7 m/s."""
+"""Commands that end below this height leave the vehicle on the floor [m]: a fall of 1.7 m/s."""
 ON_FLOOR = "on the floor"
 """End of a flight whose commands end on the floor, or had not left it."""
 LANDS_ITSELF = "autopilot's LAND"
@@ -320,8 +313,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     far_m: float = 0.0
     """Farthest from the reference, or sideways from where it would be [m]."""
     peak_error_m: float
-    """Farthest from the reference; where none is followed any more, sideways from where that
-    began."""
+    """Farthest from the reference; where none is followed, sideways from where that began."""
     touchdown_m_s: float | None
     """Fastest that it met the floor; None where it did not leave it."""
     drift_m: float
@@ -347,81 +339,72 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """Why it is not; else what the flight said of it."""
 
 
+class Evidence(NamedTuple):
+    """What was noted of one flight."""
+
+    truth: Truth
+    answers: Sequence[Answer] = ()
+    """Answers to the fault, the first one first."""
+    wrong: str = ""
+    """What broke a rule that has no figure; empty where nothing did."""
+    exemption: Exemption = Exemption.NONE
+    begun_s: float = 0.0
+    """When the flight began [s]."""
+    drift_m: float = 0.0
+    """Sideways distance from the strike to the end [m]."""
+    touchdown_m_s: float | None = None
+    """Fastest touchdown [m/s]; None without any."""
+    thrust: Thrust | None = None
+    """The commands; None where they were not noted."""
+    land_s: float | None = None
+    """When the autopilot, which was asked to land, began to [s]; None where it did not."""
+    failure: Failure | None = None
+    blind: bool = False
+    """Whether it came down without poses."""
+    aborted_m: float = math.inf
+    """Height above the floor at which commands ended [m]."""
+
+
 def exemption_of(fault: Fault, state: str) -> Exemption:
     """Return the demands waived in ``state``: a vehicle on the floor does not fall."""
     flying = MOMENTS[state].flying or fault.exemption is Exemption.NOT_OBSERVABLE
     return fault.exemption if flying else Exemption.NONE
 
 
-def measure_motion(fault: Fault, state: str, truth: Truth, exemption: Exemption) -> list[Measure]:
-    """Return the motion of a flight against its limits."""
+def measure(fault: Fault, state: str, seen: Evidence) -> list[Measure]:
+    """Return the figures of a flight against their limits."""
+    truth, exemption = seen.truth, seen.exemption
     known = fault.kind is Kind.KNOWN_LIMIT
     most = KNOWN if known else STRICT
     if _unseen(state, truth) and not known:
         most = most._replace(up_m=SPOOL_M)
-    up_m, far_m, speed_m_s, lean = (
-        truth.highest_m,
-        truth.sideways_m,
-        truth.fastest_m_s,
-        truth.tilt_deg,
-    )
-    found = [
-        Measure(up_m / most.up_m, f"it rose {up_m:.2f} m above where it was struck and its course")
-    ]
+    up_m, aside_m, speed_m_s = truth.highest_m, truth.sideways_m, truth.fastest_m_s
+    rose = f"it rose {up_m:.2f} m above where it was struck and its course"
+    found = [Measure(up_m / most.up_m, rose)]
     if exemption is not Exemption.NO_LINK:
-        found.append(Measure(far_m / most.aside_m, f"it went {far_m:.2f} m sideways"))
+        found.append(Measure(aside_m / most.aside_m, f"it went {aside_m:.2f} m sideways"))
     if exemption not in FALLS:
         found.append(Measure(speed_m_s / most.speed_m_s, f"it moved at {speed_m_s:.2f} m/s"))
-    if exemption not in TUMBLES and not known:
-        found.append(Measure(lean / TILT_DEG, f"it leant by {lean:.0f}°"))
+    if known:
+        return found
+    if exemption not in TUMBLES:
+        found.append(Measure(truth.tilt_deg / TILT_DEG, f"it leant by {truth.tilt_deg:.0f}°"))
+    if exemption not in FALLS and seen.touchdown_m_s is not None:
+        found.append(_measure_touchdown(fault, state, seen, seen.touchdown_m_s))
+    if seen.thrust is not None and fault.poses is not Poses.TRUE:
+        found += _measure_lift(seen.thrust)
     return found
 
 
-def judge(
-    name: str,
-    fault: Fault,
-    state: str,
-    truth: Truth,
-    answers: Sequence[Answer],
-    *,
-    wrong: str,
-    exemption: Exemption = Exemption.NONE,
-    begun_s: float = 0.0,
-    drift_m: float = 0.0,
-    touchdown_m_s: float | None = None,
-    thrust: Thrust | None = None,
-    land_s: float | None = None,
-    failure: Failure | None = None,
-    scenario: str = "paper",
-    blind: bool = False,
-    aborted_m: float = math.inf,
-) -> Row:
-    """Return the row of ``fault`` in ``state``, safe where the caller found nothing ``wrong`` and
-    no limit is broken.
-
-    ``answers`` begin with the first one. The flight began at ``begun_s`` and its autopilot, where
-    it was asked to land, did so from ``land_s`` on [s]; ``drift_m`` is the sideways distance from
-    the strike to the end, ``aborted_m`` the height above the floor at which commands ended [m].
-    ``blind``: it came down without poses.
-    """
-    measured = measure_motion(fault, state, truth, exemption)
-    known = fault.kind is Kind.KNOWN_LIMIT
-    if exemption not in FALLS and touchdown_m_s is not None and not known:
-        measured.append(_measure_touchdown(fault, state, truth, answers, touchdown_m_s))
-    if thrust is not None and not known:
-        measured += _measure_lift(fault, thrust)
-    if (
-        fault.kind is not Kind.HONEST
-    ):  # an honest flight is judged beside the same one without guards
-        wrong = (
-            wrong
-            or next((one.says for one in measured if not one.share <= 1.0), "")
-            or ("" if thrust is None or known else _judge_push(fault, thrust, land_s))
-            or _flew_on(fault, truth, answers, exemption)
-            or _find_false_alarm(fault, failure)
-        )
-    said = answers[0][2] if answers else ""
-    answer_ms = round(1e3 * (answers[0][0] - truth.struck_s), 1) if answers else None
+def judge(name: str, fault: Fault, state: str, seen: Evidence, scenario: str = "paper") -> Row:
+    """Return the row of ``fault`` in ``state``: safe where nothing is wrong, no limit broken."""
+    truth, answers, thrust = seen.truth, seen.answers, seen.thrust
+    measured = measure(fault, state, seen)
+    wrong = seen.wrong
+    if fault.kind is not Kind.HONEST:  # that one is judged beside the same one without guards
+        wrong = wrong or _find_wrong(fault, seen, measured)
+    first_s, _, said = answers[0] if answers else (math.nan, "", "")
+    hit_m_s = seen.touchdown_m_s
     return Row(
         fault=name_of(name),
         variant=name.partition(": ")[2],
@@ -430,20 +413,20 @@ def judge(
         state=state,
         link=fault.link,
         scenario=scenario,
-        struck_s=round(truth.struck_s - begun_s, 4) if math.isfinite(truth.struck_s) else None,
+        struck_s=round(truth.struck_s - seen.begun_s, 4) if truth.struck_s < math.inf else None,
         reaction=" → ".join(dict.fromkeys(after for _, after, _ in answers)) or "flies on",
-        answer_ms=answer_ms,
+        answer_ms=round(1e3 * (first_s - truth.struck_s), 1) if answers else None,
         highest_m=round(truth.highest_m, 3),
         sideways_m=round(truth.sideways_m, 3),
         fastest_m_s=round(truth.fastest_m_s, 3),
         far_m=round(truth.far_m, 3),
         peak_error_m=round(truth.off_m, 3),
-        touchdown_m_s=None if touchdown_m_s is None else round(touchdown_m_s, 3),
-        drift_m=round(drift_m, 3),
+        touchdown_m_s=None if hit_m_s is None else round(hit_m_s, 3),
+        drift_m=round(seen.drift_m, 3),
         tilt_deg=round(truth.tilt_deg, 1),
         over_hover_s=0.0 if thrust is None else round(thrust.over_s, 3),
-        exemption=str(exemption),
-        ended=name_end(answers, blind=blind, lands=land_s is not None, aborted_m=aborted_m),
+        exemption=str(seen.exemption),
+        ended=name_end(seen),
         worst=round(max(one.share for one in measured), 3),
         safe=not wrong,
         why=wrong or said,
@@ -459,21 +442,16 @@ ENDS = {
 """Ending by the states that answers lead to; the first one counts that is among the answers."""
 
 
-def name_end(
-    answers: Sequence[Answer], *, blind: bool, lands: bool, aborted_m: float = math.inf
-) -> str:
-    """Return how a flight ends that answered so.
-
-    ``lands``: by its autopilot, which was asked to land.
-    """
-    states = [after for _, after, _ in answers]
+def name_end(seen: Evidence) -> str:
+    """Return how a flight ended, by its answers."""
+    states = [after for _, after, _ in seen.answers]
     if not states:
         return "flies on"
-    if aborted_m < DOWN_M:
+    if seen.aborted_m < DOWN_M:
         states = [state for state in states if state != State.ABORTED]
-    if lands and State.ABORTED in states:
+    if seen.land_s is not None and State.ABORTED in states:
         return LANDS_ITSELF
-    if blind or AUTOPILOT_LANDS in states:
+    if seen.blind or AUTOPILOT_LANDS in states:
         return OPEN_LOOP
     return next((end for state, end in ENDS.items() if state in states), (states or [ON_FLOOR])[-1])
 
@@ -505,37 +483,47 @@ def judge_honest(row: Row, unguarded: Row, *, must_fly_on: bool) -> Row:
 
 
 def _unseen(state: str, truth: Truth) -> bool:
-    """Whether no lift-off was seen, so that it was told nothing but to rise: all that helps is to
-    stop the motors.
-    """
+    """Whether no lift-off was seen: it was only told to rise, and all that helps is to stop."""
     return not MOMENTS[state].flying and not truth.led
 
 
-def _measure_touchdown(
-    fault: Fault, state: str, truth: Truth, answers: Sequence[Answer], touchdown_m_s: float
-) -> Measure:
-    """Return the touchdown.
-
-    Harder where neither height nor an autopilot's attitude loop is left.
-    """
-    doubted = any(after in NO_HEIGHT for _, after, _ in answers)
+def _measure_touchdown(fault: Fault, state: str, seen: Evidence, touchdown_m_s: float) -> Measure:
+    """Return the touchdown: harder where neither height nor an attitude loop is left."""
+    doubted = any(after in NO_HEIGHT for _, after, _ in seen.answers)
     most = TOUCHDOWN_M_S
-    if _unseen(state, truth):
+    if _unseen(state, seen.truth):
         most = SPOOL_M_S
     elif fault.link != "mavlink" and fault.poses is not Poses.TRUE and doubted:
         most = RATES_TOUCHDOWN_M_S
     return Measure(touchdown_m_s / most, f"it met the floor at {touchdown_m_s:.2f} m/s")
 
 
-def _measure_lift(fault: Fault, thrust: Thrust) -> list[Measure]:
+def _measure_lift(thrust: Thrust) -> list[Measure]:
     """Return for how long commands lifted after the answer to false or missing poses."""
     lifted_s = thrust.last_lift_s - thrust.decided_s
-    if fault.poses is Poses.TRUE or not lifted_s > 0.0:
+    if not lifted_s > 0.0:
         return []
     most_s = thrust.decided_height_m / LIFT_SINK_M_S + LIFT_MORE_S
-    return [
-        Measure(lifted_s / most_s, f"a command that lifts left {lifted_s:.2f} s after the answer")
-    ]
+    says = f"a command that lifts left {lifted_s:.2f} s after the answer"
+    return [Measure(lifted_s / most_s, says)]
+
+
+def _find_wrong(fault: Fault, seen: Evidence, measured: Sequence[Measure]) -> str:
+    """Find the first limit or rule that a flight broke; empty where it kept all."""
+    for one in measured:
+        if not one.share <= 1.0:
+            return one.says
+    if seen.thrust is not None and fault.kind is not Kind.KNOWN_LIMIT:
+        pushed = _judge_push(fault, seen.thrust, seen.land_s)
+        if pushed:
+            return pushed
+    must_find = fault.poses is Poses.FALSE and seen.exemption is not Exemption.NOT_OBSERVABLE
+    is_off = seen.truth.led and not seen.truth.off_m <= COURSE_M
+    if must_find and is_off and not seen.answers:
+        return f"it flew on {seen.truth.off_m:.2f} m off its course"
+    if fault.obeys and seen.failure is not None and seen.failure.id.startswith("pose."):
+        return f"true poses failed: {seen.failure.reason}"
+    return ""
 
 
 def _judge_push(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
@@ -548,26 +536,9 @@ def _judge_push(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
     if thrust.most > MOST_SHARE:
         return f"after the answer a command pushed with {thrust.most:.2f}x what hovers"
     if thrust.over_s > OVER_HOVER_S:
-        return (
-            f"after the answer commands pushed with more than what hovers for {thrust.over_s:.2f} s"
-        )
+        over = f"{thrust.over_s:.2f} s"
+        return f"after the answer commands pushed with more than what hovers for {over}"
     return ""
-
-
-def _flew_on(fault: Fault, truth: Truth, answers: Sequence[Answer], exemption: Exemption) -> str:
-    if fault.poses is not Poses.FALSE or answers or exemption is Exemption.NOT_OBSERVABLE:
-        return ""
-    return (
-        ""
-        if truth.off_m <= COURSE_M or not truth.led
-        else f"it flew on {truth.off_m:.2f} m off its course"
-    )
-
-
-def _find_false_alarm(fault: Fault, failure: Failure | None) -> str:
-    """Find whether true poses of a vehicle that obeys have failed."""
-    is_false = fault.obeys and failure is not None and failure.id.startswith("pose.")
-    return f"true poses failed: {failure.reason}" if failure is not None and is_false else ""
 
 
 AGREES = 2e-6

@@ -1,5 +1,4 @@
-"""Monitors that a flight of the deck goes on with: the real ones, none, or one that is forced to
-doubt.
+"""Monitors that a flight of the deck goes on with: the real ones, none, or with a forced doubt.
 
 A flight comes to its strike with the real monitor and guards; its copies differ from there on.
 """
@@ -9,7 +8,6 @@ from typing import Any
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import NOTICES, Pose
-from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
     GuardFinding,
     Guards,
@@ -18,6 +16,7 @@ from groundstation.core.safety import (
     PoseGate,
     PoseHealth,
 )
+from groundstation.flight import Flight
 from links.core import LinkStatus
 from sim.text import notice
 
@@ -104,28 +103,18 @@ class OpenGate(PoseGate):
         return True
 
 
-class DeckMonitors:
-    """Monitors of one flight, and how it goes on with them."""
+MONITORS = Monitors(health=DeckHealth, guards=DeckGuards)
+"""Monitors of a flight of the deck."""
 
-    def __init__(self) -> None:
-        self._guards: DeckGuards | None = None
 
-    def factories(self) -> Monitors:
-        """Return what :func:`groundstation.flight.make_flight` takes."""
-        return Monitors(health=DeckHealth, guards=self._make_guards)
-
-    def go_on(self, pilot: Pilot, watch: str, from_s: float) -> None:
-        """Go on as ``watch`` says; a forced doubt begins at ``from_s`` [s]."""
-        health = pilot.state.health
-        assert isinstance(health, DeckHealth), "made by these"
-        if watch == UNGUARDED:
-            health.switch_off()
-            pilot.state._gate = OpenGate()
-            if self._guards is not None:
-                self._guards.is_off = True
-        elif watch:
-            health.force(watch, from_s)
-
-    def _make_guards(self, *args: Any, **kwargs: Any) -> Guards:
-        self._guards = DeckGuards(*args, **kwargs)
-        return self._guards
+def go_on(flight: Flight, watch: str, from_s: float) -> None:
+    """Go on with other monitors: none at all, or with a doubt that begins at ``from_s`` [s]."""
+    state, guards = flight._pilot.state, flight._controller._guards
+    assert isinstance(state.health, DeckHealth), "made by these"
+    if watch == UNGUARDED:
+        state.health.switch_off()
+        state._gate = OpenGate()
+        if isinstance(guards, DeckGuards):
+            guards.is_off = True
+    elif watch:
+        state.health.force(watch, from_s)
