@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -20,6 +19,9 @@ from groundstation.recording import MeasuredMessage, Recording
 
 ROWS = 300
 TURN = math.radians(20.0)
+QTM_TURN: Quat = so3.multiply(
+    so3.from_euler_zyx(0.0, 0.0, TURN), so3.from_euler_zyx(math.radians(10.0), 0.0, 0.0)
+)
 
 
 def place(n: int) -> tuple[float, float, float]:
@@ -28,7 +30,7 @@ def place(n: int) -> tuple[float, float, float]:
 
 
 def motive(
-    *, unit: str = "Meters", scale: float = 1.0, parent: bool = False, more: str = "", **stated: str
+    *, unit: str = "Meters", scale: float = 1.0, parent: bool = False, more: str = ""
 ) -> str:
     """Bodies ``quad`` and ``wand``, one marker, Y up.
 
@@ -36,23 +38,17 @@ def motive(
     """
     keys = {
         "Format Version": "1.23", "Take Name": "Take, 1", "Capture Frame Rate": "100.000000",
-        "Rotation Type": "Quaternion", "Length Units": unit, "Coordinate Space": "Global", **stated,
+        "Rotation Type": "Quaternion", "Length Units": unit, "Coordinate Space": "Global",
     }  # fmt: skip
-    head = ",".join(
-        f'{key},"{value}"' if "," in value else f"{key},{value}" for key, value in keys.items()
-    )
+    cells = [f'"{value}"' if "," in value else value for value in keys.values()]
+    head = ",".join(f"{key},{cell}" for key, cell in zip(keys, cells, strict=True))
     types = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 3 + ["Rigid Body"] * 7
     names = ["quad"] * 8 + ["quad:Marker 001"] * 3 + ["wand"] * 7
     kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"] + ["Position"] * 3
     kinds += ["Rotation"] * 4 + ["Position"] * 3
     axes = [*"XYZW", *"XYZ", "", *"XYZ", *"XYZW", *"XYZ"]
-    lines = [
-        head,
-        "",
-        f",Type,{','.join(types)}",
-        f",Name,{','.join(names)}",
-        f",ID,{','.join(['1'] * 18)}",
-    ]
+    lines = [head, "", f",Type,{','.join(types)}", f",Name,{','.join(names)}"]
+    lines += [f",ID,{','.join(['1'] * 18)}"]
     lines += [f",Parent,{','.join([''] * 18)}"] if parent else []
     lines += [f",,{','.join(kinds)}", f"Frame,Time (Seconds),{','.join(axes)}{more}"]
     for n in range(ROWS):
@@ -60,9 +56,8 @@ def motive(
         x, y, z = scale * north, scale * up, -scale * west
         quad = [0.0, math.sin(TURN / 2), 0.0, math.cos(TURN / 2), x, y, z, 0.0001]
         cells = [""] * 11 if n == 7 else [f"{value:.6f}" for value in (*quad, x, y, z)]
-        wand = [
-            f"{value:.6f}" for value in (0.0, 0.0, 0.0, 1.0, scale * (1.0 + 0.001 * n), 0.0, 0.0)
-        ]
+        east = scale * (1.0 + 0.001 * n)
+        wand = [f"{value:.6f}" for value in (0.0, 0.0, 0.0, 1.0, east, 0.0, 0.0)]
         lines.append(",".join([str(n), f"{0.01 * n:.6f}", *cells, *wand]))
     return "\n".join(lines) + "\n"
 
@@ -71,23 +66,13 @@ def qtm(*, bodies: tuple[str, ...] = ("quad",), time: bool = True, included: str
     """Turned about up and rolled by 10°; not seen in row 7."""
     head = [
         f"NO_OF_FRAMES\t{ROWS}", "NO_OF_CAMERAS\t8", f"NO_OF_BODIES\t{len(bodies)}",
-        "FREQUENCY\t100",
-        "DESCRIPTION\t--", "TIME_STAMP\t2026-11-02, 17:47:17\t22107.99",
-        f"DATA_INCLUDED\t{included}",
-        "BODY_NAMES\t" + "\t".join(bodies),
+        "FREQUENCY\t100", "DESCRIPTION\t--", "TIME_STAMP\t2026-11-02, 17:47:17\t22107.99",
+        f"DATA_INCLUDED\t{included}", "BODY_NAMES\t" + "\t".join(bodies),
     ]  # fmt: skip
     columns = ["Frame", *(["Time"] if time else [])]
     for body in bodies:
-        columns += [
-            f"{body} X",
-            "Y",
-            "Z",
-            "Roll",
-            "Pitch",
-            "Yaw",
-            "Residual",
-            *(f"Rot[{k}]" for k in range(9)),
-        ]
+        columns += [f"{body} X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual"]
+        columns += [f"Rot[{k}]" for k in range(9)]
     lines = [*head, "\t".join(columns)]
     matrix = np.array(so3.matrix(QTM_TURN)).T.ravel().tolist()
     for n in range(ROWS):
@@ -97,11 +82,6 @@ def qtm(*, bodies: tuple[str, ...] = ("quad",), time: bool = True, included: str
             cells += [f"{value:.5f}" for value in (values if n != 7 else [0.0] * 16)]
         lines.append("\t".join(cells))
     return "\n".join(lines) + "\n"
-
-
-QTM_TURN: Quat = so3.multiply(
-    so3.from_euler_zyx(0.0, 0.0, TURN), so3.from_euler_zyx(math.radians(10.0), 0.0, 0.0)
-)
 
 
 def assert_places(got: list[Any], off_m: float = 0.0) -> None:
@@ -124,22 +104,18 @@ def write(folder: Path, name: str, text: str) -> Path:
 def poses(folder: Path, path: Path, mapping: str, body: str = "") -> list[Any]:
     out = folder / "flight.mcap"
     assert import_command([path], mapping, out, body) == 0
-    return [
-        msgspec.convert(entry.value(), MeasuredMessage)
-        for entry in Recording(out).entries(("/measured",))
-    ]
+    entries = Recording(out).entries(("/measured",))
+    return [msgspec.convert(entry.value(), MeasuredMessage) for entry in entries]
 
 
-@pytest.mark.parametrize(
-    ("unit", "scale"), [("Meters", 1.0), ("Centimeters", 100.0), ("Millimeters", 1000.0)]
-)
+UNITS = {"Meters": 1.0, "Centimeters": 100.0, "Millimeters": 1000.0}
+
+
+@pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("parent", [False, True])
-def test_motives_export_is_read_in_its_own_unit(
-    unit: str, scale: float, parent: bool, tmp_path: Path
-) -> None:
-    path = write(
-        tmp_path, "take.csv", "\ufeff" + motive(unit=unit, scale=scale, parent=parent, more=",")
-    )
+def test_motives_export_is_read_in_its_own_unit(unit: str, parent: bool, tmp_path: Path) -> None:
+    text = motive(unit=unit, scale=UNITS[unit], parent=parent, more=",")
+    path = write(tmp_path, "take.csv", "\ufeff" + text)
     got = poses(tmp_path, path, "motive", "quad")
     assert_places(got)
     q = got[0].attitude
@@ -163,26 +139,24 @@ def test_several_bodies_ask_for_a_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "stated", "says"),
+    ("mapping", "text", "says"),
     [
+        ("motive", motive(unit="Feet"), "is Feet, expected Meters, Centimeters or Millimeters"),
         (
-            motive,
-            {"unit": "Feet"},
-            "Length Units is Feet, expected Meters, Centimeters or Millimeters",
+            "motive",
+            motive().replace("Quaternion", "XYZ"),
+            "Rotation Type is XYZ, expected Quaternion",
         ),
-        (motive, {"Rotation Type": "XYZ"}, "Rotation Type is XYZ, expected Quaternion"),
-        (motive, {"Coordinate Space": "Local"}, "Coordinate Space is Local, expected Global"),
-        (qtm, {"included": "3D"}, "DATA_INCLUDED is 3D, expected 6D"),
+        ("motive", motive().replace("Global", "Local"), "Space is Local, expected Global"),
+        ("qtm", qtm(included="3D"), "DATA_INCLUDED is 3D, expected 6D"),
     ],
     ids=["unit", "rotation", "space", "markers"],
 )
 def test_what_a_program_states_and_is_not_read_is_refused(
-    make: Callable[..., str], stated: dict[str, str], says: str, tmp_path: Path
+    mapping: str, text: str, says: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ConfigError, match=says):
-        read_flight(
-            load_mapping(make.__name__), [write(tmp_path, "take.txt", make(**stated))], "quad"
-        )
+        read_flight(load_mapping(mapping), [write(tmp_path, "take.txt", text)], "quad")
 
 
 @pytest.mark.parametrize("bodies", [("quad",), ("wand", "quad"), ("quad", "wand")])
@@ -201,57 +175,49 @@ def test_a_row_of_qtms_own_is_read_with_the_roll_that_it_states(tmp_path: Path) 
     """Written by QTM: a roll of -0.65630° beside its matrix."""
     row = (
         "1 0.00000 -194.91974 2.24150 0.99661 -0.65630 0.09391 0.05772 4.98536 1.00000 0.00099 "
-        "-0.00165 -0.00101"
-    )
-    row += " 0.99993 -0.01145 0.00164 0.01145 0.99993"
+        "-0.00165 -0.00101 0.99993 -0.01145 0.00164 0.01145 0.99993"
+    ).replace(" ", "\t")
     head = qtm().partition("\n1\t")[0]
-    ((_, table),) = read_qtm_tables(
-        write(tmp_path, "one.tsv", f"{head}\n" + row.replace(" ", "\t") + "\n")
-    )
-    turned = so3.from_euler_zyx(
-        math.radians(-0.65630), math.radians(0.09391), math.radians(0.05772)
-    )
-    assert tuple(table[key][0] for key in ("qw", "qx", "qy", "qz")) == pytest.approx(
-        turned, abs=2e-5
-    )
-    assert [table[key][0] for key in "xyz"] == pytest.approx(
-        [-0.19491974, 0.0022415, 0.00099661], abs=1e-9
+    ((_, table),) = read_qtm_tables(write(tmp_path, "one.tsv", f"{head}\n{row}\n"))
+    turned = so3.from_euler_zyx(*map(math.radians, (-0.65630, 0.09391, 0.05772)))
+    attitude = tuple(table[key][0] for key in ("qw", "qx", "qy", "qz"))
+    assert attitude == pytest.approx(turned, abs=2e-5)
+    place = [table[key][0] for key in "xyz"]
+    assert place == pytest.approx([-0.19491974, 0.0022415, 0.00099661], abs=1e-9)
+
+
+def ros2(between: str, behind: str) -> str:
+    return "".join(
+        f"{t // 10**9},{t % 10**9},{between},{','.join(f'{p:.9f}' for p in place(n))},"
+        f"0.0,0.0,0.0,1.0{behind}\n"
+        for n, t in enumerate(STAMPS_NS)
     )
 
 
-def test_ros_2_and_tum_have_no_head(tmp_path: Path) -> None:
-    """nav_msgs/Odometry tells the body's frame as its fourth column, and covariances and a twist at
-    its end.
-    """
-    begun_ns = 1_700_000_000_990_000_000
-    stamps = [begun_ns + 10_000_000 * n for n in range(ROWS)]
-    ros = "".join(
-        f"{t // 10**9},{t % 10**9},map,{','.join(f'{p:.9f}' for p in place(n))},0.0,0.0,0.0,1.0\n"
-        for n, t in enumerate(stamps)
-    )
-    odometry = ros.replace(",map,", ",odom,base_link,").replace(
-        "\n", f",{','.join(['0.0'] * 78)}\n"
-    )
-    tum = "".join(
-        f"{t // 10**9}.{t % 10**9:09d} {' '.join(f'{p:.9f}' for p in place(n))} 0 0 0 1\n"
-        for n, t in enumerate(stamps)
-    )
-    seen = []
-    head = "# timestamp tx ty tz qx qy qz qw\n"
-    for name, text in (
-        ("ros2-pose", ros),
-        ("ros2-pose", odometry),
-        ("tum", tum),
-        ("tum", head + tum),
-    ):
-        got = poses(tmp_path, write(tmp_path, "p.csv", text), name)
-        (tmp_path / "flight.mcap").unlink()
-        assert len(got) == ROWS
-        assert got[-1].time_s - got[0].time_s == pytest.approx(0.01 * (ROWS - 1), abs=1e-6)
-        seen.append([(one.position_ned.x, one.position_ned.y, one.position_ned.z) for one in got])
-    assert seen[0] == seen[1] == seen[2] == seen[3]
-    x, y, z = place(0)
-    assert seen[0][0] == pytest.approx((y, x, -z))
+STAMPS_NS = [1_700_000_000_990_000_000 + 10_000_000 * n for n in range(ROWS)]
+POSE = ros2("map", "")
+ODOMETRY = ros2("odom,base_link", "," + ",".join(["0.0"] * 78))
+"""nav_msgs/Odometry: its fourth column is the body's frame, and covariances and a twist follow."""
+TUM = "".join(
+    f"{t // 10**9}.{t % 10**9:09d} {' '.join(f'{p:.9f}' for p in place(n))} 0 0 0 1\n"
+    for n, t in enumerate(STAMPS_NS)
+)
+TUM_HEAD = "# timestamp tx ty tz qx qy qz qw\n"
+
+
+@pytest.mark.parametrize(
+    ("mapping", "text"),
+    [("ros2-pose", POSE), ("ros2-pose", ODOMETRY), ("tum", TUM), ("tum", TUM_HEAD + TUM)],
+    ids=["pose", "odometry", "tum", "tum with a remark"],
+)
+def test_ros_2_and_tum_have_no_head(mapping: str, text: str, tmp_path: Path) -> None:
+    got = poses(tmp_path, write(tmp_path, "p.csv", text), mapping)
+    assert len(got) == ROWS
+    assert got[-1].time_s - got[0].time_s == pytest.approx(0.01 * (ROWS - 1), abs=1e-6)
+    for n in (0, 100, ROWS - 1):
+        north, west, up = place(n)
+        at = got[n].position_ned
+        assert (at.x, at.y, at.z) == pytest.approx((west, north, -up), abs=1e-8)
 
 
 def columns(folder: Path, text: str, time: str = "t", **layout: Any) -> dict[str, Any]:
@@ -260,42 +226,36 @@ def columns(folder: Path, text: str, time: str = "t", **layout: Any) -> dict[str
     return {name: column.tolist() for name, column in table.items()}
 
 
+RIG = "Rig,A,,\nDate;3 May\n\nt,x,y\n0,1,2\n1,3,4\n"
+QUOTED = '"t", "x"\n"0", "1"\n"1", "2"\n'
 TELLING = "rig A\n,quad,quad,wand,wand\nt,x,y,x,y\n0,1,2,3,4\n1,5,6,7,8\n"
-NO_HEAD = {"head_rows": 0}
+TOLD = {"t": [0, 1], "quad x": [1, 5], "quad y": [2, 6], "wand x": [3, 7], "wand y": [4, 8]}
+NUMBERED = "t,of,another,thing\n0;1,5;map\n1;2,5;map\n"
+WARNED = "WARNING: topic [/pose] does not appear to be published yet\n1,2,3\n2,2,4\n3,2,5\n"
+"""As ``ros2 topic echo`` writes it into the file where nobody publishes yet."""
 
 
 @pytest.mark.parametrize(
-    ("text", "layout", "found"),
+    ("text", "head_rows", "found"),
     [
-        # below lines of other things
-        ("Rig,A,,\nDate;3 May\n\nt,x,y\n0,1,2\n1,3,4\n", {}, {"t": [0, 1], "x": [1, 3], "y": [2,
-            4]}),
-        # quoted, with a blank before a cell
-        ('"t", "x"\n"0", "1"\n"1", "2"\n', {}, {"t": [0, 1], "x": [1, 2]}),
-        # a head of several lines tells columns apart
-        (TELLING, {"head_rows": 2},
-         {"t": [0, 1], "quad x": [1, 5], "quad y": [2, 6], "wand x": [3, 7], "wand y": [4, 8]}),
-        # columns by number, below a line of other things
-        ("t,of,another,thing\n0;1,5;map\n1;2,5;map\n", NO_HEAD, {"1": [0, 1], "2": [1.5, 2.5]}),
-        # ``ros2 topic echo`` writes a warning into the file where nobody publishes yet
-        (
-            "WARNING: topic [/pose] does not appear to be published yet\n1,2,3\n2,2,4\n"
-            "3,2,5\n", NO_HEAD,
-         {"1": [1, 2, 3], "2": [2, 2, 2], "3": [3, 4, 5]}),
+        (RIG, 1, {"t": [0, 1], "x": [1, 3], "y": [2, 4]}),
+        (QUOTED, 1, {"t": [0, 1], "x": [1, 2]}),
+        (TELLING, 2, TOLD),
+        (NUMBERED, 0, {"1": [0, 1], "2": [1.5, 2.5]}),
+        (WARNED, 0, {"1": [1, 2, 3], "2": [2, 2, 2], "3": [3, 4, 5]}),
     ],
-    ids=["below", "quoted", "several", "by number", "warning"],
-)  # fmt: skip
+    ids=["below other lines", "quoted", "several lines", "by number", "below a warning"],
+)
 def test_the_columns_of_a_csv_are_found(
-    text: str, layout: dict[str, Any], found: dict[str, list[float]], tmp_path: Path
+    text: str, head_rows: int, found: dict[str, list[float]], tmp_path: Path
 ) -> None:
-    table = columns(tmp_path, text, next(iter(found)), **layout)
+    table = columns(tmp_path, text, next(iter(found)), head_rows=head_rows)
     assert {name: table[name] for name in found} == found
 
 
 def test_a_head_of_one_line_that_does_not_tell_columns_apart_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        ConfigError, match="several columns are called x: where the lines above tell them apart"
-    ):
+    says = "several columns are called x: where the lines above tell them apart"
+    with pytest.raises(ConfigError, match=says):
         columns(tmp_path, TELLING)
 
 
@@ -340,35 +300,44 @@ position = ["x", "y", "z"]
 
 def refusal(folder: Path, data: bytes) -> str:
     """Why a file is not imported by ``MAPPING``."""
-    (folder / "run.csv").write_bytes(data)
+    run, mapping = folder / "run.csv", write(folder, "map.toml", MAPPING)
+    run.write_bytes(data)
     with pytest.raises(ConfigError) as refused:
-        import_command(
-            [folder / "run.csv"], str(write(folder, "map.toml", MAPPING)), folder / "out.mcap"
-        )
+        import_command([run], str(mapping), folder / "out.mcap")
     assert not (folder / "out.mcap").exists()
     return str(refused.value)
 
 
-def test_a_file_that_can_not_be_imported_says_why_and_what_to_do(tmp_path: Path) -> None:
-    head = "t,x,y,z\n"
-    assert "or damaged: empty" in refusal(tmp_path, b"")
-    latin = (head + "0,1,1,1\nä,2,2,2\n").encode("latin-1")
-    assert "not UTF-8 text (byte 16): save it as UTF-8" in refusal(tmp_path, latin)
-    dates = head + "".join(f"2026-03-05T10:00:0{n},1,1,1\n" for n in range(5))
-    assert "no number in column t of run.csv: check the columns" in refusal(
-        tmp_path, dates.encode()
-    )
+BLANK, LATIN = b"", "t,x,y,z\n0,1,1,1\nä,2,2,2\n".encode("latin-1")
+DATES = "t,x,y,z\n" + "".join(f"2026-03-05T10:00:0{n},1,1,1\n" for n in range(5))
 
 
-def test_rows_in_no_order_of_time_are_refused_and_a_restart_is_none(tmp_path: Path) -> None:
-    rows = [f"{0.01 * k:.2f},{0.001 * k},0,-1" for k in range(200)]
-    mixed = Random(1).sample(rows, len(rows))
-    for name, table in (("backwards", rows[::-1]), ("mixed", mixed)):
-        (folder := tmp_path / name).mkdir()
-        said = refusal(folder, "\n".join(["t,x,y,z", *table]).encode())
-        assert (
-            "of 200 poses are older than the one before, limit 60: sort its rows by their stamps"
-            in said
-        )
-    twice = write(tmp_path, "twice.csv", "\n".join(["t,x,y,z", *rows, *rows]) + "\n")
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (BLANK, "or damaged: empty"),
+        (LATIN, "not UTF-8 text (byte 16): save it as UTF-8"),
+        (DATES.encode(), "no number in column t of run.csv: check the columns"),
+    ],
+    ids=["empty", "latin-1", "dates"],
+)
+def test_a_file_that_can_not_be_imported_says_why_and_what_to_do(
+    data: bytes, says: str, tmp_path: Path
+) -> None:
+    assert says in refusal(tmp_path, data)
+
+
+ORDERED = [f"{0.01 * k:.2f},{0.001 * k},0,-1" for k in range(200)]
+
+
+@pytest.mark.parametrize(
+    "rows", [ORDERED[::-1], Random(1).sample(ORDERED, 200)], ids=["backwards", "mixed"]
+)
+def test_rows_in_no_order_of_time_are_refused(rows: list[str], tmp_path: Path) -> None:
+    says = "of 200 poses are older than the one before, limit 60: sort its rows by their stamps"
+    assert says in refusal(tmp_path, "\n".join(["t,x,y,z", *rows]).encode())
+
+
+def test_a_restart_is_no_disorder(tmp_path: Path) -> None:
+    twice = write(tmp_path, "twice.csv", "\n".join(["t,x,y,z", *ORDERED, *ORDERED]) + "\n")
     assert len(poses(tmp_path, twice, str(write(tmp_path, "map.toml", MAPPING)))) == 200

@@ -102,18 +102,15 @@ def visit(
 
 
 SAFETY = Path(__file__).parents[4] / "docs" / "explanation" / "safety.md"
-WANTED = re.findall(
-    r"^\| (PX4|ArduPilot) `(\w+)` \| ([\d.]+).*? \| ([^|]+) \|",
-    SAFETY.read_text("utf-8"),
-    re.MULTILINE,
-)
+WANTED_ROW = re.compile(r"^\| (PX4|ArduPilot) `(\w+)` \| ([\d.]+).*? \| ([^|]+) \|", re.MULTILINE)
+WANTED = WANTED_ROW.findall(SAFETY.read_text("utf-8"))
 
 
 @pytest.mark.parametrize(("autopilot", "name", "delivered", "wanted"), WANTED)
 def test_what_the_page_on_safety_wants_of_an_autopilot_is_what_the_doctor_sets(
     autopilot: str, name: str, delivered: str, wanted: str
 ) -> None:
-    rows = (px4_advice if autopilot == "PX4" else ardupilot_advice)(FACTS)
+    rows = TABLES[autopilot.lower()](FACTS)
     (rule,) = [advice.rule for advice in rows if name in advice.names]
     assert not rule.accepts(float(delivered))
     span = re.match(r"[\d.]+ to [\d.]+", wanted)
@@ -124,79 +121,89 @@ def test_what_the_page_on_safety_wants_of_an_autopilot_is_what_the_doctor_sets(
     assert len(WANTED) == 5
 
 
+ALL_FACTS = (
+    FACTS,
+    FACTS._replace(own_curve=True),
+    FORWARDING,
+    FORWARDING._replace(pose_latency_s=None),
+)
+
+
+@pytest.mark.parametrize("facts", ALL_FACTS)
 @pytest.mark.parametrize("kind", TABLES)
-def test_every_advice_recommends_what_it_accepts_and_says_why(kind: str) -> None:
-    for facts in (
-        FACTS,
-        FACTS._replace(own_curve=True),
-        FORWARDING,
-        FORWARDING._replace(pose_latency_s=None),
-    ):
-        table = TABLES[kind](facts)
-        for advice in table:
-            for value in (0.0, 1.0, 33.0):
-                assert advice.rule.accepts(advice.rule.better(value)), advice.names
-            assert len(advice.why) > 30
-        names = [name for advice in table for name in advice.names]
-        assert len(set(names)) == len(names)
-        assert all(len(name) <= 16 for name in names)
-
-
-@pytest.mark.parametrize(
-    ("kind", "has"), [("px4", PX4_PARAMETERS), ("ardupilot", ARDUPILOT_PARAMETERS)]
-)
-def test_the_simulated_autopilot_has_every_parameter_that_is_looked_at(
-    kind: str, has: dict[str, Any]
+def test_every_advice_recommends_what_it_accepts_and_says_why(
+    kind: str, facts: VehicleFacts
 ) -> None:
-    for facts in (FACTS, FORWARDING):
-        assert [
-            advice.names for advice in TABLES[kind](facts) if not has.keys() & set(advice.names)
-        ] == []
+    table = TABLES[kind](facts)
+    for advice in table:
+        for value in (0.0, 1.0, 33.0):
+            assert advice.rule.accepts(advice.rule.better(value)), advice.names
+        assert len(advice.why) > 30
+    names = [name for advice in table for name in advice.names]
+    assert len(set(names)) == len(names)
+    assert all(len(name) <= 16 for name in names)
 
 
-@pytest.mark.parametrize(
-    ("kind", "wanted"),
-    [
-        (
-            "px4",
-            {"EKF2_EV_CTRL": 11.0, "EKF2_HGT_REF": 3.0, "EKF2_GPS_CTRL": 0.0, "EKF2_MAG_TYPE": 5.0},
-        ),
-        (
-            "ardupilot",
-            {"VISO_TYPE": 1.0, "EK3_SRC1_POSXY": 6.0, "EK3_SRC1_YAW": 6.0, "GPS1_TYPE": 0.0},
-        ),
-    ],
-)
+PARAMETERS = {"px4": PX4_PARAMETERS, "ardupilot": ARDUPILOT_PARAMETERS}
+
+
+@pytest.mark.parametrize("facts", [FACTS, FORWARDING])
+@pytest.mark.parametrize("kind", TABLES)
+def test_the_simulated_autopilot_has_every_parameter_that_is_looked_at(
+    kind: str, facts: VehicleFacts
+) -> None:
+    has = PARAMETERS[kind].keys()
+    assert [one.names for one in TABLES[kind](facts) if not has & set(one.names)] == []
+
+
+ESTIMATOR: dict[str, dict[str, tuple[float, float]]] = {
+    "px4": {
+        "EKF2_EV_CTRL": (1.0, 11.0),
+        "EKF2_HGT_REF": (1.0, 3.0),
+        "EKF2_GPS_CTRL": (7.0, 0.0),
+        "EKF2_MAG_TYPE": (7.0, 5.0),
+    },
+    "ardupilot": {
+        "VISO_TYPE": (7.0, 1.0),
+        "EK3_SRC1_POSXY": (7.0, 6.0),
+        "EK3_SRC1_YAW": (7.0, 6.0),
+        "GPS1_TYPE": (7.0, 0.0),
+    },
+}
+"""What an estimator is found at, and what it is set to where it gets our poses."""
+
+
+@pytest.mark.parametrize("kind", TABLES)
 @pytest.mark.parametrize("forwards", [True, False])
 def test_an_estimator_is_told_to_go_by_our_poses_where_they_are_forwarded(
-    kind: str, wanted: dict[str, float], forwards: bool
+    kind: str, forwards: bool
 ) -> None:
-    found = {
-        name: Setting(name, 1.0 if name in ("EKF2_EV_CTRL", "EKF2_HGT_REF") else 7.0)
-        for name in wanted
-    }
-    told = {
-        one.name: one
-        for one in (judge(a, found) for a in TABLES[kind](FORWARDING if forwards else FACTS))
-    }
+    found = {name: Setting(name, was) for name, (was, _) in ESTIMATOR[kind].items()}
+    judged = [judge(one, found) for one in TABLES[kind](FORWARDING if forwards else FACTS)]
     set_to = {
-        name: told[name].recommended
-        for name in wanted
-        if name in told and told[name].recommended is not None
+        one.name: one.recommended
+        for one in judged
+        if one.name in found and one.recommended is not None
     }
+    wanted = {name: becomes for name, (_, becomes) in ESTIMATOR[kind].items()}
     assert set_to == (wanted if forwards else {})
 
 
-def test_ardupilots_delay_of_poses_is_what_we_are_told_of_theirs() -> None:
-    def accepts(latency_s: float | None, delay_ms: float) -> bool:
-        table = ardupilot_advice(FORWARDING._replace(pose_latency_s=latency_s))
-        (rule,) = [advice.rule for advice in table if "VISO_DELAY_MS" in advice.names]
-        return rule.accepts(delay_ms)
-
-    assert accepts(0.010, 10.0)
-    assert not accepts(0.080, 10.0)
-    assert accepts(0.080, 80.0)
-    assert accepts(None, 10.0), "a source that tells its latency itself"
+@pytest.mark.parametrize(
+    ("latency_s", "delay_ms", "accepted"),
+    [
+        (0.010, 10.0, True),
+        (0.080, 10.0, False),
+        (0.080, 80.0, True),
+        (None, 10.0, True),  # a source that tells its latency itself
+    ],
+)
+def test_ardupilots_delay_of_poses_is_what_we_are_told_of_theirs(
+    latency_s: float | None, delay_ms: float, accepted: bool
+) -> None:
+    table = ardupilot_advice(FORWARDING._replace(pose_latency_s=latency_s))
+    (rule,) = [advice.rule for advice in table if "VISO_DELAY_MS" in advice.names]
+    assert rule.accepts(delay_ms) == accepted
 
 
 @pytest.mark.parametrize(
@@ -234,10 +241,8 @@ WRONG: dict[str, dict[str, float]] = {
     },
     "ardupilot": {
         "GUID_OPTIONS": 1.0, "ATC_ANGLE_BOOST": 1.0, "ATC_ACCEL_R_MAX": 110000.0,
-        "ATC_ACCEL_P_MAX": 110000.0,
-        "GUID_TIMEOUT": 3.0, "FS_GCS_ENABLE": 1.0, "FS_GCS_TIMEOUT": 5.0, "RC_OPTIONS": 1.0,
-        "SYSID_MYGCS": 255.0,
-        "MOT_THST_HOVER": 0.35,
+        "ATC_ACCEL_P_MAX": 110000.0, "GUID_TIMEOUT": 3.0, "FS_GCS_ENABLE": 1.0,
+        "FS_GCS_TIMEOUT": 5.0, "RC_OPTIONS": 1.0, "SYSID_MYGCS": 255.0, "MOT_THST_HOVER": 0.35,
     },
 }  # fmt: skip
 
@@ -323,21 +328,17 @@ def test_a_missing_firmware_or_compiler_is_said_with_what_to_do(
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("option", "says"),
     [
-        (["--link", "mavlink"], "expected crsf, dsm or rf_bridge"),
-        (["--config", "mine.toml"], "--config: Betaflight flies one vehicle of a scenario"),
+        ("--link=mavlink", "expected crsf, dsm or rf_bridge"),
+        ("--config=mine.toml", "--config: Betaflight flies one vehicle of a scenario"),
     ],
 )
 def test_betaflight_flies_behind_a_receiver_only(
-    options: list[str],
-    says: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    option: str, says: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "sys.argv", ["groundstation-sim", "fly", "--autopilot", "betaflight", *options]
-    )
+    command = ["groundstation-sim", "fly", "--autopilot", "betaflight", option]
+    monkeypatch.setattr("sys.argv", command)
     assert main() == 2
     assert says in capsys.readouterr().err
 
@@ -346,44 +347,36 @@ ARM = "0 0 1700 2100 0 0"
 
 
 @pytest.mark.parametrize(
-    ("slots", "verdicts"),
+    ("rows", "verdicts"),
     [
-        ({"aux 0": ARM, "aux 1": EMPTY_SLOT}, {"aux 0": "ok"}),
-        ({"aux 0": EMPTY_SLOT, "aux 1": ARM}, {"aux 1": "ok"}),
-        ({"aux 0": EMPTY_SLOT}, {"aux 0": "must"}),
-        ({"aux 0": "0 1 1700 2100 0 0"}, {"aux 0": "must"}),  # another channel
-        ({"aux 0": "0 0 900 2100 0 0"}, {"aux 0": "must"}),  # always
-        ({"aux 0": "0 0 900 1300 0 0"}, {"aux 0": "must"}),  # the wrong way round
-        (
-            {"aux 0": ARM, "aux 1": "0 3 1300 1700 0 0"},
-            {"aux 0": "ok", "aux 1": "must"},
-        ),  # arms twice
-        (
-            {"aux 0": ARM, "aux 1": "1 1 1300 1700 0 0"},
-            {"aux 0": "ok", "aux 1": "must"},
-        ),  # ANGLE where frames rest
-        (
-            {"aux 0": ARM, "aux 1": "1 1 1700 2100 0 0"},
-            {"aux 0": "ok", "aux 1": "ok"},
-        ),  # ANGLE by nobody
-        (
-            {"aux 0": ARM, "aux 1": "2 0 1700 2100 0 0"},
-            {"aux 0": "ok", "aux 1": "must"},
-        ),  # HORIZON while armed
-        ({"aux 0": ARM, "aux 1": "13 1 900 2100 0 0"}, {"aux 0": "ok", "aux 1": "ok"}),  # a beeper
+        ([ARM, EMPTY_SLOT], {"aux 0": "ok"}),
+        ([EMPTY_SLOT, ARM], {"aux 1": "ok"}),
+        ([EMPTY_SLOT], {"aux 0": "must"}),
+        (["0 1 1700 2100 0 0"], {"aux 0": "must"}),  # another channel
+        (["0 0 900 2100 0 0"], {"aux 0": "must"}),  # always
+        (["0 0 900 1300 0 0"], {"aux 0": "must"}),  # the wrong way round
+        ([ARM, "0 3 1300 1700 0 0"], {"aux 0": "ok", "aux 1": "must"}),  # arms twice
+        ([ARM, "1 1 1300 1700 0 0"], {"aux 0": "ok", "aux 1": "must"}),  # ANGLE where frames rest
+        ([ARM, "1 1 1700 2100 0 0"], {"aux 0": "ok", "aux 1": "ok"}),  # ANGLE by nobody
+        ([ARM, "2 0 1700 2100 0 0"], {"aux 0": "ok", "aux 1": "must"}),  # HORIZON while armed
+        ([ARM, "13 1 900 2100 0 0"], {"aux 0": "ok", "aux 1": "ok"}),  # a beeper
     ],
 )
 def test_arming_is_by_one_row_and_no_mode_that_our_frames_meet_takes_the_sticks(
-    slots: dict[str, str], verdicts: dict[str, str]
+    rows: list[str], verdicts: dict[str, str]
 ) -> None:
     config = from_dict({"link": {"kind": "crsf", "map": {"arm": {"channel": 5}}}}, Config)
     visit = BoardVisit(config, "/dev/ttyACM0")
-    visit.parameters = {name: Setting(name, row) for name, row in slots.items()}
-    rows = [advice for advice in visit.advice if advice.names[0].startswith("aux")]
-    found = [judge(advice, visit.parameters) for advice in rows]
+    visit.parameters = {f"aux {k}": Setting(f"aux {k}", row) for k, row in enumerate(rows)}
+    advices = [advice for advice in visit.advice if advice.names[0].startswith("aux")]
+    found = [judge(advice, visit.parameters) for advice in advices]
     assert {one.name: one.verdict for one in found} == verdicts
-    for advice, one in zip(rows, found, strict=True):
+    for advice, one in zip(advices, found, strict=True):
         assert one.recommended is None or advice.rule.accepts(one.recommended)
+
+
+PORT = "/dev/ttyACM0"
+ODD_RATE = {"roll": {"channel": 1, "full_rate_deg_s": 205}}
 
 
 @pytest.mark.parametrize(
@@ -391,13 +384,9 @@ def test_arming_is_by_one_row_and_no_mode_that_our_frames_meet_takes_the_sticks(
     [
         ({"kind": "crsf"}, None, "expected the flight controller's own port"),
         ({"kind": "crsf"}, "ttyACM0", "is not an address"),
-        ({"kind": "dsm"}, "/dev/ttyACM0", "link.map.arm: Betaflight arms by a channel"),
-        (
-            {"kind": "crsf", "map": {"roll": {"channel": 1, "full_rate_deg_s": 205}}},
-            "/dev/ttyACM0",
-            "whole tens",
-        ),
-        ({"kind": "rf_bridge"}, "/dev/ttyACM0", "expected mavlink, dsm or crsf"),
+        ({"kind": "dsm"}, PORT, "link.map.arm: Betaflight arms by a channel"),
+        ({"kind": "crsf", "map": ODD_RATE}, PORT, "whole tens"),
+        ({"kind": "rf_bridge"}, PORT, "expected mavlink, dsm or crsf"),
     ],
 )
 def test_a_board_is_looked_at_by_its_own_port_and_a_map_that_it_can_have(

@@ -11,7 +11,7 @@ from hypothesis import assume, given, strategies as st
 
 from groundstation.config import from_dict
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Check, Others, PoseStatus, Sentence, Verdict
+from groundstation.core.messages import Others, PoseStatus, Sentence
 from groundstation.core.messages.pose import BodySighting
 from groundstation.core.mission import State
 from groundstation.core.safety import (
@@ -32,6 +32,7 @@ from tests.unit.groundstation.flight.test_checks import BASE, LINK, standing
 GAP_S = 0.5
 
 PLACE = SeparationConfig(others=("bee",), distance_m=0.5, braking_m_s2=1.0, reaction_s=0.3)
+HERE, REST = (0.0, 0.0, -1.0), (0.0, 0.0, 0.0)
 
 
 class Placed(Others):
@@ -49,7 +50,7 @@ speeds = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 
 def seen(
     place: Vec3,
-    velocity: Vec3 = (0.0, 0.0, 0.0),
+    velocity: Vec3 = REST,
     *,
     until_s: float = 1.0,
     names: tuple[str, ...] = ("bee",),
@@ -63,14 +64,8 @@ def seen(
     return others
 
 
-def near(
-    place: Vec3,
-    velocity: Vec3,
-    other: Vec3,
-    others_velocity: Vec3,
-    config: SeparationConfig = PLACE,
-) -> Near:
-    found = Separation(config, seen(other, others_velocity)).nearest(place, velocity, 1.0)
+def nearest(others: Others, place: Vec3, velocity: Vec3, config: SeparationConfig = PLACE) -> Near:
+    found = Separation(config, others).nearest(place, velocity, 1.0)
     assert found is not None
     return found
 
@@ -110,14 +105,11 @@ def test_a_place_that_is_none_is_counted_and_not_believed(place: Vec3, reason: s
 @given(places, speeds, places, speeds)
 def test_speed_never_makes_room_and_leaving_takes_none(a: Vec3, u: Vec3, b: Vec3, v: Vec3) -> None:
     assume(math.dist(a, b) > 0.01)
-    rest = (0.0, 0.0, 0.0)
-    still = near(a, rest, b, rest)
-    assert still.room_m == pytest.approx(math.dist(a, b) - PLACE.distance_m)
-    assert near(a, u, b, v).room_m <= still.room_m + 1e-6
-    away = tuple(0.5 * (p - q) for p, q in zip(a, b, strict=True))
-    assert near(a, (away[0], away[1], away[2]), b, rest).room_m == pytest.approx(
-        still.room_m, abs=1e-6
-    )
+    still = nearest(seen(b), a, REST).room_m
+    assert still == pytest.approx(math.dist(a, b) - PLACE.distance_m)
+    assert nearest(seen(b, v), a, u).room_m <= still + 1e-6
+    x, y, z = (0.5 * (p - q) for p, q in zip(a, b, strict=True))
+    assert nearest(seen(b), a, (x, y, z)).room_m == pytest.approx(still, abs=1e-6)
 
 
 @given(
@@ -135,12 +127,10 @@ def test_who_brakes_as_counted_on_once_there_is_no_room_keeps_the_distance(
         others=("bee",), distance_m=distance_m, braking_m_s2=braking, reaction_s=reaction_s
     )
     bee, dt = Placed(("bee",)), 0.01
-    separation, gap = Separation(config, bee), 20.0
+    gap = 20.0
     while True:
-        bee.sight = BodySighting(0.0, (gap, 0.0, 0.0), (-v, 0.0, 0.0))
-        found = separation.nearest((0.0, 0.0, 0.0), (u, 0.0, 0.0), 0.0)
-        assert found is not None
-        if found.room_m < 0.0:
+        bee.sight = BodySighting(1.0, (gap, 0.0, 0.0), (-v, 0.0, 0.0))
+        if nearest(bee, REST, (u, 0.0, 0.0), config).room_m < 0.0:
             break
         gap -= (u + v) * dt
     gap -= (u + v) * reaction_s + 0.5 * (u * u + v * v) / braking
@@ -152,131 +142,91 @@ def test_the_one_that_leaves_least_room_counts_but_one_that_is_too_near_comes_fi
     for i in range(-25, 1):
         others.see("far", 1.0 + 0.01 * i, (3.0, 0.0, 0.0))
         others.see("fast", 1.0 + 0.01 * i, (4.0 - 0.03 * i, 0.0, 0.0))
-    found = Separation(PLACE, others).nearest((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)
-    assert found is not None and found.name == "fast"
+    assert nearest(others, REST, REST).name == "fast"
     others.see("close", 1.0, (0.4, 0.0, 0.0))
-    found = Separation(PLACE, others).nearest((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)
-    assert found is not None and found.name == "close"
+    assert nearest(others, REST, REST).name == "close"
 
 
 # ---- in flight
 
 
-def found_after(
-    place: Vec3, velocity: Vec3, other: Vec3, others_velocity: Vec3 = (0.0, 0.0, 0.0)
-) -> GuardFinding | None:
-    """What a guard says of it once it lasts; time stands still for the other one."""
-    guards = Guards(
-        CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(PLACE, seen(other, others_velocity))
-    )
-    finding = None
-    for i in range(6):
-        tick = shown(1.0 + 0.02 * i, position=place, velocity=velocity)
-        finding = guards.check_command(tick, State.TRACKING)
-        if i == 0:
-            assert finding is None  # one pose alone may be another body's
-    return finding
-
-
-HERE = (0.0, 0.0, -1.0)
-REST = (0.0, 0.0, 0.0)
+def guarded(others: Others, config: SeparationConfig = PLACE) -> Guards:
+    return Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(config, others))
 
 
 @pytest.mark.parametrize(
-    ("velocity", "other", "others_velocity", "step", "most"),
+    ("velocity", "other", "others_velocity", "answer"),
     [
-        ((1.0, 0.0, 0.0), (1.2, 0.0, -1.0), REST, GuardAction.HOLD, GuardAction.LAND),
-        (REST, (1.2, 0.0, -1.0), (-1.0, 0.0, 0.0), GuardAction.HOLD, GuardAction.LAND),
-        (REST, (0.4, 0.0, -1.0), REST, GuardAction.LAND, GuardAction.LAND),
-        (REST, (0.1, 0.0, -1.4), REST, GuardAction.LAND, GuardAction.LAND),  # it is above: land
-        (REST, (0.1, 0.0, -0.6), REST, GuardAction.HOLD, GuardAction.HOLD),  # it is beneath: stay
-        (REST, HERE, REST, GuardAction.LAND, GuardAction.LAND),
+        ((1.0, 0.0, 0.0), (1.2, 0.0, -1.0), REST, "HOLD, at most LAND"),
+        (REST, (1.2, 0.0, -1.0), (-1.0, 0.0, 0.0), "HOLD, at most LAND"),
+        (REST, (0.4, 0.0, -1.0), REST, "LAND, at most LAND"),
+        (REST, (0.1, 0.0, -1.4), REST, "LAND, at most LAND"),  # it is above: land
+        (REST, (0.1, 0.0, -0.6), REST, "HOLD, at most HOLD"),  # it is beneath: stay
+        (REST, HERE, REST, "LAND, at most LAND"),
+        (REST, (0.6, 0.0, -1.0), REST, ""),  # who keeps away is left alone
+        ((-1.0, 0.0, 0.0), (0.6, 0.0, -1.0), REST, ""),
+        ((1.0, 0.0, 0.0), (1.6, 0.0, -1.0), REST, ""),
     ],
 )
-def test_too_near_is_answered(
-    velocity: Vec3, other: Vec3, others_velocity: Vec3, step: GuardAction, most: GuardAction
+def test_too_near_is_answered_once_it_lasts(
+    velocity: Vec3, other: Vec3, others_velocity: Vec3, answer: str
 ) -> None:
-    finding = found_after(HERE, velocity, other, others_velocity)
-    assert finding is not None
-    assert (finding.step, finding.most) == (step, most)
-    assert "bee" in finding.reason.text
+    guards = guarded(seen(other, others_velocity))
+    ticks = [shown(1.0 + 0.02 * i, position=HERE, velocity=velocity) for i in range(6)]
+    found = [guards.check_command(tick, State.TRACKING) for tick in ticks]
+    assert found[0] is None, "one pose alone may be another body's"
+    last = found[-1]
+    assert answer == ("" if last is None else f"{last.step.name}, at most {last.most.name}")
+    assert last is None or "bee" in last.reason.text
 
 
-@pytest.mark.parametrize(
-    ("velocity", "other"),
-    [
-        (REST, (0.6, 0.0, -1.0)),
-        ((-1.0, 0.0, 0.0), (0.6, 0.0, -1.0)),
-        ((1.0, 0.0, 0.0), (1.6, 0.0, -1.0)),
-    ],
-)
-def test_who_keeps_away_is_left_alone(velocity: Vec3, other: Vec3) -> None:
-    assert found_after(HERE, velocity, other) is None
-
-
-@pytest.mark.parametrize(
-    ("unknown", "step"),
-    [("warn", GuardAction.WARN), ("hold", GuardAction.HOLD), ("land", GuardAction.LAND)],
-)
-def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(
-    unknown: Any, step: GuardAction
-) -> None:
+@pytest.mark.parametrize("unknown", ["warn", "hold", "land"])
+def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(unknown: Any) -> None:
     config = msgspec.structs.replace(PLACE, unknown=unknown)
-    guards = Guards(
-        CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(config, seen((3.0, 0.0, 0.0)))
-    )
-    said: list[tuple[float, GuardAction | None]] = []
+    guards, step = guarded(seen((3.0, 0.0, 0.0)), config), GuardAction[unknown.upper()]
+    said: dict[float, GuardAction] = {}
     for i in range(150):
         time_s = 1.0 + 0.02 * i
         finding = guards.check_command(shown(time_s), State.TRACKING)
-        said.append((time_s, None if finding is None else finding.step))
-    begun = next(time_s for time_s, one in said if one is not None)
+        if finding is not None:
+            said[time_s] = finding.step
+    begun = min(said)
     assert begun == pytest.approx(1.0 + config.stale_s, abs=0.021)
-    assert dict(said)[begun] is GuardAction.WARN
+    assert said[begun] is GuardAction.WARN
     if step is not GuardAction.WARN:
-        answered = next(time_s for time_s, one in said if one is step)
+        answered = min(time_s for time_s, one in said.items() if one is step)
         assert answered == pytest.approx(begun + config.unknown_s, abs=0.021)
-    assert said[-1][1] is step
+    assert said[1.0 + 0.02 * 149] is step
 
 
 def test_nearness_is_never_answered_by_a_descent_that_knows_no_place() -> None:
-    escalation, steps = Escalation(2.0), []
-    for i in range(1000):
-        finding = GuardFinding(
-            GuardAction.HOLD, Sentence("guard.separation", "near"), most=GuardAction.LAND
-        )
-        answer = escalation.escalate(finding, 0.02 * i)
-        steps += [answer.step] if answer is not None else []
+    near = Sentence("guard.separation", "near")
+    finding = GuardFinding(GuardAction.HOLD, near, most=GuardAction.LAND)
+    escalation = Escalation(2.0)
+    answers = [escalation.escalate(finding, 0.02 * i) for i in range(1000)]
+    steps = [answer.step for answer in answers if answer is not None]
     assert steps == [GuardAction.HOLD, GuardAction.LAND]
 
 
 # ---- before it
 
 
-def apart(others: Others, **separation: Any) -> Check:
-    config = from_dict({**BASE, "separation": {"others": list(others.names), **separation}}, Config)
-    checks = Checks(config, others)(standing(), 0.0005, LINK, 1.03, None, PoseStatus(50, {}))
-    return next(one for one in checks if one.name == "other vehicles")
-
-
 @pytest.mark.parametrize(
-    ("others", "separation", "verdict", "says"),
+    ("others", "unknown", "verdict", "says"),
     [
-        (seen((1.0, 0.0, 0.0)), {}, Verdict.PASS, "1.00 m away"),
-        (seen((0.5, 0.0, 0.0)), {}, Verdict.FAIL, "0.50 m from bee, limit 0.6 m"),
-        (seen((1.0, 0.0, 0.0), until_s=0.5), {}, Verdict.FAIL, "no sighting of bee"),
-        (
-            seen((1.0, 0.0, 0.0), until_s=0.5),
-            {"unknown": "warn"},
-            Verdict.WARN,
-            "no sighting of bee",
-        ),
-        (Others(("bee", "cat")), {}, Verdict.FAIL, "no sighting of bee, cat"),
+        (seen((1.0, 0.0, 0.0)), "hold", "PASS", "1.00 m away"),
+        (seen((0.5, 0.0, 0.0)), "hold", "FAIL", "0.50 m from bee, limit 0.6 m"),
+        (seen((1.0, 0.0, 0.0), until_s=0.5), "hold", "FAIL", "no sighting of bee"),
+        (seen((1.0, 0.0, 0.0), until_s=0.5), "warn", "WARN", "no sighting of bee"),
+        (Others(("bee", "cat")), "hold", "FAIL", "no sighting of bee, cat"),
     ],
 )
 def test_before_take_off_every_other_must_be_seen_and_far_enough_away(
-    others: Others, separation: dict[str, Any], verdict: Verdict, says: str
+    others: Others, unknown: str, verdict: str, says: str
 ) -> None:
-    found = apart(others, **separation)
-    assert found.verdict is verdict
+    config = {**BASE, "separation": {"others": list(others.names), "unknown": unknown}}
+    checks = Checks(from_dict(config, Config), others)
+    seen = checks(standing(), 0.0005, LINK, 1.03, None, PoseStatus(50, {}))
+    (found,) = [one for one in seen if one.name == "other vehicles"]
+    assert found.verdict == verdict
     assert says in found.says
