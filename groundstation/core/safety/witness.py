@@ -151,7 +151,7 @@ class Witness:
         self._is_armed = True
 
     def add_pose(self, pose: Pose) -> None:
-        """Take one pose."""
+        """Take one pose; it is compared as the next attitude comes, which delays no command."""
         poses = self._poses
         last = poses[-1] if poses else None
         if (
@@ -164,7 +164,6 @@ class Witness:
         poses.append(pose)
         while pose.time_s - poses[0].time_s > SILENT_S:
             poses.popleft()
-        self._pair_up()
 
     def add_attitude(self, reported: Attitude) -> None:
         """Take one attitude reported by the autopilot.
