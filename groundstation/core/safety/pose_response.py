@@ -232,19 +232,16 @@ class Response:
             least: least residual that is assumed [m or rad].
             own_motion: limits of v.
         """
-        self._directions, self._memory_s, self._least, self._own = (
-            directions,
-            memory_s,
-            least,
-            own_motion,
-        )
-        size = directions.shape[2]
-        self._axes = size // len(SIGNALS)
+        self._directions, self._own = directions, own_motion
+        self._memory_s, self._least = memory_s, least
         self._samples: list[tuple[float, ...]] = []
         """Samples since the last look: interval [s], then the filtered signals."""
-        self._products, self._time_s = np.zeros((size, size)), 0.0
-        self._bursts = np.zeros(len(directions))
-        self._kept = deque([(0.0, self._products, self._bursts)], maxlen=BLOCKS[-1] + 1)
+        count, rows, _ = directions.shape
+        self._integrals, self._time_s = np.zeros((count, rows, rows)), 0.0
+        """Integrals of the products of u, v, e and e across, for each direction."""
+        self._bursts = np.zeros(count)
+        """Integrals of v⁴, by means over blocks."""
+        self._kept = deque([(0.0, self._integrals, self._bursts)], maxlen=BLOCKS[-1] + 1)
 
     def add(self, e: Sequence[float], u: Sequence[float], v: Sequence[float], dt_s: float) -> None:
         """Take one sample of the filtered signals, one value an axis."""
@@ -259,45 +256,39 @@ class Response:
         ``noise`` is the white noise of e, 1 sigma per axis.
         """
         kept, own = self._kept, self._own
-        if self._samples:
-            samples = np.array(self._samples)
-            self._products = self._products + (samples[:, 1:].T * samples[:, 0]) @ samples[:, 1:]
-            self._samples = []
         begun = [kept[-blocks] for blocks in BLOCKS if blocks <= len(kept)]
-        closed_s, closed, _ = kept[-1]
-        counts_bursts = math.isfinite(own.burst_s)
-        if counts_bursts and self._time_s > closed_s:
-            block = (
-                self._directions @ (self._products - closed) @ self._directions.transpose(0, 2, 1)
-            )
-            self._bursts = self._bursts + block[:, 1, 1] ** 2 / (self._time_s - closed_s)
-        kept.append((self._time_s, self._products, self._bursts))
-        times = [self._time_s - time_s for time_s, _, _ in begun]
-        long = [
-            n
-            for n, time_s in enumerate(times)
-            if time_s >= FEWEST_SAMPLES * own.memory_s - ROUNDING_S
-        ]
-        if not long:
+        self._close_block()
+        shortest_s = FEWEST_SAMPLES * own.memory_s - ROUNDING_S
+        begun = [each for each in begun if self._time_s - each[0] >= shortest_s]
+        if not begun:
             return NO_ALARM
-        time_s = np.array([times[n] for n in long])[:, None]
-        products = self._products - np.array([begun[n][1] for n in long])
-        powers = products.diagonal(axis1=1, axis2=2) / time_s
-        axes, least = self._axes, TONES_LEAST * self._least
-        tones2, own2 = powers[:, :axes].sum(axis=1), powers[:, axes : 2 * axes].sum(axis=1)
+        time_s = np.array([self._time_s - time_s for time_s, _, _ in begun])[:, None]
+        along = self._integrals - np.array([integrals for _, integrals, _ in begun])
+        # Every other direction is an axis.
+        powers = along[:, ::2].diagonal(axis1=2, axis2=3).sum(axis=1) / time_s
+        tones2, own2, least = powers[:, 0], powers[:, 1], TONES_LEAST * self._least
         if tones2.max() < least * least and own2.max() < own.least * own.least:
             return NO_ALARM
-        along = self._directions @ products[:, None] @ self._directions.transpose(0, 2, 1)
         found = _regress(along)
         model2 = MODEL_ERROR * MODEL_ERROR * own2[:, None, None]
         tones, is_known = self._judge_tones(along, found, time_s, noise, model2)
         moved_s = time_s
-        if counts_bursts:
-            moved_s = self._measure_moved(
-                along, self._bursts - np.array([begun[n][2] for n in long]), time_s
-            )
+        if math.isfinite(own.burst_s):
+            bursts = self._bursts - np.array([bursts for _, _, bursts in begun])
+            moved_s = self._measure_moved(along, bursts, time_s)
         own_excess = self._judge_own(along, found, time_s, moved_s, noise)
         return Alarm(float(tones.max()), float(own_excess.max()), bool(is_known.all(axis=1).any()))
+
+    def _close_block(self) -> None:
+        """Add the samples since the last look to the integrals."""
+        if self._samples:
+            samples = np.array(self._samples)
+            signals = self._directions @ samples[:, 1:].T
+            block = (signals * samples[:, 0]) @ signals.transpose(0, 2, 1)
+            self._integrals = self._integrals + block
+            self._bursts = self._bursts + block[:, 1, 1] ** 2 / (self._time_s - self._kept[-1][0])
+            self._samples = []
+        self._kept.append((self._time_s, self._integrals, self._bursts))
 
     def _judge_tones(
         self, along: Array, found: "_Regression", time_s: Array, noise: float, model2: Array
