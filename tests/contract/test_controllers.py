@@ -29,17 +29,12 @@ from tests.flight.flights import ticks_to
 PAGE = Path(__file__).parents[2] / "docs/how-to/own-controller.md"
 (CODE,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text("utf-8"), re.M | re.S)
 EXAMPLE = "leaning:make"
-QUICK = [
-    "sim.frame_period_s=0.01",
-    "vehicle.frame_period_s=0.01",
-    "sim.pose_rate_hz=100.0",
-    "pose.rate_hz=100.0",
-]
+QUICK = [f"{room}.frame_period_s=0.01" for room in ("sim", "vehicle")]
+QUICK += ["sim.pose_rate_hz=100.0", "pose.rate_hz=100.0"]
 DURATION_S = 7.0
 YAW_DEG = 20.0
 
-# Largest error over the last second [cm]: the noiseless vehicle without lag, steady wind, 1.8 m
-# from its start.
+# Largest error over the last second [cm], without noise and lag, in steady wind, from 1.8 m away.
 REACHES_CM = {
     "adaptive": 0.05,
     "uncompensated": 0.5,
@@ -100,9 +95,8 @@ def test_a_controller_reaches_and_follows_its_reference_within_the_limits(
     assert flight.result.completed, flight.result.why
     assert flight.last_cm < REACHES_CM[kind]
     w, _, _, z = flight.ticks[-1].estimate.motion.attitude
-    assert math.degrees(2.0 * math.atan2(z, w)) == pytest.approx(
-        YAW_DEG if path == "hover" else 0.0, abs=0.3
-    )
+    yaw_deg = YAW_DEG if path == "hover" else 0.0
+    assert math.degrees(2.0 * math.atan2(z, w)) == pytest.approx(yaw_deg, abs=0.3)
     assert_within_limits(flight)
 
 
@@ -138,12 +132,8 @@ def test_the_example_flies_the_papers_figure_eight_and_holds_a_point_as_the_page
 
 
 def test_keys_beside_a_factory_go_to_it_but_the_estimators_stay() -> None:
-    beside = (
-        "controller.stiffness=8.0",
-        "controller.wind_noise=0.3",
-        "controller.options.gravity=9.7",
-    )
-    controller = told(EXAMPLE, *beside)[1].controller
+    beside = ("stiffness=8.0", "wind_noise=0.3", "options.gravity=9.7")
+    controller = told(EXAMPLE, *(f"controller.{key}" for key in beside))[1].controller
     assert isinstance(controller, Custom)
     assert (controller.kind, controller.options) == (EXAMPLE, {"gravity": 9.7, "stiffness": 8.0})
     assert (controller.wind_noise, controller.gravity) == (0.3, 9.81)
@@ -187,10 +177,8 @@ def test_a_factory_that_makes_no_controller_is_refused_by_key_and_cause(
 
 @pytest.mark.parametrize("kind", ["pidd", "lab:", ":make", "lab make:x", "lab.py/make"])
 def test_a_name_that_is_no_controller_is_refused_with_those_that_are(kind: str) -> None:
-    with pytest.raises(
-        ConfigError,
-        match=r"controller\.kind: expected one of \['adaptive', .*'package.module:factory'",
-    ):
+    says = r"controller\.kind: expected one of \['adaptive', .*'package.module:factory'"
+    with pytest.raises(ConfigError, match=says):
         told(kind)
 
 
@@ -208,20 +196,15 @@ class Answers:
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Any:
         """An answer made from a good one."""
         _, config = told("pid")
-        good = make_controller(config.controller, config.vehicle).decide(
-            estimate, reference, interval_s
-        )
-        return self._answer(good)
+        good = make_controller(config.controller, config.vehicle)
+        return self._answer(good.decide(estimate, reference, interval_s))
 
 
 def asked(answer: Callable[[Decision], Any]) -> Decision:
-    motion = Motion(
-        (0.0, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.08 * 9.81, (0.0, 0.0, 0.0)
-    )
+    place, still = (0.0, 0.0, -1.0), (0.0, 0.0, 0.0)
+    motion = Motion(place, still, (1.0, 0.0, 0.0, 0.0), 0.08 * 9.81, still)
     controller: Controller = Guarded(Answers(answer), Vehicle(), "lab:make")
-    return controller.decide(
-        Estimate(0.0, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), Reference((0.0, 0.0, -1.0)), 0.02
-    )
+    return controller.decide(Estimate(0.0, motion, still, still), Reference(place), 0.02)
 
 
 NOT_A_DRIVE: Any = None

@@ -44,11 +44,11 @@ class Bench(Protocol):
     wires: dict[str, Any]
     """What the link gets in the place of hardware."""
     steps: tuple[float, float]
-    """How far what arrives may be off what was sent: share of the thrust, rates [rad/s]."""
+    """Tolerance of what arrives: share of the thrust, rates [rad/s]."""
     grain_s: float
-    """How far the beginning of what arrives may be off the instant from which it is true [s]."""
+    """Tolerance of the instant at which it arrives [s]."""
     farewell_s: float
-    """What closing takes after the bring-down [s]."""
+    """Duration of closing after the bring-down [s]."""
 
     async def prepare(self) -> None: ...
 
@@ -102,25 +102,15 @@ class RfBench:
         self.pty: PtyWire | None = None
 
     async def prepare(self) -> None:
-        changes: dict[str, Any] = {
-            "period_s": 0.01,
-            "arm_low_s": 0.3,
-            "arm_high_s": 0.5,
-            "disarm_s": self.farewell_s,
-        }
+        changes: dict[str, Any] = {"period_s": 0.01, "disarm_s": self.farewell_s}
         if is_virtual():
             self.wires["open_pacer"] = opened_on(WirePort())
-        else:
+            changes |= {"arm_low_s": 0.3, "arm_high_s": 0.5}
+        else:  # real time is dear
             self.pty = PtyWire()
-            changes |= {
-                "port": self.pty.path,
-                "arm_low_s": 0.1,
-                "arm_high_s": 0.1,
-            }  # real time is dear
-        order = RF_CODECS[self.kind]().map
-        self.config = RF_CODECS[self.kind](
-            **changes, map=msgspec.structs.replace(order, arm=ArmSwitch(channel=5))
-        )
+            changes |= {"port": self.pty.path, "arm_low_s": 0.1, "arm_high_s": 0.1}
+        order = msgspec.structs.replace(RF_CODECS[self.kind]().map, arm=ArmSwitch(channel=5))
+        self.config = RF_CODECS[self.kind](**changes, map=order)
         self.peer = RfPeer(RfReceiver(self.vehicle, self.config), self.config)
 
     async def prepare_nobody(self) -> str:
@@ -156,10 +146,7 @@ class CountingBridge(Bridge):
 
 
 class BridgeBench:
-    """A bridge with a module of its own.
-
-    That one sends disarm frames whether there is a link or not.
-    """
+    """A bridge with a module of its own, which sends disarm frames also without a link."""
 
     KEY = bytes(range(1, 33))
     steps, grain_s, farewell_s = RfBench.steps, RfBench.grain_s, RfBench.farewell_s
@@ -264,10 +251,9 @@ async def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench) -> N
         _, thrust, rates = bench.vehicle.acts[-1]
         assert thrust == pytest.approx(0.5, abs=bench.steps[0])
         assert rates == pytest.approx((0.1, -0.2, 0.3), abs=bench.steps[1])
-        assert (
-            link.status.sent == before + 1 or not is_virtual()
-        )  # a late machine's link repeats it
         assert link.status.sent > before
+        if is_virtual():  # a late machine's link repeats it
+            assert link.status.sent == before + 1
         zeros = asyncio.create_task(stream(link))
         await link.disarm()
         zeros.cancel()
@@ -294,16 +280,14 @@ async def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench) -
         begun = loop.time()
         await link.arm(idle)
         took = loop.time() - begun
-        # In real time a busy machine may make frames late, so that the last one is repeated, or
-        # leave them out.
+        # In real time a busy machine repeats frames, or leaves them out.
         assert link.status.sent >= len(asked)
         least = 0.5 if is_virtual() else 0.1
         assert least * took / link.period_s < len(asked) <= took / link.period_s + 2
         if is_virtual():
             assert link.status.sent == len(asked)
-            assert [b - a for a, b in zip(asked, asked[1:], strict=False)] == pytest.approx(
-                [link.period_s] * (len(asked) - 1)
-            )
+            periods = [b - a for a, b in itertools.pairwise(asked)]
+            assert periods == pytest.approx([link.period_s] * (len(asked) - 1))
 
 
 @on_either_loop
@@ -325,11 +309,9 @@ async def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float
     async with armed(bench) as link:
         with pytest.raises(LinkMisuse):
             link.send(command(bad))
-        for axis in range(3):
-            rates = [0.0, 0.0, 0.0]
-            rates[axis] = bad
+        for rates in ((bad, 0.0, 0.0), (0.0, bad, 0.0), (0.0, 0.0, bad)):
             with pytest.raises(LinkMisuse):
-                link.send(command(1.0, (rates[0], rates[1], rates[2])))
+                link.send(command(1.0, rates))
         await asyncio.sleep(0.05)
         assert lifting(bench) == []
 
@@ -355,15 +337,12 @@ async def test_what_is_sent_before_anybody_has_armed_never_leaves(bench: Bench) 
 
 def plays(acts: list[tuple[float, float, tuple[float, float, float]]]) -> list[tuple[float, float]]:
     """Runs of the same thrust (rounded, as a share) and how long each lasted."""
-    runs: list[tuple[float, float]] = []
-    for (a, thrust, _), (b, _, _) in itertools.pairwise(
-        [*acts, (acts[-1][0], -1.0, (0.0, 0.0, 0.0))]
-    ):
-        if runs and runs[-1][0] == round(thrust, 2):
-            runs[-1] = (runs[-1][0], runs[-1][1] + b - a)
-        else:
-            runs.append((round(thrust, 2), b - a))
-    return runs
+    times = [time_s for time_s, _, _ in acts]
+    lasts = zip(acts, [*times[1:], times[-1]], strict=True)
+    return [
+        (share, sum(next_s - time_s for (time_s, _, _), next_s in run))
+        for share, run in itertools.groupby(lasts, lambda act: round(act[0][1], 2))
+    ]
 
 
 @in_virtual_time
@@ -387,9 +366,8 @@ async def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_
         assert link.status.sent == sent
         runs = plays(acts)
         assert [share for share, _ in runs] == [0.5, 0.4, 0.3, 0.0]
-        assert [lasted for _, lasted in runs[:3]] == pytest.approx(
-            [0.25, 0.2, 0.3], abs=bench.grain_s
-        )
+        lasted = [lasted_s for _, lasted_s in runs[:3]]
+        assert lasted == pytest.approx([0.25, 0.2, 0.3], abs=bench.grain_s)
         assert 0.05 < runs[3][1] <= 0.1 + bench.grain_s
         await link.arm(idle)
         assert link.send(command())
@@ -450,8 +428,7 @@ async def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench:
         await link.kill()
         off_s, on = bench.vehicle.powered[-1]
         assert not on
-        # In real time machine and wire take theirs; the dead man's switch takes a deadline and a
-        # bring-down.
+        # In real time machine and wire take theirs, yet less than the dead man's switch.
         assert off_s <= (newest.deadline_s if not is_virtual() else begun_s + 0.002 + bench.grain_s)
         assert not link.send(command())
         await asyncio.sleep(0.5)

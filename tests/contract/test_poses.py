@@ -8,6 +8,7 @@ east: so a pose tells by its place when it was true.
 
 import asyncio
 import contextlib
+import itertools
 import math
 from collections.abc import AsyncIterator, Callable
 from functools import partial
@@ -77,9 +78,8 @@ class TrackerBench(Bench):
         self._kind, self._address, self._keys = kind, address, keys
 
     async def prepare(self) -> None:
-        self.config = self._kind(
-            **{self._address: await free_address()}, latency_s=LATENCY_S, **self._keys
-        )
+        keys = {self._address: await free_address(), "latency_s": LATENCY_S, **self._keys}
+        self.config = self._kind(**keys)
         made = make_tracker(self.config)
         assert made is not None
         self.tracker = made[1]
@@ -88,18 +88,14 @@ class TrackerBench(Bench):
         loop = asyncio.get_running_loop()
         await self.tracker.open()
         self.begun_s = loop.time()
-        frame = 0
+        others = [(f"other{n}", (9.0, float(n), -1.0)) for n in range(2)]
+        rest = [TrackedBody(name, place, so3.IDENTITY, True) for name, place in others]
         try:
-            while True:
+            for frame in itertools.count():
                 when = self.begun_s + frame / RATE_HZ
                 await sleep_until(when)
                 ours = TrackedBody("quad", (when - self.begun_s, 2.0, -1.0), EAST, not self.hidden)
-                rest = [
-                    TrackedBody(f"other{n}", (9.0, float(n), -1.0), so3.IDENTITY, True)
-                    for n in range(2)
-                ]
                 loop.call_at(when + LATENCY_S, self.tracker.send, frame, when, [ours, *rest])
-                frame += 1
         finally:
             self.tracker.close()
 
@@ -137,10 +133,8 @@ class Cruiser(Brick):
     def truth(self, time_s: float) -> TrueState:
         if self.begun_s is None:
             self.begun_s = time_s
-        still = super().truth(time_s)
-        return msgspec.structs.replace(
-            still, position_ned=(time_s - self.begun_s, 2.0, -1.0), attitude=EAST
-        )
+        place = (time_s - self.begun_s, 2.0, -1.0)
+        return msgspec.structs.replace(super().truth(time_s), position_ned=place, attitude=EAST)
 
 
 class OdometryBench(Bench):
@@ -171,9 +165,7 @@ BENCHES: dict[str, Callable[[], Bench]] = {
 
 
 def test_every_source_has_a_bench() -> None:
-    """libmotioncapture's own, its mock back end, stands still in a child of real time: tests/e2e
-    has its contract.
-    """
+    """The mock back end of libmotioncapture has its contract in tests/e2e."""
     kinds = {config.__struct_config__.tag for config in get_args(PoseConfig)}
     assert kinds - {"libmotioncapture"} == {name.split()[0] for name in BENCHES}
 
@@ -226,14 +218,11 @@ async def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: B
         assert apart == pytest.approx([-bench.begun_s] * len(late), abs=tolerance)
         for pose in late:
             assert pose.position_ned[1:] == pytest.approx((2.0, -1.0), abs=1e-6)
-            assert abs(
-                sum(a * b for a, b in zip(pose.attitude, EAST, strict=True))
-            ) == pytest.approx(1.0, abs=1e-6)
+            alike = sum(a * b for a, b in zip(pose.attitude, EAST, strict=True))
+            assert abs(alike) == pytest.approx(1.0, abs=1e-6)
             assert pose.time_s <= pose.arrival_s
-        assert all(
-            a.time_s < b.time_s and a.arrival_s <= b.arrival_s
-            for a, b in zip(poses, late, strict=False)
-        )
+        pairs = list(zip(poses, late, strict=False))
+        assert all(a.time_s < b.time_s and a.arrival_s <= b.arrival_s for a, b in pairs)
         status = source.status
         if is_virtual():
             # PX4 begins with 30 Hz, until it has heard what is wanted.
@@ -256,9 +245,8 @@ async def test_the_configs_alignment_moves_every_pose(bench: Bench) -> None:
         await grown(poses, 3)
         for pose in poses:
             assert pose.position_ned[1:] == pytest.approx((7.0, -1.0), abs=1e-6)
-            nose = so3.to_world(
-                pose.attitude, (1.0, 0.0, 0.0)
-            )  # the body looks east, to the right of the nose
+            # The body looks east, to the right of the nose.
+            nose = so3.to_world(pose.attitude, (1.0, 0.0, 0.0))
             assert nose == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)
 
 

@@ -1,6 +1,4 @@
-"""The flying program killed, frozen and slowed at every stage, in real time, judged by the
-datagrams that left it.
-"""
+"""The flying program killed, frozen and slowed in real time, judged by its datagrams."""
 
 import asyncio
 import contextlib
@@ -41,19 +39,17 @@ class Lab:
         return [data for t, data in self.datagrams if t > time_s]
 
     def set_points(self, since_s: float) -> list[tuple[float, float, tuple[float, float, float]]]:
-        """Of those that arrived since then: when each left, thrust as a share, body rates.
+        """When each that arrived since then left [s], its thrust as a share, its body rates.
 
-        It left when its own stamp says: what arrives later than that has been kept waiting by the
-        machine, if by less than ``KEPT_WAITING_S``.
+        It left when its stamp says, if it arrives within ``KEPT_WAITING_S``.
         """
         found = []
         for t, data in self.datagrams:
             if t > since_s and data[7:10] == SET_POINT:
                 stamp_ms, p, q, r, thrust = struct.unpack_from("<I16x4f", data.ljust(60, b"\0"), 10)
                 under_way_s = 1e-3 * (int(1e3 * t) - stamp_ms & 0xFFFFFFFF)
-                found.append(
-                    (t - under_way_s if under_way_s < KEPT_WAITING_S else t, thrust, (p, q, r))
-                )
+                left_s = t - under_way_s if under_way_s < KEPT_WAITING_S else t
+                found.append((left_s, thrust, (p, q, r)))
         return found
 
     def has_orders_to_arm(self, since_s: float) -> bool:
@@ -73,15 +69,8 @@ async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterato
     room = Room(folder)
     world, config = prepare(SCENARIOS["paper"], [o for o in room.wires if o != "--set"])
     station = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "groundstation", "daemon", str(EXAMPLE), *room.wires),
-        *(
-            "--set",
-            f"status.path={folder}.sock",
-            "--set",
-            "flight.duration_s=30.0",
-            "--once",
-            *arguments,
-        ),
+        *(sys.executable, "-m", "groundstation", "daemon", str(EXAMPLE), *room.wires, "--once"),
+        *("--set", f"status.path={folder}.sock", "--set", "flight.duration_s=30.0", *arguments),
         stdin=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
         cwd=ROOT,
@@ -146,13 +135,8 @@ async def landing(here: Lab) -> None:
 
 Reached = Callable[[Lab], Awaitable[None]]
 ARMED = ("--arm", "mqx")
-STAGES: dict[Reached, tuple[str, ...]] = {
-    connecting: ARMED,
-    ready: (),
-    arming: ARMED,
-    tracking: ARMED,
-    landing: ARMED,
-}
+STAGES: dict[Reached, tuple[str, ...]] = {ready: ()}
+STAGES |= dict.fromkeys((connecting, arming, tracking, landing), ARMED)
 
 
 def together(*scenes: Awaitable[None]) -> None:
@@ -195,22 +179,19 @@ async def frozen(folder: Path, reached: Reached, for_s: float) -> None:
         assert not here.has_orders_to_arm(woken), what
         over = 0.25 + (0.15 if reached is arming else 2.0)
         assert [t for t, _, _ in after if t > stopped + over + UNDER_WAY_S] == [], what
-        # The parts of one bring-down: few, without yaw, the last one with the motors off. Commands
-        # all differ.
+        # A bring-down has few parts, without yaw, the last with the motors off; commands differ.
         assert len({(thrust, rates) for _, thrust, rates in after}) <= 6, what
         assert all(rates[2] == 0.0 for _, _, rates in after), what
         if for_s > over + UNDER_WAY_S:
             assert after == [], what
         elif after:
             assert after[-1][1] == 0.0, what
-            assert any(
-                "this program stood still" in line or "bring-down" in line for line in here.log
-            ), what
+            said = "".join(here.log)
+            assert "this program stood still" in said or "bring-down" in said, what
         # It was woken in time, and the machine kept it waiting until nothing was owed any more.
         else:
-            stood_ms = re.findall(
-                r"no command for (\d+) ms, as this program stood still", "".join(here.log)
-            )
+            says = r"no command for (\d+) ms, as this program stood still"
+            stood_ms = re.findall(says, "".join(here.log))
             assert stood_ms and float(stood_ms[-1]) > 1e3 * over, what
 
 
@@ -247,10 +228,8 @@ def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the
 ) -> None:
     here = asyncio.run(told(tmp_path / "told", *signals))
     if len(signals) > 1:
-        assert any("landing; once more: failsafe descent" in line for line in here.log), here.log
-        assert any(f"descent: requested by {signals[1].name}" in line for line in here.log), (
-            "\n".join(here.log)
-        )
+        for says in ("landing; once more: failsafe descent", f"requested by {signals[1].name}"):
+            assert any(says in line for line in here.log), here.log
     if len(signals) == 2:
         assert any("landed and disarmed" in line for line in here.log), here.log
         assert here.set_points(0.0)[-1][1] == 0.0

@@ -1,6 +1,4 @@
-"""The pacer's stand-by on pseudo-terminals: real processes that are killed and stopped, and the
-bytes that left.
-"""
+"""The pacer's stand-by on pseudo-terminals: real processes killed and stopped, and their bytes."""
 
 import asyncio
 import contextlib
@@ -44,9 +42,7 @@ F = TypeVar("F", bound="Flight")
 
 
 class Flight:
-    """A link whose vehicle is flown by commands that are always fresh, and every frame that
-    left.
-    """
+    """A link whose vehicle is flown by commands that are always fresh, and its frames."""
 
     def __init__(self) -> None:
         self.wire = PtyWire()
@@ -124,18 +120,13 @@ class Flight:
         times = [time_s for time_s, _ in self.seen]
         for k in range(len(times) - 5):
             six = times[k : k + 6]
-            # Three that are read at once were held up by the kernel on their way, and tell nothing
-            # of when they left.
+            # Three that are read at once were held up on their way: when they left is not known.
             if all(sum(abs(one - other) < AT_ONCE_S for other in six) < 3 for one in six):
-                assert six[-1] - six[0] > 2.75 * PERIOD_S, (
-                    "six frames as quick as those of two writers"
-                )
+                assert six[-1] - six[0] > 2.75 * PERIOD_S, "six as quick as those of two writers"
         thrusts = [sticks.thrust_n for _, sticks in self.seen]
         flown = thrusts[next(k for k, thrust in enumerate(thrusts) if thrust > 0.9) :]
         ranks = [2 if thrust > 0.9 else 1 if thrust > 0.1 else 0 for thrust in flown]
-        assert ranks == sorted(ranks, reverse=True), (
-            "a frame that lifts more after one that lifts less"
-        )
+        assert ranks == sorted(ranks, reverse=True), "a frame lifts more than the one before"
 
     def is_down(self) -> None:
         last = self.seen[-1][1]
@@ -274,9 +265,8 @@ async def test_nothing_is_said_to_bring_down_where_the_pacer_and_its_stand_by_ar
             os.kill(process, signal.SIGKILL)
             await asyncio.sleep(0.05)  # long enough for the stand-by to take over, and to say so
         await until(lambda: it.link.status.unmet)
-        assert it.link.status.unmet.startswith(
-            "the receiver's failsafe has to act: the pacer and its stand-by ended"
-        )
+        says = "the receiver's failsafe has to act: the pacer and its stand-by ended"
+        assert it.link.status.unmet.startswith(says)
         assert "and with them every frame" in it.link.status.text, "not what was true before"
         assert it.link.status.phase == "over"
 
@@ -383,9 +373,8 @@ async def harass(seed: int) -> str:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(each, signal.SIGSTOP)
                 await asyncio.sleep(draw.choice([0.0, draw.uniform(0.0, 0.01)]))
-            await asyncio.sleep(
-                draw.choice([draw.uniform(0.0, 0.05), draw.uniform(0.05, 0.1), 0.15])
-            )
+            for_s = draw.choice([draw.uniform(0.0, 0.05), draw.uniform(0.05, 0.1), 0.15])
+            await asyncio.sleep(for_s)
             for each in draw.sample(struck, len(struck)):
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(each, signal.SIGCONT)
@@ -401,10 +390,8 @@ async def harass(seed: int) -> str:
 
 async def harassed(seeds: range) -> list[str]:
     found: list[str] = []
-    for first in range(seeds.start, seeds.stop, 4):
-        found += await asyncio.gather(
-            *(harass(seed) for seed in range(first, min(first + 4, seeds.stop)))
-        )
+    for first in range(0, len(seeds), 4):
+        found += await asyncio.gather(*map(harass, seeds[first : first + 4]))
     return found
 
 

@@ -1,6 +1,4 @@
-"""The serial radio link on pseudo-terminals: real processes, real signals, and the bytes that
-left.
-"""
+"""Serial RF link on pseudo-terminals: real processes, real signals, and the bytes that left."""
 
 import asyncio
 import contextlib
@@ -93,14 +91,11 @@ class Case:
 
 
 async def strike(stage: str, number: signal.Signals) -> Case:
-    """Start a station, and 0.2 s after it has reached ``stage`` send ``number`` to its process
-    group.
-    """
+    """Start a station; 0.2 s after it has reached ``stage`` its group gets signal ``number``."""
     case = Case()
     far, near = os.openpty()
     tty.setraw(near, termios.TCSANOW)
-    # By a path of its own: pacers that outlive this test must not find the next terminal of the
-    # same name.
+    # By a path of its own: pacers that outlive this test must not find the next terminal there.
     folder = tempfile.TemporaryDirectory()
     port = Path(folder.name) / "port"
     port.symlink_to(os.ttyname(near))
@@ -111,10 +106,8 @@ async def strike(stage: str, number: signal.Signals) -> Case:
         start_new_session=True,
     )
     stamped = await StampedReader.start(far)
-    reader, end = (
-        asyncio.create_task(read(stamped, near, case)),
-        asyncio.create_task(ended(station, case)),
-    )
+    reader = asyncio.create_task(read(stamped, near, case))
+    end = asyncio.create_task(ended(station, case))
     try:
         assert station.stdout is not None
         async with asyncio.timeout(60.0):
@@ -127,9 +120,8 @@ async def strike(stage: str, number: signal.Signals) -> Case:
             await asyncio.sleep(1.5)
             os.killpg(station.pid, signal.SIGCONT)
             await asyncio.sleep(0.6)
-            with contextlib.suppress(
-                ProcessLookupError
-            ):  # one that was frozen while arming has given up
+            # One that was frozen while arming has given up.
+            with contextlib.suppress(ProcessLookupError):
                 os.killpg(station.pid, signal.SIGKILL)
         await end
         await asyncio.wait_for(reader, 60.0)
@@ -210,21 +202,14 @@ def test_in_flight_its_last_command_is_repeated_then_brought_down_then_disarmed(
     case = cases["flying", end]
     slack = 0.06
     left = case.after(0.0)
-    held = list(takewhile(lambda seen: seen.sticks.thrust_n == pytest.approx(1.0, abs=0.01), left))
-    down = list(
-        takewhile(
-            lambda seen: seen.sticks.thrust_n == pytest.approx(0.8, abs=0.01), left[len(held) :]
-        )
-    )
+    held = list(takewhile(lambda seen: abs(seen.sticks.thrust_n - 1.0) < 0.01, left))
+    down = list(takewhile(lambda seen: abs(seen.sticks.thrust_n - 0.8) < 0.01, left[len(held) :]))
     over = left[len(held) + len(down) :]
-    # Its last command may have been some time old: a busy machine holds stations up, and then the
-    # end comes sooner.
+    # A busy machine holds stations up: their last command is old, and the end comes sooner.
     assert len(held) > 5 and held[-1].time_s < case.struck_s + COAST_S + slack
     assert len(down) > 10 and down[-1].time_s < held[-1].time_s + DOWN_S + slack
     assert len(over) > 100
-    assert not any(seen.sticks.armed or seen.lifts for seen in over), (
-        "not even after it woke up again"
-    )
+    assert not any(seen.sticks.armed or seen.lifts for seen in over), "nor after it woke up again"
 
 
 @ends
@@ -234,9 +219,8 @@ def test_the_pacer_outlives_its_station_by_some_seconds_of_disarm_frames_and_the
     for stage in STAGES:
         case = cases[stage, end]
         assert case.closed_s is not None
-        assert (
-            AFTERLIFE_S - 1.2 < case.closed_s - case.died_s < AFTERLIFE_S + COAST_S + DOWN_S + 1.0
-        )
+        outlived_s = case.closed_s - case.died_s
+        assert AFTERLIFE_S - 1.2 < outlived_s < AFTERLIFE_S + COAST_S + DOWN_S + 1.0
         # A busy machine may deny it real-time priority, so that some are late.
         assert len(case.after(0.0)) > 0.7 * (case.closed_s - case.struck_s) / 0.01
 
@@ -258,11 +242,7 @@ async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up
     first.listen(lambda data: None)
     port.symlink_to(first.path)
     config = DsmLinkConfig(
-        port=str(port),
-        period_s=0.01,
-        arm_low_s=0.0,
-        arm_high_s=0.2,
-        map=ChannelMap(arm=ArmSwitch(channel=5)),
+        port=str(port), period_s=0.01, arm_low_s=0.0, arm_high_s=0.2, map=CONFIG.map
     )
     link = SerialRfLink(config, thrust_max_n=2.0)
 
@@ -289,9 +269,7 @@ async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up
             await asyncio.sleep(0.01)
         frames = config.codec().decoder().feed(b"".join(came))
         assert len(frames) > 10
-        assert not any(
-            CHANNELS.read(heard.positions).armed for heard in frames if heard.positions is not None
-        )
+        assert not any(CHANNELS.read(heard.positions or ()).armed for heard in frames)
     finally:
         await link.close()
     second.close()
@@ -301,9 +279,8 @@ async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up
 async def test_a_port_in_use_is_not_shared() -> None:
     wire = PtyWire()
     wire.listen(lambda data: None)
-    first, second = (
-        SerialRfLink(DsmLinkConfig(port=wire.path), thrust_max_n=2.0) for _ in range(2)
-    )
+    config = DsmLinkConfig(port=wire.path)
+    first, second = (SerialRfLink(config, thrust_max_n=2.0) for _ in range(2))
     await first.connect()
     with pytest.raises(LinkLost, match="another program uses it"):
         await second.connect()
@@ -313,13 +290,13 @@ async def test_a_port_in_use_is_not_shared() -> None:
 
 def pacer_of(parent: int) -> int:
     """The pacer that the process ``parent`` has started, by its stand-by."""
-    (standby,) = (
-        c
-        for c in children_of(parent)
-        if b"links.rf.pacer_standby" in Path(f"/proc/{c}/cmdline").read_bytes()
-    )
+
+    def runs(child: int, module: bytes) -> bool:
+        return module in Path(f"/proc/{child}/cmdline").read_bytes()
+
+    (standby,) = (c for c in children_of(parent) if runs(c, b"links.rf.pacer_standby"))
     (pacer,) = children_of(standby)
-    assert b"links.rf.pacer_child" in Path(f"/proc/{pacer}/cmdline").read_bytes()
+    assert runs(pacer, b"links.rf.pacer_child")
     return pacer
 
 

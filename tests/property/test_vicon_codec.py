@@ -74,20 +74,15 @@ def test_a_damaged_datagram_is_dropped_or_still_sound(
 def test_the_rotation_is_the_product_of_three_turns_about_x_then_new_y_then_new_z(
     rx: float, ry: float, rz: float
 ) -> None:
-    x = so3.from_matrix(
-        ((1.0, 0.0, 0.0), (0.0, math.cos(rx), -math.sin(rx)), (0.0, math.sin(rx), math.cos(rx)))
-    )
-    y = so3.from_matrix(
-        ((math.cos(ry), 0.0, math.sin(ry)), (0.0, 1.0, 0.0), (-math.sin(ry), 0.0, math.cos(ry)))
-    )
-    z = so3.from_matrix(
-        ((math.cos(rz), -math.sin(rz), 0.0), (math.sin(rz), math.cos(rz), 0.0), (0.0, 0.0, 1.0))
-    )
+    sx, sy, sz = map(math.sin, (rx, ry, rz))
+    cx, cy, cz = map(math.cos, (rx, ry, rz))
+    x = so3.from_matrix(((1.0, 0.0, 0.0), (0.0, cx, -sx), (0.0, sx, cx)))
+    y = so3.from_matrix(((cy, 0.0, sy), (0.0, 1.0, 0.0), (-sy, 0.0, cy)))
+    z = so3.from_matrix(((cz, -sz, 0.0), (sz, cz, 0.0), (0.0, 0.0, 1.0)))
     expected = so3.multiply(x, so3.multiply(y, z))
     got = quaternion_from_euler_xyz((rx, ry, rz))
-    assert math.isclose(
-        abs(sum(a * b for a, b in zip(got, expected, strict=True))), 1.0, abs_tol=1e-14
-    )
+    alike = sum(one * other for one, other in zip(got, expected, strict=True))
+    assert math.isclose(abs(alike), 1.0, abs_tol=1e-14)
 
 
 @given(

@@ -1,6 +1,4 @@
-"""Choice and encoding of the poses that an autopilot's own estimator gets: how often, how old, with
-which velocity.
-"""
+"""Forwarded poses of an autopilot's own estimator: their rate, age, velocity and bytes."""
 
 import math
 from typing import Any
@@ -16,24 +14,15 @@ from tests.external_poses import ExternalPoses, Fused
 
 def pose(time_s: float, **more: Any) -> Pose:
     """A pose of a vehicle that flies north at 2 m/s, 1 m up."""
-    number = round(1e3 * time_s)
-    return Pose(
-        number,
-        time_s,
-        time_s + 0.01,
-        (2.0 * time_s, 0.0, -1.0),
-        **{"attitude": so3.IDENTITY, **more},
-    )
+    more = {"attitude": so3.IDENTITY, **more}
+    return Pose(round(1e3 * time_s), time_s, time_s + 0.01, (2.0 * time_s, 0.0, -1.0), **more)
 
 
 def forwarded(times_s: list[float], age_s: float) -> list[float]:
     """The times of those poses that are forwarded [s], each taken at an age of ``age_s``."""
     forward = Forward(ForwardConfig(rate_hz=40.0, oldest_s=0.05), 0.0)
-    return [
-        t
-        for t in times_s
-        if forward.take(pose(t, velocity_ned=(2.0, 0.0, 0.0)), t + age_s) is not None
-    ]
+    poses = [pose(t, velocity_ned=(2.0, 0.0, 0.0)) for t in times_s]
+    return [one.time_s for one in poses if forward.take(one, one.time_s + age_s) is not None]
 
 
 @pytest.mark.parametrize(
@@ -84,14 +73,11 @@ def test_velocity_is_measured_over_the_base_and_across_no_gap(
 
 def test_an_origin_that_moves_is_counted_and_makes_no_velocity() -> None:
     forward = Forward(ForwardConfig(rate_hz=200.0), 0.5)
-    resets = [0, 0, 7, 7, 8]
-    taken = [
-        forward.take(pose(0.03 * n, reset_count=count), 0.03 * n) for n, count in enumerate(resets)
-    ]
+    poses = [pose(0.03 * n, reset_count=count) for n, count in enumerate([0, 0, 7, 7, 8])]
+    taken = [forward.take(one, one.time_s) for one in poses]
     assert [one and one.resets for one in taken] == [None, 0, None, 1, None]
-    assert taken[1] is not None and taken[1].position == pytest.approx((0.06, 0.0, -1.5)), (
-        "above the floor"
-    )
+    second = taken[1]
+    assert second and second.position == pytest.approx((0.06, 0.0, -1.5)), "above the floor"
 
 
 def test_velocity_is_along_the_bodys_axes_and_the_poses_own_where_they_have_one() -> None:
@@ -114,11 +100,8 @@ def test_the_bytes_hold_what_each_autopilot_wants() -> None:
         frame = odometry(codec, kind, told)
         (message,) = MavlinkCodec(1, 1).feed(frame)
         frame_id = 1 if kind == PX4 else 20  # MAV_FRAME_LOCAL_NED, _LOCAL_FRD
-        assert (message.frame_id, message.child_frame_id, message.estimator_type) == (
-            frame_id,
-            12,
-            2,
-        )
+        frames = message.frame_id, message.child_frame_id, message.estimator_type
+        assert frames == (frame_id, 12, 2)
         assert message.time_usec == 12_500_000
         assert message.reset_counter == 300 & 0xFF
         assert message.quality == 100

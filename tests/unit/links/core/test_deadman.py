@@ -1,6 +1,4 @@
-"""The dead man's switch: nothing stale leaves, the bring-down is played once, and only a new arming
-ends it.
-"""
+"""The dead man's switch: nothing stale leaves, one bring-down, and only a new arming ends it."""
 
 import math
 from typing import Any
@@ -40,24 +38,10 @@ def test_a_command_is_repeated_until_its_deadline_and_then_brought_down_once() -
     deadman = armed()
     newest = command(1.0)
     assert deadman.take(newest, 1.01)
-    assert deadman.at(1.01) is newest
-    assert deadman.at(1.25) is newest
-    assert deadman.at(1.26) is LEVEL
-    assert deadman.at(1.75) is LEVEL
-    assert deadman.at(1.76) is SINK
-    assert deadman.at(2.75) is SINK
+    for first_s, last_s, leaves in ((1.01, 1.25, newest), (1.26, 1.75, LEVEL), (1.76, 2.75, SINK)):
+        assert deadman.at(first_s) is deadman.at(last_s) is leaves
     assert deadman.at(2.76) is None
-    assert deadman.phase(2.0) is Phase.OVER, (
-        "it does not come back, even on a clock that steps back"
-    )
-
-
-def test_an_arming_forgets_the_command_before() -> None:
-    deadman = armed()
-    assert deadman.take(command(1.0), 1.01)
-    deadman.arm()
-    assert deadman.phase(1.02) is Phase.WAITING
-    assert deadman.at(1.02) is None
+    assert deadman.phase(2.0) is Phase.OVER, "even on a clock that steps back"
 
 
 def test_one_that_is_held_plays_what_it_has_and_takes_nothing_newer_until_armed_anew() -> None:
@@ -70,13 +54,11 @@ def test_one_that_is_held_plays_what_it_has_and_takes_nothing_newer_until_armed_
     assert deadman.phase(2.8) is Phase.OVER
     deadman.arm()
     assert deadman.take(command(3.0), 3.01)
-
-
-def test_one_that_is_held_before_any_command_lets_nothing_leave() -> None:
-    deadman = armed()
+    deadman.arm()
+    assert deadman.at(3.02) is None, "an arming forgets the command before"
     deadman.hold()
-    assert not deadman.take(command(1.0), 1.01)
-    assert deadman.phase(1.01) is Phase.OVER
+    assert not deadman.take(command(3.02), 3.02)
+    assert deadman.phase(3.02) is Phase.OVER, "held before any command"
 
 
 def test_late_and_disordered_commands_are_refused_and_counted() -> None:
@@ -93,8 +75,7 @@ def test_a_stop_leaves_out_the_bring_down() -> None:
     deadman = armed()
     deadman.take(command(1.0), 1.0)
     deadman.stop()
-    assert deadman.at(1.1) is None
-    assert deadman.at(1.3) is None
+    assert deadman.at(1.1) is deadman.at(1.3) is None
     assert deadman.command is None, "nor does whoever takes over get it"
 
 
@@ -131,9 +112,7 @@ def test_the_instants_of_change_are_known_in_advance() -> None:
     assert seen == pytest.approx([1.25, 1.75, 2.75])
     last = armed()
     last.take(command(1.0), 1.0)
-    assert [last.changes_s(at) for at in (1.25, 1.75)] == [1.25, 1.75], (
-        "the instant itself is not over yet"
-    )
+    assert [last.changes_s(at) for at in (1.25, 1.75)] == [1.25, 1.75], "not over at the instant"
 
 
 @given(

@@ -22,9 +22,8 @@ def test_more_thrust_never_takes_less_signal(a: float, b: float, factor: float) 
 def test_the_signal_that_carries_the_vehicle_tells_the_full_thrust(
     weight_share: float, factor: float
 ) -> None:
-    assert full_thrust_n(
-        20.0 * weight_share, signal(weight_share, factor), factor
-    ) == pytest.approx(20.0)
+    hover = signal(weight_share, factor)
+    assert full_thrust_n(20.0 * weight_share, hover, factor) == pytest.approx(20.0)
 
 
 @pytest.mark.parametrize(("thrust", "curve", "half"), [

@@ -21,18 +21,13 @@ def test_host_and_port_are_told_apart(text: str, host: str, port: int) -> None:
     "text",
     [
         *("", "127.0.0.1", ":14550", "[]:14550", "[::1]"),
-        *(
-            f"127.0.0.1:{port}"
-            for port in ("", "0", "65536", "-5", "+5", " 5", "1_0", "٣", "9" * 5000)
-        ),
+        *map("127.0.0.1:{}".format, ("", "0", "65536", "-5", "+5", " 5", "1_0", "٣", "9" * 5000)),
         *("::1:14550", "[::1:14550", "[127.0.0.1]:14550"),
         *("a b:14550", "udp://127.0.0.1:14550", "me@host:14550", "127.0.0.1:14550\n"),
     ],
 )
 def test_what_is_no_address_is_refused_with_an_example(text: str) -> None:
-    with pytest.raises(
-        ValueError, match=r"^server: .* is not an address: write host:port such as 127.0.0.1:14550"
-    ):
+    with pytest.raises(ValueError, match=r"^server: .* is not an address: write host:port such as"):
         parse_address(text, "server")
 
 

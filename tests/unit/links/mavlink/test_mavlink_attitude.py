@@ -88,10 +88,9 @@ def test_what_is_no_attitude_is_nothing(message: Message) -> None:
 
 
 def test_every_attitude_of_a_real_autopilot_is_read() -> None:
-    messages = [
-        record.message for record in TlogReader((GOLDEN / "ardupilot_landing.tlog").read_bytes())
-    ]
-    told = [attitude_of(m, 0.0, None) for m in messages if m.get_type() == "ATTITUDE_QUATERNION"]
+    records = TlogReader((GOLDEN / "ardupilot_landing.tlog").read_bytes())
+    messages = [r.message for r in records if r.message.get_type() == "ATTITUDE_QUATERNION"]
+    told = [attitude_of(message, 0.0, None) for message in messages]
     assert len(told) == 1750
     assert None not in told
 
@@ -116,9 +115,8 @@ async def test_whoever_watches_gets_fifty_attitudes_a_second_on_our_clock(
     assert len(heard) == pytest.approx(4.0 * ATTITUDE_HZ, abs=3)
     late = [when - told.time_s for when, told in heard[10:]]
     assert max(late) - min(late) < 0.002
-    assert (
-        0.01 < min(late) < 0.035
-    )  # half of the round trip, which is 30 ms one way and nothing the other
+    # Half of the round trip, which is 30 ms one way and nothing the other.
+    assert 0.01 < min(late) < 0.035
 
 
 @scene(connect=False, quiet=True)
@@ -127,8 +125,5 @@ async def test_the_quaternion_is_asked_for_and_the_angles_are_stopped(
 ) -> None:
     link.watch_attitude(lambda told: None)
     await link.connect()
-    seen = [(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG")]
-    assert sorted(pair for pair in seen if pair[0] in (30.0, 31.0)) == [
-        (30.0, -1.0),
-        (31.0, 20_000.0),
-    ]
+    asked = {m.param1: m.param2 for m in autopilot.of("COMMAND_LONG")}
+    assert (asked[30.0], asked[31.0]) == (-1.0, 20_000.0)

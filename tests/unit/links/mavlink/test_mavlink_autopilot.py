@@ -92,12 +92,8 @@ def test_it_speaks_first_and_sends_a_heartbeat_every_second() -> None:
     beats = [(s, m) for s, m in flight.heard if m.get_type() == "HEARTBEAT"]
     assert [s for s, _ in beats] == pytest.approx([50.0, 51.0, 52.0, 53.0])
     first = beats[0][1]
-    assert (first.autopilot, first.type, first.base_mode & 128, first.get_srcSystem()) == (
-        12,
-        2,
-        0,
-        1,
-    )
+    told = (first.autopilot, first.type, first.base_mode & 128, first.get_srcSystem())
+    assert told == (12, 2, 0, 1)
 
 
 def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:
@@ -105,10 +101,8 @@ def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:
 
     def told(flight: Flight) -> tuple[int, int]:
         status = flight.messages("SYS_STATUS")[-1]
-        return (
-            status.onboard_control_sensors_enabled,
-            status.onboard_control_sensors_health & prearm,
-        )
+        health = status.onboard_control_sensors_health & prearm
+        return status.onboard_control_sensors_enabled, health
 
     flight = Flight()
     assert told(flight) == (0, prearm)
@@ -124,22 +118,11 @@ def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:
     assert "Compass Sensor 0 missing" in flight.words
 
 
-def test_heartbeats_tell_offboard_and_armed() -> None:
-    flight = Flight().arm()
-    flight.stream(1.0)
-    last = flight.messages("HEARTBEAT")[-1]
-    assert (last.custom_mode, last.base_mode & 128) == (6 << 16, 128)
-
-
 @pytest.mark.parametrize(
     ("streams", "mode", "entered", "armed"),
     [
-        (
-            False,
-            (1.0, 6.0),
-            0,
-            1,
-        ),  # OFFBOARD is accepted without set-points, and then arming is denied
+        # OFFBOARD is accepted without set-points, and then arming is denied.
+        (False, (1.0, 6.0), 0, 1),
         (True, None, None, 1),
         (True, (1.0, 9.0), 2, 1),
         (True, (1.0, 6.0), 0, 0),
@@ -165,10 +148,9 @@ def test_the_first_set_point_after_arming_lets_the_vehicle_go() -> None:
     flight.wait(0.3)
     flight.target(0.6, (0.1, -0.2, 0.3))
     assert flight.airframe.released == [flight.now]
-    ((when, thrust, rates),) = flight.airframe.acts
+    ((when, *told),) = flight.airframe.acts
     assert when == flight.now
-    assert thrust == pytest.approx(0.6)
-    assert rates == pytest.approx((0.1, -0.2, 0.3))
+    assert told == [pytest.approx(0.6), pytest.approx((0.1, -0.2, 0.3))]
 
 
 def test_a_set_point_that_is_not_finite_is_not_obeyed() -> None:
@@ -180,7 +162,9 @@ def test_a_set_point_that_is_not_finite_is_not_obeyed() -> None:
 
 def test_the_last_set_point_is_held_for_a_second_and_then_it_lands_and_disarms() -> None:
     flight = Flight(Brick(1.0, held=True)).arm()
-    flight.stream(0.5)
+    flight.stream(1.0)
+    last = flight.messages("HEARTBEAT")[-1]
+    assert (last.custom_mode, last.base_mode & 128) == (6 << 16, 128), "OFFBOARD and armed"
     silent_s = flight.now - PERIOD_S
     acts = len(flight.airframe.acts)
     flight.until(silent_s + 0.999)

@@ -1,6 +1,4 @@
-"""Timers and limits of a connection: pauses between attempts, what may wait, who steers, and
-whether answers come.
-"""
+"""Timers and limits of a connection: attempts, waiting frames, other senders, late answers."""
 
 import asyncio
 import contextlib
@@ -20,9 +18,7 @@ from tests.unit.links.mavlink.test_mavlink_link import D
 
 
 class Ports(Network):
-    """A network whose serial ports can't be opened for a while, and then take what ``Port``
-    takes.
-    """
+    """A network whose serial ports can't be opened for a while, and then are a ``Port``."""
 
     def __init__(self, closed_for_s: float = 0.0) -> None:
         self._closed_for_s = closed_for_s
@@ -121,21 +117,21 @@ async def test_a_port_that_takes_nothing_for_a_quarter_of_a_second_is_closed() -
         for n in range(30):
             line.leave(b"frame", None)
             open_at.append(port.is_open)
-            port.queued = (
-                0 if n == 10 else 10_000
-            )  # once it takes a frame, which begins the time anew
+            port.queued = 0 if n == 10 else 10_000  # one frame it takes, and the time begins anew
             await asyncio.sleep(0.02)
         assert open_at.index(False) == 12 + 13
         assert dropped["full"] == 25
 
 
+def heard(codec: MavlinkCodec, message: Any) -> Any:
+    """``message`` as it comes out of the wire."""
+    (read,) = MavlinkCodec(255, 190).feed(codec.pack(message))
+    return read
+
+
 def set_point(codec: MavlinkCodec, system: int) -> Any:
-    frame = codec.pack(
-        D.MAVLink_set_attitude_target_message(
-            0, system, 1, 0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0
-        )
-    )
-    return MavlinkCodec(255, 190).feed(frame)[0]
+    level, zeros = [1.0, 0.0, 0.0, 0.0], [0.0] * 4
+    return heard(codec, D.MAVLink_set_attitude_target_message(0, system, 1, 0, level, *zeros))
 
 
 def test_whoever_else_steers_is_a_rival_for_three_seconds() -> None:
@@ -156,20 +152,13 @@ def test_whoever_else_steers_is_a_rival_for_three_seconds() -> None:
 def test_at_most_four_other_systems_are_named_and_whoever_tells_positions_is_known() -> None:
     others = OtherTraffic(MavlinkLinkConfig())
     for system in range(2, 8):
-        codec = MavlinkCodec(system, 1)
-        (heard,) = MavlinkCodec(255, 190).feed(
-            codec.pack(D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
-        )
-        others.hear(heard, f"10.0.0.{system}:14550", 0.0, ours=False)
-    assert list(others.systems) == [
-        f"system {n}, component 1 at 10.0.0.{n}:14550" for n in range(2, 6)
-    ]
+        beat = heard(MavlinkCodec(system, 1), D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
+        others.hear(beat, f"10.0.0.{system}:14550", 0.0, ours=False)
+    named = [f"system {n}, component 1 at 10.0.0.{n}:14550" for n in range(2, 6)]
+    assert list(others.systems) == named
     assert not others.tells_position
-    codec = MavlinkCodec(9, 197)
-    (told,) = MavlinkCodec(255, 190).feed(
-        codec.pack(D.MAVLink_vision_position_estimate_message(0, 0, 0, 0, 0, 0, 0))
-    )
-    others.hear(told, "10.0.0.9:14550", 0.0, ours=False)
+    position = D.MAVLink_vision_position_estimate_message(0, 0, 0, 0, 0, 0, 0)
+    others.hear(heard(MavlinkCodec(9, 197), position), "10.0.0.9:14550", 0.0, ours=False)
     assert others.tells_position
 
 

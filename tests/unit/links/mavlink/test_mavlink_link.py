@@ -1,6 +1,4 @@
-"""links/mavlink/link.py and its connection towards PX4, ArduPilot and strangers, in virtual
-time.
-"""
+"""links/mavlink/link.py towards PX4, ArduPilot and strangers, in virtual time."""
 
 import asyncio
 import itertools
@@ -116,10 +114,9 @@ async def test_we_send_a_heartbeat_every_second_once_somebody_is_there(
     link: MavlinkLink, autopilot: Endpoint
 ) -> None:
     await asyncio.sleep(5.5)
-    assert 6 <= len(autopilot.of("HEARTBEAT")) <= 7
-    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.of("HEARTBEAT")} == {
-        (245, 190)
-    }
+    beats = autopilot.of("HEARTBEAT")
+    assert 6 <= len(beats) <= 7
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in beats} == {(245, 190)}
 
 
 @scene()
@@ -129,11 +126,8 @@ async def test_a_heartbeat_of_what_is_no_autopilot_leaves_an_armed_vehicle_armed
     autopilot.armed = True
     await link.arm(lambda: command(0.0))
     await asyncio.sleep(STALE_NEWS_S + 1.0)
-    for kind in (
-        18,
-        26,
-        30,
-    ):  # a companion, a gimbal, a camera with the autopilot's own numbers, which never arm
+    # A companion, a gimbal, a camera with the autopilot's own numbers, which never arm.
+    for kind in (18, 26, 30):
         autopilot.say(D.MAVLink_heartbeat_message(kind, INVALID, 0, 0, 4, 3))
     await asyncio.sleep(0.01)
     assert link.status.state == "armed"
@@ -154,15 +148,10 @@ async def test_only_a_heartbeat_of_the_vehicle_makes_a_connection() -> None:
     wrong, right = await Endpoint(system=9).open(), await Endpoint().open()
     wrong.beat()
     right.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-    right.say(
-        D.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
-    )  # another ground station with the same system
-    says = (
-        r"no HEARTBEAT of MAVLink system 1, component 1 .*got only: 2 messages of other systems, "
-    )
-    with pytest.raises(
-        LinkLost, match=says + r"heard instead: system 9, component 1 at 127\.0\.0\.1:"
-    ):
+    # Another ground station with the same system.
+    right.say(D.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    says = r"no HEARTBEAT of .* 1, component 1 .*: 2 messages of other systems, heard instead: "
+    with pytest.raises(LinkLost, match=says + r"system 9, component 1 at 127\.0\.0\.1:"):
         await connecting
     assert got == []
     assert link.status.state == "closed"
@@ -329,9 +318,8 @@ def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(
         await link.arm(lambda: command(0.0))
         link.send(command(0.5))
         await asyncio.sleep(0.1)
-        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(
-            share
-        )  # the root of 0.25
+        last = autopilot.of("SET_ATTITUDE_TARGET")[-1]
+        assert last.thrust == pytest.approx(share), "the root of 0.25"
 
     play_scene(play, vehicle_curve=1.0, thrust_curve=own)
 
@@ -342,10 +330,7 @@ def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(
         ({"listen": "127.0.0.1:14540", "remote": "127.0.0.1:14580"}, "exclude each other"),
         ({"tcp": "a:1", "serial": "/dev/x"}, "tcp and serial exclude each other"),
         ({"listen": "a:1", "tcp": "b:1"}, "listen and tcp exclude each other"),
-        (
-            {"bring_down": "land", "ardupilot_mode": "GUIDED_NOGPS"},
-            "needs a position estimate on board",
-        ),
+        ({"bring_down": "land", "ardupilot_mode": "GUIDED_NOGPS"}, "position estimate on board"),
         ({"tcp": "nowhere"}, "is not an address"),
         ({"listen": "nowhere"}, "is not an address"),
         ({"remote": "127.0.0.1"}, "is not an address"),
@@ -376,7 +361,4 @@ async def test_another_program_that_steers_the_same_autopilot_is_told_by_name(
     assert await steer(245, 190) == ""
     await link.disarm()
     assert "MAVLink system 245, component 190" in await steer(245, 190)
-    assert (
-        "MAVLink system 42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too"
-        in await steer(42, 7)
-    )
+    assert "42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too" in await steer(42, 7)

@@ -118,8 +118,7 @@ def test_a_value_is_set_until_it_is_told_back() -> None:
 
 def test_a_value_that_it_does_not_take_is_told_of() -> None:
     told = value(ARDUPILOT, "GUID_TIMEOUT", 3.0)
-    failure = write(
-        ARDUPILOT, AutopilotParameter("GUID_TIMEOUT", 0.5, REAL32), told
-    ).handshake.failure
+    wanted = AutopilotParameter("GUID_TIMEOUT", 0.5, REAL32)
+    failure = write(ARDUPILOT, wanted, told).handshake.failure
     assert isinstance(failure, LinkRejected)
     assert "keeps GUID_TIMEOUT at 3 instead of 0.5" in str(failure)

@@ -1,6 +1,4 @@
-"""When each procedure asks, what it asks for, and when it gives up, as the autopilots' own times
-demand.
-"""
+"""When each procedure asks, what for, and when it gives up, as the autopilots' times demand."""
 
 import math
 from collections.abc import Callable
@@ -40,18 +38,25 @@ IN_PROGRESS = 5
 Make = Callable[[AutopilotAddress], Any]
 
 
+def ack(command: int, result: int, system: int = 245, component: int = 190) -> Any:
+    return D.MAVLink_command_ack_message(command, result, 0, 0, system, component)
+
+
+def address(kind: int, vehicle: int = 2) -> AutopilotAddress:
+    return AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, kind, vehicle)
+
+
 def run(
     make: Make, kind: int, result: int | None
 ) -> tuple[list[float], list[Any], float, LinkError | None]:
-    """Go through a procedure with an autopilot that answers every command with ``result``, or with
-    None not at all.
+    """Go through a procedure; the autopilot answers commands with ``result``, with None not at all.
 
     Returns:
         When requests left [s], the requests, when it was over [s], inf where it goes on, and its
         failure.
     """
     theirs = MavlinkCodec(1, 1)
-    step = make(AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, kind))
+    step = make(address(kind))
     times_s, requests = list[float](), list[Any]()
     for n in range(round(LIMIT_S / STEP_S)):
         now_s = n * STEP_S
@@ -59,10 +64,7 @@ def run(
             requests += theirs.feed(frame)
             times_s.append(round(now_s, 3))
             if result is not None:
-                step.hear(
-                    D.MAVLink_command_ack_message(requests[-1].command, result, 0, 0, 245, 190),
-                    now_s,
-                )
+                step.hear(ack(requests[-1].command, result), now_s)
         if step.done or step.failure is not None:
             return times_s, requests, round(now_s, 3), step.failure
     return times_s, requests, math.inf, None
@@ -142,7 +144,7 @@ def test_an_autopilot_is_asked_for_these_commands(
 def test_every_multirotor_of_both_firmwares_may_be_armed(
     kind: int, name: str, vehicle: int
 ) -> None:
-    autopilot = AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, kind, vehicle)
+    autopilot = address(kind, vehicle)
     assert autopilot.name == name
     if kind == 8:
         with pytest.raises(LinkRejected, match="no PX4 and no ArduPilot"):
@@ -152,67 +154,52 @@ def test_every_multirotor_of_both_firmwares_may_be_armed(
 
 
 def test_of_many_parameters_eight_wait_at_once_and_those_that_were_asked_less_come_first() -> None:
-    reads = ReadAll(
-        AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4), [f"P{n}" for n in range(12)]
-    )
-    theirs = MavlinkCodec(1, 1)
+    names = [f"P{n}" for n in range(12)]
+    reads, theirs = ReadAll(address(PX4), names), MavlinkCodec(1, 1)
     asked = [
         [one.param_id for frame in reads.poll(at_s) for one in theirs.feed(frame)]
         for at_s in (0.0, 0.4, 0.5)
     ]
-    assert asked == [
-        [f"P{n}" for n in range(8)],
-        [],
-        [*(f"P{n}" for n in range(8, 12)), *(f"P{n}" for n in range(4))],
-    ]
+    assert asked == [names[:8], [], names[8:] + names[:4]]
 
 
 # ---- who has it, and what it runs
 
 
 HEARTBEAT = D.MAVLink_heartbeat_message(2, PX4, 128, 6 << 16, 3, 3)
-ACK = D.MAVLink_command_ack_message(MavCommand.REQUEST_MESSAGE, 3, 0, 0, 245, 190)
-
-
-PX4_ADDRESS = AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4)
 
 
 def test_it_is_asked_until_both_its_answer_and_its_heartbeat_have_come() -> None:
-    step = AskMode(PX4_ADDRESS)
-    (frame,) = step.poll(0.0)
-    (message,) = MavlinkCodec(1, 1).feed(frame)
-    assert (message.command, message.param1) == (
-        MavCommand.REQUEST_MESSAGE,
-        D.MAVLINK_MSG_ID_HEARTBEAT,
-    )
+    step = AskMode(address(PX4))
+    (message,) = MavlinkCodec(1, 1).feed(*step.poll(0.0))
+    asked = (message.command, message.param1)
+    assert asked == (MavCommand.REQUEST_MESSAGE, D.MAVLINK_MSG_ID_HEARTBEAT)
     assert step.poll(0.5 * AskMode.period_s) == []
     step.hear(HEARTBEAT, 0.01)
     assert not step.done, "it may have left before the question"
     assert len(step.poll(AskMode.period_s)) == 1
-    step.hear(ACK, 0.12)
+    step.hear(ack(MavCommand.REQUEST_MESSAGE, 3), 0.12)
     assert step.done, "also where it refuses: then the heartbeat that comes by itself has told"
     assert step.poll(math.inf) == []
 
 
 def test_an_answer_to_another_station_s_question_is_none_to_ours() -> None:
-    step = AskMode(PX4_ADDRESS)
+    step = AskMode(address(PX4))
     step.poll(0.0)
     step.hear(HEARTBEAT, 0.01)
-    step.hear(D.MAVLink_command_ack_message(MavCommand.REQUEST_MESSAGE, 0, 0, 0, 255, 190), 0.02)
+    step.hear(ack(MavCommand.REQUEST_MESSAGE, 0, 255), 0.02)
     assert not step.done, "that heartbeat may have left before our question"
     assert len(step.poll(AskMode.period_s)) == 1
-    step.hear(D.MAVLink_command_ack_message(MavCommand.REQUEST_MESSAGE, 0, 0, 0, 0, 0), 0.12)
+    step.hear(ack(MavCommand.REQUEST_MESSAGE, 0, 0, 0), 0.12)
     assert step.done, "one that names nobody is an old autopilot's, and for all"
 
 
 def test_a_version_is_told_in_numbers_and_the_first_bytes_of_the_commit() -> None:
-    step = ReadVersion(PX4_ADDRESS)
+    step = ReadVersion(address(PX4))
     (question,) = MavlinkCodec(1, 1).feed(*step.poll(0.0))
     assert (question.command, question.param1) == (MavCommand.REQUEST_MESSAGE, 148.0)
     commit, none = list(bytes.fromhex("0a1b2c3d4e5f6071")), [0] * 8
-    step.hear(
-        D.MAVLink_autopilot_version_message(0, 0x01_11_03_FF, 0, 0, 0, commit, none, none, 0, 0, 0),
-        0.1,
-    )
+    numbers = (0, 0x01_11_03_FF, 0, 0, 0, commit, none, none, 0, 0, 0)
+    step.hear(D.MAVLink_autopilot_version_message(*numbers), 0.1)
     assert step.done
     assert step.firmware == "PX4 1.17.3 release 0a1b2c3d4e5f6071"

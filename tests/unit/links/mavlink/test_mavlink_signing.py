@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from links.io import read_key
 from links.mavlink import StampFile
-from links.mavlink.protocol import MavCommand, MavlinkCodec, Signer
+from links.mavlink.protocol import MavlinkCodec, Signer
 from links.mavlink.protocol.signing import MINUTE
 from tests.mavlink_table import golden
 
@@ -62,12 +62,9 @@ def test_what_we_sign_pymavlink_believes() -> None:
     peer.signing.sign_outgoing = False
     ours = signed()
     for n in range(3):
-        for frame in (
-            ours.attitude_target(n, 1, 1, 0.5, (0.0, 0.0, 0.0)),
-            ours.command(1, 1, MavCommand.ARM_DISARM, 1.0),
-        ):
-            (message,) = peer.parse_buffer(frame)
-            assert message.get_signed()
+        frames = ours.attitude_target(n, 1, 1, 0.5, (0.0, 0.0, 0.0)), ours.command(1, 1, 400, 1.0)
+        read = peer.parse_buffer(b"".join(frames))
+        assert [message.get_signed() for message in read] == [True, True]
 
 
 def test_what_pymavlink_signs_we_believe() -> None:
@@ -100,13 +97,7 @@ def unsigned(**form: Any) -> bytes:
         (heartbeat().pack(theirs(NOW - MINUTE)), KEY, 1, {}),
         (heartbeat().pack(theirs(NOW - MINUTE - 1)), KEY, 0, {"replayed": 1}),
     ],
-    ids=[
-        "not signed",
-        "another key",
-        "comes twice",
-        "a minute behind",
-        "more than a minute behind",
-    ],
+    ids=["not signed", "another key", "twice", "a minute behind", "more than a minute behind"],
 )
 def test_what_is_not_believed_is_counted_by_its_reason(
     frames: bytes, key: bytes, accepted: int, dropped: dict[str, int]
@@ -117,18 +108,14 @@ def test_what_is_not_believed_is_counted_by_its_reason(
 
 
 def test_a_telemetry_radio_may_put_in_its_status_unsigned() -> None:
-    status = mavlink.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7).pack(
-        mavlink.MAVLink(None, 51, 68)
-    )
-    assert [m.get_type() for m in signed().feed(status)] == ["RADIO_STATUS"]
+    status = mavlink.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7)
+    frame = status.pack(mavlink.MAVLink(None, 51, 68))
+    assert [m.get_type() for m in signed().feed(frame)] == ["RADIO_STATUS"]
 
 
 def test_stamps_grow_also_where_the_clock_stands_still_or_the_other_is_ahead() -> None:
     ours = signed()
-    stamps = []
-    for _ in range(3):
-        frame = ours.heartbeat()
-        stamps.append(int.from_bytes(frame[-12:-6], "little"))
+    stamps = [int.from_bytes(ours.heartbeat()[-12:-6], "little") for _ in range(3)]
     assert stamps == [NOW, NOW + 1, NOW + 2]
     ours.feed(heartbeat().pack(theirs(NOW + 1000)))
     assert int.from_bytes(ours.heartbeat()[-12:-6], "little") == NOW + 1001
@@ -143,8 +130,7 @@ def test_a_forged_frame_in_a_stream_is_skipped_whole() -> None:
 
 
 def test_a_forged_stamp_of_the_future_does_not_lock_the_true_sender_out() -> None:
-    # pymavlink 2.4.50 stores a stamp before it compares the signature: after this forgery it hears
-    # nobody any more.
+    # pymavlink 2.4.50 stores a stamp before it compares the signature: it then hears nobody.
     ours, peer = signed(), theirs()
     forged = heartbeat().pack(theirs(NOW + MINUTE))
     forged = forged[:-6] + bytes(6)
@@ -179,21 +165,14 @@ def test_a_key_is_read_raw_or_as_text(tmp_path: Path, data: bytes) -> None:
     assert read_key(key_file(tmp_path, data)) == KEY
 
 
+NO_KEYS = (b"", KEY[:31], KEY + b"1", b"secret", KEY.hex().encode()[:-2], b"\xff" * 64)
+
+
 @pytest.mark.parametrize(
     ("data", "mode", "says"),
     [
         *((KEY, mode, f"has mode {mode:04o}") for mode in (0o644, 0o640, 0o606, 0o700, 0o400)),
-        *(
-            (data, 0o600, "is no key")
-            for data in (
-                b"",
-                KEY[:31],
-                KEY + b"1",
-                b"secret",
-                KEY.hex().encode()[:-2],
-                b"\xff" * 64,
-            )
-        ),
+        *((data, 0o600, "is no key") for data in NO_KEYS),
         (bytes(32), 0o600, "only zeros"),
     ],
 )
@@ -223,16 +202,11 @@ def test_after_a_restart_no_stamp_is_used_again_even_if_the_clock_was_set_back(
     tmp_path: Path,
 ) -> None:
     stamps = StampFile(key_file(tmp_path, KEY))
+    stamps.keep(5)
     now = stamps.first()
-    assert now > 10 * 365 * 86400 * TICKS_PER_S  # after 2025
+    assert now > 10 * 365 * 86400 * TICKS_PER_S, "a clock that went on counts: after 2025"
     stamps.keep(now + 1_000_000_000)
     assert stamps.first() == now + 1_000_000_001
-
-
-def test_a_clock_that_went_on_counts_from_now(tmp_path: Path) -> None:
-    stamps = StampFile(key_file(tmp_path, KEY))
-    stamps.keep(5)
-    assert stamps.first() > 1_000_000
 
 
 def test_a_damaged_stamp_is_told_of(tmp_path: Path) -> None:

@@ -1,6 +1,4 @@
-"""The autopilot's own poses where its clock runs slower than ours, and where they come late:
-TIMESYNC tells which.
-"""
+"""Own poses of an autopilot whose clock runs slow, or which come late: TIMESYNC tells which."""
 
 import asyncio
 from typing import Any
@@ -32,9 +30,8 @@ def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
             return 7.0 + (loop.time() - begun) * (1.0 - slow)
 
         def say(message: Any) -> None:
-            loop.call_later(
-                late_s if loop.time() - begun > 0.5 * LONG_S else 0.0, autopilot.say, message
-            )
+            is_late = loop.time() - begun > 0.5 * LONG_S
+            loop.call_later(late_s if is_late else 0.0, autopilot.say, message)
 
         def answer(message: Any) -> list[Any]:
             if message.get_type() == "TIMESYNC" and message.tc1 == 0:
@@ -46,26 +43,11 @@ def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
         sources.append(source)
         await source.start(poses.append)
         await link.connect()
-        unknown = [float("nan")] * 21
+        level, unknown = (1.0, 0.0, 0.0, 0.0), [float("nan")] * 21
         while loop.time() - begun < LONG_S:
-            at_us = int(clock_s() * 1e6)
-            say(
-                D.MAVLink_odometry_message(
-                    at_us,
-                    1,
-                    1,
-                    loop.time(),
-                    0.0,
-                    0.0,
-                    (1.0, 0.0, 0.0, 0.0),
-                    *[0.0] * 6,
-                    unknown,
-                    unknown,
-                    0,
-                    8,
-                    0,
-                )
-            )
+            frames = (int(clock_s() * 1e6), 1, 1)
+            motion = (loop.time(), 0.0, 0.0, level, *[0.0] * 6)
+            say(D.MAVLink_odometry_message(*frames, *motion, unknown, unknown, 0, 8, 0))
             await asyncio.sleep(0.02)
 
     play_scene(play, connect=False)
@@ -84,12 +66,10 @@ def test_a_simulated_autopilot_that_falls_behind_sends_no_late_poses(slow: float
 @pytest.mark.parametrize("slow", [0.0, SLOW])
 def test_poses_of_an_autopilot_that_come_late_are_as_old_as_they_are(slow: float) -> None:
     poses, _ = flown(slow, 0.2)
-    late = [
-        pose for pose in poses if pose.position_ned[0] > poses[0].arrival_s + 0.5 * LONG_S + 1.0
-    ]
-    errors = [
-        pose.time_s - pose.position_ned[0] for pose in late
-    ]  # each says where it is by when it was
+    # Each pose says where it is by when it was.
+    from_s = poses[0].arrival_s + 0.5 * LONG_S + 1.0
+    late = [pose for pose in poses if pose.position_ned[0] > from_s]
+    errors = [pose.time_s - pose.position_ned[0] for pose in late]
     assert max(errors) < 1e-3, "never younger"
     assert min(errors) > -0.012
     assert len(late) > 500

@@ -1,7 +1,4 @@
-"""How the MAVLink link ends a flight: by force, by mode LAND, by its own bring-down.
-
-And a network without room.
-"""
+"""End of a MAVLink flight: by force, by mode LAND, by bring-down. And a network without room."""
 
 import asyncio
 import time  # noqa: TID251  # to stand still
@@ -43,6 +40,12 @@ def is_kill(message: Any) -> bool:
     return (message.command, message.param1, message.param2) == (MavCommand.ARM_DISARM, 0.0, FORCE)
 
 
+def modes(autopilot: Endpoint) -> list[tuple[float, float]]:
+    """Modes that were asked for: MAV_CMD_DO_SET_MODE's second and third parameter."""
+    asked = [m for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.DO_SET_MODE]
+    return [(m.param2, m.param3) for m in asked]
+
+
 def ack(command: int, result: int = 0) -> Any:
     return D.MAVLink_command_ack_message(command, result, 0, 0, 245, 190)
 
@@ -67,11 +70,8 @@ async def test_a_kill_is_repeated_until_it_is_acknowledged_and_the_stream_ends_b
 
     def answer(message: Any) -> list[Any]:
         heard.append(message)
-        return (
-            [ack(MavCommand.ARM_DISARM)]
-            if is_kill(message) and sum(map(is_kill, heard)) > 20
-            else []
-        )
+        obeys = is_kill(message) and sum(map(is_kill, heard)) > 20
+        return [ack(MavCommand.ARM_DISARM)] if obeys else []
 
     autopilot.answer = answer
     await link.kill()
@@ -166,13 +166,11 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(
         lands: list[float] = []
 
         def answer(message: Any) -> list[Any]:
-            if (
-                getattr(message, "command", None) == MavCommand.DO_SET_MODE
-                and (message.param2, message.param3) == mode
-            ):
+            command = getattr(message, "command", None)
+            if command == MavCommand.DO_SET_MODE and (message.param2, message.param3) == mode:
                 lands.append(asyncio.get_running_loop().time())
                 return [] if len(lands) == 1 else accept(message)  # the first got lost
-            if getattr(message, "command", None) == MavCommand.REQUEST_MESSAGE:
+            if command == MavCommand.REQUEST_MESSAGE:
                 autopilot.beat()
             return arms(message)
 
@@ -218,16 +216,13 @@ async def test_an_autopilot_that_a_pilot_has_just_taken_over_is_asked_for_its_mo
     autopilot.heard.clear()
     await link.silent()
     assert len(asked) == loses + 1
-    assert not [m for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.DO_SET_MODE]
+    assert modes(autopilot) == []
     assert link.status.taken == "POSCTL"
-    assert all(m.thrust > 0.0 for m in autopilot.of("SET_ATTITUDE_TARGET")), (
-        "it was not played to its end"
-    )
+    assert all(m.thrust > 0.0 for m in autopilot.of("SET_ATTITUDE_TARGET")), "not to its end"
 
 
 KNOWN, STILL, GPS_JUMPS, SITS = 831, 167, 831 | 1024, 831 | 128
-"""Flags as real autopilots told them in flight, and on the ground without GPS; and what is not to
-be believed."""
+"""Flags of real autopilots, in flight and on the ground without GPS, and two with a fault."""
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
@@ -257,15 +252,9 @@ def test_unless_told_otherwise_land_is_asked_of_an_autopilot_that_says_that_it_k
             await asyncio.sleep(0.05)
         autopilot.heard.clear()
         await link.silent()
-        modes = [
-            (m.param2, m.param3)
-            for m in autopilot.of("COMMAND_LONG")
-            if m.command == MavCommand.DO_SET_MODE
-        ]
-        assert modes == ([(4.0, 6.0) if kind == PX4 else (9.0, 0.0)] if lands else [])
-        assert (
-            autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust > 0.0
-        ) == lands  # the rates ended early, or at their end
+        assert modes(autopilot) == ([(4.0, 6.0) if kind == PX4 else (9.0, 0.0)] if lands else [])
+        last = autopilot.of("SET_ATTITUDE_TARGET")[-1]
+        assert (last.thrust > 0.0) == lands, "the rates ended early, or at their end"
 
     play_scene(play, kind=kind)
 
@@ -329,8 +318,8 @@ def test_after_poses_were_wrong_land_is_asked_only_where_it_can_not_rest_on_them
             link.distrust()
         autopilot.heard.clear()
         await link.silent()
-        asked = [m for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.DO_SET_MODE]
-        assert bool(asked) == (lands or (not distrusted and settings.get("bring_down") != "rates"))
+        asked = lands or (not distrusted and settings.get("bring_down") != "rates")
+        assert bool(modes(autopilot)) == asked
 
     play_scene(play, **settings)
 
@@ -408,16 +397,12 @@ def test_a_datagram_that_the_kernel_has_no_room_for_is_dropped_not_kept_for_late
     socket = FullSocket()
     transport = Transport({"socket": socket, "peername": peername})
     datagrams = Datagrams(transport)
-    assert (
-        datagrams.send(b"stale soon", ("127.0.0.1", 1) if peername is None else None) == "congested"
-    )
+    peer = ("127.0.0.1", 1) if peername is None else None
+    assert datagrams.send(b"stale soon", peer) == "congested"
+    assert peername is not None or datagrams.send(b"", None) == "no_peer"
     assert transport.kept == []
     datagrams.abort()
     assert socket.closed
-
-
-def test_without_a_peer_nothing_leaves() -> None:
-    assert Datagrams(Transport({"socket": FullSocket()})).send(b"", None) == "no_peer"
 
 
 @pytest.mark.parametrize("commanded", [True, False], ids=["commanded", "left alone"])
@@ -450,10 +435,7 @@ async def test_an_autopilot_that_is_back_takes_newer_commands_only_if_commanded_
 
 @in_real_time
 async def test_a_program_that_stood_still_reads_what_waits_before_its_bring_down() -> None:
-    """One datagram is read in each turn of the event loop.
-
-    The last of these tells that somebody else has taken it.
-    """
+    """Each turn of the event loop reads one datagram, of which the last ends the link's control."""
     left: list[Command | Segment] = []
     waiting, read = 5, 0
     loop, deadman = asyncio.get_running_loop(), Deadman()

@@ -1,6 +1,4 @@
-"""What an autopilot tells of itself: mode names of both firmwares, its battery, and its pre-arm
-checks.
-"""
+"""Vitals of an autopilot: mode names of both firmwares, battery, and pre-arm checks."""
 
 from typing import Any
 
@@ -41,6 +39,11 @@ def heard(vitals: Vitals, mode: int, now_s: float) -> None:
     tell(vitals, D.MAVLink_heartbeat_message(2, PX4, 0x81, mode, 4, 3), now_s=now_s)
 
 
+def status(enabled: int, health: int, millivolts: int = 0, percent: int = -1) -> Any:
+    sensors, battery = (enabled, enabled, health, 0), (millivolts, 0, percent)
+    return D.MAVLink_sys_status_message(*sensors, *battery, 0, 0, 0, 0, 0, 0)
+
+
 def test_a_mode_is_foreign_only_where_it_is_told_late_enough_and_does_not_follow_us() -> None:
     vitals = Vitals()
     assert vitals.foreign(0.0) == ""
@@ -59,7 +62,7 @@ def test_the_battery_is_read_where_it_is_told(
     millivolts: int, percent: int, volts: float | None, share: float | None
 ) -> None:
     vitals = Vitals()
-    tell(vitals, D.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, 0, percent, 0, 0, 0, 0, 0, 0))
+    tell(vitals, status(0, 0, millivolts, percent))
     assert vitals.battery_v == volts
     assert vitals.battery_share == (None if share is None else pytest.approx(share))
 
@@ -74,13 +77,7 @@ PREARM = 0x10000000
         (PX4, 4 << 16 | 3 << 24, 0, PREARM | 1, True),
         (PX4, 4 << 16 | 3 << 24, 0, 1, False),
         (PX4, 6 << 16, 0, PREARM, True),
-        (
-            PX4,
-            6 << 16,
-            0,
-            0,
-            None,
-        ),  # in OFFBOARD it waits for set-points, which wait for the arming
+        (PX4, 6 << 16, 0, 0, None),  # in OFFBOARD it waits for set-points, which wait for arming
         (ARDUPILOT, 0, PREARM, PREARM, True),
         (ARDUPILOT, 4, PREARM, 0, False),
         (ARDUPILOT, 0, 0, 0, None),  # its checks are switched off
@@ -91,16 +88,7 @@ def test_pre_arm_checks_are_read_as_each_firmware_tells_them(
     kind: int, mode: int, enabled: int, health: int, ready: bool | None
 ) -> None:
     vitals = Vitals()
-    heartbeat = D.MAVLink_heartbeat_message(2, kind, 0x01, mode, 3, 3)
-    tell(
-        vitals,
-        heartbeat,
-        D.MAVLink_sys_status_message(enabled, enabled, health, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0),
-    )
+    tell(vitals, status(0, 0))
+    assert vitals.ready is None, "without a heartbeat nobody knows"
+    tell(vitals, D.MAVLink_heartbeat_message(2, kind, 0x01, mode, 3, 3), status(enabled, health))
     assert vitals.ready is ready
-
-
-def test_of_an_autopilot_without_a_heartbeat_nobody_knows_whether_it_is_ready() -> None:
-    vitals = Vitals()
-    tell(vitals, D.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0))
-    assert vitals.ready is None

@@ -1,6 +1,4 @@
-"""MAVLink over each transport, in real time: nothing raises, what is lost is opened again, nothing
-stale leaves.
-"""
+"""MAVLink over each transport, in real time: losses are repaired, nothing stale leaves."""
 
 import asyncio
 import gc
@@ -31,9 +29,7 @@ ARMED = 128
 
 
 class End:
-    """The autopilot's end of one transport: it accepts everything, goes away, and comes back under
-    the same name.
-    """
+    """The autopilot's end of one transport; it accepts all, goes away, and comes back."""
 
     def __init__(self, way: str, folder: Path) -> None:
         self.way, self.port = way, folder / "ttyACM0"
@@ -49,18 +45,19 @@ class End:
             self.wire = await open_far_end(self.hear, port=PtyWire(self.port))
         else:
             address = parse_address(self.options.setdefault(self.way, await free_address()))
-            udp = {"listen": {"remote": address}, "remote": {"local": address}}
-            opens = (
-                open_tcp(self.hear, address=address)
-                if self.way == "tcp"
-                else open_udp(self.hear, **udp[self.way])
-            )
-            self.wire = await opens
+            if self.way == "tcp":
+                self.wire = await open_tcp(self.hear, address=address)
+            else:
+                key = "remote" if self.way == "listen" else "local"
+                self.wire = await open_udp(self.hear, **{key: address})
         self.beats = asyncio.create_task(self.beating())
 
     def put(self, data: bytes) -> None:
         for at in range(0, len(data), 1400):
             self.wire.sendto(data[at : at + 1400])
+
+    def say(self, message: Any) -> None:
+        self.put(self.codec.pack(message))
 
     def lose(self) -> None:
         self.beats.cancel()
@@ -74,20 +71,12 @@ class End:
             self.heard.append(message.get_type())
             if message.get_type() == "COMMAND_LONG":
                 self.armed = self.armed or message.command == 400
-                self.put(
-                    self.codec.pack(
-                        D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190)
-                    )
-                )
+                self.say(D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190))
 
     async def beating(self) -> None:
         """Send the heartbeat ten times a second."""
         while True:
-            self.put(
-                self.codec.pack(
-                    D.MAVLink_heartbeat_message(2, PX4, ARMED if self.armed else 0, 0, 3, 3)
-                )
-            )
+            self.say(D.MAVLink_heartbeat_message(2, PX4, ARMED if self.armed else 0, 0, 3, 3))
             await asyncio.sleep(0.1)
 
 
@@ -214,10 +203,7 @@ def play(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
 
 
 def troubles(codec: MavlinkCodec, seed: int) -> Iterator[bytes]:
-    """Yield the bytes of noise, wrong baud rates, collisions and strangers.
-
-    A whole frame among them is true.
-    """
+    """Yield bytes of noise, wrong baud rates, collisions and strangers; whole frames are true."""
     luck = random.Random(seed)
     beat = codec.dialect.MAVLink_heartbeat_message(2, 12, ARMED, 0, 3, 3)
     for _ in range(60):

@@ -1,11 +1,8 @@
-"""A computer that sleeps: its monotonic clock stands still, and what was fresh before would pass
-for fresh after.
-"""
+"""A computer that sleeps: its monotonic clock stands still, and stale commands look fresh."""
 
 import asyncio
 import sys
 import time
-from collections.abc import Iterator
 
 import pytest
 
@@ -35,23 +32,26 @@ class Lid:
 
 
 @pytest.fixture
-def lid(monkeypatch: pytest.MonkeyPatch) -> Iterator[Lid]:
-    """In simulated time, too: there every clock counts as this machine's."""
+def own_lid(monkeypatch: pytest.MonkeyPatch) -> Lid:
+    """The lid of this machine, whose clock alone counts."""
     lid = Lid()
     monkeypatch.setattr(links.io.wires, "_ahead_s", lid.ahead_s)
+    return lid
+
+
+@pytest.fixture
+def lid(own_lid: Lid, monkeypatch: pytest.MonkeyPatch) -> Lid:
+    """In simulated time, too: there every clock counts as this machine's."""
     monkeypatch.setattr(links.io.wires, "OURS_S", float("inf"))
-    yield lid
-
-
-def test_a_computer_that_is_awake_has_not_slept() -> None:
-    sleep = Sleep(time.monotonic)
-    time.sleep(2.0 * SHORTEST_S)
-    assert sleep.slept_s == 0.0
+    return own_lid
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux tells of its sleep")
-def test_linux_has_a_clock_that_goes_on_in_sleep() -> None:
+def test_a_computer_that_is_awake_has_not_slept_by_the_clock_that_goes_on_in_sleep() -> None:
     assert links.io.wires._AWAKE_OR_NOT == time.CLOCK_BOOTTIME
+    sleep = Sleep(time.monotonic)
+    time.sleep(2.0 * SHORTEST_S)
+    assert sleep.slept_s == 0.0
 
 
 def test_it_is_told_how_long_the_computer_slept_since_the_watch_began(lid: Lid) -> None:
@@ -73,27 +73,20 @@ def test_a_program_that_stands_still_between_two_looks_at_the_clocks_has_not_sle
     assert sleep.slept_s == 0.0
 
 
-def test_a_program_that_stands_still_as_the_watch_begins_is_watched(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    lid = Lid()
-    monkeypatch.setattr(links.io.wires, "_ahead_s", lid.ahead_s)
-
+def test_a_program_that_stands_still_as_the_watch_begins_is_watched(own_lid: Lid) -> None:
     def stuck() -> float:
         now = time.monotonic()
         time.sleep(2.0 * OURS_S)
         return now
 
     sleep = Sleep(stuck)
-    lid.slept_s += 600.0
+    own_lid.slept_s += 600.0
     assert sleep.slept_s > 0.0
 
 
-def test_a_simulation_goes_on_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    lid = Lid()
-    monkeypatch.setattr(links.io.wires, "_ahead_s", lid.ahead_s)
+def test_a_simulation_goes_on_where_it_was(own_lid: Lid) -> None:
     simulated, real = Sleep(lambda: time.monotonic() - 2.0 * OURS_S), Sleep(time.monotonic)
-    lid.slept_s += 600.0
+    own_lid.slept_s += 600.0
     assert simulated.slept_s == 0.0
     assert real.slept_s > 0.0
 

@@ -1,7 +1,4 @@
-"""What comes back through a CRSF module, by the words of its document.
-
-And how it steers the pacer.
-"""
+"""Telemetry through a CRSF module, by its document, and how it steers the pacer."""
 
 import math
 import struct
@@ -35,13 +32,17 @@ def frame(kind: int, payload: bytes) -> bytes:
 
 
 def timing(early_s: float, period_s: float = 0.004) -> bytes:
-    return frame(
-        0x3A, b"\xea\xee\x10" + struct.pack(">Ii", round(1e7 * period_s), round(1e7 * early_s))
-    )
+    times = struct.pack(">Ii", round(1e7 * period_s), round(1e7 * early_s))
+    return frame(0x3A, b"\xea\xee\x10" + times)
 
 
 BATTERY = frame(0x08, bytes.fromhex("00A8 0011 000123 32"))
 LINK = frame(0x14, bytes((60, 0, 99, 0xFB, 0, 2, 3, 70, 98, 7)))
+LEANS = so3.from_euler_zyx(0.2, 0.1, 3.1)
+
+
+def uplink(snr_db: int) -> RfTelemetry:
+    return RfTelemetry(uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=snr_db)
 
 
 @pytest.mark.parametrize(
@@ -49,15 +50,9 @@ LINK = frame(0x14, bytes((60, 0, 99, 0xFB, 0, 2, 3, 70, 98, 7)))
     [
         (BATTERY, RfTelemetry(battery_v=16.8, battery_share=0.5)),
         (frame(0x08, bytes(8)), RfTelemetry()),
-        (LINK, RfTelemetry(uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=-5)),
-        (
-            frame(0x14, bytes((80, 60, 99, 0x80, *bytes(6)))),
-            RfTelemetry(uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=-128),
-        ),
-        (
-            frame(0x1E, struct.pack(">hhh", -1000, 2000, 31000)),
-            RfTelemetry(attitude=so3.from_euler_zyx(0.2, 0.1, 3.1)),
-        ),
+        (LINK, uplink(-5)),
+        (frame(0x14, bytes((80, 60, 99, 0x80, *bytes(6)))), uplink(-128)),
+        (frame(0x1E, struct.pack(">hhh", -1000, 2000, 31000)), RfTelemetry(attitude=LEANS)),
         (frame(0x21, b"ACRO*\0rest"), RfTelemetry(mode="ACRO*")),
         (timing(-0.00012), RfTelemetry(early_s=-0.00012)),
     ],
@@ -76,15 +71,8 @@ def test_whatever_they_hold_nothing_raises_and_every_number_is_finite(
 ) -> None:
     (heard,) = CrsfLinkConfig().codec().decoder().feed(frame(kind, payload))
     if heard.tells is not None:
-        told = heard.tells
-        numbers = (
-            told.battery_v,
-            told.battery_share,
-            told.uplink_share,
-            told.early_s,
-            *(told.attitude or ()),
-        )
-        assert all(math.isfinite(number) for number in numbers if number is not None)
+        values = (*msgspec.structs.astuple(heard.tells), *(heard.tells.attitude or ()))
+        assert all(math.isfinite(value) for value in values if isinstance(value, float))
 
 
 def test_pitch_counts_the_way_that_it_is_told_to() -> None:
@@ -116,17 +104,15 @@ def test_a_bridge_s_attitude_is_of_the_stations_own_clock() -> None:
     bench.port.comes = encode_attitude(0.0, 0.1, 0.0)
     bench.frame()
     there = bench.pacer.report(bench.now)
-    end = StationEnd(
-        bytes(32), Welcome(bytes(16), bytes(16), 0.0, CrsfLinkConfig().manner, there), 0.0
-    )
+    welcome = Welcome(bytes(16), bytes(16), 0.0, CrsfLinkConfig().manner, there)
+    end = StationEnd(bytes(32), welcome, 0.0)
     end._clock.narrow(99.0, 101.0, 0.0)
     here = end.ours(there)
     assert there.telemetry.attitude_s is not None
     assert here.telemetry.attitude_s == pytest.approx(there.telemetry.attitude_s + 100.0, abs=1e-3)
     assert here.telemetry.attitude == there.telemetry.attitude
-    assert (
-        end.ours(msgspec.structs.replace(there, telemetry=RfTelemetry())).telemetry == RfTelemetry()
-    )
+    silent = msgspec.structs.replace(there, telemetry=RfTelemetry())
+    assert end.ours(silent).telemetry == RfTelemetry()
 
 
 def test_what_is_told_is_reported_and_forgotten_after_a_while() -> None:
@@ -155,10 +141,7 @@ def test_the_pacer_meets_the_modules_phase_by_two_percent_of_a_period_a_frame(
 
 
 def test_no_deadline_moves_however_the_frames_are_steered() -> None:
-    """The module asks for later frames all the time.
-
-    What a command may do ends when it would without.
-    """
+    """A command of a module that asks for later frames ends as early as of one that does not."""
     config = CrsfLinkConfig(arm_low_s=0.0, arm_high_s=0.01)
     ends = []
     for asks in (b"", timing(0.0019)):
@@ -166,10 +149,8 @@ def test_no_deadline_moves_however_the_frames_are_steered() -> None:
         pacer = FramePacer(config, 2.0, port, now)
         channels = Channels(config.map, count=16, thrust_max_n=2.0)
         pacer.order(Arm(1, now), now)
-        command = Command(
-            1.0, (0.0, 0.0, 0.0), 1, now, now + 0.1, (Segment(0.05, 0.5, (0.0, 0.0, 0.0)),)
-        )
-        pacer.order(Give(1, command), now)
+        down = (Segment(0.05, 0.5, (0.0, 0.0, 0.0)),)
+        pacer.order(Give(1, Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.1, down)), now)
         lifted_s = now
         while now < 101.0:
             now += config.period_s + pacer.steer()

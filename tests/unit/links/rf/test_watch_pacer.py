@@ -24,10 +24,7 @@ def watching(period_s: float) -> StandbyWatch:
 
 
 def looks(watch: StandbyWatch, *, late_s: float = 0.0, vouched_s: float = 10.0) -> float | None:
-    """Look whenever it is time, by a pacer that vouched last at ``vouched_s``.
-
-    When it is convicted.
-    """
+    """When a pacer that vouched last at ``vouched_s`` is convicted, looked at in time [s]."""
     now = 10.0
     for _ in range(100):
         if watch.look(now + late_s, vouched_s):
@@ -36,12 +33,11 @@ def looks(watch: StandbyWatch, *, late_s: float = 0.0, vouched_s: float = 10.0) 
     return None
 
 
-def test_a_sign_of_life_that_stays_out_convicts_at_the_second_look() -> None:
+def test_a_sign_of_life_that_stays_out_convicts_at_the_second_look_in_time() -> None:
     assert looks(watching(0.0225)) == pytest.approx(10.0 + OLD_S + 0.5 * 0.0225 + LOOK_S, abs=1e-4)
-
-
-def test_a_watcher_that_is_late_convicts_nobody() -> None:
     assert looks(watching(0.004), late_s=1.1 * LATE_S) is None
+    convicted = looks(watching(0.1))
+    assert convicted is not None and convicted > 10.15, "frames far apart are waited for"
 
 
 def test_one_look_in_time_and_one_late_begin_anew() -> None:
@@ -59,14 +55,7 @@ def test_a_sign_in_between_acquits() -> None:
     assert not watch.look(10.3, 10.2)
 
 
-def test_frames_far_apart_are_waited_for() -> None:
-    convicted = looks(watching(0.1))
-    assert convicted is not None and convicted > 10.15
-
-
-def test_a_pacer_that_has_not_begun_or_vouches_ahead_is_waited_for_and_looked_at_all_the_same() -> (
-    None
-):
+def test_a_pacer_that_has_not_begun_or_vouches_ahead_is_waited_for_and_looked_at() -> None:
     assert looks(watching(0.0225), vouched_s=0.0) is None
     watch = watching(0.0225)
     assert not watch.look(10.0, 12.0)
@@ -104,12 +93,10 @@ def test_a_port_is_held_in_common_and_let_go_in_common() -> None:
     while len(came) < len(b"onetwo"):  # a pseudo-terminal may hand over each write by itself
         came += os.read(far, 100)
     assert came == b"onetwo"
-    locked = Path(f"/proc/self/fdinfo/{held.fd}").read_text()
-    assert "lock:" in locked
+    descriptor = Path(f"/proc/self/fdinfo/{held.fd}")
+    assert "lock:" in descriptor.read_text()
     port.close()
-    assert "lock:" not in Path(f"/proc/self/fdinfo/{held.fd}").read_text(), (
-        "who opens it again is not kept out"
-    )
+    assert "lock:" not in descriptor.read_text(), "who opens it again is not kept out"
     held.hear()
     assert held.fd is None
     theirs.close()

@@ -1,6 +1,4 @@
-"""Whatever others say, it reaches the screen as letters: nothing steers the terminal, forges a line
-or a style.
-"""
+"""Words of others reach the screen as letters: nothing steers the terminal or forges a line."""
 
 import argparse
 import os

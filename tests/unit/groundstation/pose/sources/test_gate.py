@@ -1,13 +1,10 @@
-"""The gate: what of a source's poses can't be true, how it is told, and how a new place comes to be
-believed.
-"""
+"""The gate: poses that can't be true, how they are told, and when a new place is believed."""
 
 import math
 import re
 from collections.abc import Iterable
 from typing import Any
 
-import msgspec
 import pytest
 from hypothesis import given, strategies as st
 
@@ -94,38 +91,18 @@ def test_what_can_not_be_true_is_counted_and_the_next_good_pose_passes(
 @pytest.mark.parametrize(
     ("config", "wrong", "told"),
     [
-        (
-            {},
-            {"attitude": so3.from_euler_zyx(math.pi, 0.0, 0.0)},
-            r"tilted \(180° from upright, limit 120° .*carry",
-        ),
-        (
-            {"tilt_deg": 10.0},
-            {"attitude": leaning(12.0)},
-            r"tilted \(12° from upright, limit 10° \(gate.tilt_deg\)",
-        ),
-        (
-            {},
-            {"position_ned": (0.4, 0.5, -1.0)},
-            r"jump \(0.50 m from .*, limit 0.1\d m \(gate.jump_m",
-        ),
-        (
-            {},
-            {"attitude": yawed(90.0)},
-            r"spin \(turned by 90° since the last one, limit \d+° \(gate.rate_deg_s\)",
-        ),
-        (
-            {},
-            {"velocity_ned": (0.0, 30.0, 0.0)},
-            r"too_fast \(30.0 m/s, limit 20 m/s \(gate.speed_m_s\)",
-        ),
+        ({}, pose(20, attitude=leaning(180.0)), r"tilted \(180° from .*, limit 120° .*carry"),
+        ({"tilt_deg": 10.0}, pose(20, attitude=leaning(12.0)), r"tilted \(12° .*10° \(gate.tilt_"),
+        ({}, pose(20, (0.4, 0.5, -1.0)), r"jump \(0.50 m from .*, limit 0.1\d m \(gate.jump_m"),
+        ({}, pose(20, attitude=yawed(90.0)), r"spin \(turned by 90° .*, limit \d+° \(gate.rate_"),
+        ({}, pose(20, velocity_ned=(0.0, 30.0, 0.0)), r"too_fast \(30.0 m/s, limit 20 m/s \(gate"),
     ],
 )
 def test_a_drop_by_a_limit_is_told_with_its_number_and_the_limit(
-    config: dict[str, Any], wrong: dict[str, Any], told: str
+    config: dict[str, Any], wrong: Pose, told: str
 ) -> None:
     gate = gate_in_flight(**config)
-    gate.filter_pose(msgspec.structs.replace(pose(20), **wrong))
+    gate.filter_pose(wrong)
     ((reason, _),) = gate.dropped.items()
     assert re.match(told, describe_drop(reason, gate.excesses).text)
 
@@ -161,18 +138,14 @@ def test_of_a_crowd_of_wild_poses_none_passes_because_it_happens_to_come_near() 
     wild = [pose(n, (n * DT, 0.6 * (-1.0) ** n, -0.5)) for n in range(20, 24)]
     passed, _ = flown(gate, [*wild, near])
     assert not passed
-    swerve = pose(
-        25, (25 * DT, 0.5 * 5.0 * (6 * DT) ** 2, -1.0)
-    )  # what the vehicle may have done at 5 m/s²
+    swerve = pose(25, (25 * DT, 0.5 * 5.0 * (6 * DT) ** 2, -1.0))  # at 5 m/s², as it may have
     assert gate.filter_pose(swerve)[0] is not None
 
 
 def test_poses_that_stay_elsewhere_are_believed_after_a_while_and_not_before() -> None:
     gate = gate_in_flight()
-    passed, events = flown(
-        gate, (pose(n, (5.0 + n * DT, 2e-3 * math.sin(n), -1.0)) for n in range(20, 200))
-    )
-    (moved,) = events
+    there = [pose(n, (5.0 + n * DT, 2e-3 * math.sin(n), -1.0)) for n in range(20, 200)]
+    passed, (moved,) = flown(gate, there)
     assert moved.id == "pose.elsewhere"
     assert "6.5" in str(moved)
     assert "agreed" in str(moved)
@@ -227,13 +200,10 @@ def test_nothing_makes_it_raise_and_each_pose_passes_or_is_counted(poses: list[P
 
 def test_an_outbreak_is_told_once_as_it_begins_and_once_as_it_is_over() -> None:
     outbreaks = Outbreaks(COAST_S)
-    told = [
-        event
-        for n in range(300)
-        for event in outbreaks.look(
-            0.05 * n, PoseStatus(0, {"not_tracked": max(0, min(n, 50) - 9), "jump": 0}), None
-        )
-    ]
+    told: list[Sentence] = []
+    for n in range(300):
+        status = PoseStatus(0, {"not_tracked": max(0, min(n, 50) - 9), "jump": 0})
+        told += outbreaks.look(0.05 * n, status, None)
     assert [event.id for event in told] == ["pose.dropping", "pose.passed"]
     assert "hidden" in str(told[0])
     assert "41 dropped" in str(told[1])
@@ -254,31 +224,21 @@ def late(by_s: float) -> PoseStatus:
 
 
 def test_lateness_is_told_as_it_begins_as_it_doubles_and_after_its_end() -> None:
-    quiet = [(0.1 * k, late(0.0), None) for k in range(5, 40)]
-    told = look_on((0.0, late(0.0), None), (0.1, late(0.03), None), (0.2, late(0.06), None), (0.3,
-        late(0.061), None),
-                   (0.4, late(0.1), None), *quiet)  # fmt: skip
+    lateness = [0.0, 0.03, 0.06, 0.061, 0.1, *[0.0] * 35]
+    told = look_on(*((0.1 * k, late(by_s), None) for k, by_s in enumerate(lateness)))
     assert [event for _, event in told] == ["pose.later", "pose.later", "pose.punctual"]
     assert [now_s for now_s, _ in told] == pytest.approx([0.1, 0.3, 2.4])
 
 
 def test_poses_that_are_lost_and_come_back_are_told_after_the_limit() -> None:
-    newest = pose(0)  # of 0.0 s
-    status = PoseStatus(1, {})
-    told = look_on(
-        (0.25, status, newest),
-        (0.26, status, newest),
-        (0.5, status, newest),
-        (0.51, status, pose(25)),
-    )
+    newest = [(0.25, pose(0)), (0.26, pose(0)), (0.5, pose(0)), (0.51, pose(25))]
+    told = look_on(*((now_s, PoseStatus(1, {}), one) for now_s, one in newest))
     assert told == [(0.26, "pose.lost"), (0.51, "pose.back")]
 
 
 def test_drops_of_before_the_first_look_are_news_and_an_unsteady_clock_is_told_both_ways() -> None:
     steady, unsteady = PoseStatus(0, {"jump": 1}), PoseStatus(0, {"jump": 1}, unsteady_clock=True)
-    told = look_on(
-        (0.0, steady, None), (1.9, unsteady, None), (2.1, steady, None), (4.2, steady, None)
-    )
-    assert told == [(0.0, "pose.dropping"), (1.9, "pose.unsteady_clock"), (2.1,
-        "pose.steady_clock"),
-                    (2.1, "pose.passed")]  # fmt: skip
+    looks = [(0.0, steady), (1.9, unsteady), (2.1, steady), (4.2, steady)]
+    told = look_on(*((now_s, status, None) for now_s, status in looks))
+    assert told[:2] == [(0.0, "pose.dropping"), (1.9, "pose.unsteady_clock")]
+    assert told[2:] == [(2.1, "pose.steady_clock"), (2.1, "pose.passed")]

@@ -1,7 +1,4 @@
-"""Every source that sees several bodies tells where the others are, in our axes.
-
-Hidden ones are not seen.
-"""
+"""Every source that sees several bodies tells where the others are, in our axes."""
 
 import asyncio
 import math
@@ -20,12 +17,9 @@ from sim.trackers import TrackedBody, make_tracker
 from tests.loops import in_virtual_time
 from tests.proving.fuzz import FLIGHTS, natnet_handshake
 
+ASIDE = {"lab_origin_m": [1.0, -2.0, 0.5], "centre_of_mass_m": [0.1, 0.0, 0.0]}
 KINDS: list[dict[str, Any]] = [
-    {
-        "kind": "vicon",
-        "drop_frozen": True,
-        "alignment": {"lab_origin_m": [1.0, -2.0, 0.5], "centre_of_mass_m": [0.1, 0.0, 0.0]},
-    },
+    {"kind": "vicon", "drop_frozen": True, "alignment": ASIDE},
     {"kind": "json", "world": "enu", "alignment": {"lab_rotation_deg": [0.0, 0.0, 30.0]}},
     {"kind": "natnet", "multicast": True},
     {"kind": "natnet", "id": 1},
@@ -47,9 +41,7 @@ async def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(
     assert tracked is not None
     own, tracker = tracked
     await tracker.open()
-    source = make_source(
-        config.pose, make_link(config.link, thrust_max_n=1.0, thrust_curve=0.0), others
-    )
+    source = make_source(config.pose, make_link(config.link, thrust_max_n=1.0), others)
     frame, bee, cat = 0, (1.0, 0.5, -1.5), (-1.0, 0.25, -0.5)
 
     async def stream(seconds: float, hidden: bool) -> None:

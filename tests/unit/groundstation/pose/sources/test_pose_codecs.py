@@ -40,9 +40,7 @@ def test_a_golden_datagram_makes_its_pose_or_is_dropped_for_its_reason(name: str
     if row.pose is None:
         assert len(poses) == 0
         assert reader.status.accepted == 0
-        if (
-            name == "vision"
-        ):  # its bytes are a stream: only the next datagram tells what of this one was no frame
+        if name == "vision":  # a stream: only the next datagram tells that this was no frame
             reader.read(TABLES[name].rows[0].datagram, 5.1)
             assert row.drop is not None
             assert reader.status.dropped[row.drop] == 1
@@ -77,47 +75,35 @@ def test_natnets_writer_gives_the_golden_handshake_byte_for_byte(name: str) -> N
     assert (natnet_codec.encode_server_info(info).hex(), models.hex()) == TABLES[name].prelude
 
 
+def u32(number: int) -> bytes:
+    return number.to_bytes(4, "little")
+
+
 def test_descriptions_of_bodies_are_found_among_marker_sets_and_skeletons_with_markers() -> None:
-    def described(name: str, number: int) -> bytes:
-        return (
-            name.encode() + b"\0" + number.to_bytes(4,
-                "little") + bytes(4 + 12 + 16)  # parent, offset, quaternion
-            + (2).to_bytes(4, "little") + bytes(2 * 16) + b"m1\0m2\0"
-        )  # fmt: skip
+    def described(name: bytes, number: int) -> bytes:
+        place = bytes(4 + 12 + 16)  # parent, offset, quaternion
+        return name + b"\0" + u32(number) + place + u32(2) + bytes(2 * 16) + b"m1\0m2\0"
 
     kinds = [
-        (0, b"all\0" + (1).to_bytes(4, "little") + b"m\0"),
-        (1, described("quad", 3)),
-        (2, b"Ann\0" + (1).to_bytes(4, "little") + (1).to_bytes(4, "little") + described("hip", 1)),
-        (1, described("wand", 4)),
+        (0, b"all\0" + u32(1) + b"m\0"),
+        (1, described(b"quad", 3)),
+        (2, b"Ann\0" + u32(1) + u32(1) + described(b"hip", 1)),
+        (1, described(b"wand", 4)),
         (9, b"something new"),
-        (1, described("behind it", 5)),
+        (1, described(b"behind it", 5)),
     ]
-    sized = [k.to_bytes(4, "little") + len(d).to_bytes(4, "little") + d for k, d in kinds]
-    payload = len(kinds).to_bytes(4, "little") + b"".join(sized)
-    assert natnet_codec.decode_models(payload, (4, 2)) == [
-        ("quad", 3),
-        ("wand", 4),
-        ("behind it", 5),
-    ]
+    payload = u32(len(kinds)) + b"".join(u32(kind) + u32(len(data)) + data for kind, data in kinds)
+    found = natnet_codec.decode_models(payload, (4, 2))
+    assert found == [("quad", 3), ("wand", 4), ("behind it", 5)]
 
 
 def test_descriptions_that_do_not_tell_their_bytes_are_passed_over_by_their_parts() -> None:
     def described(name: bytes, number: int) -> bytes:
-        return (
-            name + b"\0" + number.to_bytes(4, "little") + bytes(4 + 12) + bytes(4)
-        )  # parent, offset, no markers
+        return name + b"\0" + u32(number) + bytes(4 + 12) + bytes(4)  # parent, offset, no markers
 
-    one, two = (1).to_bytes(4, "little"), (2).to_bytes(4, "little")
-    skeleton = two + b"Ann\0" + one + two + described(b"hip", 1) + described(b"knee", 2)
-    payload = (
-        (3).to_bytes(4, "little")
-        + one
-        + described(b"quad", 3)
-        + skeleton
-        + one
-        + described(b"wand", 4)
-    )
+    quad, hip, knee, wand = map(described, (b"quad", b"hip", b"knee", b"wand"), (3, 1, 2, 4))
+    skeleton = u32(2) + b"Ann\0" + u32(1) + u32(2) + hip + knee
+    payload = u32(3) + u32(1) + quad + skeleton + u32(1) + wand
     assert natnet_codec.decode_models(payload, (3, 0)) == [("quad", 3), ("wand", 4)]
 
 
@@ -127,14 +113,10 @@ def natnet_frame(*bodies: natnet_codec.RigidBody, **told: bool) -> bytes:
 
 
 def motive(*rows: int, heard: int = 2, **keys: bool) -> NatNetReader:
-    """A reader that has heard so many messages of the handshake, and these rows of the golden
-    table.
-    """
+    """A reader after ``heard`` messages of the handshake, and these rows of the golden table."""
     reader, table = NatNetReader("quad", Intake(0.0), **keys), TABLES["natnet 4.1"]
-    for datagram in [
-        *map(bytes.fromhex, table.prelude[:heard]),
-        *(table.rows[row].datagram for row in rows),
-    ]:
+    handshake = map(bytes.fromhex, table.prelude[:heard])
+    for datagram in (*handshake, *(table.rows[row].datagram for row in rows)):
         reader.read(datagram, 0.0)
     return reader
 
@@ -142,9 +124,7 @@ def motive(*rows: int, heard: int = 2, **keys: bool) -> NatNetReader:
 OURS = natnet_codec.RigidBody(2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-def test_a_frame_of_edit_mode_or_playback_is_never_flown_and_the_server_is_asked_who_it_is() -> (
-    None
-):
+def test_a_frame_of_edit_mode_or_playback_is_never_flown_and_the_server_is_asked_again() -> None:
     reader = motive(0)
     reader.due()
     assert reader.read(natnet_frame(OURS, live=False), 0.01) == ()
@@ -166,9 +146,8 @@ def test_a_server_with_an_older_bit_stream_is_not_read_and_the_operator_told_wha
     reader = NatNetReader("quad", Intake(0.0))
     old = natnet_codec.ServerInfo("Motive", (2, 10), 10_000_000)
     reader.read(natnet_codec.encode_server_info(old), 0.0)
-    assert reader.status.dropped == {"wrong_version": 1} and "bit stream version" in str(
-        describe_drop("wrong_version")
-    )
+    assert reader.status.dropped == {"wrong_version": 1}
+    assert "bit stream version" in str(describe_drop("wrong_version"))
     assert ids(reader.due()) == [NatNetMessage.CONNECT]
 
 
@@ -219,24 +198,15 @@ def test_qtms_own_package_reads_what_our_writer_writes() -> None:
     assert (read.timestamp, read.framenumber, info.body_count) == (1_234_567, 9, 2)
     position, rotation = bodies[0]
     assert tuple(position) == (1000.0, -2000.0, 3000.0)
-    rows = so3.matrix(attitude)
-    assert rotation.matrix == pytest.approx(
-        [rows[i][j] for j in range(3) for i in range(3)], abs=1e-7
-    )
+    columns = [number for column in zip(*so3.matrix(attitude), strict=True) for number in column]
+    assert rotation.matrix == pytest.approx(columns, abs=1e-7)
     assert all(map(math.isnan, bodies[1][0]))
 
 
-@pytest.mark.parametrize(
-    "xml",
-    [
-        b"",
-        b"<a>",
-        b"hello",
-        b"\xff\xfe",
-        b'<!DOCTYPE x [<!ENTITY a "b">]><x>&a;</x>',
-        b"x" * (1 << 21),
-    ],
-)
+ENTITY = b'<!DOCTYPE x [<!ENTITY a "b">]><x>&a;</x>'
+
+
+@pytest.mark.parametrize("xml", [b"", b"<a>", b"hello", b"\xff\xfe", ENTITY, b"x" * (1 << 21)])
 def test_parameters_that_are_no_plain_xml_are_refused_in_words(xml: bytes) -> None:
     with pytest.raises(ValueError, match="the parameters are"):
         qualisys_codec.body_names(xml)
@@ -255,14 +225,10 @@ def test_a_size_or_a_type_that_no_packet_has_breaks_the_stream(header: tuple[int
 
 def test_visions_writer_gives_the_golden_frame_byte_for_byte() -> None:
     vision = mavlink_codec.VisionEstimate(1000.5, (0.5, 2.0, -1.0), TURNED)
-    read = VisionReader(Intake(0.0)).read(
-        mavlink_codec.encode_vision(MavlinkCodec(1, 197), vision), 1.0
-    )
-    assert read[0].position_ned == (0.5, 2.0, -1.0)
-    assert (
-        mavlink_codec.encode_vision(MavlinkCodec(1, 197), vision)
-        == TABLES["vision"].rows[0].datagram
-    )
+    written = mavlink_codec.encode_vision(MavlinkCodec(1, 197), vision)
+    assert written == TABLES["vision"].rows[0].datagram
+    (read,) = VisionReader(Intake(0.0)).read(written, 1.0)
+    assert read.position_ned == (0.5, 2.0, -1.0)
 
 
 def test_another_system_or_component_is_not_believed_where_one_is_named() -> None:

@@ -1,6 +1,4 @@
-"""Readers of each source: bodies that are not seen or share a name, and two trackers that send to
-one port.
-"""
+"""Readers of each source: bodies unseen or of one name, and two trackers on one port."""
 
 import json
 import math
@@ -56,9 +54,8 @@ def vicon(n: int, north_m: float = 0.0, *names: str) -> bytes:
 
 def json_line(n: int, north_m: float = 0.0, *names: str) -> bytes:
     place = (north_m + 1e-4 * (n % 3), 0.0, 0.5)
-    return encode_json(
-        [json_pose(name, place, IDENTITY, t=FRAME_S * n) for name in names or ("quad",)]
-    )
+    bodies = names or ("quad",)
+    return encode_json([json_pose(name, place, IDENTITY, t=FRAME_S * n) for name in bodies])
 
 
 def vision(n: int, north_m: float = 0.0, *names: str) -> bytes:
@@ -68,9 +65,8 @@ def vision(n: int, north_m: float = 0.0, *names: str) -> bytes:
 
 def motioncapture(n: int, north_m: float = 0.0, *names: str) -> bytes:
     body = SimpleNamespace(position=PLACE, rotation=SimpleNamespace(w=1.0, x=0.0, y=0.0, z=0.0))
-    return json.dumps(
-        [{"name": name, "t": FRAME_S * n, **describe_body(body)} for name in names]
-    ).encode()
+    seen = [{"name": name, "t": FRAME_S * n, **describe_body(body)} for name in names]
+    return json.dumps(seen).encode()
 
 
 def natnet(n: int, north_m: float = 0.0, *names: str) -> bytes:
@@ -85,14 +81,16 @@ def qualisys(n: int, north_m: float = 0.0, *names: str) -> bytes:
 
 Line = Callable[..., bytes]
 """The datagram of a frame: its number, where the bodies are in the north [m], and their names."""
-LINES: dict[str, Line] = {
-    "vicon": vicon,
-    "json": json_line,
-    "vision": vision,
-    "motioncapture": motioncapture,
-    "natnet": natnet,
-    "qualisys": qualisys,
+LINES: dict[str, Line] = {"json": json_line} | {
+    line.__name__: line for line in (vicon, vision, motioncapture, natnet, qualisys)
 }
+
+
+def motive(source: NatNetReader, models: bytes) -> NatNetReader:
+    """``source`` after the handshake with a Motive that has ``models``."""
+    source.read(encode_server_info(ServerInfo("Motive", (3, 0), 1_000_000)), 0.0)
+    source.read(models, 0.0)
+    return source
 
 
 def reader(kind: str, others: Others | None = None) -> Any:
@@ -106,29 +104,22 @@ def reader(kind: str, others: Others | None = None) -> Any:
         qtm.names = ("quad", "quad")
         return qtm
     if kind == "natnet":
-        motive = NatNetReader("quad", intake)
-        motive.read(encode_server_info(ServerInfo("Motive", (3, 0), 1_000_000)), 0.0)
-        motive.read(encode_models({"quad": 1, "wand": 2}, (3, 0)), 0.0)
-        return motive
+        return motive(NatNetReader("quad", intake), encode_models({"quad": 1, "wand": 2}, (3, 0)))
     return JsonReader("quad", intake, Intake(0.0, frame_s=FRAME_S))
 
 
 @pytest.mark.parametrize("kind", [kind for kind in LINES if kind != "vision"])
 def test_of_two_bodies_with_the_vehicle_s_name_or_id_neither_is_flown(kind: str) -> None:
-    source = reader(kind)
-    assert [
-        list(source.read(LINES[kind](n, 0.0, "quad", "quad"), FRAME_S * n)) for n in (1, 2)
-    ] == [[], []]
+    source, line = reader(kind), LINES[kind]
+    assert not any(source.read(line(n, 0.0, "quad", "quad"), FRAME_S * n) for n in (1, 2))
     assert source.status.dropped == {"same_name": 2}
 
 
 def test_two_rigid_bodies_of_one_name_are_told_apart_by_a_streaming_id_alone() -> None:
     models = encode_models({"quad": 1, "wand": 2}, (3, 0)).replace(b"wand", b"quad")
     for body_id, expected in ((None, 0), (2, 1)):
-        motive = NatNetReader("quad", Intake(0.0), body_id=body_id)
-        motive.read(encode_server_info(ServerInfo("Motive", (3, 0), 1_000_000)), 0.0)
-        motive.read(models, 0.0)
-        assert len(motive.read(natnet(1), 0.01)) == expected
+        source = motive(NatNetReader("quad", Intake(0.0), body_id=body_id), models)
+        assert len(source.read(natnet(1), 0.01)) == expected
 
 
 def test_a_body_without_a_rotation_is_not_seen() -> None:
@@ -153,16 +144,11 @@ def test_a_place_that_is_left_out_or_null_is_one_that_is_not_seen(hidden: str) -
     assert source.read(hidden.replace("NAME", "quad").encode(), 1.0) == ()
     assert source.status.dropped == {"not_tracked": 1}
     seen = '{"name": "quad", "t": 2, "position": [1, 2, 3], "quaternion": [1, 0, 0, 0]}'
-    assert len(source.read(f"[{hidden.replace('NAME', 'wand')}, {seen}]".encode(), 2.0)) == 1, (
-        "beside one not seen"
-    )
+    both = f"[{hidden.replace('NAME', 'wand')}, {seen}]".encode()
+    assert len(source.read(both, 2.0)) == 1, "beside one not seen"
     assert others.sighting("wand") is None
-
-
-def test_a_body_that_is_seen_must_have_a_place() -> None:
-    source = reader("json")
-    assert source.read(b'{"name": "quad", "t": 1, "quaternion": [1, 0, 0, 0]}', 1.0) == ()
-    assert source.status.dropped == {"wrong_schema": 1}
+    source.read(b'{"name": "quad", "t": 3, "quaternion": [1, 0, 0, 0]}', 3.0)
+    assert source.status.dropped["wrong_schema"] == 1, "one that is seen must have a place"
 
 
 def test_what_python_writes_of_a_number_that_is_none_loses_no_other_body() -> None:
@@ -180,10 +166,7 @@ def test_what_python_writes_of_a_number_that_is_none_loses_no_other_body() -> No
 
 
 def listen(source: PoseReader, frames: range, line: Line, *senders: object) -> list[float]:
-    """Read the frames of the first sender where the vehicle is, of each other aside.
-
-    Returns where poses put it.
-    """
+    """Where poses put the vehicle [m]; the first sender sees it there, each other aside."""
     norths = []
     for n in frames:
         for k, sender in enumerate(senders):
@@ -211,9 +194,8 @@ def test_the_first_of_two_senders_is_used_and_both_are_named(kind: str) -> None:
 def test_two_senders_that_begin_at_once_are_told_within_a_few_poses(kind: str) -> None:
     source = reader(kind)
     norths = listen(source, range(50), LINES[kind], FIRST, SECOND)
-    assert sum(abs(north) < 0.1 for north in norths) >= 50 - FEW_POSES, (
-        "of two clocks none keeps the other's"
-    )
+    true = sum(abs(north) < 0.1 for north in norths)
+    assert true >= 50 - FEW_POSES, "no clock holds up the other's"
     assert source.status.dropped["second_sender"] == 50 - FEW_POSES
     assert "come from two addresses, 10.0.0.5:51001 and 10.0.0.7:40123" in source.status.advice
 
@@ -228,9 +210,8 @@ def test_a_tracker_that_takes_over_from_one_that_fell_silent_is_no_second_one() 
 
 def test_a_program_that_sends_each_datagram_from_another_port_is_one_sender() -> None:
     source = reader("json")
-    assert all(
-        listen(source, range(n, n + 1), json_line, ("10.0.0.5", 40000 + n)) for n in range(300)
-    )
+    for n in range(300):
+        assert listen(source, range(n, n + 1), json_line, ("10.0.0.5", 40000 + n))
     assert (source.status.dropped, source.status.advice) == ({}, "")
 
 

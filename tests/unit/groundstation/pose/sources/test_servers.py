@@ -1,6 +1,4 @@
-"""NatNet and Qualisys beside their contract: who is heard, what is refused, servers that restart or
-break.
-"""
+"""NatNet and Qualisys beside their contract: strangers, refusals, servers that restart or break."""
 
 import asyncio
 import struct
@@ -31,11 +29,17 @@ from tests.loops import BOTH_LOOPS, Run, free_address, in_real_time, in_virtual_
 
 async def streaming(server: NatNetServer, seconds: float) -> None:
     loop = asyncio.get_running_loop()
+    body = TrackedBody("quad", (1.0, 2.0, -3.0), so3.IDENTITY, True)
     for n in range(round(seconds / 0.01)):
         await asyncio.sleep(0.01)
-        server.send(
-            n, loop.time() - 0.005, [TrackedBody("quad", (1.0, 2.0, -3.0), so3.IDENTITY, True)]
-        )
+        server.send(n, loop.time() - 0.005, [body])
+
+
+async def open_end(host: str, kind: Callable[[], Any] = asyncio.DatagramProtocol) -> Any:
+    """A datagram socket of our own at a server's port."""
+    loop = asyncio.get_running_loop()
+    end, _ = await loop.create_datagram_endpoint(kind, local_addr=(host, 1510))
+    return end
 
 
 @in_virtual_time
@@ -48,10 +52,7 @@ async def test_only_the_server_is_heard() -> None:
     await streaming(server, 0.1)
     await asyncio.sleep(0.1)
     count = len(poses)
-    loop = asyncio.get_running_loop()
-    stranger, _ = await loop.create_datagram_endpoint(
-        asyncio.DatagramProtocol, local_addr=("127.0.0.9", 1510)
-    )
+    stranger = await open_end("127.0.0.9")
     (ours,) = server._clients
     body = natnet_codec.RigidBody(1, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0))
     forged = natnet_codec.NatNetFrame(10**6, (body,), 10**12, 10**12)
@@ -70,9 +71,7 @@ SECOND = "127.0.0.7"
 @pytest.mark.parametrize("first", ["nothing", "its name", "all but frames"])
 @in_virtual_time
 async def test_a_server_that_answers_from_a_second_address_is_named(first: str) -> None:
-    """A server that answers nothing from the address that was asked, or only who it is, or all that
-    it is asked.
-    """
+    """``first`` is what a server answers from the address that was asked."""
     config = NatNetConfig(server="127.0.0.1:1510")
     source, poses, told = config.build(), list[Pose](), list[Sentence]()
     asked: asyncio.Future[tuple[str, int]] = asyncio.get_running_loop().create_future()
@@ -82,11 +81,7 @@ async def test_a_server_that_answers_from_a_second_address_is_named(first: str) 
             if not asked.done():
                 asked.set_result(addr)
 
-    loop = asyncio.get_running_loop()
-    own, _ = await loop.create_datagram_endpoint(Asked, local_addr=("127.0.0.1", 1510))
-    second, _ = await loop.create_datagram_endpoint(
-        asyncio.DatagramProtocol, local_addr=(SECOND, 1510)
-    )
+    own, second = await open_end("127.0.0.1", Asked), await open_end(SECOND)
     gated = GatedSource(source, GateConfig(), lost_s=0.25, say=told.append)
     await gated.start(poses.append)
     station = await asked
@@ -138,9 +133,7 @@ async def test_a_unicast_server_that_forgets_its_clients_is_told_again() -> None
 async def test_a_group_on_an_interface_that_is_not_ours_is_refused_in_words() -> None:
     port = parse_address(await free_address())[1]
     source = NatNetConfig(multicast=True, interface="192.0.2.1", data_port=port).build()
-    with pytest.raises(
-        OSError, match=r"NatNet poses on 192\.0\.2\.1:0 .*no interface of this machine has"
-    ):
+    with pytest.raises(OSError, match=r"192\.0\.2\.1:0 .*no interface of this machine has"):
         await source.start(lambda pose: None)
     await source.close()
 
@@ -175,10 +168,8 @@ class Room:
     async def stream(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            seen = [
-                TrackedBody(name, (float(n), 0.0, -1.0), so3.IDENTITY, True)
-                for n, name in enumerate(self.names)
-            ]
+            places = ((name, (float(n), 0.0, -1.0)) for n, name in enumerate(self.names))
+            seen = [TrackedBody(name, place, so3.IDENTITY, True) for name, place in places]
             self.server.send(self._frame, loop.time(), seen)
             self._frame += 1
             await asyncio.sleep(0.01)
@@ -264,10 +255,9 @@ def test_a_body_that_is_added_while_we_listen_is_asked_for() -> None:
         pose = await room.more()
         assert pose.position_ned == (1.0, 0.0, -1.0)
         assert all(p.position_ned == (1.0, 0.0, -1.0) for p in room.poses[count + 1 :])
-        assert (
-            0 < room.source.status.dropped["other_bodies"] < 20
-        )  # of 100 a second: it is asked at once
-        assert room.source.status.dropped.keys() == {"other_bodies"}
+        dropped = room.source.status.dropped
+        assert 0 < dropped["other_bodies"] < 20, "of 100 a second: it is asked at once"
+        assert dropped.keys() == {"other_bodies"}
         assert room.source.other_objects == ("wand", "quad")
 
     scene(play)
@@ -276,9 +266,7 @@ def test_a_body_that_is_added_while_we_listen_is_asked_for() -> None:
 @in_virtual_time
 async def test_nobody_there_is_said_with_what_to_check() -> None:
     source = QualisysConfig(server="127.0.0.1:22223").build()
-    with pytest.raises(
-        OSError, match=r"cannot reach QTM at 127\.0\.0\.1:22223 .*little-endian port"
-    ):
+    with pytest.raises(OSError, match=r"QTM at 127\.0\.0\.1:22223 .*little-endian port"):
         await source.start(lambda pose: None)
     await source.close()
 

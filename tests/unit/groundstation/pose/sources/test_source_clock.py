@@ -1,6 +1,4 @@
-"""The source's stamps on our clock: backlogs, lateness, wrong rates and units, steps, restarts,
-gaps, drift.
-"""
+"""Stamps of a source on our clock: lateness, wrong rates and units, steps, restarts, drift."""
 
 import math
 import random
@@ -23,11 +21,7 @@ LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 
 def times(clock: SourceClock, messages: Iterable[tuple[float, float]]) -> list[float]:
     """The time of each (stamp, arrival) that is not stale."""
-    return [
-        clock.time_s(stamp, arrival)
-        for stamp, arrival in messages
-        if not clock.stale(stamp, arrival)
-    ]
+    return [clock.time_s(*message) for message in messages if not clock.stale(*message)]
 
 
 def test_frames_that_waited_in_the_kernel_are_as_old_as_their_numbers_say() -> None:
@@ -56,10 +50,8 @@ def test_an_exchange_of_clocks_tells_a_slow_clock_from_late_messages() -> None:
     for n in range(2000):
         arrival_s = 0.01 * n * 1.1  # a simulated autopilot on a machine that is too slow for it
         ages.append(arrival_s - times(clock, [(0.01 * n, arrival_s)])[0])
-        if n % 100 == 0:
-            clock.apply_exchange(
-                0.01 * n - (arrival_s - 0.002)
-            )  # it showed 0.01 n no earlier than 2 ms ago
+        if n % 100 == 0:  # it showed 0.01 n no earlier than 2 ms ago
+            clock.apply_exchange(0.01 * n - (arrival_s - 0.002))
     assert max(ages) < 0.12
 
 
@@ -68,10 +60,8 @@ def test_a_wrong_rate_is_found_out_within_three_seconds(told_hz: float) -> None:
     clock = SourceClock(1.0 / told_hz)
     true_hz = 100.0
     arrivals = [20.0 + n / true_hz + (0.0, 0.004, 0.001)[n % 3] for n in range(600)]
-    ages = [
-        arrival - time
-        for arrival, time in zip(arrivals, times(clock, enumerate(arrivals)), strict=True)
-    ]
+    got = times(clock, enumerate(arrivals))
+    ages = [arrival - time for arrival, time in zip(arrivals, got, strict=True)]
     assert max(ages[300:]) < 0.008
     assert clock.interval_s == pytest.approx(1.0 / true_hz, rel=0.1)
     assert clock.drift == pytest.approx(told_hz / true_hz - 1.0, abs=0.01 * told_hz / true_hz)
@@ -89,9 +79,9 @@ def test_a_clock_that_falls_back_is_counted_and_believed_after_a_second() -> Non
 def test_a_clock_that_begins_anew_is_a_reset_that_no_count_of_the_sources_own_hides() -> None:
     intake = Intake(0.0)
     before = intake.pose(500.0, 10.0, HERE, LEVEL, resets=1)
-    after = [intake.pose(3.0 + 0.1 * n, 11.0 + 0.1 * n, HERE, LEVEL, resets=0) for n in range(20)][
-        -1
-    ]
+    *_, after = (
+        intake.pose(3.0 + 0.1 * n, 11.0 + 0.1 * n, HERE, LEVEL, resets=0) for n in range(20)
+    )
     assert before is not None and after is not None
     assert after.reset_count != before.reset_count
 
@@ -114,8 +104,7 @@ class Stream:
         for n in range(messages):
             left_s = n / rate_hz
             arrival_s = left_s + (QUEUE_S if n >= messages // 2 else 0.0)
-            place = (1e-4 * n, 0.0, 0.0)
-            pose = json_pose("quad", place, (1.0, 0.0, 0.0, 0.0), t=stamp(n))
+            pose = json_pose("quad", (1e-4 * n, 0.0, 0.0), LEVEL, t=stamp(n))
             for got in self.reader.read(encode([pose]), arrival_s):
                 self.ages.append((arrival_s - left_s + LATENCY_S, arrival_s - got.time_s))
 
@@ -138,12 +127,8 @@ def test_stamps_that_run_too_fast_or_too_slow_fail_with_the_factor_and_the_unit(
 ) -> None:
     intake = Intake(LATENCY_S)
     for n in range(110):
-        intake.pose(
-            factor * begun_s + factor * 0.02 * n,
-            5.0 + 0.02 * n,
-            (1e-4 * n, 0.0, 0.0),
-            (1.0, 0.0, 0.0, 0.0),
-        )
+        stamp = factor * begun_s + factor * 0.02 * n
+        intake.pose(stamp, 5.0 + 0.02 * n, (1e-4 * n, 0.0, 0.0), LEVEL)
     check = check_stamp_rate(intake.status, JsonConfig())
     assert check is not None and check.verdict is Verdict.FAIL
     shown = max(factor, 1.0 / factor)
@@ -212,11 +197,8 @@ def test_one_step_is_forgiven() -> None:
     assert not stream.reader.status.unsteady_clock
     assert stream.reader.status.clock_steps == 1
     assert all(told == pytest.approx(true, abs=5e-3) for true, told in stream.ages)
-
-
-def test_a_clock_that_begins_anew_each_second_is_unsteady() -> None:
-    """The field of the seconds was forgotten."""
-    assert Stream(lambda n: math.fmod(0.02 * n, 1.0), 50.0, 1500).reader.status.unsteady_clock
+    forgotten = Stream(lambda n: math.fmod(0.02 * n, 1.0), 50.0, 1500)
+    assert forgotten.reader.status.unsteady_clock, "the field of the seconds was forgotten"
 
 
 def test_an_unsteady_clock_is_told_once_as_it_begins_and_once_as_it_is_over() -> None:
@@ -226,8 +208,6 @@ def test_an_unsteady_clock_is_told_once_as_it_begins_and_once_as_it_is_over() ->
         stamp = stepping(n) if n < 500 else 0.02 * n + 1e3
         intake.pose(stamp, 0.02 * n, (1e-4 * n, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
         told += outbreaks.look(0.02 * n, intake.status, None)
-    assert [event.id for event in told if "clock" in event.id] == [
-        "pose.unsteady_clock",
-        "pose.steady_clock",
-    ]
+    clocks = [event.id for event in told if "clock" in event.id]
+    assert clocks == ["pose.unsteady_clock", "pose.steady_clock"]
     assert any(f"3 times within {UNSTEADY_S:g} s" in event.text for event in told)

@@ -35,10 +35,8 @@ def test_the_writer_gives_the_golden_datagram_byte_for_byte(row: ViconReadable) 
 def test_a_decoder_gives_its_own_object_in_metres_and_as_a_quaternion(row: ViconReadable) -> None:
     (own,) = (item for item in row.objects if item.name == OURS)
     # The table's mqx is at (1234.5, -250.25, 1000) mm in every row.
-    assert pose_of(own) == (
-        (1.2345, -0.25025, 1.0),
-        quaternion_from_euler_xyz((0.0625, -0.125, 1.5)),
-    )
+    attitude = quaternion_from_euler_xyz((0.0625, -0.125, 1.5))
+    assert pose_of(own) == ((1.2345, -0.25025, 1.0), attitude)
 
 
 @dropped
@@ -50,9 +48,8 @@ def test_a_datagram_of_no_use_is_counted_by_reason_and_dropped(row: ViconDropped
 
 
 def frame(number: int, north_mm: float = 0.0) -> bytes:
-    return encode(
-        number, [ViconObject(OURS, (north_mm, -2000.0, 1000.0), (0.0, 0.0, -math.pi / 2.0))]
-    )
+    place, turn = (north_mm, -2000.0, 1000.0), (0.0, 0.0, -math.pi / 2.0)
+    return encode(number, [ViconObject(OURS, place, turn)])
 
 
 @pytest.mark.parametrize(
