@@ -92,7 +92,7 @@ FAULTS = (
     Fault("backstepping.py", "u_star = -i * (q * a + s1 * x2)", "u_star = -i * (q * a - s1 * x2)"),
     Fault("backstepping.py", "        -(mass / thrust) * turn[1],", "        (mass / thrust) * turn[1],"),
     Fault("backstepping.py", "ops.where(suspended, 0.0, law.kb)", "ops.where(suspended, law.kb, law.kb)"),
-    Fault("adaptive.py", "add_scaled(b_hat, interval_s, dot)", "add_scaled(b_hat, -interval_s, dot)"),
+    Fault("adaptive.py", "add_scaled(b_hat, interval_s, step.b_hat_dot)", "add_scaled(b_hat, -interval_s, step.b_hat_dot)"),
     Fault("demand_limits.py", "p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)", "p, q, r = x, y, z"),
     Fault("protocol/codec.py", "    IGNORE_ATTITUDE = 128", "    IGNORE_ATTITUDE = 0"),
     Fault("protocol/senders.py", "return len(ids) == 1 and ids ==", "return ids =="),

@@ -232,12 +232,8 @@ class Adaptive:
         state = LawState(z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk)
         step = backstep(ops, gains, state, mass, drag, witness=witness, suspended=suspended)
         # The law's rates as the tilt limit leaves them, and the one that turns the heading.
-        k_yaw, most, yaw, yaw_dot = (
-            gains.k_yaw,
-            limits.rates[2],
-            reference.yaw_rad,
-            reference.yaw_rate_rad_s,
-        )
+        k_yaw, most = gains.k_yaw, limits.rates[2]
+        yaw, yaw_dot = reference.yaw_rad, reference.yaw_rate_rad_s
         least = limits.find_least_cosine(
             attitude,
             thrust,
@@ -248,23 +244,20 @@ class Adaptive:
         rate_x, rate_y, self._tilt_limited = limits.limit_tilt(
             attitude, motion.rates, (step.rate_x, step.rate_y), least, gains.k_omega
         )
-        rates = wanted = (
-            rate_x,
-            rate_y,
-            yaw_rate(ops, attitude, yaw, yaw_dot, rate_y, k_yaw, most),
-        )
+        third = yaw_rate(ops, attitude, yaw, yaw_dot, rate_y, k_yaw, most)
+        rates = wanted = (rate_x, rate_y, third)
         if compensate:
             thrust_command = thrust + self._thrust_lead * step.thrust_rate
             if vehicle.rate_lag_s > 0.0:
                 thrust_rate = limits.limit_thrust_rate(thrust, step.thrust_rate, self._thrust_lead)
                 ahead = self._look_ahead(state, step, thrust_rate, estimate, mass, interval_s)
-                rates_ahead = turn_rates(ops, gains, ahead, mass, drag, suspended)
-                rate_x, rate_y, _ = limits.limit_tilt(
-                    ahead.attitude, motion.rates, rates_ahead, least, gains.k_omega
+                x, y = turn_rates(ops, gains, ahead, mass, drag, suspended)
+                x, y, _ = limits.limit_tilt(
+                    ahead.attitude, motion.rates, (x, y), least, gains.k_omega
                 )
                 yaw = yaw + AHEAD_S * yaw_dot
-                third = yaw_rate(ops, ahead.attitude, yaw, yaw_dot, rate_y, k_yaw, most)
-                rates = self._lead(motion.rates, wanted, (rate_x, rate_y, third))
+                third = yaw_rate(ops, ahead.attitude, yaw, yaw_dot, y, k_yaw, most)
+                rates = self._lead(motion.rates, wanted, (x, y, third))
         else:
             thrust_command = thrust + self._hold * step.thrust_rate
         x, y, turn = rates
@@ -273,25 +266,11 @@ class Adaptive:
         )
         self._saturated = clamped | self._tilt_limited
         self._thrust_sent = drive.thrust
-        dot = step.b_hat_dot
-        self.b_hat = within(ops, add_scaled(b_hat, interval_s, dot), gains.b_bound + gains.epsilon)
-        # By position: by name it would take three times as long.
-        diagnostics = Diagnostics(
-            step.z1,
-            step.z2,
-            step.z3,
-            step.u_star,
-            b_hat,
-            dot,
-            estimate.disturbance if gains.composite == "provable" else b_hat,
-            step.v_terms,
-            step.w_terms,
-            step.v_known,
-            step.w,
-            _SUSPENDED if suspended is True else self._certificate,
-            step.thrust_rate,
-            wanted,
-        )
+        moved = add_scaled(b_hat, interval_s, step.b_hat_dot)
+        self.b_hat = within(ops, moved, gains.b_bound + gains.epsilon)
+        known = estimate.disturbance if gains.composite == "provable" else b_hat
+        certificate = _SUSPENDED if suspended is True else self._certificate
+        diagnostics = describe_step(step, b_hat, known, certificate, wanted)
         return Decision(drive, self._saturated, diagnostics)
 
     def _include_witness(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
@@ -396,6 +375,25 @@ def move_back(reference: Reference, by_s: float) -> Reference:
         yaw + h * yaw_rate,
         yaw_rate,
     )
+
+
+def describe_step(
+    step: LawOutput, b_hat: Vec3, known: Vec3, certificate: str, rates: Vec3
+) -> Diagnostics:
+    """Return what the law says about its ``step``.
+
+    Args:
+        step: the law, evaluated.
+        b_hat: disturbance of the law's own adaptation [m/s², NED].
+        known: disturbance by which V is known [m/s², NED].
+        certificate: what bounds the decrease of V.
+        rates: wanted body rates [rad/s].
+    """
+    # By position: by name it would take three times as long.
+    return Diagnostics(
+        step.z1, step.z2, step.z3, step.u_star, b_hat, step.b_hat_dot, known,
+        step.v_terms, step.w_terms, step.v_known, step.w, certificate, step.thrust_rate, rates,
+    )  # fmt: skip
 
 
 _SUSPENDED = "none: adaptation is suspended while the tilt or a command is at its limit"

@@ -430,6 +430,27 @@ def backstep(
     (x, y, z), z1, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
     if witness is not None:
         b_dot = _adaptation(ops, law, kb, add((x.xi, y.xi, z.xi), witness), state.b_hat)
+    v_terms, w_terms = _lyapunov_terms(law, x, y, z)
+    return LawOutput(
+        mass * turn[2],  # (10)
+        -(mass / thrust) * turn[1],
+        (mass / thrust) * turn[0],
+        b_dot,
+        z1,
+        (x.z2, y.z2, z.z2),
+        (x.z3, y.z3, z.z3),
+        (x.u_star, y.u_star, z.u_star),
+        v_terms,
+        w_terms,
+        v_terms[0] + v_terms[1] + v_terms[2],
+        w_terms[0] + w_terms[1] + w_terms[2],
+    )
+
+
+def _lyapunov_terms(
+    law: Law, x: BacksteppingAxis, y: BacksteppingAxis, z: BacksteppingAxis
+) -> tuple[Vec3, Vec3]:
+    """Return the terms of V and of W in position, velocity and the third error."""
     level2, down2 = x.z3 * x.z3 + y.z3 * y.z3, z.z3 * z.z3
     k2, sigma = law.k2, law.shape.sigma
     v_position = (
@@ -442,20 +463,7 @@ def backstep(
     w_position = x.sigma * x.sigma + y.sigma * y.sigma + z.sigma * z.sigma
     w_velocity = k2 * x.z2 * x.rho + k2 * y.z2 * y.rho + k2 * z.z2 * z.rho
     w_third = law.k3 * level2 + law.k3_down * down2
-    return LawOutput(
-        mass * turn[2],  # (10)
-        -(mass / thrust) * turn[1],
-        (mass / thrust) * turn[0],
-        b_dot,
-        z1,
-        (x.z2, y.z2, z.z2),
-        (x.z3, y.z3, z.z3),
-        (x.u_star, y.u_star, z.u_star),
-        (v_position, v_velocity, v_third),
-        (w_position, w_velocity, w_third),
-        v_position + v_velocity + v_third,
-        w_position + w_velocity + w_third,
-    )
+    return (v_position, v_velocity, v_third), (w_position, w_velocity, w_third)
 
 
 def turn_rates(

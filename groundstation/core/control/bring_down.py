@@ -20,6 +20,7 @@ ideas:
 """
 
 import math
+from collections.abc import Iterable
 
 from groundstation.core.geometry import ZERO, Vec3, rotate, third_column, to_body
 from groundstation.core.vehicle import Motion, Vehicle
@@ -114,36 +115,48 @@ def plan_bring_down(
     fall_s, hold_s, brake_s, pull, brake = _descent(
         motion, vehicle, mass_kg, gravity, weight, height_m
     )
-    top = vehicle.thrust_max_n
     hover = mass_kg * weight * BIAS
-    fall_n, brake_n, settle_n = (
-        hover * (1.0 - pull / gravity),
-        hover * (1.0 + brake / gravity),
-        hover * SETTLE_SHARE,
-    )
-    segments: list[Segment] = []
-    for duration, thrust in (
-        (fall_s, fall_n),
+    thrusts = (
+        (fall_s, hover * (1.0 - pull / gravity)),
         (hold_s, hover),
-        (brake_s, brake_n),
-        (SETTLE_S, settle_n),
-    ):
-        left = duration
-        if turn_s > 0.0 and left > 0.0:
-            first = min(turn_s, left)
+        (brake_s, hover * (1.0 + brake / gravity)),
+        (SETTLE_S, hover * SETTLE_SHARE),
+    )
+    return (*_turn_upright(thrusts, turn_s, rates, cosine, hover, vehicle), *OFF)
+
+
+def _turn_upright(
+    thrusts: Iterable[tuple[float, float]],
+    turn_s: float,
+    rates: Vec3,
+    cosine: float,
+    hover: float,
+    vehicle: Vehicle,
+) -> list[Segment]:
+    """Return the segments of ``thrusts``, durations [s] and thrusts [N], with a turn at first.
+
+    Args:
+        thrusts: what an upright vehicle is given.
+        turn_s: duration of the turn [s].
+        rates: its body rates [rad/s].
+        cosine: cosine of the mean tilt in it.
+        hover: hover thrust [N].
+        vehicle: its thrust limits.
+    """
+    top = vehicle.thrust_max_n
+    segments: list[Segment] = []
+    for duration_s, thrust in thrusts:
+        turning_s = min(turn_s, duration_s)
+        if turning_s > 0.0:
             # Thrust makes up for the tilt, but not above hover; far over it is the least one.
-            is_lifting = cosine > LIFTING_COSINE
-            lift = (
-                min(thrust / cosine, max(thrust, hover), top)
-                if is_lifting
-                else vehicle.thrust_min_n
-            )
-            segments.append(Segment(first, lift, rates))
-            turn_s -= first
-            left -= first
-        if left > 0.0:
-            segments.append(Segment(left, min(thrust, top), ZERO))
-    return (*segments, *OFF)
+            lift = vehicle.thrust_min_n
+            if cosine > LIFTING_COSINE:
+                lift = min(thrust / cosine, max(thrust, hover), top)
+            segments.append(Segment(turning_s, lift, rates))
+            turn_s -= turning_s
+        if duration_s > turning_s:
+            segments.append(Segment(duration_s - turning_s, min(thrust, top), ZERO))
+    return segments
 
 
 def _turn(

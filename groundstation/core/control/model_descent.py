@@ -89,31 +89,17 @@ def plan_model_descent(
         wanted = (-SPEED_GAIN * north, -SPEED_GAIN * east, SINK_GAIN * (fastest - sinking))
         along, _ = push(wanted, disturbance, gravity, LEAN)
         roll, pitch = sine_error(motion.attitude, along)
-        lean_x, lean_y, upright = third_column(motion.attitude)
-        # At a large tilt, thrust does not lift.
-        thrust = mass_kg * length(along) / max(upright, 0.7) if upright > 0.3 else 0.0
-        thrust = BIAS * min(
-            motion.thrust + thrust_lead * (thrust - motion.thrust) / STEP_S, MOST * hover
-        )
         # Only the plan's own sink rate is braked, and nothing where the vehicle may be on the
         # floor.
         may_brake = height_m >= LEAST_M and sinking > TOUCHDOWN_M_S and braked < BRAKE_S - 1e-9
-        least = LEAST * hover if upright > 0.3 else 0.0
-        if upright < LEANS and lean_x * north + lean_y * east < 0.0:
-            # The vehicle leans along its velocity: thrust would accelerate it.
-            thrust, least = 0.0, least if height < HIGH_M else 0.5 * least
-        thrust = max(min(thrust, MOST * hover if may_brake else hover), least)
+        most = MOST * hover if may_brake else hover
+        thrust = _choose_thrust(motion, mass_kg * length(along), thrust_lead, hover, most, height)
         braked += STEP_S if thrust > hover else 0.0
-        k = ATTITUDE_GAIN
-        rates = [
-            rate + rate_lead * (k * error - rate)
-            for rate, error in (
-                (motion.rates[0], roll),
-                (motion.rates[1], pitch),
-                (motion.rates[2], 0.0),
-            )
-        ]
-        drive, _ = clamp_command(vehicle, thrust, (rates[0], rates[1], rates[2]))
+        p, q, r = (
+            rate + rate_lead * (ATTITUDE_GAIN * error - rate)
+            for rate, error in zip(motion.rates, (roll, pitch, 0.0), strict=True)
+        )
+        drive, _ = clamp_command(vehicle, thrust, (p, q, r))
         parts.append(Segment(STEP_S, drive.thrust, drive.rates))
         motion = integrate(
             FLOATS,
@@ -128,3 +114,28 @@ def plan_model_descent(
             drag=vehicle.drag_per_s,
         )
     return (*parts, *OFF)
+
+
+def _choose_thrust(
+    motion: Motion, wanted: float, thrust_lead: float, hover: float, most: float, height: float
+) -> float:
+    """Return the thrust of one step [N].
+
+    Args:
+        motion: motion by the model.
+        wanted: thrust that is wanted along the vehicle's axis, were it upright [N].
+        thrust_lead: lead over the lag of thrust [s].
+        hover: hover thrust [N].
+        most: limit [N].
+        height: height above the floor [m].
+    """
+    lean_x, lean_y, upright = third_column(motion.attitude)
+    # At a large tilt, thrust does not lift.
+    thrust = wanted / max(upright, 0.7) if upright > 0.3 else 0.0
+    led = motion.thrust + thrust_lead * (thrust - motion.thrust) / STEP_S
+    thrust = BIAS * min(led, MOST * hover)
+    least = LEAST * hover if upright > 0.3 else 0.0
+    if upright < LEANS and lean_x * motion.velocity[0] + lean_y * motion.velocity[1] < 0.0:
+        # The vehicle leans along its velocity: thrust would accelerate it.
+        thrust, least = 0.0, least if height < HIGH_M else 0.5 * least
+    return max(min(thrust, most), least)

@@ -464,38 +464,22 @@ def predict_effectiveness(
     [kg]. While λ̂ is excited, λ wanders by ``walk`` [1/√s]; else a change of λ is part of the
     disturbance.
     """
-    (
-        value,
-        variance,
-        assumed,
-        (px, py, pz),
-        (vx, vy, vz),
-        (dx, dy, dz),
-        c,
-        gained,
-        score,
-        noise,
-        frozen,
-    ) = e
+    (px, py, pz), (vx, vy, vz), (dx, dy, dz), c = e.p, e.v, e.d, e.c
     moves = is_excited(e)
     wanders = ops.where(moves, walk * walk * h, 0.0)
-    measured = (
-        2.0 * score * score / (gained + NO_INFORMATION)
-    )  # the score's memory is half that of the information
-    noise = ops.where(
-        moves,
-        ops.clamp(noise + h / SCORE_MEMORY_S * (measured - noise), CALMEST_NOISE, math.inf),
-        noise,
-    )
-    keep = ops.where(frozen < 0.0, 1.0 / (1.0 + h), 0.0)
+    # The score's memory is half that of the information.
+    measured = 2.0 * e.score * e.score / (e.gained + NO_INFORMATION)
+    followed = e.noise + h / SCORE_MEMORY_S * (measured - e.noise)
+    noise = ops.where(moves, ops.clamp(followed, CALMEST_NOISE, math.inf), e.noise)
+    keep = ops.where(e.frozen_s < 0.0, 1.0 / (1.0 + h), 0.0)
     _, _, _, (ix, iy, iz), (sx, sy, sz) = response
     k = -1.0 / mass
     x, y, z = h * c[0], h * c[1], h * c[2]
     half, third = 0.5 * h, 1.0 / 3.0
     return Effectiveness(
-        value,
-        variance + wanders * ops.clamp(noise, 0.0, 1.0),
-        assumed + wanders,
+        e.value,
+        e.variance + wanders * ops.clamp(noise, 0.0, 1.0),
+        e.assumed + wanders,
         (
             px + h * (vx + half * (dx + third * x)) + k * sx,
             py + h * (vy + half * (dy + third * y)) + k * sy,
@@ -508,10 +492,10 @@ def predict_effectiveness(
         ),
         (dx + x, dy + y, dz + z),
         c,
-        keep * gained,
-        keep * score,
+        keep * e.gained,
+        keep * e.score,
         noise,
-        frozen - h,
+        e.frozen_s - h,
     )
 
 
@@ -903,25 +887,16 @@ class ModelEstimator:
         if dt <= 0.0:
             return
         if pose.reset_count != self._reset_count:
-            # The source moved its origin, not the vehicle: take the new position, keep velocity and
-            # disturbance.
-            moved = self._at(previous, self._integrate_commands(pose.time_s), dt)
-            self.disturbance = add_scaled(self.disturbance, dt, self._disturbance_rate)
-            self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
-            self._recent.clear()
+            self._move_origin(pose, previous, dt)
             return
         self._measure_noise(pose)
         gains = self._gains
         _, response, model = self._ahead_to(pose, ahead)
         self.actuator_response = response
         if self._learns_thrust:
+            mass, walk = self._vehicle.mass_kg, gains.effectiveness_walk
             self._effectiveness = predict_effectiveness(
-                FLOATS,
-                self._effectiveness,
-                dt,
-                response,
-                self._vehicle.mass_kg,
-                gains.effectiveness_walk,
+                FLOATS, self._effectiveness, dt, response, mass, walk
             )
         step = subtract(pose.position_ned, model.position)
         disturbance = add_scaled(self.disturbance, dt, self._disturbance_rate)
@@ -948,6 +923,15 @@ class ModelEstimator:
             velocity = add_scaled(ZERO, 1.0 / dt, subtract(position, previous.position))
         attitude = correct_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
         self._begin(Motion(position, velocity, attitude, model.thrust, model.rates), pose)
+
+    def _move_origin(self, pose: Pose, previous: Motion, dt: float) -> None:
+        """Take the position of a ``pose`` whose source moved its origin, not the vehicle; keep
+        velocity and disturbance.
+        """
+        moved = self._at(previous, self._integrate_commands(pose.time_s), dt)
+        self.disturbance = add_scaled(self.disturbance, dt, self._disturbance_rate)
+        self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
+        self._recent.clear()
 
     def update_attitude(self, pose: Pose, ahead: Ahead | None = None) -> None:
         """Take the attitude of one pose alone; all else is the model's."""

@@ -169,9 +169,8 @@ class StopDetector:
             noise_m: noise of positions, 1 sigma per axis [m].
         """
         stopped_s, now_s, room_m, self.is_driven = None, pose.time_s, SIGNIFICANT * noise_m, False
-        slow_m_s = max(
-            STOPPED_M_S, math.sqrt(2.0 * PUSH_M_S2 * room_m)
-        )  # a push turns a slower motion back within it
+        # A push turns a slower motion back within it.
+        slow_m_s = max(STOPPED_M_S, math.sqrt(2.0 * PUSH_M_S2 * room_m))
         positions, pushes = _project(pose.position_ned), _project(push)
         others, speeds, recent = _project(disturbance), _project(before.velocity), self._recent
         while len(recent) > 1 and recent[1][0] <= now_s - SPEED_S:
@@ -181,11 +180,8 @@ class StopDetector:
         stops, self._stops = self._stops, []
         for i, position in enumerate(positions):
             stop = stops[i] if stops else None
-            if (
-                stop is None
-                or now_s - stop.since_s > STOP_S
-                or not abs(position - stop.position_m) <= room_m
-            ):
+            is_same = stop is not None and abs(position - stop.position_m) <= room_m
+            if stop is None or not is_same or now_s - stop.since_s > STOP_S:
                 began, other = speeds[i], others[i]
                 measured = (position - from_positions[i]) / (now_s - then_s)
                 moved = min(began, measured, key=abs) if began * measured > 0.0 else 0.0
@@ -204,9 +200,8 @@ class StopDetector:
                 continue
             driven = lasts_s >= DRIVEN_S and abs(way) > DRIVEN_WAYS * room_m
             self.is_driven |= driven
-            if abs(moved) > least_m_s or (
-                driven and abs(way) > 0.5 * DRIVEN_M_S2 * lasts_s * lasts_s
-            ):
+            pushed_far = driven and abs(way) > 0.5 * DRIVEN_M_S2 * lasts_s * lasts_s
+            if abs(moved) > least_m_s or pushed_far:
                 stopped_s = since_s
         return stopped_s
 
@@ -484,20 +479,26 @@ class PoseHealth:
         )
         if may_stop and self.push_alarm >= 1.0:
             self._fail_part("pose.position_mirrored", pose.time_s - 2.0 * PUSH_BASE_S)
-        per_kg, (x, y, z) = effectiveness * self._per_newton / dt, response.impulse
-        push = (per_kg * x, per_kg * y, per_kg * z + self._gravity)
         # An estimate with a velocity of its own uses inertial sensors: it wanders, and does not
         # stop dead.
         if may_stop and pose.velocity_ned is None:
-            since_s = self._stops.add_pose(pose, before, push, disturbance, dt, noise_m)
-            if since_s is not None:
-                self._fail_part("pose.stopped_dead", since_s - dt)
-            elif self._stops.is_driven:
-                self.suspect(pose.time_s)
+            per_kg, (x, y, z) = effectiveness * self._per_newton / dt, response.impulse
+            push = (per_kg * x, per_kg * y, per_kg * z + self._gravity)
+            self._check_stop(pose, before, push, disturbance, dt, noise_m)
         self._block_s += dt
         if self._block_s >= BLOCK_S - ROUNDING_S:
             self._block_s -= BLOCK_S
             self._look(pose.time_s, moving_noise_m)
+
+    def _check_stop(
+        self, pose: Pose, before: Motion, push: Vec3, disturbance: Vec3, dt: float, noise_m: float
+    ) -> None:
+        """Fail the position where the poses stopped dead; suspect it where they seem to."""
+        since_s = self._stops.add_pose(pose, before, push, disturbance, dt, noise_m)
+        if since_s is not None:
+            self._fail_part("pose.stopped_dead", since_s - dt)
+        elif self._stops.is_driven:
+            self.suspect(pose.time_s)
 
     def _add_position(
         self,

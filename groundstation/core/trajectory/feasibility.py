@@ -111,16 +111,10 @@ def demands(
         return Demand(name=name, unit=unit, value=value, time_s=time_s, limit=limit, key=key, ok=ok)
 
     least = min(thrust, key=lambda value: (not math.isnan(value), value))
-    lower = vehicle.thrust_min_n + kept
+    lower, fastest = vehicle.thrust_min_n + kept, limits.max_acceleration_m_s2
     return [
         most("speed", "m/s", speed, limits.max_speed_m_s, "limits.max_speed_m_s"),
-        most(
-            "acceleration",
-            "m/s²",
-            acceleration,
-            limits.max_acceleration_m_s2,
-            "limits.max_acceleration_m_s2",
-        ),
+        most("acceleration", "m/s²", acceleration, fastest, "limits.max_acceleration_m_s2"),
         most("tilt", "deg", tilt, limits.max_tilt_deg, "limits.max_tilt_deg"),
         most("thrust", "N", thrust, vehicle.thrust_max_n - kept, f"vehicle.thrust_max_n{reserved}"),
         Demand(
@@ -265,6 +259,15 @@ class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
         return next(demand.value for demand in self.demands if demand.name == "acceleration")
 
 
+def _sample_times(joints: Sequence[float]) -> list[float]:
+    """Return the times at which a trajectory with these ``joints`` is looked at [s]."""
+    times: list[float] = []
+    for start, end in zip(joints, joints[1:], strict=False):
+        count = min(max(math.ceil((end - start) / STEP_S), FEWEST), MOST)
+        times += [start + n * ((end - start) / count) for n in range(count)]
+    return [*times, joints[-1]]
+
+
 def check_feasibility(
     trajectory: Trajectory,
     vehicle: Vehicle,
@@ -277,13 +280,7 @@ def check_feasibility(
 
     The floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²].
     """
-    joints = trajectory.joints_s
-    span = joints[-1]
-    times: list[float] = []
-    for start, end in zip(joints, joints[1:], strict=False):
-        count = min(max(math.ceil((end - start) / STEP_S), FEWEST), MOST)
-        times += [start + n * ((end - start) / count) for n in range(count)]
-    times.append(span)
+    times = _sample_times(trajectory.joints_s)
     references = [trajectory.at(t) for t in times]
     motions = [
         PathMotion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s)
@@ -305,7 +302,7 @@ def check_feasibility(
     wanted = demands(times, looks, vehicle, limits)
     return FeasibilityReport(
         duration_s=trajectory.duration_s,
-        span_s=span,
+        span_s=times[-1],
         length_m=sum(
             0.5 * (a.speed + b.speed) * (t - s)
             for a, b, s, t in zip(looks, looks[1:], times, times[1:], strict=False)

@@ -427,29 +427,21 @@ class FlightController:
         before = self.state
         state = self.mission.on(event, reason)
         if state is before:
-            if event is Event.HOLD and isinstance(
-                self.phase, HoldPhase
-            ):  # it no longer ends by itself
-                self.phase.waits = True
+            if event is Event.HOLD and isinstance(self.phase, HoldPhase):
+                self.phase.waits = True  # it no longer ends by itself
             return
         self._listener.on_state(state, reason)
         if state not in IN_AIR:
             return
-        if (
-            isinstance(self.phase, SpoolUp) and self.phase.lift_off is None
-        ):  # still on the floor: nothing to fly
+        spool_up = self.phase if isinstance(self.phase, SpoolUp) else None
+        if spool_up is not None and spool_up.lift_off is None:  # still on the floor
             self.go(Event.TOUCHDOWN, notice("mission.still_on_floor"), now_s)
         elif state is State.DESCENT:
-            if isinstance(
-                self.phase, SpoolUp
-            ):  # a pose has shown the lift-off, and no frame has come since
+            if spool_up is not None:  # a pose has shown the lift-off, and no frame has come since
                 self._climb_away(now_s)
             self.phase = DescentPhase(self._course, now_s + self._way_down_s())
-            self._descend(
-                now_s,
-                blind=blind,
-                rest_s=0.0 if self._guards is None else self._config.guards.level_s,
-            )
+            rest_s = 0.0 if self._guards is None else self._config.guards.level_s
+            self._descend(now_s, blind=blind, rest_s=rest_s)
         elif event is Event.ARMED:
             self._spool_up(now_s)
         else:
