@@ -1,4 +1,5 @@
-# Needs python3 (>= 3.11, with venv) and make; uv is put into .venv. `make fly` and `make test` set themselves up.
+# Needs python3 (>= 3.11, with venv) and make; uv is put into .venv. `make fly` and `make test` set
+# themselves up.
 PYTHON ?= python3
 SCENARIO ?= paper
 WORKERS ?= 2
@@ -24,7 +25,8 @@ GUARDING := unit/links/core/test_deadman unit/links/core/test_thrust_curve unit/
     unit/groundstation/core/safety/test_separation unit/groundstation/core/mission/test_mission flight/test_gate \
     flight/test_guards flight/test_missions flight/test_ends flight/test_dead_man flight/test_pacer_strikes
 COVERAGE := $(BIN)/uv run --quiet --no-sync --with 'coverage>=7.10' python -m coverage
-# What only computes yields to what may not be kept waiting; so far that it still gets on beside what else the machine does.
+# What only computes yields to what may not be kept waiting; so far that it still gets on beside
+# what else the machine does.
 YIELD := nice -n 5
 
 .PHONY: fly screenshot broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
@@ -39,7 +41,8 @@ screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
 	@$(BIN)/groundstation-sim fly gust_front --set 'sim.start_ned=[0.7,0.7,-1.0]' --out runs/screenshot > /dev/null
 	@$(BIN)/python -m tests.tui_pictures runs/screenshot/flight.mcap 36 docs/dashboard.svg
 
-# Rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
+# Rows at once: the tests in real time wait for most of their time, and leave the processors to the
+# others.
 test: setup ## everything that must hold before a commit, in minutes
 	@$(MAKE) --no-print-directory --jobs=3 tests-real-time tests-computed types lint contracts
 	@echo "Betaflight's firmware was not flown: make test-firmware"
@@ -61,7 +64,8 @@ contracts: setup
 
 tests: tests-real-time tests-computed
 
-# Workers are processes already: threads of the arrays' library beside them would only wait for one another.
+# Workers are processes already: threads of the arrays' library beside them would only wait for one
+# another.
 tests-real-time tests-computed test-firmware long-real-time long-computed: export OPENBLAS_NUM_THREADS = 1
 
 tests-real-time: setup .venv/.compiled
@@ -118,8 +122,9 @@ broker: ## run an MQTT broker with TLS and passwords, made in runs/broker; BROKE
 
 setup: .venv/.synced ## prepare .venv from the lock
 
-# What somebody has added by hand, an extra for example, stays (--inexact); after `make clean` .venv is the lock's again.
-# uv trusts whom the machine trusts, as pip does: a proxy may have a certificate of its own. Where there is no list, its own.
+# What somebody has added by hand, an extra for example, stays (--inexact); after `make clean` .venv
+# is the lock's again. uv trusts whom the machine trusts, as pip does: a proxy may have a
+# certificate of its own. Where there is no list, its own.
 .venv/.synced: pyproject.toml uv.lock .ci/uv.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	    echo "This project needs Python 3.11 or newer, but '$(PYTHON)' is $$($(PYTHON) --version 2>&1 || true)." >&2; \
