@@ -3,6 +3,7 @@ alarms count.
 """
 
 import asyncio
+import contextlib
 import contextvars
 import math
 import os
@@ -30,19 +31,18 @@ ALARMS: list[str] = []
 @pytest.fixture(autouse=True)
 def alarms() -> Iterator[None]:
     ALARMS.clear()
-    before = {
-        number: signal.getsignal(number)
-        for number in (signal.SIGALRM, signal.SIGUSR2, signal.SIGINT)
-    }
+    numbers = (signal.SIGALRM, signal.SIGUSR2, signal.SIGINT)
+    before = {number: signal.getsignal(number) for number in numbers}
     yield
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
-def watched(
-    work: Callable[[StepTimer, Callable[[], float]], Any], kind: type[StepTimer] = StepTimer
-) -> Any:
+Clock = Callable[[], float]
+
+
+def watched(work: Callable[[StepTimer, Clock], Any], kind: type[StepTimer] = StepTimer) -> Any:
     """``work`` where a timer of that ``kind`` watches, in a context of its own."""
     loop = asyncio.new_event_loop()
 
@@ -58,19 +58,32 @@ def watched(
         loop.close()
 
 
-def spend(now_s: Callable[[], float], lasts_s: float) -> None:
+@contextlib.contextmanager
+def step_of(timer: StepTimer, now_s: Clock, what: str = "controller mine:Own") -> Iterator[None]:
+    """A step of the user's; one that hangs must not take ten seconds."""
+    begun_s = now_s()
+    timer.begin(what)
+    try:
+        yield
+    finally:
+        timer.end()
+        assert now_s() - begun_s < 10.0
+
+
+def spend(now_s: Clock, lasts_s: float) -> None:
     begun_s = now_s()
     while now_s() - begun_s < lasts_s:
         pass
 
 
 def test_a_step_that_hangs_is_interrupted_and_the_timer_is_off_afterwards() -> None:
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> float:
+    def work(timer: StepTimer, now_s: Clock) -> float:
         begun_s = now_s()
-        timer.begin("controller mine:Hang")
-        with pytest.raises(StepTimeout, match="did not return within 500 ms"):
+        with (
+            step_of(timer, now_s),
+            pytest.raises(StepTimeout, match="did not return within 500 ms"),
+        ):
             spend(now_s, 30.0)
-        timer.end()
         took_s = now_s() - begun_s
         spend(now_s, 0.2)
         return took_s
@@ -81,7 +94,7 @@ def test_a_step_that_hangs_is_interrupted_and_the_timer_is_off_afterwards() -> N
 
 
 def test_steps_of_another_thread_run_without_a_watch_as_signals_are_for_the_main_thread() -> None:
-    def work(timer: StepTimer, _: Callable[[], float]) -> float:
+    def work(timer: StepTimer, _: Clock) -> float:
         async def run() -> float:
             to_thread = asyncio.to_thread  # noqa: TID251  # what is tried is a step in another thread
             root: float = await to_thread(timer.run, "controller mine:Fine", 0.5, math.sqrt, 4.0)
@@ -94,27 +107,22 @@ def test_steps_of_another_thread_run_without_a_watch_as_signals_are_for_the_main
 
 @pytest.mark.parametrize("nested", [False, True])
 def test_code_that_swallows_everything_is_interrupted_at_its_next_line(nested: bool) -> None:
-    def swallow(now_s: Callable[[], float]) -> None:
+    def swallow(now_s: Clock) -> None:
         while True:
             try:
                 spend(now_s, 30.0)
             except:  # noqa: E722  # as a user may write it
                 now_s()
 
-    def outer(now_s: Callable[[], float]) -> None:
+    def outer(now_s: Clock) -> None:
         try:
             swallow(now_s)
         except BaseException:  # noqa: BLE001  # as a user may write it
             swallow(now_s)
 
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
-        begun_s = now_s()
-        timer.begin("controller mine:Deaf")
-        try:
+    def work(timer: StepTimer, now_s: Clock) -> None:
+        with step_of(timer, now_s):
             (outer if nested else swallow)(now_s)
-        finally:
-            timer.end()
-            assert now_s() - begun_s < 10.0
 
     before = sys.gettrace()
     with pytest.raises(StepTimeout):
@@ -125,7 +133,7 @@ def test_code_that_swallows_everything_is_interrupted_at_its_next_line(nested: b
 def test_a_step_that_takes_the_alarm_is_interrupted_by_a_key_and_the_next_by_the_alarm_again() -> (
     None
 ):
-    def ignore(now_s: Callable[[], float]) -> None:
+    def ignore(now_s: Clock) -> None:
         signal.signal(signal.SIGALRM, signal.SIG_IGN)
         spend(now_s, 0.1)
         os.kill(os.getpid(), signal.SIGUSR2)  # not late yet
@@ -133,15 +141,11 @@ def test_a_step_that_takes_the_alarm_is_interrupted_by_a_key_and_the_next_by_the
         os.kill(os.getpid(), signal.SIGUSR2)
         spend(now_s, 30.0)
 
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
+    def work(timer: StepTimer, now_s: Clock) -> None:
         timer.interrupt_by(signal.SIGUSR2)
         for step in (ignore, lambda now: spend(now, 30.0)):
-            begun_s = now_s()
-            timer.begin("controller mine:Own")
-            with pytest.raises(StepTimeout):
+            with step_of(timer, now_s), pytest.raises(StepTimeout):
                 step(now_s)
-            timer.end()
-            assert now_s() - begun_s < 10.0
 
     watched(work)
 
@@ -149,18 +153,15 @@ def test_a_step_that_takes_the_alarm_is_interrupted_by_a_key_and_the_next_by_the
 def test_a_key_and_the_alarm_at_once_interrupt_a_step_once() -> None:
     both = {signal.SIGALRM, signal.SIGUSR2}
 
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
+    def work(timer: StepTimer, now_s: Clock) -> None:
         timer.interrupt_by(signal.SIGUSR2)
-        timer.begin("controller mine:Compiled")
-        signal.pthread_sigmask(signal.SIG_BLOCK, both)  # as where compiled code does not return
-        try:
-            spend(now_s, STEP_LIMIT_S + 0.1)
-            os.kill(os.getpid(), signal.SIGUSR2)
-        finally:
+        with step_of(timer, now_s):
+            signal.pthread_sigmask(signal.SIG_BLOCK, both)  # as where compiled code does not return
             try:
-                signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+                spend(now_s, STEP_LIMIT_S + 0.1)
+                os.kill(os.getpid(), signal.SIGUSR2)
             finally:
-                timer.end()
+                signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
 
     with pytest.raises(StepTimeout) as raised:
         watched(work)
@@ -169,12 +170,11 @@ def test_a_key_and_the_alarm_at_once_interrupt_a_step_once() -> None:
 
 @pytest.mark.real_time  # a busy machine lengthens the short step
 def test_a_step_that_only_stalls_the_poses_is_a_cause_of_a_late_command_and_no_warning() -> None:
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> tuple[str, str, Sentence | None]:
+    def work(timer: StepTimer, now_s: Clock) -> tuple[str, str, Sentence | None]:
         recent = []
         for lasts_s in (0.5 * STALLING_S, STALLING_S + 0.01):
-            timer.begin("controller mine:Slow")
-            spend(now_s, lasts_s)
-            timer.end()
+            with step_of(timer, now_s, "controller mine:Slow"):
+                spend(now_s, lasts_s)
             recent.append(str(timer.find_recent() or ""))
         return recent[0], recent[1], timer.slow
 
@@ -185,12 +185,11 @@ def test_a_step_that_only_stalls_the_poses_is_a_cause_of_a_late_command_and_no_w
 
 
 def test_a_slow_step_is_named_with_its_time_and_again_only_where_it_is_much_slower() -> None:
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> list[str]:
+    def work(timer: StepTimer, now_s: Clock) -> list[str]:
         told = []
         for lasts_s in (0.01, SLOW_S + 0.02, SLOW_S + 0.03, 0.0, 2.5 * SLOW_S):
-            timer.begin("controller mine:Slow")
-            spend(now_s, lasts_s)
-            timer.end()
+            with step_of(timer, now_s, "controller mine:Slow"):
+                spend(now_s, lasts_s)
             told.append(str(timer.slow or ""))
         assert "took 2" in str(timer.find_recent())
         spend(now_s, 1.1)
@@ -205,13 +204,12 @@ def test_a_slow_step_is_named_with_its_time_and_again_only_where_it_is_much_slow
 
 
 def test_somebody_else_s_alarm_is_handed_on() -> None:
-    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
+    def work(timer: StepTimer, now_s: Clock) -> None:
         os.kill(os.getpid(), signal.SIGALRM)
         spend(now_s, 0.05)
-        timer.begin("controller mine:Own")
-        os.kill(os.getpid(), signal.SIGALRM)  # in a step that is not late it is no timeout
-        spend(now_s, 0.05)
-        timer.end()
+        with step_of(timer, now_s):
+            os.kill(os.getpid(), signal.SIGALRM)  # in a step that is not late it is no timeout
+            spend(now_s, 0.05)
 
     watched(work)
     assert ALARMS == ["told"]
@@ -263,13 +261,11 @@ def test_an_interrupt_that_the_step_itself_raises_ends_it_as_a_fault_of_its_own(
     def decide() -> None:
         raise KeyboardInterrupt
 
-    def work(timer: StepTimer, _: Callable[[], float]) -> list[str]:
+    def work(timer: StepTimer, _: Clock) -> list[str]:
         with pytest.raises(KeyboardInterrupt):  # Ctrl-C, while the program is loaded
             timer.run("controller mine:Quits", 0.5, decide)
         timer.interrupt_by(signal.SIGINT)
-        with pytest.raises(
-            SelfInterrupt
-        ) as caught:  # where the event loop hears Ctrl-C, it can be no key
+        with pytest.raises(SelfInterrupt) as caught:  # the event loop hears keys: it is none
             timer.run("controller mine:Quits", 0.5, decide)
         fault = UserCodeFault("controller mine:Quits", caught.value)
         assert "failed: SelfInterrupt: KeyboardInterrupt, by its own code and no key" in str(fault)

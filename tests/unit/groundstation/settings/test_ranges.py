@@ -12,11 +12,8 @@ from groundstation.config import ConfigError, from_dict
 from groundstation.core.control import ControllerConfig
 from groundstation.settings import Config
 
-KINDS = [
-    kind.__struct_config__.tag
-    for kind in ControllerConfig.__args__
-    if kind.__struct_config__.tag != "custom"
-]
+TAGS = [str(kind.__struct_config__.tag) for kind in ControllerConfig.__args__]
+KINDS = [tag for tag in TAGS if tag != "custom"]
 """The controllers that come along."""
 
 
@@ -64,11 +61,13 @@ def test_gains_and_noises_that_are_a_thousand_times_too_large_are_refused(kind: 
         "trajectory.scale_m=800",
         "trajectory.altitude_m=900",
         # milliseconds
-        *(
-            f"vehicle.{key}"
-            for key in ("thrust_lag_s=50", "rate_lag_s=106", "thrust_delay_s=13", "rate_delay_s=13")
-        ),
-        *("vehicle.command_delay_s=5", "vehicle.frame_period_s=22.5", "controller.pose_jitter_s=2"),
+        "vehicle.thrust_lag_s=50",
+        "vehicle.rate_lag_s=106",
+        "vehicle.thrust_delay_s=13",
+        "vehicle.rate_delay_s=13",
+        "vehicle.command_delay_s=5",
+        "vehicle.frame_period_s=22.5",
+        "controller.pose_jitter_s=2",
         *("flight.pose_wait_s=5000", "flight.duration_s=120000"),
         "flight.coast_s=250",
         "gate.frozen_s=100",
@@ -100,18 +99,22 @@ def test_a_number_in_another_unit_is_refused_with_what_is_accepted(override: str
         from_dict(base, Config, [override])
 
 
+HEAVY = "times the weight, .* by mass_kg = "
+
+
 @pytest.mark.parametrize(
     ("override", "says"),
     [
-        *((f"mass_kg={kg}", "times the weight, .* by mass_kg = ") for kg in (8, 80)),
-        *((f"thrust_max_n={force}", "times the weight, .* by mass_kg = ") for force in (137, 1370)),
-        ("hover_thrust=0.0045", "times the weight, .* by mass_kg = "),
+        ("mass_kg=8", HEAVY),
+        ("mass_kg=80", HEAVY),
+        ("thrust_max_n=137", HEAVY),
+        ("thrust_max_n=1370", HEAVY),
+        ("hover_thrust=0.0045", HEAVY),
         ("thrust_min_n=20", "expected less than the weight"),
-        *((f"hover_n={force}", "expected 0.5494 to 1.138 N") for force in (80, 0.08)),
-        *(
-            (f"hover_range={ends}", "expected a share below 1 and one above 1")
-            for ends in ("[1.45,0.7]", "[0.7,0.9]")
-        ),
+        ("hover_n=80", "expected 0.5494 to 1.138 N"),
+        ("hover_n=0.08", "expected 0.5494 to 1.138 N"),
+        ("hover_range=[1.45,0.7]", "expected a share below 1 and one above 1"),
+        ("hover_range=[0.7,0.9]", "expected a share below 1 and one above 1"),
     ],
 )
 def test_a_figure_in_another_unit_is_refused_by_the_weight_that_it_does_not_fit(
@@ -133,16 +136,17 @@ NO_POSE: Refused = [
     ({"server": "motive.lab:1510"}, "server: expected a numeric IPv4 address, got 'motive.lab'"),
     ({"server": "239.1.1.1:1510"}, "server: expected no multicast address"),
     ({"interface": "eth0"}, "interface: expected a numeric IPv4 address, got 'eth0'"),
-    ({"group": "192.168.1.5"},
-        "group: expected a multicast address, such as 239.255.42.99, got '192.168.1.5'"),
+    ({"group": "192.168.1.5"}, "group: expected a multicast address, .* got '192.168.1.5'"),
     ({"server": "127.0.0.1"}, "is not an address"),
     ({"name": ""}, "name: expected a string of 1 to 256 characters"),
     ({"kind": "vicon", "object": ""}, "1 to 24 bytes"),
     ({"kind": "vicon", "latency_s": math.nan}, "latency_s: expected a number >= 0"),
     # mirrored or unknown axes
-    *(({"world": world}, rf"pose\.world: expected one of \[.*'nwu'.*\], got '{world}'")
-      for world in ("zup", "neu", "nwd", "enz", "", "NED")),
-]  # fmt: skip
+    *(
+        ({"world": world}, rf"pose\.world: expected one of \[.*'nwu'.*\], got '{world}'")
+        for world in ("zup", "neu", "nwd", "enz", "", "NED")
+    ),
+]
 NO_CLIENT: Refused = [
     ({"key_file": "k", "may": ["arm"]}, r"clients\.a\.may\[0\]: expected one of"),
     ({"key_file": "k", "may": ["goto"]}, "authority: expected move, as a may goto"),
@@ -150,10 +154,7 @@ NO_CLIENT: Refused = [
     ({"may": ["land"]}, r"clients\.a\.key_file: missing"),
 ]
 NO_MQTT: Refused = [
-    (
-        {"host": "lab.example"},
-        r"mqtt\.host: 'lab\.example' is another machine.*mqtt\.insecure = true",
-    ),
+    ({"host": "lab.example"}, r"mqtt\.host: 'lab\.example' is .*mqtt\.insecure = true"),
     ({"tls": {"verify": False}}, "enabled: expected true"),
     ({"tls": {"enabled": True, "cert_file": "a"}}, "cert_file and key_file"),
     ({"password_file": "a"}, "username: expected a name"),
@@ -161,21 +162,17 @@ NO_MQTT: Refused = [
     ({"requests": {"clients": {"a b": {"key_file": "k", "may": ["land"]}}}}, "got 'a b'"),
     *(({"requests": {"clients": {"a": client}}}, words) for client, words in NO_CLIENT),
 ]
+BEE = {"kind": "vicon", "object": "bee"}
+CRSF = {"kind": "crsf", "port": "/dev/ttyUSB0"}
 REFUSED: Refused = [
     *(({"fence": fence}, words) for fence, words in NO_FENCE),
     *(({"pose": {"kind": "natnet", **pose}}, words) for pose, words in NO_POSE),
     *(({"mqtt": {"enabled": True, **mqtt}}, words) for mqtt, words in NO_MQTT),
     ({"pose": {"kind": "mavlink"}, "separation": {"others": ["bee"]}}, r"separation\.others"),
-    (
-        {"pose": {"kind": "vicon", "object": "bee"}, "separation": {"others": ["bee"]}},
-        r"separation\.others",
-    ),
+    ({"pose": BEE, "separation": {"others": ["bee"]}}, r"separation\.others"),
     ({"separation": {"others": ["bee", "bee"]}}, r"separation\.others"),
     ({"separation": {"distance_m": 0.0}}, r"separation\.distance_m"),
-    (
-        {"operator": {"hold": "rc:7"}, "link": {"kind": "crsf", "port": "/dev/ttyUSB0"}},
-        r"operator\.hold: a channel",
-    ),
+    ({"operator": {"hold": "rc:7"}, "link": CRSF}, r"operator\.hold: a channel"),
 ]
 
 
@@ -191,39 +188,24 @@ def test_a_swing_of_the_heading_in_radians_is_refused_and_none_is_not() -> None:
     def swinging(degrees: float) -> Config:
         return from_dict({"trajectory": {"kind": "excitation", "yaw_swing_deg": degrees}}, Config)
 
-    with pytest.raises(
-        ConfigError,
-        match=r"yaw_swing_deg: expected 0 or from 1.6 to 90 \[deg\], got 0.17: is it in",
-    ):
+    says = r"yaw_swing_deg: expected 0 or from 1.6 to 90 \[deg\], got 0.17: is it in"
+    with pytest.raises(ConfigError, match=says):
         swinging(0.17)
     assert swinging(0.0) != swinging(2.0)
 
 
-@pytest.mark.parametrize(
-    "vehicle",
-    [
-        {
-            "mass_kg": 0.02,
-            "thrust_max_n": 0.35,
-            "thrust_min_n": 0.002,
-            "size_m": 0.06,
-            "thrust_lag_s": 0.02,
-        },
-        {
-            "mass_kg": 25.0,
-            "thrust_max_n": 600.0,
-            "thrust_min_n": 10.0,
-            "size_m": 2.0,
-            "thrust_lag_s": 0.3,
-        },
-    ],
-    ids=["20 g", "25 kg"],
-)
+VEHICLES = {
+    "mass_kg": (0.02, 25.0),
+    "thrust_max_n": (0.35, 600.0),
+    "thrust_min_n": (0.002, 10.0),
+    "size_m": (0.06, 2.0),
+    "thrust_lag_s": (0.02, 0.3),
+}
+
+
+@pytest.mark.parametrize("number", [0, 1], ids=["20 g", "25 kg"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_lightest_and_the_heaviest_vehicle_are_accepted(
-    vehicle: dict[str, float], kind: str
-) -> None:
-    assert (
-        from_dict({"vehicle": vehicle, "controller": {"kind": kind}}, Config).vehicle.mass_kg
-        == vehicle["mass_kg"]
-    )
+def test_the_lightest_and_the_heaviest_vehicle_are_accepted(number: int, kind: str) -> None:
+    told = {key: figures[number] for key, figures in VEHICLES.items()}
+    config = from_dict({"vehicle": told, "controller": {"kind": kind}}, Config)
+    assert config.vehicle.mass_kg == told["mass_kg"]

@@ -8,33 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.core.control import Gains, Law, bound_decrease, thrust_bound
-from groundstation.core.control.certificate import (
-    LIMITS,
-    POSES,
-    RATES,
-    SIDEWAYS,
-    THRUST,
-    VERTICAL,
-    WITNESSES,
-    CertificateMonitor,
-    EnergySources,
-    Frame,
-    Lasting,
-    Look,
-    decrease,
-    measure,
-    noise_power,
-    terms,
-    virtual_control_sup,
-)
+from groundstation.core.control import Gains, Law, bound_decrease, certificate, thrust_bound
+from groundstation.core.control.certificate import CertificateMonitor, EnergySources, Lasting
 from groundstation.core.control.controllers import Pid
-from groundstation.core.geometry import ZERO, so3
+from groundstation.core.geometry import ZERO, Vec3, so3
 from groundstation.core.messages import Decision, Diagnostics
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 LAW = Law(sigma_slope=3.0, rho_slope=1.0, sigma_bound=1.5, rho_bound=1.0, b_bound=5.0)
-SUP = virtual_control_sup(LAW)
+SUP = certificate.virtual_control_sup(LAW)
 
 
 def test_the_virtual_control_of_the_papers_gains_reaches_7_03_m_s2_per_axis() -> None:
@@ -64,19 +46,16 @@ def test_the_certificate_names_the_bound_that_holds_for_the_gains_that_fly(
     assert bound_decrease(gains).startswith(expected)
 
 
+VECTORS = (
+    "z1", "z2", "z3", "u_star", "b_hat", "b_hat_dot", "disturbance", "rates_wanted", "v_terms",
+    "w_terms",
+)  # fmt: skip
+
+
 def values(**some: Any) -> Diagnostics:
     """Values of the law, zero but for ``some``."""
-    vectors = dict.fromkeys(
-        ("z1", "z2", "z3", "u_star", "b_hat", "b_hat_dot", "disturbance", "rates_wanted"), ZERO
-    )
-    scalars = {
-        "v_terms": ZERO,
-        "w_terms": ZERO,
-        "v_known": 0.0,
-        "w": 0.0,
-        "certificate": "",
-        "thrust_rate": 0.0,
-    }
+    vectors = dict.fromkeys(VECTORS, ZERO)
+    scalars = {"v_known": 0.0, "w": 0.0, "certificate": "", "thrust_rate": 0.0}
     return Diagnostics(**{**vectors, **scalars, **some})
 
 
@@ -86,7 +65,9 @@ def decided(
     return Decision(ActuatorCommand(thrust, ZERO), saturated, diagnostics)
 
 
-PROVABLE = Gains(kb=0.8, kappa=2.0, k3=4.0, k3_down=3.0, b_bound=5.0, epsilon=0.5)
+BASE: dict[str, Any] = {"kb": 0.8, "k3": 4.0, "k3_down": 3.0, "b_bound": 5.0, "epsilon": 0.5}
+PROVABLE = Gains(**BASE, kappa=2.0)
+STRETCHED = Gains(kb=0.8, kappa=0.5, k3=3.0, k3_down=4.0, b_bound=1.0, epsilon=1.0)
 
 
 @pytest.mark.parametrize(
@@ -95,31 +76,21 @@ PROVABLE = Gains(kb=0.8, kappa=2.0, k3=4.0, k3_down=3.0, b_bound=5.0, epsilon=0.
         # 1 - kb/2 √(κ/k3) = 1 - 0.4 √(2/3) of W; 8²/(2 left k3)
         (PROVABLE, 0.33670, 15.8401, 0.0),
         # B + ε = 2 B: the projection stretches by 3
-        (
-            Gains(kb=0.8, kappa=0.5, k3=3.0, k3_down=4.0, b_bound=1.0, epsilon=1.0),
-            0.25505,
-            20.9109,
-            0.0,
-        ),
+        (STRETCHED, 0.25505, 20.9109, 0.0),
         # the paper's: all of W, but V may swing by (2 B + ε)²/(2 kb)
-        (
-            Gains(kb=0.8, k3=4.0, k3_down=3.0, composite="off", b_bound=5.0, epsilon=0.5),
-            0.5,
-            10.6667,
-            68.9063,
-        ),
+        (Gains(**BASE, composite="off"), 0.5, 10.6667, 68.9063),
         (Gains(kb=0.8, k3=4.0, k3_down=3.0, composite="raw"), 0.0, 10.6667, 0.0),
     ],
 )
 def test_the_bound_on_the_decrease_in_flight(
     gains: Gains, share: float, power: float, spare: float
 ) -> None:
-    found = decrease(gains)
+    found = certificate.decrease(gains)
     assert found[1:] == pytest.approx((share, power, spare), rel=1e-4)
 
 
 def test_gains_of_the_law_alone_prove_nothing() -> None:
-    assert decrease(LAW)[:2] == ("none: the gains of the law alone", 0.0)
+    assert certificate.decrease(LAW)[:2] == ("none: the gains of the law alone", 0.0)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +105,7 @@ def test_gains_of_the_law_alone_prove_nothing() -> None:
 def test_v_and_its_decrease_are_with_what_observer_and_law_disagree_in(
     config: Any, v: float, fall: float, pull: float
 ) -> None:
-    found = measure(config)
+    found = certificate.measure(config)
     law = values(v_known=3.0, w=7.0, b_hat=(1.0, -2.0, 3.0), disturbance=(4.0, 2.0, -2.0))
     assert found.of(law) == pytest.approx((v, fall))
     assert found.pull == pytest.approx(pull)
@@ -150,10 +121,10 @@ def test_what_noise_adds_follows_its_intensity() -> None:
     l1, l2, l3 = 2.613 * w, 3.414 * w**2, 2.613 * w**3
     z2 = l2 + 2.0 * l1
     expected = 1.5 * intensity * (2.0 * l1**2 + z2**2 + (l3 + 0.75 * z2 + 2.0 * (l1 + l2)) ** 2)
-    assert noise_power(law, 0.002, 0.01) == pytest.approx(expected)
+    assert certificate.noise_power(law, 0.002, 0.01) == pytest.approx(expected)
     without = Gains(sigma_slope=2.0, k2=1.5, rho_slope=0.5, wind_rate_noise=3.0, composite="off")
     expected = 1.5 * intensity * (2.0 * l1**2 + z2**2 + (0.75 * z2 + 2.0 * (l1 + l2)) ** 2)
-    assert noise_power(without, 0.002, 0.01) == pytest.approx(expected)
+    assert certificate.noise_power(without, 0.002, 0.01) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("saturated", [False, True])
@@ -177,32 +148,40 @@ def test_what_v_gains_in_a_frame_is_shared_among_its_sources(saturated: bool) ->
     turning = -5.0 / mass * dt * float(body @ np.cross(too_fast, [0.0, 0.0, 1.0]))
     pushing = (4.0 * dt - 0.3) / mass * float(body[2])
     expected = {
-        SIDEWAYS: 1.5 * 0.5 - 0.5 * -1.0,
-        VERTICAL: -0.5 * 0.2,
-        WITNESSES: 0.0 if saturated else pull * dt * float(z3 @ [0.9, 1.8, 2.7]),
-        **({LIMITS: turning + pushing} if saturated else {RATES: turning, THRUST: pushing}),
+        certificate.SIDEWAYS: 1.5 * 0.5 - 0.5 * -1.0,
+        certificate.VERTICAL: -0.5 * 0.2,
+        certificate.WITNESSES: 0.0 if saturated else pull * dt * float(z3 @ [0.9, 1.8, 2.7]),
+        **(
+            {certificate.LIMITS: turning + pushing}
+            if saturated
+            else {certificate.RATES: turning, certificate.THRUST: pushing}
+        ),
     }
-    expected[POSES] = total - sum(expected.values())
-    found = terms(before, then, saturated, after, now, dt, total=total, mass=mass, pull=pull)
+    expected[certificate.POSES] = total - sum(expected.values())
+    found = certificate.terms(
+        before, then, saturated, after, now, dt, total=total, mass=mass, pull=pull
+    )
     assert found == pytest.approx(expected)
 
 
-def test_the_largest_source_is_named_and_the_next_where_it_is_half_as_large() -> None:
+def look(time_s: float, disturbance: Vec3) -> certificate.Look:
     motion = Motion(ZERO, ZERO, so3.IDENTITY, 5.0, ZERO)
-    for sideways, told in ((0.3, "the next"), (0.1, "alone")):
-        sources = EnergySources(1.0)
-        then = Look(0.0, 0.0, 0.0, motion, decided(values(z3=(1.0, 0.0, 1.0))))
-        now = Look(
-            0.1,
-            0.0,
-            0.0,
-            motion,
-            decided(values(z3=(1.0, 0.0, 1.0), disturbance=(sideways, 0.0, 0.4))),
-        )
-        sources.add(Frame(then, now, sideways + 0.4), 0.0)
-        said = sources.name_largest(sources.for_s)
-        assert said.startswith(f"{VERTICAL}, 4 m²/s³")
-        assert said.endswith(f"; then {SIDEWAYS}, 3" if told == "the next" else "m²/s³")
+    law = values(z3=(1.0, 0.0, 1.0), disturbance=disturbance)
+    return certificate.Look(time_s, 0.0, 0.0, motion, decided(law))
+
+
+@pytest.mark.parametrize(
+    ("sideways", "ends"), [(0.3, f"; then {certificate.SIDEWAYS}, 3"), (0.1, "m²/s³")]
+)
+def test_the_largest_source_is_named_and_the_next_where_it_is_half_as_large(
+    sideways: float, ends: str
+) -> None:
+    sources = EnergySources(1.0)
+    frame = certificate.Frame(look(0.0, ZERO), look(0.1, (sideways, 0.0, 0.4)), sideways + 0.4)
+    sources.add(frame, 0.0)
+    said = sources.name_largest(sources.for_s)
+    assert said.startswith(f"{certificate.VERTICAL}, 4 m²/s³")
+    assert said.endswith(ends)
 
 
 def lasting(watch: Lasting, from_s: float, for_s: float) -> list[float]:
@@ -222,17 +201,24 @@ def test_a_condition_is_reported_once_it_has_lasted_and_again_only_after_a_rest(
     assert lasting(Lasting(1.0), 0.0, 2.0) == [0.99]
 
 
-def test_limits_are_reported_from_just_beyond_them_on() -> None:
-    vehicle = Vehicle()
-    least, most = vehicle.thrust_min_n, vehicle.thrust_max_n
-    for thrust, told in ((least, True), (least + 1e-6, False), (most - 1e-6, False), (most, True)):
-        monitor = CertificateMonitor(vehicle, Gains())
-        found = [monitor._check_thrust(thrust, 0.02 * n, 0.02) for n in range(60)]
-        assert any(found) is told
-    for law, length, told in (
-        (Gains(b_bound=5.0), 5.0, False), (Gains(b_bound=5.0), 5.001, True), (Gains(b_bound=5.0,
-            kb=0.0), 9.0, False),
-    ):  # fmt: skip
-        monitor = CertificateMonitor(vehicle, law)
-        found = [monitor._check_disturbance(length, 0.02 * n, 0.02) for n in range(30)]
-        assert any(found) is told
+VEHICLE = Vehicle()
+LEAST_N, MOST_N = VEHICLE.thrust_min_n, VEHICLE.thrust_max_n
+
+
+@pytest.mark.parametrize(
+    ("thrust_n", "told"),
+    [(LEAST_N, True), (LEAST_N + 1e-6, False), (MOST_N - 1e-6, False), (MOST_N, True)],
+)
+def test_a_thrust_at_its_limit_is_reported(thrust_n: float, told: bool) -> None:
+    monitor = CertificateMonitor(VEHICLE, Gains())
+    assert any(monitor._check_thrust(thrust_n, 0.02 * n, 0.02) for n in range(60)) is told
+
+
+@pytest.mark.parametrize(
+    ("kb", "length_m_s2", "told"), [(0.8, 5.0, False), (0.8, 5.001, True), (0.0, 9.0, False)]
+)
+def test_a_disturbance_is_reported_from_just_beyond_its_bound_on(
+    kb: float, length_m_s2: float, told: bool
+) -> None:
+    monitor = CertificateMonitor(VEHICLE, Gains(b_bound=5.0, kb=kb))
+    assert any(monitor._check_disturbance(length_m_s2, 0.02 * n, 0.02) for n in range(30)) is told

@@ -4,7 +4,6 @@ them.
 
 import math
 import random
-from typing import Any
 
 import msgspec
 import pytest
@@ -32,16 +31,18 @@ VEHICLE = Vehicle()
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
 
 
-def roll(motion: Motion, drive: ActuatorCommand, duration: float, **changes: Any) -> Motion:
-    keys: dict[str, Any] = {
-        "mass": VEHICLE.mass_kg,
-        "gravity": 9.81,
-        "disturbance": (0.0, 0.0, 0.0),
-        "thrust_lag": VEHICLE.thrust_lag_s,
-        "rate_lag": VEHICLE.rate_lag_s,
-        **changes,
-    }
-    return integrate(FLOATS, motion, drive, duration, **keys)
+def roll(motion: Motion, drive: ActuatorCommand, duration_s: float) -> Motion:
+    return integrate(
+        FLOATS,
+        motion,
+        drive,
+        duration_s,
+        mass=VEHICLE.mass_kg,
+        gravity=9.81,
+        disturbance=(0.0, 0.0, 0.0),
+        thrust_lag=VEHICLE.thrust_lag_s,
+        rate_lag=VEHICLE.rate_lag_s,
+    )
 
 
 def flown(
@@ -176,12 +177,8 @@ def test_thrust_and_rates_begin_to_follow_a_command_each_after_its_own_delay(lat
 @pytest.mark.parametrize(
     ("across_m2", "along_m2", "configured_s", "split"),
     [
-        (
-            1e-6,
-            2.1e-6,
-            None,
-            (1e-6, 1.1e-6 / 4.0),
-        ),  # more than twice as noisy along the motion: the stamps jitter
+        # more than twice as noisy along the motion: the stamps jitter
+        (1e-6, 2.1e-6, None, (1e-6, 1.1e-6 / 4.0)),
         (1e-6, 1.9e-6, None, (3.9e-6 / 3.0, 0.0)),  # by chance
         (1e-6, 9.0e-6, 0.0, (11e-6 / 3.0, 0.0)),  # told that there is none
         (1e-6, 1.0e-6, 0.003, (1e-6, 9e-6)),  # told how large it is
@@ -217,9 +214,8 @@ def test_uneven_stamps_of_a_vehicle_at_rest_are_noise_once_it_moves(
             estimator.update(Pose(n, stamp_s, stamp_s, (0.0, 0.0, 0.0), so3.IDENTITY))
     noise_m = estimator.noise_m
     assert estimator.find_noise((0.0, 0.0, 0.0)) == noise_m
-    assert estimator.find_noise((0.6, 0.0, -0.8)) == pytest.approx(
-        math.hypot(noise_m, told_s), rel=0.15
-    )
+    noisy_m = math.hypot(noise_m, told_s)
+    assert estimator.find_noise((0.6, 0.0, -0.8)) == pytest.approx(noisy_m, rel=0.15)
 
 
 @pytest.mark.parametrize("uneven", [False, True])
@@ -230,10 +226,13 @@ def test_fourth_differences_show_noise_and_jitter_and_no_smooth_motion(uneven: b
         times = [0.01 * k + (0.004 * (k % 2) if uneven else 0.0) for k in range(5)]
         seen = [t + draw.gauss(0.0, jitter_s) for t in times]
         places = [
-            (speed_m_s * t + 3.0 * t * t + draw.gauss(0.0, noise_m), 2.0 * t**3 + draw.gauss(0.0,
-                noise_m),
-             draw.gauss(0.0, noise_m)) for t in seen
-        ]  # fmt: skip
+            (
+                speed_m_s * t + 3.0 * t * t + draw.gauss(0.0, noise_m),
+                2.0 * t**3 + draw.gauss(0.0, noise_m),
+                draw.gauss(0.0, noise_m),
+            )
+            for t in seen
+        ]
         for i, value in enumerate(fourth_difference(times, places)):
             sums[i] += value / 4000.0
     mean_m2, along_m2, way2 = sums
@@ -258,9 +257,8 @@ def test_a_covariance_is_widened_until_it_explains_an_innovation_and_by_five_at_
     step_m: float, factor: float
 ) -> None:
     upper: Covariance = (0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-    side_m = step_m / math.sqrt(
-        3.0
-    )  # 0.42 m is three times what is expected of three axes of 0.02 m²
+    # 0.42 m is three times what is expected of three axes of 0.02 m²
+    side_m = step_m / math.sqrt(3.0)
     widened = widen_covariance(FLOATS, upper, 0.01, (side_m, -side_m, side_m))
     assert widened == pytest.approx([factor * one for one in upper])
 
@@ -286,7 +284,7 @@ def test_at_lift_off_the_hover_thrusts_error_is_shared_and_friction_forgotten_be
 
 def test_what_is_held_stays_until_the_poses_are_believed_again() -> None:
     estimator, plant = flown(CALM, 1.0)
-    held = (0.5, -0.5, 1.0)
+    held, told = (0.5, -0.5, 1.0), (0.1, 0.0, 0.0)
     before = estimator.disturbance
     estimator.hold(held, 0.9)
     assert (estimator.effectiveness, estimator.disturbance) == (0.9, before)
@@ -301,15 +299,12 @@ def test_what_is_held_stays_until_the_poses_are_believed_again() -> None:
     look(1.04)
     assert estimator.disturbance != held
     moved = Motion((1.0, 2.0, -3.0), (0.1, 0.2, 0.3), so3.IDENTITY, 1.0, (0.0, 0.0, 0.0))
-    estimator.believe(moved, (0.1, 0.0, 0.0), 1.1)
-    assert (estimator.motion, estimator.disturbance, estimator.effectiveness) == (
-        moved,
-        (0.1, 0.0, 0.0),
-        1.1,
-    )
+    estimator.believe(moved, told, 1.1)
+    assert (estimator.motion, estimator.disturbance) == (moved, told)
+    assert estimator.effectiveness == 1.1
     estimator.reset_motion(moved)
     look(1.06)
-    assert estimator.disturbance != (0.1, 0.0, 0.0)
+    assert estimator.disturbance != told
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import math
 import random
+from collections.abc import Iterable, Iterator
 
 import pytest
 from hypothesis import given, strategies as st
@@ -24,26 +25,46 @@ DT_S = 0.01
 NOISE_M = 0.0003
 
 
-def swing(time_s: float, size: float = 0.002) -> tuple[float, float]:
+BLOCK = round(BLOCK_S / DT_S)
+"""Poses of a block."""
+Pair = tuple[float, float]
+Seen = tuple[Pair, Pair, Pair]
+"""Of one pose: what it shows beyond what is asked; what tones ask; what the law's own way asks."""
+
+
+def swing(time_s: float, size: float = 0.002) -> Pair:
     """Motion that is asked for: three tones that circle."""
     phases = [w * time_s for w in (10.5, 14.0, 18.5)]
     return size * sum(map(math.cos, phases)), size * sum(map(math.sin, phases))
 
 
-def asked(
-    share: tuple[tuple[float, float], tuple[float, float]], *, seed: int = 0, for_s: float = 3.0
-) -> Alarm:
-    """Alarm of poses that show ``share`` of what is asked, a 2 x 2 matrix, in noise."""
-    plane, draw = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(seed)
-    alarm = Alarm(0.0, 0.0, False)
-    for n in range(round(for_s / DT_S)):
-        u, v = swing(n * DT_S)
-        seen = [a * u + b * v + draw.gauss(0.0, NOISE_M) for a, b in share]
-        plane.add((seen[0] - u, seen[1] - v), (u, v), (0.0, 0.0), DT_S)
-        if (n + 1) % round(BLOCK_S / DT_S) == 0:
-            found = plane.look(NOISE_M)
-            alarm = Alarm(max(alarm.tones, found.tones), max(alarm.own, found.own), found.is_known)
-    return alarm
+def new_plane() -> Response:
+    return Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY)
+
+
+def feed(poses: Iterable[Seen], plane: Response | None = None) -> list[Alarm]:
+    """The alarm after each block of poses."""
+    plane, alarms = plane or new_plane(), []
+    for n, seen in enumerate(poses, 1):
+        plane.add(*seen, DT_S)
+        if n % BLOCK == 0:
+            alarms.append(plane.look(NOISE_M))
+    return alarms
+
+
+def asked(share: tuple[Pair, Pair], *, seed: int = 0, for_s: float = 3.0) -> Alarm:
+    """Largest alarm of poses that show ``share`` of what is asked, a 2 x 2 matrix, in noise."""
+    draw = random.Random(seed)
+
+    def poses() -> Iterator[Seen]:
+        for n in range(round(for_s / DT_S)):
+            u, v = swing(n * DT_S)
+            x, y = (a * u + b * v + draw.gauss(0.0, NOISE_M) for a, b in share)
+            yield (x - u, y - v), (u, v), (0.0, 0.0)
+
+    found = feed(poses())
+    largest = max(alarm.tones for alarm in found), max(alarm.own for alarm in found)
+    return Alarm(*largest, found[-1].is_known)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -73,61 +94,42 @@ def test_a_scale_that_is_configured_wrong_by_less_than_half_is_accepted(
         ((2.0, 0.0), (0.0, 2.0)),  # twice
     ],
 )
-def test_poses_that_show_something_else_are_accused(
-    share: tuple[tuple[float, float], tuple[float, float]],
-) -> None:
+def test_poses_that_show_something_else_are_accused(share: tuple[Pair, Pair]) -> None:
     assert asked(share).tones >= 1.0
 
 
-def blown(answer: float, *, late_s: float = 0.15) -> Alarm:
-    """Largest alarm of a law that holds a place in wind: poses move by ``answer`` of the truth."""
-    plane, passes = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), HighPass(3)
-    draw, wind, largest = random.Random(1), 0.0, 0.0
-    truth = speed = command = way = pushes = 0.0
-    seen_before = 0.0
-    for n in range(1200):
+def blown() -> Iterator[Seen]:
+    """Poses of a law that holds a place in wind."""
+    passes, draw = HighPass(3), random.Random(1)
+    wind = truth = speed = command = pushes = seen_before = 0.0
+    for _ in range(1200):
         wind += DT_S / 0.5 * (-wind) + 4.0 * math.sqrt(DT_S) * draw.gauss(0.0, 1.0)
-        wanted = -30.0 * answer * truth - 9.0 * answer * speed
-        command += DT_S / late_s * (wanted - command)
+        command += DT_S / 0.15 * (-30.0 * truth - 9.0 * speed - command)
         speed += DT_S * (wind + command)
         truth += DT_S * speed
         pushes += DT_S * command
-        step = DT_S * pushes
-        way += step
-        seen = answer * truth
-        y, c = passes.step([seen - seen_before, step], DT_S)
-        seen_before = seen
-        plane.add(
-            (y - c + draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)), (0.0, 0.0), (c, 0.0), DT_S
-        )
-        if (n + 1) % 5 == 0 and n > 100:
-            largest = max(largest, plane.look(NOISE_M).own)
-    return Alarm(0.0, largest, False)
+        y, c = passes.step([truth - seen_before, DT_S * pushes], DT_S)
+        seen_before = truth
+        noise = draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)
+        yield (y - c + noise[0], noise[1]), (0.0, 0.0), (c, 0.0)
 
 
 def test_wind_that_the_law_answers_accuses_nobody() -> None:
-    assert blown(1.0).own < 0.5
+    assert max(alarm.own for alarm in feed(blown())[20:]) < 0.5
 
 
-def runaway(share: float) -> Alarm:
-    """Alarm as the law's own motion grows, of poses that show ``share`` of it."""
-    plane, draw, alarm = (
-        Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY),
-        random.Random(2),
-        Alarm(0, 0, False),
-    )
+def running_away(share: float) -> Iterator[Seen]:
+    """Poses that show ``share`` of the law's own motion, as it grows."""
+    draw = random.Random(2)
     for n in range(150):
         v = 0.0005 * math.exp(n * DT_S / 0.25)
-        e = (share - 1.0) * v + draw.gauss(0.0, NOISE_M)
-        plane.add((e, draw.gauss(0.0, NOISE_M)), (0.0, 0.0), (v, 0.0), DT_S)
-        if (n + 1) % 5 == 0:
-            alarm = plane.look(NOISE_M)
-    return alarm
+        noise = draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)
+        yield ((share - 1.0) * v + noise[0], noise[1]), (0.0, 0.0), (v, 0.0)
 
 
 def test_a_mirrored_pose_that_runs_away_is_accused_without_any_tone() -> None:
-    assert runaway(-1.0).own >= 1.0
-    assert runaway(1.0).own == 0.0
+    assert feed(running_away(-1.0))[-1].own >= 1.0
+    assert feed(running_away(1.0))[-1].own == 0.0
 
 
 def test_the_high_pass_takes_out_a_constant_acceleration() -> None:
@@ -158,12 +160,9 @@ def test_a_still_vehicle_is_not_late() -> None:
 
 
 def test_windows_that_became_too_short_say_nothing_any_more() -> None:
-    plane, alarm = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), Alarm(0.0, 0.0, False)
-    for n in range(300):
-        u = swing(n * DT_S)
-        plane.add((-u[0], -u[1]), u, (0.0, 0.0), DT_S)
-        if (n + 1) % 5 == 0:
-            alarm = plane.look(NOISE_M)
+    plane, tones = new_plane(), [swing(n * DT_S) for n in range(300)]
+    mirrored: list[Seen] = [((-u, -v), (u, v), (0.0, 0.0)) for u, v in tones]
+    alarm = feed(mirrored, plane)[-1]
     assert alarm.tones >= 1.0
     for _ in range(60):  # blocks without time
         plane.add((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 1e-4)
@@ -172,17 +171,15 @@ def test_windows_that_became_too_short_say_nothing_any_more() -> None:
 
 
 def test_tones_that_have_ended_convict_nobody_by_the_scatter_of_a_calmer_time() -> None:
-    plane, draw, largest = (
-        Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY),
-        random.Random(3),
-        0.0,
-    )
-    for n in range(round(4.0 / DT_S)):
-        time_s = n * DT_S
-        u = swing(time_s) if time_s < 1.0 else (0.0, 0.0)
-        gust = 0.003 * math.sin(20.0 * time_s) if 0.7 < time_s < 1.0 else 0.0  # the end of a push
-        plane.add((gust + draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)), u, (0.0, 0.0), DT_S)
-        if (n + 1) % round(BLOCK_S / DT_S) == 0:
-            alarm = plane.look(NOISE_M)
-            largest = max(largest, alarm.tones if time_s > 1.7 else 0.0)
-    assert largest == 0.0
+    draw = random.Random(3)
+
+    def poses() -> Iterator[Seen]:
+        for n in range(round(4.0 / DT_S)):
+            time_s = n * DT_S
+            tones = swing(time_s) if time_s < 1.0 else (0.0, 0.0)
+            gust = 0.003 * math.sin(20.0 * time_s) if 0.7 < time_s < 1.0 else 0.0  # a push ends
+            noise = draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)
+            yield (gust + noise[0], noise[1]), tones, (0.0, 0.0)
+
+    after_s = 1.7
+    assert max(alarm.tones for alarm in feed(poses())[round(after_s / BLOCK_S) :]) == 0.0

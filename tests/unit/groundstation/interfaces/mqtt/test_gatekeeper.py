@@ -112,24 +112,22 @@ def test_the_seal_is_what_the_documents_say_with_points_in_one_line_before_the_w
 ) -> None:
     data = sealed(7, ask, why="wind", points=points)
     request = msgspec.json.decode(data, type=SealedRequest)
-    lines = (
-        f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\n{ask}\n{NOW_MS + 3000}\n"
-        f"{line}wind"
-    )
-    assert request.mac == hmac.new(KEY, lines.encode(), "sha256").hexdigest()
+    head = f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\n{ask}\n{NOW_MS + 3000}\n"
+    assert request.mac == hmac.new(KEY, f"{head}{line}wind".encode(), "sha256").hexdigest()
     assert is_sealed(request, KEY, PLACE)
 
 
-def test_no_other_points_than_those_are_sealed() -> None:
-    data = sealed(7, "goto", points=THERE)
-    for other in (
+@pytest.mark.parametrize(
+    "other",
+    [
         [[1.0, 0.5, -1.25]],
         [[1.0, 0.5, -1.3], [0, 0, -1, 90]],
         [[1.0, 0.5, -1.25, 0], [0, 0, -1, 90]],
-    ):
-        assert not is_sealed(
-            msgspec.json.decode(changed(data, points=other), type=SealedRequest), KEY, PLACE
-        )
+    ],
+)
+def test_no_other_points_than_those_are_sealed(other: list[list[float]]) -> None:
+    data = changed(sealed(7, "goto", points=THERE), points=other)
+    assert not is_sealed(msgspec.json.decode(data, type=SealedRequest), KEY, PLACE)
 
 
 DROPPED = {
@@ -247,13 +245,8 @@ def test_in_a_flood_only_a_kill_is_heard() -> None:
         "malformed": ANY_MESSAGES.burst,
         "flooded": 200 - ANY_MESSAGES.burst,
     }
-    unheard = (
-        sealed(1),
-        sealed(2, "kill", key=OTHER_KEY),
-        b'"kill"',
-        sealed(3, why='"kill"'),
-        sealed(4, "kill") + b" " * 4000,
-    )
+    unheard = [sealed(1), sealed(2, "kill", key=OTHER_KEY), b'"kill"', sealed(3, why='"kill"')]
+    unheard.append(sealed(4, "kill") + b" " * 4000)
     for number, data in enumerate(unheard, start=201):
         assert desk.take(data) is None
         assert desk.gate.counts["flooded"] == number - ANY_MESSAGES.burst
@@ -275,9 +268,8 @@ def kill(
     pair: Desk, number: int = 1, client: str = "phone", **more: Any
 ) -> tuple[bool, str] | None:
     """Return the answer to a client's kill."""
-    return pair.answer(
-        sealed(number, "kill", key=KEYS[client], client=client, **more), KEYS[client]
-    )
+    key = KEYS[client]
+    return pair.answer(sealed(number, "kill", key=key, client=client, **more), key)
 
 
 def test_a_kill_waits_for_no_turn(pair: Desk) -> None:
@@ -308,10 +300,8 @@ def test_a_kill_that_does_not_count_is_answered_why(
 def test_the_desk_takes_from_afar_all_but_to_arm_and_what_a_local_client_has_control_of(
     ask: Ask,
 ) -> None:
-    core, request = (
-        Sampled(),
-        Request(ask, "by MQTT", (Waypoint(1.0, 0.0, -1.0),) if ask is Ask.GOTO else ()),
-    )
+    points = (Waypoint(1.0, 0.0, -1.0),) if ask is Ask.GOTO else ()
+    core, request = Sampled(), Request(ask, "by MQTT", points)
     station = ControlDesk("mqx", core)
     assert (station.from_afar(request).says.startswith("nobody arms")) == (ask is Ask.ARM)
     assert core.asked == ([] if ask is Ask.ARM else [request])
