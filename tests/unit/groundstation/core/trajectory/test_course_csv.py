@@ -37,42 +37,24 @@ def test_short_names_are_ned_and_columns_stand_in_any_order() -> None:
     }
 
 
+NAMES = "such as t_s,north_m,east_m,up_m,yaw_deg"
+NO_LINES = f"expected a line of names, {NAMES}, and 2 or more lines of numbers"
+NO_NAME = f"line 1: expected names of columns, {NAMES}, got"
+NO_NUMBER = "expected a number from -100 to 100, got"
 REFUSED = [
-    (
-        "",
-        "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and 2 or more lines "
-        "of numbers",
-    ),
-    (
-        "x,y,z\n1,2,3\n",
-        "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and 2 or more lines",
-    ),
-    (
-        "1,2,3\n4,5,6\n",
-        "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got '1'",
-    ),
-    (
-        "x,y,height\n",
-        "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got 'height'",
-    ),
+    ("", NO_LINES),
+    ("x,y,z\n1,2,3\n", NO_LINES),
+    ("1,2,3\n4,5,6\n", f"{NO_NAME} '1'"),
+    ("x,y,height\n", f"{NO_NAME} 'height'"),
     ("x,y\n", "line 1: expected a column down_m or up_m: none of them is there"),
     ("x,y,z,up_m\n", "line 1: expected a column down_m or up_m: only one of them"),
     ("x,north_m,y,z\n", "line 1: the column north_m is there twice"),
     ("x,y,z,vx\n", "line 1: expected a column v_east_m_s: none of them is there"),
     ("x,y,z\n1,2,3\n1,2\n", "line 3: expected 3 values, got 2"),
-    (
-        "# a\nx,y,z\n1,2,3\n1,abc,3\n",
-        "line 4, column east_m: expected a number from -100 to 100, got 'abc'",
-    ),
-    (
-        "x,y,z\n1,2,3\n1,nan,3\n",
-        "line 3, column east_m: expected a number from -100 to 100, got 'nan'",
-    ),
-    (
-        "x,y,up_m\n1,2,3\n1,2,150\n",
-        "line 3, column up_m: expected a number from -100 to 100, got '150'",
-    ),
-    ("x,y,z\n1,2,3\n1,,3\n", "line 3, column east_m: expected a number from -100 to 100, got ''"),
+    ("# a\nx,y,z\n1,2,3\n1,abc,3\n", f"line 4, column east_m: {NO_NUMBER} 'abc'"),
+    ("x,y,z\n1,2,3\n1,nan,3\n", f"line 3, column east_m: {NO_NUMBER} 'nan'"),
+    ("x,y,up_m\n1,2,3\n1,2,150\n", f"line 3, column up_m: {NO_NUMBER} '150'"),
+    ("x,y,z\n1,2,3\n1,,3\n", f"line 3, column east_m: {NO_NUMBER} ''"),
     (
         "t,x,y,z\n1,1,2,3\n1,1,2,3\n",
         "line 3, column t_s: expected more than 1, as before it, got 1",
@@ -80,7 +62,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("text", "words"), REFUSED, ids=[words for _, words in REFUSED])
+@pytest.mark.parametrize(("text", "words"), REFUSED)
 def test_a_bad_line_is_refused_with_its_number_and_its_column(text: str, words: str) -> None:
     with pytest.raises(ValueError, match="line") as caught:
         parse_course(text)
@@ -113,9 +95,8 @@ def test_a_configuration_finds_its_course_beside_itself_and_needs_it_no_more(
 def test_a_course_with_a_byte_order_mark_is_read_and_samples_take_velocities(
     tmp_path: Path,
 ) -> None:
-    config = configured(
-        tmp_path, "\ufefft,x,y,z,vx,vy,vz\n0,0,0,-1,0,0,0\n1,1,0,-1,2,0,0\n", kind="samples"
-    )
+    course = "\ufefft,x,y,z,vx,vy,vz\n0,0,0,-1,0,0,0\n1,1,0,-1,2,0,0\n"
+    config = configured(tmp_path, course, kind="samples")
     assert isinstance(config.trajectory, SamplesConfig)
     assert config.trajectory.velocities_ned == ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0))
 
@@ -149,27 +130,26 @@ def test_times_may_count_from_1970_and_a_course_may_stay_at_one_place_for_an_hou
 ) -> None:
     course = "t,x,y,z\n1764408600,0,0,-1\n1764408610.5,0.5,0,-1\n"
     assert configured(tmp_path, course).trajectory.build().duration_s == 10.5
-    stays = configured(
-        tmp_path, "t,x,y,z\n0,0,0,-1\n3600,0.01,0,-1\n", kind="samples"
-    ).trajectory.build()
-    assert stays.duration_s == 3600.0
+    course = "t,x,y,z\n0,0,0,-1\n3600,0.01,0,-1\n"
+    assert configured(tmp_path, course, kind="samples").trajectory.build().duration_s == 3600.0
 
 
 def test_points_in_the_file_and_in_the_configuration_are_one_too_many(tmp_path: Path) -> None:
-    with pytest.raises(
-        ConfigError, match=r"course\.csv: has points_ned too: leave out trajectory\.points_ned"
-    ):
+    says = r"course\.csv: has points_ned too: leave out trajectory\.points_ned"
+    with pytest.raises(ConfigError, match=says):
         configured(tmp_path, GOOD, "points_ned = [[0, 0, -1], [1, 0, -1]]")
 
 
-def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
-    (tmp_path / "lab.toml").write_text('trajectory = { kind = "waypoints", file = "gone.csv" }')
-    with pytest.raises(
-        ConfigError, match=r"trajectory\.file: cannot read .*gone\.csv: No such file or directory$"
-    ):
-        load(tmp_path / "lab.toml", Config)
-    (tmp_path / "lab.toml").write_text('trajectory = { kind = "waypoints", file = 3 }')
-    with pytest.raises(ConfigError, match=r"trajectory\.file: expected a string, got 3$"):
+@pytest.mark.parametrize(
+    ("file", "says"),
+    [
+        ("'gone.csv'", r"cannot read .*gone\.csv: No such file or directory$"),
+        ("3", "expected a string, got 3$"),
+    ],
+)
+def test_a_course_that_is_not_there_is_named(file: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text(f"trajectory = {{ kind = 'waypoints', file = {file} }}")
+    with pytest.raises(ConfigError, match=rf"trajectory\.file: {says}"):
         load(tmp_path / "lab.toml", Config)
 
 

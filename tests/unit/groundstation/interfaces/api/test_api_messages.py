@@ -3,6 +3,7 @@ why it is none.
 """
 
 import re
+from typing import Any
 
 import msgspec
 import pytest
@@ -30,16 +31,11 @@ def test_no_bytes_raise_or_are_taken_for_an_order(data: bytes) -> None:
         decode(data)
 
 
-@given(
-    st.dictionaries(
-        st.sampled_from(["id", "ask", "control", "set", "why", "vehicle", "name", "x"]),
-        st.none()
-        | st.booleans()
-        | st.integers()
-        | st.floats(allow_nan=False)
-        | st.sampled_from(["land", "take", "k"]),
-    )
-)
+KEYS = st.sampled_from(["id", "ask", "control", "set", "why", "vehicle", "name", "x"])
+NUMBERS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False)
+
+
+@given(st.dictionaries(KEYS, NUMBERS | st.sampled_from(["land", "take", "k"])))
 def test_an_order_asks_for_exactly_one_thing(keys: dict[str, object]) -> None:
     order = decode_order(msgspec.json.encode(keys))
     if isinstance(order, ClientOrder):
@@ -60,8 +56,9 @@ def test_a_message_comes_out_as_it_went_in(message: StationHello) -> None:
     assert decode(line) == message
 
 
-def points_of(ask: str) -> tuple[Waypoint, ...]:
-    return (Waypoint(1.0, 0.5, -1.0),) if ask == "goto" else ()
+def order_of(number: int, ask: Ask, until_s: float | None = None) -> ClientOrder:
+    points = (Waypoint(1.0, 0.5, -1.0),) if ask == "goto" else ()
+    return ClientOrder(id=number, ask=ask, vehicle="mqx", until_s=until_s, points=points)
 
 
 def test_the_points_of_an_order_reach_the_flight() -> None:
@@ -75,16 +72,11 @@ def test_the_points_of_an_order_reach_the_flight() -> None:
     assert core.asked[0].points == (Waypoint(1.0, 0.5, -1.2), Waypoint(0.0, 0.0, -1.0, 90.0))
 
 
+TOO_MANY = "[" + "[0,0,-1]," * 64 + "[0,0,-1]]"
+
+
 @pytest.mark.parametrize(
-    "points",
-    [
-        "[[1, 2]]",
-        "[[1, 2, 3, 4, 5]]",
-        "[[1, 2, 1e9]]",
-        "[[1, 2, null]]",
-        "[]",
-        "[" + "[0,0,-1]," * 64 + "[0,0,-1]]",
-    ],
+    "points", ["[[1, 2]]", "[[1, 2, 3, 4, 5]]", "[[1, 2, 1e9]]", "[[1, 2, null]]", "[]", TOO_MANY]
 )
 def test_points_that_are_none_are_no_order(points: str) -> None:
     refused = decode_order(f'{{"id": 2, "ask": "goto", "points": {points}}}'.encode())
@@ -104,13 +96,14 @@ def test_a_point_that_a_program_makes_is_held_to_what_the_wire_takes(
         Waypoint(*numbers)
 
 
-@given(
-    st.lists(
-        st.tuples(st.integers(0, 2), st.sampled_from([*Ask, "take", "give", "leave"])), max_size=40
-    )
-)
+MOVES = st.tuples(st.integers(0, 2), st.sampled_from([*Ask, "take", "give", "leave"]))
+FREE = ("land", "descend", "abort", "kill")
+"""What anybody may ask."""
+
+
+@given(st.lists(MOVES, max_size=40))
 def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(
-    moves: list[tuple[int, str]],
+    moves: list[tuple[int, Any]],
 ) -> None:
     core = Sampled()
     desk, parties, holder = Desk("mqx", core), [Party(number) for number in range(3)], None
@@ -120,20 +113,13 @@ def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(
             desk.leave(party)
             holder = None if holder is party else holder
         elif what in ("take", "give"):
-            done = desk.take(
-                ClientOrder(id=number, control="take" if what == "take" else "give"), party, 0.0
-            ).done
+            done = desk.take(ClientOrder(id=number, control=what), party, 0.0).done
             assert done == (holder in (None, party) if what == "take" else holder is party)
             if done:
                 holder = party if what == "take" else None
         else:
-            desk.take(
-                ClientOrder(id=number, ask=Ask(what), vehicle="mqx", points=points_of(what)),
-                party,
-                0.0,
-            )
-            free = what in ("land", "descend", "abort", "kill")
-            assert (len(core.asked) == asked + 1) == (free or holder is party)
+            desk.take(order_of(number, what), party, 0.0)
+            assert (len(core.asked) == asked + 1) == (what in FREE or holder is party)
         assert [desk.control(one).yours for one in parties] == [one is holder for one in parties]
 
 
@@ -151,13 +137,9 @@ def test_what_starts_or_steers_is_refused_late_and_what_brings_down_never(ask: A
     core, party = Sampled(), Party(7)
     desk = Desk("mqx", core)
     desk.take(ClientOrder(id=1, control="take"), party, 0.0)
-    late = desk.take(
-        ClientOrder(id=2, ask=ask, vehicle="mqx", until_s=10.0, points=points_of(ask)), party, 12.5
-    )
-    down = ask in (Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL)
+    late = desk.take(order_of(2, ask, until_s=10.0), party, 12.5)
+    down = ask in FREE
     assert (late.done, len(core.asked)) == (down, int(down))
     assert down or "2.5 s too late" in late.says
-    desk.take(
-        ClientOrder(id=3, ask=ask, vehicle="mqx", until_s=10.0, points=points_of(ask)), party, 9.9
-    )
+    desk.take(order_of(3, ask, until_s=10.0), party, 9.9)
     assert len(core.asked) == 1 + int(down)
