@@ -132,9 +132,7 @@ def _file_name(topic: str) -> str:
 def _write_csv_folder(
     recording: Recording, topics: Collection[str], folder: Path
 ) -> dict[str, int]:
-    """A folder with a file for each channel that holds anything: nobody reads a table without a
-    column.
-    """
+    """Write a folder with a file for each channel that holds anything; returns the rows of each."""
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         files = {

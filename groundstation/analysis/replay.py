@@ -47,8 +47,7 @@ from links.io import NETWORK, Network
 
 NAMES = ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s")
 FLOWN_AGAIN = ("vehicle", "controller", "pose", "gate", "link", "flight")
-"""Tables of the configuration that a replay asks; the reference, and what the mission did, are as
-recorded."""
+"""Tables of the configuration that a replay reads; reference and mission are as recorded."""
 END = "this is all that is in it"
 
 
@@ -151,36 +150,7 @@ def _change(pairs: list[tuple[float, float]]) -> dict[str, float] | None:
 
 def text_of(facts: dict[str, Any]) -> str:
     """Describe the result for people."""
-    lines = [
-        f"{facts['file']}: {facts['commands']} commands, {facts['idle_commands']} idle ones, "
-        f"{facts['poses']} poses"
-        + (
-            ""
-            if facts["whole"]
-            else f"; the recording was cut off, {END}"
-            if facts["damaged_at"] is None
-            else ""
-        )
-    ]
-    if facts["damaged_at"] is not None:
-        lines.append(f"DAMAGED at byte {facts['damaged_at']}: the rest is not read, {END}")
-    if facts["lost"]:
-        lines.append(f"{facts['lost']} records are missing: the recorder could not keep up")
-    if facts["differing"]["pose"]:
-        lines += [
-            f"nobody listens on {wire} this time: what was heard there is left out"
-            for wire in facts["unheard_wires"]
-        ]
-    first = facts["first_difference"]
-    if facts["identical"]:
-        there = "" if facts["damaged_at"] is None else " before the damage"
-        lines.append(f"identical: every pose and every command{there} is the same to the last bit")
-    elif first is not None:
-        lines.append(
-            f"not identical: {facts['differing']['command']} commands differ, first "
-            f"{first['what']} {first['number']} at {first['time_s']:.6f} s, {first['field']}: "
-            f"{first['recorded']} recorded, {first['replayed']} now"
-        )
+    lines = [*_describe_recording(facts), *_describe_difference(facts)]
     if facts["without_effect"]:
         lines.append(
             f"{', '.join(facts['without_effect'])}: changes nothing here. The reference is the "
@@ -194,20 +164,52 @@ def text_of(facts: dict[str, Any]) -> str:
             "differently):",
         ]
     if not facts["identical"] and facts["commands"]:
-        lines.append(
-            f"{'':20}{'mean recorded':>15}{'mean now':>12}{'change RMS':>12}{'largest':>12}"
-        )
-        for name in NAMES:
-            c = facts["changes"][name]
-            lines.append(
-                f"{name:20}{c['recorded_mean']:>15.4f}{c['replayed_mean']:>12.4f}{c['rms']:>12.4f}{c['max']:>12.4f}"
-            )
-        lines.append(f"{'at a limit':20}{'':>15}{100.0 * facts['saturated_fraction']:>10.1f} %")
+        lines += _tabulate_changes(facts)
     if facts["recorded_by"] != facts["replayed_by"]:
         lines.append(_describe_versions(facts))
     if facts["settings_left_out"]:
         lines.append(notice("replay.settings", settings=", ".join(facts["settings_left_out"])).text)
     return "\n".join(lines)
+
+
+def _describe_recording(facts: dict[str, Any]) -> Iterator[str]:
+    """What the recording holds, and what is missing of it."""
+    cut_off = not facts["whole"] and facts["damaged_at"] is None
+    yield (
+        f"{facts['file']}: {facts['commands']} commands, {facts['idle_commands']} idle ones, "
+        f"{facts['poses']} poses{f'; the recording was cut off, {END}' if cut_off else ''}"
+    )
+    if facts["damaged_at"] is not None:
+        yield f"DAMAGED at byte {facts['damaged_at']}: the rest is not read, {END}"
+    if facts["lost"]:
+        yield f"{facts['lost']} records are missing: the recorder could not keep up"
+    if facts["differing"]["pose"]:
+        for wire in facts["unheard_wires"]:
+            yield f"nobody listens on {wire} this time: what was heard there is left out"
+
+
+def _describe_difference(facts: dict[str, Any]) -> Iterator[str]:
+    """Whether all is the same to the last bit, and the first difference where it is not."""
+    first = facts["first_difference"]
+    if facts["identical"]:
+        there = "" if facts["damaged_at"] is None else " before the damage"
+        yield f"identical: every pose and every command{there} is the same to the last bit"
+    elif first is not None:
+        yield (
+            f"not identical: {facts['differing']['command']} commands differ, first "
+            f"{first['what']} {first['number']} at {first['time_s']:.6f} s, {first['field']}: "
+            f"{first['recorded']} recorded, {first['replayed']} now"
+        )
+
+
+def _tabulate_changes(facts: dict[str, Any]) -> Iterator[str]:
+    """A line a number of the command: its means, and how much it changed."""
+    yield f"{'':20}{'mean recorded':>15}{'mean now':>12}{'change RMS':>12}{'largest':>12}"
+    for name in NAMES:
+        c = facts["changes"][name]
+        recorded, replayed = c["recorded_mean"], c["replayed_mean"]
+        yield f"{name:20}{recorded:>15.4f}{replayed:>12.4f}{c['rms']:>12.4f}{c['max']:>12.4f}"
+    yield f"{'at a limit':20}{'':>15}{100.0 * facts['saturated_fraction']:>10.1f} %"
 
 
 def _describe_versions(facts: dict[str, Any]) -> str:
@@ -261,9 +263,7 @@ class TapeLoop(asyncio.SelectorEventLoop):
         return self.now
 
     def settle(self) -> None:
-        """Run until every task waits for something that is not on the tape yet, or for a later
-        time.
-        """
+        """Run until every task waits for something that is not on the tape yet, or for later."""
         self.run_forever()
 
     def protocol(self, wire: Wire) -> Any:
@@ -545,8 +545,7 @@ class _Replay:
     async def _connect(self) -> None:
         """As a flight does; but the link only where poses come by it, and never one with a pacer.
 
-        What is opened past the event loop would be a real wire, with a real vehicle at its other
-        end.
+        A wire opened past the event loop would be real, with a real vehicle at its other end.
         """
         await self._source.start(self._deliver)
         if self._hears_link:

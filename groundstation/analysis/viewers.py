@@ -10,6 +10,7 @@ import asyncio
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -32,8 +33,7 @@ from links.io import parse_address
 TRAIL_S = 20.0
 """Length of a trail in time [s]."""
 SAMPLE_S = 0.2
-"""Interval between points of a trail, at each of which it is drawn, and of polling for new records
-[s]."""
+"""Interval between points of a trail, which is drawn at each, and of polling for records [s]."""
 TRAILS = ("estimate", "reference", "truth")
 """Channels whose positions leave a trail."""
 LEVEL = ch.Quaternion(0.0, 0.0, 0.0, 1.0)
@@ -120,12 +120,8 @@ async def _serve(recording: Recording, host: str, port: int) -> None:
     from foxglove.websocket import ServerListener
 
     context, watched = foxglove.Context(), asyncio.Event()
-    scene, channels = FoxgloveScene(), {}
-    for topic, name, text, form, encoding in scene.channels():
-        about = foxglove.Schema(name=name, encoding=form, data=text)
-        channels[topic] = foxglove.Channel(
-            topic, schema=about, message_encoding=encoding, context=context
-        )
+    scene = FoxgloveScene()
+    channels = _advertise(scene, context)
     loop = asyncio.get_running_loop()
 
     class Subscriptions(ServerListener):
@@ -163,3 +159,16 @@ async def _serve(recording: Recording, host: str, port: int) -> None:
                 channels[topic].log(data, log_time=entry.stamp_ns)
     await asyncio.sleep(1.0)  # the last words reach whoever looks
     server.stop()
+
+
+def _advertise(scene: FoxgloveScene, context: Any) -> dict[str, Any]:
+    """Announce the channels of ``scene`` in Foxglove's ``context``; returns them by topic."""
+    import foxglove
+
+    channels = {}
+    for topic, name, text, form, encoding in scene.channels():
+        about = foxglove.Schema(name=name, encoding=form, data=text)
+        channels[topic] = foxglove.Channel(
+            topic, schema=about, message_encoding=encoding, context=context
+        )
+    return channels

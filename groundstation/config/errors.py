@@ -20,9 +20,7 @@ class ConfigError(Exception):
     """
 
     def __init__(self, key: str, problem: str | Sentence, source: str = "") -> None:
-        """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the
-        override).
-        """
+        """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (file or override)."""
         self.key = key
         self.problem = str(problem)
         super().__init__(": ".join(part for part in (source, key, self.problem) if part))

@@ -161,8 +161,7 @@ def _complete_table(
 
 
 _STEP = re.compile(r"\.([^.\[\]`]+)|\[(\d+)\]|\[\.\.\.\]")
-"""One step of a path as msgspec writes it: a key of a struct, a place in an array, or some key of a
-table."""
+"""One step of a path as msgspec writes it: a struct's key, an array's place, or a table's key."""
 
 
 def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) -> Problem:
@@ -239,9 +238,7 @@ def _refuse(info: mi.Type, value: Any) -> str:
 
 
 def _override(data: dict[str, Any], text: str) -> KeyPath:
-    """Set ``a.b=value`` in ``data`` (whose nested tables are copied, never changed) and return its
-    path.
-    """
+    """Set ``a.b=value`` in ``data``, whose nested tables are copied, and return its path."""
     key, equals, value = text.partition("=")
     path = tuple(part.strip() for part in key.split("."))
     if not equals or not all(path):
@@ -263,8 +260,7 @@ def _switch(
     changed: dict[str, Any],
     set_paths: Sequence[KeyPath],
 ) -> list[KeyPath]:
-    """Remove the keys of ``data`` that only other kinds have from a section whose kind an override
-    changes.
+    """Remove keys that only other kinds have from a section whose kind an override changes.
 
     Return the sections whose kind an override gives.
     """

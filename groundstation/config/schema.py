@@ -1,6 +1,4 @@
-"""Schema of a configuration in words, from msgspec's description of the structs and their
-bounds.
-"""
+"""Schema of a configuration in words, from msgspec's description of structs and bounds."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -159,8 +157,7 @@ class OpenFactory:
 
     @classmethod
     def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
-        """Return ``table`` in this struct's own form if its ``kind`` names a factory, else
-        unchanged.
+        """Return ``table`` in this struct's own form if its ``kind`` names a factory, else as is.
 
         Keys that the struct does not have are the factory's options.
         """

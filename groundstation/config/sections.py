@@ -69,8 +69,7 @@ def resolve_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return ``data`` with the name of each key, password or certificate (``…_file = "name"``)
     resolved in ``folder``.
 
-    The names become absolute, so that the configuration in force means the same wherever it is read
-    again.
+    The names become absolute, so that the configuration means the same wherever it is read.
     """
     changed: dict[str, Any] = {}
     for key, value in data.items():

@@ -62,8 +62,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def dump(config: msgspec.Struct) -> str:
-    """Return the configuration in force as TOML, each key with the first sentence of its
-    description.
+    """Return the configuration as TOML, each key with the first sentence of its description.
 
     It loads back to the same. A key that is None has no TOML form and appears as a comment. A path
     that the locale could not decode is UTF-8 here.

@@ -131,9 +131,7 @@ class UserCodeFault(Exception):
 
 
 def _strip_caller(error: BaseException) -> None:
-    """Leave ``error`` the frames of the user's code alone, without those that called or imported
-    it.
-    """
+    """Leave ``error`` the frames of the user's code alone, without those that called it."""
     frames = error.__traceback__ and error.__traceback__.tb_next
     while frames and frames.tb_frame.f_globals.get("__name__", "").startswith(
         ("groundstation.", "importlib")
@@ -143,9 +141,7 @@ def _strip_caller(error: BaseException) -> None:
 
 
 def without_frames(work: Callable[P, R]) -> Callable[P, R]:
-    """Wrap ``work``: its refusals show the caller's own frames and names, and none of those
-    between.
-    """
+    """Wrap ``work``: its refusals show the caller's own frames and names alone."""
 
     @wraps(work)
     def plain(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -183,9 +179,7 @@ def describe_error(error: BaseException) -> str:
 
 @contextmanager
 def lend(objects: Mapping[str, object]) -> Iterator[None]:
-    """Bind each name (``module:name``) to that object within this context, and in tasks started in
-    it.
-    """
+    """Bind each name (``module:name``) to that object in this context and the tasks it starts."""
     token = _LENT.set({**_LENT.get({}), **objects})
     try:
         yield
@@ -194,9 +188,7 @@ def lend(objects: Mapping[str, object]) -> Iterator[None]:
 
 
 def name_object(thing: object) -> str:
-    """Return a name for ``thing`` as :func:`lend` and configurations accept it: of its module and
-    itself.
-    """
+    """Return a name for ``thing``, of its module and itself, that :func:`lend` accepts."""
     named = thing if inspect.isclass(thing) or inspect.isroutine(thing) else type(thing)
     module, name = (
         getattr(named, "__module__", None) or "python",

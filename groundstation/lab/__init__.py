@@ -1,6 +1,4 @@
-"""Preparation of a laboratory and its vehicles: parameters, axes, propellers off, several
-vehicles.
-"""
+"""Preparation of a laboratory and its vehicles: parameters, axes, propellers off, fleets."""
 
 from groundstation.lab.doctor import DoctorOrders, run_doctor
 from groundstation.lab.fleet import FleetPlan, Member, read_fleet

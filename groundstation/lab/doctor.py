@@ -380,8 +380,7 @@ class MavlinkVisit:
 
 
 Visit = BoardVisit | MavlinkVisit
-"""Changes nothing by itself. Every method but ``close`` raises LinkError where the other end goes
-away."""
+"""Changes nothing by itself. All methods but ``close`` raise LinkError if the other end leaves."""
 _MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
 WIDTH = 100
 """Width of the printed text [columns]."""
@@ -471,20 +470,9 @@ async def run_doctor(
     Raises:
         ConfigError: the orders make no sense.
     """
-    if orders.yes and not orders.fix and orders.restore is None:
-        raise ConfigError("--yes", notice("doctor.yes_alone"))
-    if orders.fix and orders.restore is not None:
-        raise ConfigError("--restore", notice("doctor.restore_alone"))
-    if (orders.fix or orders.restore) and ask is None and not orders.yes:
-        raise ConfigError("--fix" if orders.fix else "--restore", notice("doctor.no_terminal"))
+    _check_orders(orders, ask)
     kept = load_restore(orders.restore) if orders.restore is not None else None
-    visit: Visit
-    if config.link.has_autopilot:
-        if orders.board is not None:
-            raise ConfigError("--board", notice("doctor.board_idle"))
-        visit = MavlinkVisit(config)
-    else:
-        visit = BoardVisit(config, orders.board)
+    visit = _choose_visit(config, orders)
     try:
         await visit.open()
         findings = await visit.examine()
@@ -514,6 +502,25 @@ async def run_doctor(
     finally:
         await visit.close()
     return Exit.FAILED if is_wrong(findings) or not confirmed else Exit.DONE
+
+
+def _check_orders(orders: DoctorOrders, ask: Ask | None) -> None:
+    """Refuse options that contradict each other, and changes that nobody could confirm."""
+    if orders.yes and not orders.fix and orders.restore is None:
+        raise ConfigError("--yes", notice("doctor.yes_alone"))
+    if orders.fix and orders.restore is not None:
+        raise ConfigError("--restore", notice("doctor.restore_alone"))
+    if (orders.fix or orders.restore) and ask is None and not orders.yes:
+        raise ConfigError("--fix" if orders.fix else "--restore", notice("doctor.no_terminal"))
+
+
+def _choose_visit(config: Config, orders: DoctorOrders) -> Visit:
+    """By MAVLink where the link has an autopilot, else by the board's own port."""
+    if not config.link.has_autopilot:
+        return BoardVisit(config, orders.board)
+    if orders.board is not None:
+        raise ConfigError("--board", notice("doctor.board_idle"))
+    return MavlinkVisit(config)
 
 
 def _ensure_each_once(wanted: list[Setting]) -> None:

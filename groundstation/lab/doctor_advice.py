@@ -95,13 +95,11 @@ class VehicleFacts(NamedTuple):
     """Signal 0..1 that carries the vehicle, as we believe: weight over full thrust, through the
     thrust curve."""
     own_curve: bool
-    """True where the link straightens the motors' curve itself (link.thrust_curve, or the
-    vehicle's)."""
+    """True where the link straightens the motors' curve itself, by its key or the vehicle's."""
     forwards: bool = False
     """True where our poses are forwarded to its own estimator (link.forward)."""
     pose_latency_s: float | None = None
-    """Age of a pose as it comes to us, as we are told [s]; None where the source tells it
-    itself."""
+    """Configured age of a pose on arrival [s]; None where the source tells it."""
 
 
 class ParameterFinding(msgspec.Struct, frozen=True):
@@ -109,8 +107,7 @@ class ParameterFinding(msgspec.Struct, frozen=True):
 
     name: str
     verdict: str
-    """``ok``, ``must``, ``should``, ``note``, or ``absent`` where the autopilot does not have
-    it."""
+    """``ok``, ``must``, ``should``, ``note``, or ``absent`` where the autopilot lacks it."""
     value: Value | None
     accepted: str
     recommended: Value | None
@@ -817,20 +814,6 @@ def _advise_slots(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advi
     free = next((name for name in parsed if name not in used), "aux 0")
     arming = next((name for name, slot in used.items() if slot[0] == ARM_MODE), free)
     channel, armed_us, disarmed_us = facts.arm
-    span = "1700 2100" if disarmed_us < armed_us else "900 1300"
-    right = f"{ARM_MODE} {channel} {span} 0 0"
-
-    def arms(value: Value) -> bool:
-        mode, at, begin, end, logic, linked = _parse_slot(value)
-        here = begin <= armed_us < end and not begin <= disarmed_us < end
-        return (mode, at, logic, linked) == (ARM_MODE, channel, 0, 0) and here
-
-    def stays_out(value: Value) -> bool:
-        mode, at, begin, end, _, _ = _parse_slot(value)
-        low, high = facts.aux_us[at] if at < len(facts.aux_us) else (0.0, math.inf)
-        met = begin < end and begin <= high and low < end
-        return begin >= end or (mode != ARM_MODE and not (met and mode in LEVEL_MODES))
-
     name_of = {name: LEVEL_MODES.get(slot[0], "ARM") for name, slot in used.items()}
     return [
         must(
@@ -842,19 +825,13 @@ def _advise_slots(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advi
         ),
         must(
             arming,
-            Rule(
-                f"ARM on AUX{channel + 1}, on {armed_us:.0f} and off {disarmed_us:.0f} µs",
-                arms,
-                lambda _: right,
-            ),
+            _arms_by(facts),
             "Mode, channel, range: it arms by our arm channel, and disarms by it.",
         ),
         *(
             must(
                 name,
-                Rule(
-                    "no mode of its own that our frames would meet", stays_out, lambda _: EMPTY_SLOT
-                ),
+                _stays_out(facts),
                 f"{name_of[name]}: our frames would turn it on, and sticks are then something "
                 "else than rates.",
             )
@@ -862,6 +839,33 @@ def _advise_slots(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advi
             if name != arming
         ),
     ]
+
+
+def _arms_by(facts: ReceiverFacts) -> Rule:
+    """A row that arms by our arm channel, and by nothing else."""
+    channel, armed_us, disarmed_us = facts.arm
+    span = "1700 2100" if disarmed_us < armed_us else "900 1300"
+
+    def accepts(value: Value) -> bool:
+        mode, at, begin, end, logic, linked = _parse_slot(value)
+        here = begin <= armed_us < end and not begin <= disarmed_us < end
+        return (mode, at, logic, linked) == (ARM_MODE, channel, 0, 0) and here
+
+    words = f"ARM on AUX{channel + 1}, on {armed_us:.0f} and off {disarmed_us:.0f} µs"
+    return Rule(words, accepts, lambda _: f"{ARM_MODE} {channel} {span} 0 0")
+
+
+def _stays_out(facts: ReceiverFacts) -> Rule:
+    """A row that does not arm, and whose mode our frames do not turn on."""
+
+    def accepts(value: Value) -> bool:
+        mode, at, begin, end, _, _ = _parse_slot(value)
+        low, high = facts.aux_us[at] if at < len(facts.aux_us) else (0.0, math.inf)
+        met = begin < end and begin <= high and low < end
+        return begin >= end or (mode != ARM_MODE and not (met and mode in LEVEL_MODES))
+
+    words = "no mode of its own that our frames would meet"
+    return Rule(words, accepts, lambda _: EMPTY_SLOT)
 
 
 def _parse_slot(value: Value) -> tuple[int, int, int, int, int, int]:

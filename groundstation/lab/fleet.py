@@ -75,8 +75,7 @@ class FleetPlan(NamedTuple):
 
     members: tuple[Member, ...]
     relay_listen: str | None
-    """Where poses come in to be handed on, host:port; None where each core hears the source by
-    itself."""
+    """Where poses to be handed on come in, host:port; None where each core hears the source."""
 
     @property
     def relay_targets(self) -> tuple[str, ...]:

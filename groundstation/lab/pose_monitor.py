@@ -521,23 +521,30 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
         connection = ears.connection
         say(notice("carry.begin" if has_autopilot else "carry.begin_unseen").text)
         while (move := carry.move) is not None:
-            say(
-                notice(
-                    "carry.move", number=len(carry.rests) + 1, count=len(MOVES), move=move.say
-                ).text
-            )
+            number = len(carry.rests) + 1
+            say(notice("carry.move", number=number, count=len(MOVES), move=move.say).text)
             begun.set()
             ended.clear()
-            give_up_s = asyncio.get_running_loop().time() + PATIENCE_S
-            while not ended.is_set():
-                await asyncio.sleep(REFRESH_S)
-                _require_disarmed(connection)
-                if asyncio.get_running_loop().time() > give_up_s:
-                    raise CarryFailure(
-                        "", _say_not_made(move.name, ears.source, deaf=has_autopilot and not felt)
-                    )
+            if not await _await_move(ended, connection):
+                deaf = has_autopilot and not felt
+                raise CarryFailure("", _say_not_made(move.name, ears.source, deaf=deaf))
         synchronised = connection is not None and connection.clock is not None
     return CarryRecord(carry, felt, synchronised)
+
+
+async def _await_move(ended: asyncio.Event, connection: MavlinkConnection | None) -> bool:
+    """Wait until a move has ``ended``; False where it was not made within :data:`PATIENCE_S`.
+
+    Raises:
+        CarryFailure: the vehicle is armed, or its autopilot is not heard.
+    """
+    give_up_s = asyncio.get_running_loop().time() + PATIENCE_S
+    while not ended.is_set():
+        await asyncio.sleep(REFRESH_S)
+        _require_disarmed(connection)
+        if asyncio.get_running_loop().time() > give_up_s:
+            return False
+    return True
 
 
 def _state(connection: MavlinkConnection) -> Sentence:

@@ -236,8 +236,7 @@ class CarryMove(msgspec.Struct, frozen=True):
 
     name: str
     kind: Literal["still", "shift", "turn", "back"]
-    """``still``: it stands; ``shift`` along ``axis``; ``turn`` about it; ``back``: a turn
-    undone."""
+    """``still``; ``shift`` along ``axis``; ``turn`` about it; ``back``: a turn undone."""
     axis: Vec3
     """Unit vector forward, right, down on the vehicle; turns are right-handed."""
     say: str

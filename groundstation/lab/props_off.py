@@ -29,16 +29,13 @@ from groundstation.settings import Config
 from links.io import open_child
 from links.text import Sentence
 
-ARM_S = 90.0
-"""Timeout to connect and to arm [s]."""
 LOOK_S = 3.0
-"""The motors turn this long before the program is killed, and are watched this long to stay off
-[s]."""
-ACT_S = 60.0
-"""Timeout for the operator's action in a step [s]."""
+"""Motors turn this long before the program is killed, and are watched this long to stay off [s]."""
+ACT_S = 90.0
+"""Timeout to connect and to arm, and for the operator's action in a step [s]."""
 STOP_S = 15.0
-"""Timeout for motors to stop that nobody here can stop [s]: the longest failsafe of an
-autopilot."""
+"""Timeout for motors to stop that nobody here can stop, and for a hand to let go [s]: the longest
+failsafe of an autopilot. An order that nobody acknowledges is repeated for 5 s."""
 HEAR_S = 0.05
 """Time in which everything reported meanwhile is read [s]."""
 NEWS_S = 3.0
@@ -80,10 +77,6 @@ class NotProven(Exception):
 
 class _StepAgain(Exception):
     """The vehicle has disarmed itself before the step was over."""
-
-
-OFF_S = 12.0
-"""Longest wait for a hand to let go [s]: an order that nobody acknowledges is repeated for 5 s."""
 
 
 class Hand:
@@ -137,7 +130,7 @@ class Hand:
         """
         self._in.close()
         try:
-            await self.listen(OFF_S)
+            await self.listen(STOP_S)
             if self._process.returncode is None:
                 async with asyncio.timeout(1.0):
                     await self._process.wait()
@@ -280,9 +273,9 @@ class Guide:
         hand = await self._open(self._config)
         try:
             try:
-                news = await hand.until("armed", ARM_S)
+                news = await hand.until("armed", ACT_S)
             except TimeoutError:
-                raise GuideStopped(notice("props.not_armed", limit_s=ARM_S)) from None
+                raise GuideStopped(notice("props.not_armed", limit_s=ACT_S)) from None
             self.firmware = news.firmware
             yield hand
         finally:

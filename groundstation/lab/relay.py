@@ -31,8 +31,7 @@ class Relay(asyncio.DatagramProtocol):
 
         Nothing is opened yet.
 
-        ``group`` is a multicast address to join, by way of the ``interface`` with this address of
-        ours.
+        ``group`` is a multicast address to join, on the ``interface`` with this address of ours.
 
         Raises:
             ValueError: an address is none.

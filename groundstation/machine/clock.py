@@ -101,22 +101,18 @@ def precise_loop() -> asyncio.AbstractEventLoop:
 
 
 def wall_ms() -> int:
-    """Return the time of day, since 1970 [ms]: two machines compare it to see whether a request has
-    expired.
-    """
+    """Return the time of day, since 1970 [ms]: by it two machines see whether a request expired."""
     return time.time_ns() // 1_000_000
 
 
 NICE = 5
-"""Nice value of programs beside a flight, below it (nice(2)): a key still gets through on a busy
-machine."""
+"""Nice value of programs beside a flight (nice(2)): a key still gets through on a busy machine."""
 WITHIN_S = 0.05
 """Longest wait for an idle slot while no command leaves [s]."""
 
 
 class IdleSlots:
-    """Slots for work that can wait: just after a command has left, when the next pose is farthest
-    away.
+    """Slots for work that can wait: just after a command has left, farthest from the next pose.
 
     For one flight, or one after the other, on one event loop.
     """
@@ -125,9 +121,7 @@ class IdleSlots:
         self._waiting: deque[asyncio.Future[None]] = deque()
 
     def begin(self) -> None:
-        """A command has just left: begin the oldest waiting slot, and no other before the next
-        command.
-        """
+        """A command has just left: begin the oldest waiting slot, one a command."""
         while self._waiting:
             moment = self._waiting.popleft()
             if not moment.done():

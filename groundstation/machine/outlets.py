@@ -18,9 +18,6 @@ from typing import Generic, TypeVar
 
 from links.text import printable
 
-LINE_MAX_BYTES = 4000
-"""Longer lines are cut [bytes]: a pipe accepts this much at once or nothing (pipe(7), PIPE_BUF)."""
-
 
 class NonBlockingWriter:
     """A file descriptor, written to without waiting."""
@@ -41,9 +38,12 @@ class NonBlockingWriter:
             self.lost += 1
 
     def write(self, text: str) -> bool:
-        """Write ``text`` as one line; return whether it was accepted at once."""
+        """Write ``text`` as one line; return whether it was accepted at once.
+
+        A longer line than a pipe accepts at once or not at all is cut (pipe(7), PIPE_BUF).
+        """
         line = (
-            printable(text.rstrip("\n")).encode(self._encoding, "replace")[: LINE_MAX_BYTES - 1]
+            printable(text.rstrip("\n")).encode(self._encoding, "replace")[: select.PIPE_BUF - 1]
             + b"\n"
         )
         try:
@@ -70,9 +70,7 @@ class NonBlockingWriter:
 
 
 def _own(number: int) -> int:
-    """Open a nonblocking descriptor of our own: a flag of the shared one would also affect the
-    shell.
-    """
+    """Open a nonblocking descriptor of our own: a flag of the shared one would affect the shell."""
     try:
         if stat.S_ISREG(os.fstat(number).st_mode):
             return number  # a file accepts everything, and its offset is shared
@@ -114,9 +112,7 @@ class Latest(Generic[T]):
         return self.newest
 
     async def values(self, period_s: float = 0.0) -> AsyncIterator[T]:
-        """Yield the newest value at once, then each newer one, never two within ``period_s``
-        [s].
-        """
+        """Yield the newest value, then each newer one, never two within ``period_s`` [s]."""
         number = 0
         while True:
             number, value = await self.newer(number)

@@ -25,9 +25,7 @@ FOLDER, FILE = stat.S_ISDIR, stat.S_ISREG
 
 
 def is_ours(found: os.stat_result, kind: Callable[[int], bool]) -> bool:
-    """Whether ``found`` (of lstat(2)) is of ``kind``, belongs to this user, and is not writable for
-    others.
-    """
+    """Whether ``found`` (of lstat(2)) is of ``kind``, this user's, and not writable for others."""
     return kind(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
 
 

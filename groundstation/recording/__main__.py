@@ -1,5 +1,4 @@
-"""Recorder process: records from standard input to the file, words for the operator to standard
-output.
+"""Recorder process: records from standard input to the file, notices to standard output.
 
 It is deaf to signals that a terminal sends, and ends when its input ends: told to, or because the
 flight died. It shares the processor with the flight that has started it: it gets its share, and

@@ -379,9 +379,7 @@ ChannelForm = tuple[str, str, bytes, str, str]
 
 
 def channel_form(topic: str, name: str, message: type[msgspec.Struct]) -> ChannelForm:
-    """The form of a channel whose messages are ``message`` in JSON, with a schema called
-    ``name``.
-    """
+    """The form of a channel of ``message`` in JSON, with a schema called ``name``."""
     return topic, name, schema(name, message), "jsonschema", "json"
 
 
@@ -508,30 +506,12 @@ class MessageMaker:
         shown = PoseInFrame(self._time(p.time_s), WORLD, FoxglovePose(position, attitude))
         return ("/measured", p.arrival_s, measured), ("/pose", p.arrival_s, shown)
 
-    def _tick(self, record: TickRecord) -> Iterable[Message]:
-        tick = record.tick
-        t, estimate, reference, d = (
-            tick.time_s,
-            tick.estimate,
-            tick.reference,
-            tick.decision.diagnostics,
-        )
+    def _tick(self, record: TickRecord) -> Iterator[Message]:
+        tick, t, estimate = record.tick, record.tick.time_s, record.tick.estimate
         motion = estimate.motion
-        thrust, rates, pose_id, pose_time, deadline, parts = _command(tick.command)
-        saturated = bool(tick.decision.saturated)
-        commanded = CommandMessage(
-            t, tick.flight_time_s, thrust, rates, saturated, pose_id, pose_time, deadline, parts
-        )
-        refer = ReferenceMessage(
-            t,
-            Vector3(*reference.position_ned),
-            Vector3(*reference.velocity_ned),
-            Vector3(*reference.acceleration_ned),
-            Vector3(*reference.jerk_ned),
-            reference.yaw_rad,
-            reference.yaw_rate_rad_s,
-        )
         position, attitude = Vector3(*motion.position), quaternion(motion.attitude)
+        yield "/command", t, _make_command(tick)
+        yield "/reference", t, _make_reference(t, tick.reference)
         estimated = EstimateMessage(
             t,
             estimate.time_s,
@@ -541,38 +521,11 @@ class MessageMaker:
             motion.thrust,
             Vector3(*motion.rates),
         )
-        error = math.dist(motion.position, reference.position_ned)
-        adaptation = AdaptationMessage(
-            t,
-            Vector3(*d.b_hat),
-            Vector3(*d.b_hat_dot),
-            Vector3(*d.disturbance),
-            estimate.effectiveness,
-            estimate.effectiveness_deviation,
-        )
-        lyapunov = LyapunovMessage(
-            t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.certificate[:2]
-        )
-        return (
-            ("/command", t, commanded),
-            ("/reference", t, refer),
-            ("/estimate", t, estimated),
-            (
-                "/errors",
-                t,
-                ErrorsMessage(
-                    t, error, Vector3(*d.z1), Vector3(*d.z2), Vector3(*d.z3), Vector3(*d.u_star)
-                ),
-            ),
-            ("/adaptation", t, adaptation),
-            ("/lyapunov", t, lyapunov),
-            ("/timing", t, self._timing(tick, record.late_s)),
-            (
-                "/tf",
-                t,
-                FrameTransform(self._time(estimate.time_s), WORLD, VEHICLE, position, attitude),
-            ),
-        )
+        yield "/estimate", t, estimated
+        yield from _make_law(tick)
+        yield "/timing", t, self._timing(tick, record.late_s)
+        stamp = self._time(estimate.time_s)
+        yield "/tf", t, FrameTransform(stamp, WORLD, VEHICLE, position, attitude)
 
     def _timing(self, tick: Tick, late_s: float | None) -> TimingMessage:
         now, last = tick.time_s, self._last
@@ -584,6 +537,55 @@ class MessageMaker:
 
     def _time(self, time_s: float) -> Time:
         return Time.of(self.stamp(time_s))
+
+
+def _make_command(tick: Tick) -> CommandMessage:
+    """The command of a tick, as it was handed to the link."""
+    thrust, rates, pose_id, pose_time, deadline, parts = _command(tick.command)
+    return CommandMessage(
+        tick.time_s,
+        tick.flight_time_s,
+        thrust,
+        rates,
+        bool(tick.decision.saturated),
+        pose_id,
+        pose_time,
+        deadline,
+        parts,
+    )
+
+
+def _make_reference(time_s: float, reference: Reference) -> ReferenceMessage:
+    return ReferenceMessage(
+        time_s,
+        Vector3(*reference.position_ned),
+        Vector3(*reference.velocity_ned),
+        Vector3(*reference.acceleration_ned),
+        Vector3(*reference.jerk_ned),
+        reference.yaw_rad,
+        reference.yaw_rate_rad_s,
+    )
+
+
+def _make_law(tick: Tick) -> Iterator[Message]:
+    """What the law went by in a tick: its errors, its adaptation, and its Lyapunov function."""
+    t, estimate, d = tick.time_s, tick.estimate, tick.decision.diagnostics
+    error = math.dist(estimate.motion.position, tick.reference.position_ned)
+    z1, z2, z3, u_star = (Vector3(*v) for v in (d.z1, d.z2, d.z3, d.u_star))
+    yield "/errors", t, ErrorsMessage(t, error, z1, z2, z3, u_star)
+    adaptation = AdaptationMessage(
+        t,
+        Vector3(*d.b_hat),
+        Vector3(*d.b_hat_dot),
+        Vector3(*d.disturbance),
+        estimate.effectiveness,
+        estimate.effectiveness_deviation,
+    )
+    yield "/adaptation", t, adaptation
+    lyapunov = LyapunovMessage(
+        t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.certificate[:2]
+    )
+    yield "/lyapunov", t, lyapunov
 
 
 def _make_truth(r: TruthRecord) -> Message:

@@ -82,8 +82,7 @@ class Recording:
         self.about: dict[str, str] = {}
         """The first record (records.About), and versions; every value as text."""
         self.result: dict[str, str] = {}
-        """The headline (headline.Headline) as text; empty before the end was read, and where it is
-        missing."""
+        """The headline (headline.Headline) as text; empty until the end was read."""
         self.whole = False
         """True once the end was read and nothing was damaged."""
         self.damaged_at: int | None = None
@@ -222,9 +221,7 @@ def from_texts(result: dict[str, str]) -> FlightHeadline:
 
 
 def flatten(value: Any, name: str = "") -> dict[str, Any]:
-    """Return the leaves of nested objects and arrays by their dotted names, such as
-    ``rates_rad_s.x``.
-    """
+    """Return the leaves of nested objects and arrays by dotted names, such as ``rates_rad_s.x``."""
     if isinstance(value, dict):
         parts = value.items()
     elif isinstance(value, list):

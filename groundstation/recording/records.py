@@ -1,6 +1,4 @@
-"""Records that a flight hands to its recorder, in the order of the events: all that a replay
-needs.
-"""
+"""Records that a flight hands to its recorder, in the order of the events, for a replay."""
 
 import msgspec
 

@@ -31,8 +31,7 @@ class Exit(IntEnum):
     DONE = 0
     """Landed, or the request was carried out."""
     FAILED = 1
-    """Ended otherwise than requested: aborted, killed, refused, landed because of a fault, or a
-    finding."""
+    """Ended otherwise than requested: aborted, killed, refused, landed by a fault, or a finding."""
     USAGE = 2
     """A bad configuration or command line; nothing was opened."""
     NOBODY = 2  # of commands that only ask: nothing was begun either
@@ -87,9 +86,7 @@ def run(
 
 
 def _advise_gone(gone: Mapping[str, str], moved: Mapping[str, str]) -> None:
-    """Tell the operator what to do instead of the words of the command line that are among
-    ``gone``.
-    """
+    """Tell the operator what replaces the words of the command line that are among ``gone``."""
     command, *rest = sys.argv[1:] or [""]
     line = " ".join([moved.get(command, command), *rest])
     words = set(line.replace("=", " ").replace(",", " ").split())
@@ -103,8 +100,7 @@ def _advise_gone(gone: Mapping[str, str], moved: Mapping[str, str]) -> None:
 def _open_missing_streams() -> None:
     """Open the standard streams that the parent has closed, to and from /dev/null.
 
-    Else the next file or port that is opened gets the number of one of them, and the output goes
-    there.
+    Else the next file or port that is opened gets the number of one of them, and the output.
     """
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(fd, True)
@@ -370,9 +366,7 @@ class Program(argparse.ArgumentParser):
                 arguments(self)
 
     def offer_below(self) -> None:
-        """Add the commands below this one as subcommands, which the completion of command lines
-        reads.
-        """
+        """Add the commands below this one as subcommands, which completion reads."""
         parsers = self.add_subparsers(
             dest="command", required=True, metavar="COMMAND", parser_class=Program
         )

@@ -20,8 +20,7 @@ class FlownConfig(NamedTuple):
 def read_flown_config(
     about: Mapping[str, str], path: Path, overrides: Sequence[str] = ()
 ) -> FlownConfig:
-    """Read the configuration in ``about`` of the recording at ``path``, and apply ``overrides`` to
-    it.
+    """Read the configuration in ``about`` of the recording at ``path``, with ``overrides``.
 
     Raises:
         ConfigError: it is no TOML, a value in a list is refused, or an override is bad.

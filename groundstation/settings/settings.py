@@ -52,8 +52,7 @@ REHEARSAL = "rehearsal"
 """Name of a rehearsed vehicle, which no other may have: arming by name then confirms that nothing
 real moves."""
 FIRST_PORT = 25000
-"""Start of the range that every port is moved into: no tracker, autopilot or broker uses it by
-default."""
+"""Start of the range that every port is moved into: no tracker, autopilot or broker uses it."""
 PORTS = 5000
 """Number of ports in that range; a port keeps its last digits."""
 FOLDER = "rehearsals"
@@ -91,9 +90,7 @@ class RehearsalConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
 
 def is_rehearsal(vehicle: str) -> bool:
-    """Whether a vehicle of this name flies in a rehearsal: no configuration gives the name to
-    another.
-    """
+    """Whether a vehicle of this name flies in a rehearsal: no other may have the name."""
     return vehicle == REHEARSAL or vehicle.startswith(f"{REHEARSAL}-")
 
 
@@ -179,9 +176,7 @@ def _as_datagrams(pose: LibmotioncaptureConfig) -> JsonConfig:
 
 
 def turn_sections(config: "Config", room: RehearsalConfig) -> dict[str, msgspec.Struct]:
-    """Return the sections of ``config`` that may hold addresses, with all of these turned to
-    ``room``.
-    """
+    """Return the sections of ``config`` that may hold addresses, turned to ``room``."""
     turned = dict[str, tuple[Any, dict[str, Any]]]()
     for section in dict.fromkeys(key.partition(".")[0] for key in ADDRESSES):
         old: Any = getattr(config, section)

@@ -1,5 +1,4 @@
-"""Evidence, ``groundstation replay evidence FLIGHT…``: how well our estimator predicts a recorded
-flight.
+"""Evidence, ``groundstation replay evidence FLIGHT…``: how well our estimator predicts a flight.
 
 At each pose of the part that flies, the estimator has seen the poses up to then and the commands
 that had been sent; it says where the vehicle will be, and the pose that is measured then is the
@@ -75,9 +74,7 @@ LIFTED_M = 0.2
 STANDS_S = 0.5
 """Time within which a standing vehicle keeps its height [s]."""
 STANDS_M = 0.003
-"""Largest range of its height in that time [m]."""
-STILL_M = 0.001
-"""Motion of the mean over half a second below which a vehicle never flew [m]."""
+"""Largest range of its height in that time, and of all such means where it never flew [m]."""
 LEAST_FLOWN_S = 3.0
 """A shorter hop tells nothing [s]."""
 LEAST_POSES = 50
@@ -101,8 +98,7 @@ class EvidenceFlight:
     """Thrust signal that hovers, where the source told."""
     told: MappedVehicle
     config: Config | None
-    """Configuration of our own controller, or the one that was given; None for other flights of
-    others."""
+    """Configuration of our own controller, or the given one; None for other flights of others."""
     left_out: dict[str, int]
     """Number of entries changed or left out at the import, by reason."""
     own: bool
@@ -131,12 +127,26 @@ def load_flight(path: Path, config: Config | None = None) -> EvidenceFlight:
         imported = read_flight(mapping, [path])
         about = describe_import(imported, mapping, "ardupilot-tlog", [path])
         messages = [message for _, _, message in imported.messages]
-    poses, flags, sent, may_fly = (
-        list[Pose](),
-        list[bool](),
-        list[ImportedSetpoint](),
-        "imported" in about,
-    )
+    own = "imported" not in about
+    poses, flags, sent = _sort_messages(messages, may_fly=not own)
+    if len(poses) < LEAST_POSES:
+        raise ConfigError(
+            "FLIGHT", notice("evidence.few_poses", count=len(poses), least=LEAST_POSES), str(path)
+        )
+    told = MappedVehicle()
+    if not own:
+        told = msgspec.json.decode(about["vehicle_told"], type=MappedVehicle)
+    source = about.get("source", "simulation" if about.get("scenario") else "our own")
+    left_out = msgspec.json.decode(about.get("notes", "{}"), type=dict[str, int])
+    hover = float(about["hover"]) if about.get("hover") else None
+    return EvidenceFlight(path, source, poses, flags, sent, hover, told, config, left_out, own)
+
+
+def _sort_messages(
+    messages: list[Any], *, may_fly: bool
+) -> tuple[list[Pose], list[bool], list[ImportedSetpoint]]:
+    """The poses, whether each may be flying (at first ``may_fly``), and the set-points."""
+    poses, flags, sent = list[Pose](), list[bool](), list[ImportedSetpoint]()
     for message in messages:
         match message:
             case MeasuredMessage():
@@ -146,20 +156,7 @@ def load_flight(path: Path, config: Config | None = None) -> EvidenceFlight:
                 sent.append(message)
             case ImportedState():
                 may_fly = message.may_fly
-    if len(poses) < LEAST_POSES:
-        raise ConfigError(
-            "FLIGHT", notice("evidence.few_poses", count=len(poses), least=LEAST_POSES), str(path)
-        )
-    told = (
-        MappedVehicle()
-        if "imported" not in about
-        else msgspec.json.decode(about["vehicle_told"], type=MappedVehicle)
-    )
-    source = about.get("source", "simulation" if about.get("scenario") else "our own")
-    left_out = msgspec.json.decode(about.get("notes", "{}"), type=dict[str, int])
-    hover = float(about["hover"]) if about.get("hover") else None
-    own = "imported" not in about
-    return EvidenceFlight(path, source, poses, flags, sent, hover, told, config, left_out, own)
+    return poses, flags, sent
 
 
 def _decode(recording: Recording) -> Iterator[Any]:
@@ -207,9 +204,7 @@ def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
 
 
 def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice:
-    """The poses from the first to the last that fly: not those that stand on the floor before and
-    after.
-    """
+    """The poses from the first to the last that fly, without those on the floor."""
     first, end = 0, len(at_s)
     if any(may_fly):
         first, end = may_fly.index(True), len(may_fly) - list(may_fly)[::-1].index(True)
@@ -235,7 +230,7 @@ def why_not_judged(flight: EvidenceFlight, at_s: Column, place: Column) -> str:
         return notice("evidence.grounded").text
     window = max(1, int(STANDS_S / float(np.median(np.diff(at_s)))))
     means = place[: len(place) // window * window].reshape(-1, window, 3).mean(axis=1)
-    if len(means) > 1 and float(np.ptp(means, axis=0).max()) < STILL_M:
+    if len(means) > 1 and float(np.ptp(means, axis=0).max()) < STANDS_M:
         return notice("evidence.stands").text
     flown_s = float(at_s[-1] - at_s[0])
     return (
@@ -251,8 +246,7 @@ class DrivenFlight:
 
     flight: EvidenceFlight
     poses: list[Pose]
-    """Without their velocity: it may not be that of their positions, by which the filter is
-    judged."""
+    """Without their velocity: the filter is judged by positions, and it may not be theirs."""
     air: slice
     """Poses that fly."""
     at_s: Column
@@ -356,9 +350,7 @@ LEAST_HOVER = 0.05
 def _configure(
     told: MappedVehicle, hover: float, sent_s: Column, overrides: Sequence[str]
 ) -> Config:
-    """A configuration for a vehicle of others that is carried by the share ``hover`` of its full
-    thrust.
-    """
+    """A configuration for a vehicle of others that hovers by the share ``hover`` of full thrust."""
     period_s = float(np.median(np.diff(sent_s))) if len(sent_s) > 1 else 0.01
     vehicle = {
         "name": "recorded",
@@ -440,38 +432,18 @@ class Judged(NamedTuple):
 def judge_filter(
     driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[int] = HORIZONS_MS
 ) -> Judged:
-    """Fly the filter over the part that flies, and hold what it predicts against the poses measured
-    then.
-    """
-    air, at_s, place, config = driven.air, driven.at_s, driven.place, driven.config
-    resets, delay_s = [pose.reset_count for pose in driven.poses], config.vehicle.command_delay_s
+    """Fly the filter over the part that flies, and judge its predictions by the measured poses."""
+    air, at_s, place = driven.air, driven.at_s, driven.place
+    resets = [pose.reset_count for pose in driven.poses]
     period_s = float(np.median(np.diff(at_s[air])))
-    base, ahead = (
-        max(1, round(BASE_S / period_s)),
-        {h: max(1, round(1e-3 * h / period_s)) for h in horizons_ms},
-    )
-    errors: dict[int, array[float]] = {
-        h: array("d") for h in horizons_ms
-    }  # a flight may have a million poses
+    base = max(1, round(BASE_S / period_s))
+    ahead = {h: max(1, round(1e-3 * h / period_s)) for h in horizons_ms}
+    # A flight may have a million poses.
+    errors: dict[int, array[float]] = {h: array("d") for h in horizons_ms}
     consistency: list[float] = []
-    estimator, newest_s, begun_s, k = ModelEstimator(config.vehicle, gains), -math.inf, -math.inf, 0
-    for i in range(air.start, air.stop):
-        pose, now = driven.poses[i], float(at_s[i])
-        if now - newest_s > POSE_GAP_S:
-            estimator, begun_s, k = ModelEstimator(config.vehicle, gains), now, max(k - 1, 0)
-        newest_s = now
-        while k < len(driven.commands) and driven.commands[k][0] <= now:
-            estimator.add_command(driven.commands[k][0] + delay_s, driven.commands[k][1])
-            k += 1
-        if now >= begun_s + SETTLING_S and resets[i] == resets[i - 1]:
-            consistency.append(estimator.consistency(pose))
-        estimator.update(pose)
-        older = i - 2 * base
-        if (
-            now < begun_s + SETTLING_S
-            or older < air.start
-            or now - at_s[older] > GAP * 2.0 * base * period_s
-        ):
+    for i, estimator in _fly_filter(driven, gains, consistency):
+        now, older = float(at_s[i]), i - 2 * base
+        if older < air.start or now - at_s[older] > GAP * 2.0 * base * period_s:
             continue
         velocity = (place[i] - place[i - base]) / (now - at_s[i - base])
         before = (place[i - base] - place[older]) / (at_s[i - base] - at_s[older])
@@ -484,20 +456,41 @@ def judge_filter(
             h_s = float(at_s[j]) - now
             if abs(h_s - 1e-3 * h) > NEAR * 1e-3 * h:
                 continue
-            predicted = (
-                np.array(estimator.predict(float(at_s[j])).motion.position) - pose.position_ned
-            )
+            predicted = np.array(estimator.predict(float(at_s[j])).motion.position)
+            predicted -= driven.poses[i].position_ned
             true = place[j] - place[i]
             constant = tangent * h_s + 0.5 * acceleration * h_s**2
             for off in (predicted - true, velocity * h_s - true, constant - true):
                 errors[h].append(float(off @ off))
     return Judged(
         float(np.mean(consistency)) / 3.0 if consistency else None,
-        {
-            str(h): _measure_errors(np.array(squares).reshape(-1, 3))
-            for h, squares in errors.items()
-        },
+        {str(h): _measure_errors(np.array(off).reshape(-1, 3)) for h, off in errors.items()},
     )
+
+
+def _fly_filter(
+    driven: DrivenFlight, gains: Estimation, consistency: list[float]
+) -> Iterator[tuple[int, ModelEstimator]]:
+    """Feed the filter; yield the index of each pose that it has taken, once it has settled.
+
+    It begins anew after a gap. ``consistency`` gets the NIS of each settled pose.
+    """
+    air, commands, vehicle = driven.air, driven.commands, driven.config.vehicle
+    estimator, newest_s, begun_s, k = ModelEstimator(vehicle, gains), -math.inf, -math.inf, 0
+    for i in range(air.start, air.stop):
+        pose, now = driven.poses[i], float(driven.at_s[i])
+        if now - newest_s > POSE_GAP_S:
+            estimator, begun_s, k = ModelEstimator(vehicle, gains), now, max(k - 1, 0)
+        newest_s = now
+        while k < len(commands) and commands[k][0] <= now:
+            estimator.add_command(commands[k][0] + vehicle.command_delay_s, commands[k][1])
+            k += 1
+        settled = now >= begun_s + SETTLING_S
+        if settled and pose.reset_count == driven.poses[i - 1].reset_count:
+            consistency.append(estimator.consistency(pose))
+        estimator.update(pose)
+        if settled:
+            yield i, estimator
 
 
 def _measure_errors(squares: Column) -> dict[str, float] | None:

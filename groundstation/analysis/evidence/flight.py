@@ -1,5 +1,4 @@
-"""Flight of others, as an import makes it: messages by topic, and what was changed or left out of
-them.
+"""Flight of others, as an import makes it: messages by topic, and what was changed or left out.
 
 Poses stand where those of our own flights do (``/measured``); commands have a channel of their own
 (``/imported/…``), so that nobody takes them for ours.
@@ -34,8 +33,7 @@ class MappedVehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     """f of thrust = f u² + (1 - f) u, from signal to thrust [-]."""
     attitude_p: Positive = 6.5
-    """Gain of the autopilot's attitude loop [1/s]: by it an attitude set-point becomes body
-    rates."""
+    """Gain of the autopilot's attitude loop, from attitude set-points to body rates [1/s]."""
 
 
 class ImportedSetpoint(msgspec.Struct, frozen=True, gc=False):

@@ -88,8 +88,7 @@ class MappedPose(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=T
     attitude: tuple[str, ...] = ()
     """Four columns of a quaternion, or roll, pitch and yaw (turned yaw first)."""
     attitude_table: str = ""
-    """Where the attitude stands in another table: it is then interpolated at the positions'
-    times."""
+    """Another table for the attitude, which is then interpolated at the positions' times."""
     order: Literal["wxyz", "xyzw"] = "wxyz"
     """Order of the quaternion's columns."""
     angle_unit: Literal["rad", "deg"] = "rad"
@@ -329,8 +328,7 @@ BELIEVED_M = 1e5
 LATEST_S = 1e10
 """Largest believable time [s]."""
 MOST_BACKS = 0.3
-"""Share of poses that may be older than the one before [-]: of rows in no order every second one
-is."""
+"""Share of poses that may be older than the one before [-]; without order every second one is."""
 
 
 def find_usual(time: Column) -> float:
@@ -351,9 +349,7 @@ def find_rising(time: Column) -> NDArray[np.bool_]:
 
 
 def find_repeats(place: Column) -> NDArray[np.bool_]:
-    """Which positions (N, 3) [m] repeat the one before to the last bit: the log is faster than its
-    source.
-    """
+    """Which positions (N, 3) [m] repeat the one before: the log is faster than its source."""
     return np.asarray(np.all(np.diff(place, axis=0, prepend=place[:1] - 1.0) == 0.0, axis=1))
 
 

@@ -1,5 +1,4 @@
-"""Tables in text files: CSV by its mapping, and what Motive and QTM export, one table for each
-body.
+"""Tables in text files: CSV by its mapping, and exports of Motive and QTM, one table a body.
 
 Motive, Export Tracking Data: a line of keys and values; rows Type, Name, ID and, since Motive 2.2,
 Parent; a row of Rotation and Position; the head; a row for each frame, empty where the body is not
@@ -149,9 +148,7 @@ def _find_head(
 
 
 def _join_heads(lines: Sequence[str], separator: str) -> list[str]:
-    """Name the columns by the last of the ``lines`` of the head, or by all where that is not
-    unique.
-    """
+    """Name the columns by the last of the head's ``lines``, or by all where that is not unique."""
     rows = [_names(line, separator) for line in lines]
     last = rows[-1]
     names = []

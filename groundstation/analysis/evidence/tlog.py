@@ -35,8 +35,7 @@ from links.mavlink.protocol import ARMED, AttitudeTargetMask, MavCommand, Messag
 ON_GROUND = 1
 """EXTENDED_SYS_STATE.landed_state (MAV_LANDED_STATE_ON_GROUND)."""
 JITTER_S = 0.1
-"""Loggers write messages of several wires out of order by this much at most [s]: no reason to drop
-one."""
+"""Messages of several wires may be logged out of order by this much: none is dropped [s]."""
 LEAP_S = 60.0
 """A log time further than this from the one before is damaged, or its clock was set: that time did
 not pass [s]."""

@@ -14,7 +14,6 @@ import math
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -55,7 +54,7 @@ from groundstation.analysis.report import (
     html_table,
     save_figures,
 )
-from groundstation.config import ConfigError, from_dict, refuse_io
+from groundstation.config import ConfigError, from_dict, refuse_io, write_value
 from groundstation.core.geometry import so3
 from groundstation.core.messages import notice
 from groundstation.core.trajectory import ExcitationConfig
@@ -74,12 +73,31 @@ AGAIN = (
 )
 
 
+PARAMETERS = {
+    "thrust_scale": ("thrust over what was told", ""),
+    "hover_thrust": ("signal that carries it", ""),
+    "thrust_curve": ("thrust curve f", ""),
+    "thrust_sag": ("thrust lost to the battery", "1/min"),
+    "thrust_lag": ("thrust lag", "s"),
+    "thrust_delay": ("thrust delay", "s"),
+    "rate_lag": ("rate lag, roll and pitch", "s"),
+    "rate_delay": ("rate delay, roll and pitch", "s"),
+    "roll_rate_lag": ("roll rate lag", "s"),
+    "pitch_rate_lag": ("pitch rate lag", "s"),
+    "yaw_rate_lag": ("yaw rate lag", "s"),
+    "yaw_rate_delay": ("yaw rate delay", "s"),
+    "rate_response": ("rate response, roll and pitch", "s"),
+    "yaw_rate_response": ("yaw rate response", "s"),
+    "drag": ("linear drag", "1/s"),
+    "pose_latency": ("latency of poses", "s"),
+}
+"""Name of each parameter → its title and unit."""
+
+
 class IdentifiedParameter(msgspec.Struct, frozen=True, kw_only=True):
     """One figure of a vehicle: its value and interval, or why the flight does not tell."""
 
     name: str
-    title: str
-    unit: str
     value: float | None = None
     """None where the flight does not tell."""
     interval: tuple[float, float] | None = None
@@ -89,6 +107,16 @@ class IdentifiedParameter(msgspec.Struct, frozen=True, kw_only=True):
     note: str = ""
 
     @property
+    def title(self) -> str:
+        """Its name for people."""
+        return PARAMETERS[self.name][0]
+
+    @property
+    def unit(self) -> str:
+        """Its unit; empty where it has none."""
+        return PARAMETERS[self.name][1]
+
+    @property
     def identified(self) -> bool:
         """Whether the flight tells."""
         return self.value is not None
@@ -96,8 +124,6 @@ class IdentifiedParameter(msgspec.Struct, frozen=True, kw_only=True):
 
 def judge_parameter(
     name: str,
-    title: str,
-    unit: str,
     value: float,
     deviation: float,
     enough: float,
@@ -113,20 +139,17 @@ def judge_parameter(
     """
     half = WIDE * deviation
     if not (moved and half <= enough):
-        return IdentifiedParameter(name=name, title=title, unit=unit, told=told, note=FLY)
+        return IdentifiedParameter(name=name, told=told, note=FLY)
     low, high = (float(min(max(edge, least), most)) for edge in (value - half, value + half))
     value, told = float(min(max(value, least), most)), None if told is None else float(told)
-    return IdentifiedParameter(
-        name=name, title=title, unit=unit, value=value, interval=(low, high), told=told, note=note
-    )
+    return IdentifiedParameter(name=name, value=value, interval=(low, high), told=told, note=note)
 
 
 UNSEEN_FRAMES = 0.02
 """The recording does not know which frames were lost: so many would make every command this share
 of a period late."""
 MODEL = 0.005
-"""No lag is quite of first order, no scale quite constant: nothing is known better than this
-share."""
+"""No lag is quite of first order, no scale constant: nothing is known better than this share."""
 LAG_SPREAD = 1.5
 """Factor on the deviations of a lag with its delay [-], counted over 200 flights in gusts and 100
 on rotors: both stand for one another, gusts are no random walk, and a rotor's loop is no lag behind
@@ -144,6 +167,7 @@ RESPONSE = (
     "other"
 )
 DRAG_NOTE = "deceleration per speed; the controller is told one for all axes"
+ONE_FOR_ALL = "the controller is told one for all three"
 TURNED_RAD_S = 0.05
 """Body rates of less than this (RMS about each axis) tell of nothing but noise, whatever the
 statistics say."""
@@ -205,8 +229,10 @@ def identify(seen: FlightStretch) -> IdentifiedVehicle:
     moved = judge_excitation(seen, turned)
     parameters = [
         *_thrust(seen, pushed, moved),
-        *_lags(seen, turned, pushed, moved),
-        *_rest(seen, pushed, moved),
+        *_thrust_response(seen, pushed, moved),
+        *_turn_response(seen, turned, moved),
+        _drag(seen, pushed, moved),
+        _latency(seen),
     ]
     if isinstance(seen.config.trajectory, ExcitationConfig):
         parameters = [
@@ -241,23 +267,14 @@ def _thrust(
     of = f"of thrust over mass: if it weighs m and not {mass:g} kg, thrust is this times m/{mass:g}"
     spread = math.hypot(deviations[scale], MODEL * values[scale])
     sag_spread = math.hypot(deviations[sag], MODEL)
+    replaced = config.link.thrust_curve is not None
     return [
         judge_parameter(
-            "thrust_scale",
-            "thrust over what was told",
-            "",
-            values[scale],
-            spread,
-            0.05,
-            moved=moved.pushed,
-            told=1.0,
-            note=of,
+            "thrust_scale", values[scale], spread, 0.05, moved=moved.pushed, told=1.0, note=of
         ),
         _hover_thrust(config, pushed, moved.pushed, scaled=WIDE * spread <= 0.05),
         judge_parameter(
             "thrust_curve",
-            "thrust curve f",
-            "",
             values[curve],
             math.hypot(deviations[curve], MODEL),
             0.25,
@@ -265,19 +282,9 @@ def _thrust(
             told=config.thrust_curve,
             least=0.0,
             most=1.0,
-            note=""
-            if config.link.thrust_curve is None
-            else "link.thrust_curve stands in its place",
+            note="link.thrust_curve stands in its place" if replaced else "",
         ),
-        judge_parameter(
-            "thrust_sag",
-            "thrust lost to the battery",
-            "1/min",
-            values[sag],
-            sag_spread,
-            0.08,
-            moved=moved.pushed,
-        ),
+        judge_parameter("thrust_sag", values[sag], sag_spread, 0.08, moved=moved.pushed),
     ]
 
 
@@ -302,8 +309,6 @@ def _hover_thrust(
     told = signal(config.weight_n / config.full_thrust_n, config.thrust_curve)
     return judge_parameter(
         "hover_thrust",
-        "signal that carries it",
-        "",
         hover(pushed.fit.values),
         math.hypot(_spread(hover, pushed), MODEL * told),
         math.inf if scaled else 0.0,
@@ -314,111 +319,115 @@ def _hover_thrust(
 
 
 def _judge_lag(
-    name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
+    name: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
 ) -> IdentifiedParameter:
     """A lag of ``value`` [s], 1σ ``deviation``; ``seen`` where the flight shows it."""
     enough = max(0.01, 0.25 * value)
     spread = math.hypot(deviation, MODEL * value)
-    return judge_parameter(
-        name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note
-    )
+    return judge_parameter(name, value, spread, enough, moved=seen, told=told, least=0.0, note=note)
 
 
 def _judge_delay(
-    frames_s: float,
+    seen: FlightStretch,
     name: str,
-    title: str,
     value: float,
     deviation: float,
     told: float,
-    seen: bool,
-    note: str = "",
+    *,
+    moved: bool,
+    note: str,
 ) -> IdentifiedParameter:
-    """A delay of ``value`` [s], 1σ ``deviation`` beside ``frames_s``.
+    """A delay of ``value`` [s], 1σ ``deviation`` beside that of unseen frames.
 
-    ``seen`` where the flight shows it.
+    ``moved`` where the flight shows it.
     """
-    spread = math.hypot(deviation, frames_s)
+    spread = math.hypot(deviation, _unseen_frames_s(seen))
     if value + WIDE * spread < 0.0:
         note = (
             f"it seems to obey before commands leave: poses are stamped {-1e3 * value:.0f} ms "
             "early or more, so pose.latency_s is too large by as much"
         )
-    return judge_parameter(name, title, "s", value, spread, 0.015, moved=seen, told=told, note=note)
+    return judge_parameter(name, value, spread, 0.015, moved=moved, told=told, note=note)
 
 
-def _lags(
-    seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: MotionExcitation
+def _judge_response(
+    seen: FlightStretch, name: str, turned: TurnFit, sums: Sequence[tuple[str, str]], *, moved: bool
+) -> IdentifiedParameter:
+    """Lag + delay from ``sums`` of the fit's parameters, by their names.
+
+    ``moved`` where the flight shows it.
+    """
+    of = np.array([[float(one in pair) for one in TURN_NAMES] for pair in sums])
+    value, deviation = _combine(of @ turned.fit.values, of @ turned.fit.covariance @ of.T)
+    spread = math.hypot(LAG_SPREAD * deviation, _unseen_frames_s(seen), MODEL * value)
+    vehicle = seen.config.vehicle
+    told = vehicle.rate_lag_s + (vehicle.command_delay_s + vehicle.rate_delay_s)
+    enough = max(0.01, 0.25 * value)
+    return judge_parameter(name, value, spread, enough, moved=moved, told=told, note=RESPONSE)
+
+
+def _unseen_frames_s(seen: FlightStretch) -> float:
+    """One deviation of a delay by frames that were lost unseen [s]."""
+    return UNSEEN_FRAMES * seen.config.vehicle.frame_period_s
+
+
+def _thrust_response(
+    seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation
 ) -> list[IdentifiedParameter]:
+    """Lag and delay of thrust."""
+    vehicle = seen.config.vehicle
+    delay, lag = pushed.fit.values[:2].tolist()
+    delay_spread, lag_spread = (LAG_SPREAD * pushed.fit.deviations[:2]).tolist()
+    told = vehicle.command_delay_s + vehicle.thrust_delay_s
+    return [
+        _judge_lag("thrust_lag", lag, lag_spread, vehicle.thrust_lag_s, moved.thrust),
+        _judge_delay(
+            seen, "thrust_delay", delay, delay_spread, told, moved=moved.thrust, note=DELAY
+        ),
+    ]
+
+
+def _turn_response(
+    seen: FlightStretch, turned: TurnFit, moved: MotionExcitation
+) -> list[IdentifiedParameter]:
+    """Lags and delays of the body rates, by axis and together."""
     vehicle = seen.config.vehicle
     delay, roll, pitch, yaw_delay, yaw = turned.fit.values.tolist()
-    thrust_delay, lag = pushed.fit.values[:2].tolist()
     both, both_spread = _combine(turned.fit.values[1:3], turned.fit.covariance[1:3, 1:3])
     spreads = dict(zip(TURN_NAMES, turned.fit.deviations.tolist(), strict=True))
-    thrust_spread, lag_spread = (LAG_SPREAD * pushed.fit.deviations[:2]).tolist()
-    frames = UNSEEN_FRAMES * vehicle.frame_period_s
-    told, (rolled, pitched, yawed) = vehicle.rate_lag_s, moved.turned
-    rates_told, thrust_told = (
-        vehicle.command_delay_s + late for late in (vehicle.rate_delay_s, vehicle.thrust_delay_s)
-    )
-    turned_at_all, one = rolled or pitched, "the controller is told one for all three"
-    delay_of = partial(_judge_delay, frames)
-
-    def response_of(
-        name: str, title: str, sums: Sequence[tuple[str, str]], seen: bool
-    ) -> IdentifiedParameter:
-        """Identify lag + delay from ``sums`` of the fit's parameters, by their names."""
-        of = np.array([[float(one in pair) for one in TURN_NAMES] for pair in sums])
-        value, deviation = _combine(of @ turned.fit.values, of @ turned.fit.covariance @ of.T)
-        spread = math.hypot(LAG_SPREAD * deviation, frames, MODEL * value)
-        enough, whole = max(0.01, 0.25 * value), told + rates_told
-        return judge_parameter(
-            name, title, "s", value, spread, enough, moved=seen, told=whole, note=RESPONSE
-        )
-
+    rolled, pitched, yawed = moved.turned
+    either = rolled or pitched
+    lag_s, delay_s = vehicle.rate_lag_s, vehicle.command_delay_s + vehicle.rate_delay_s
     # Of yaw a longer delay with a shorter lag may fit as well, 30 ms apart: where one is open, so
     # is the other.
-    yaw_lag = _judge_lag("yaw_rate_lag", "yaw rate lag", yaw, spreads["yaw_lag"], told, yawed, one)
+    yaw_lag = _judge_lag("yaw_rate_lag", yaw, spreads["yaw_lag"], lag_s, yawed, ONE_FOR_ALL)
     return [
-        _judge_lag("thrust_lag", "thrust lag", lag, lag_spread, vehicle.thrust_lag_s, moved.thrust),
-        delay_of(
-            "thrust_delay",
-            "thrust delay",
-            thrust_delay,
-            thrust_spread,
-            thrust_told,
-            moved.thrust,
-            DELAY,
+        _judge_lag("rate_lag", both, both_spread, lag_s, either),
+        _judge_delay(
+            seen, "rate_delay", delay, spreads["delay"], delay_s, moved=either, note=DELAY
         ),
-        _judge_lag("rate_lag", "rate lag, roll and pitch", both, both_spread, told, turned_at_all),
-        delay_of(
-            "rate_delay",
-            "rate delay, roll and pitch",
-            delay,
-            spreads["delay"],
-            rates_told,
-            turned_at_all,
-            DELAY,
-        ),
-        _judge_lag("roll_rate_lag", "roll rate lag", roll, spreads["roll_lag"], told, rolled),
-        _judge_lag("pitch_rate_lag", "pitch rate lag", pitch, spreads["pitch_lag"], told, pitched),
+        _judge_lag("roll_rate_lag", roll, spreads["roll_lag"], lag_s, rolled),
+        _judge_lag("pitch_rate_lag", pitch, spreads["pitch_lag"], lag_s, pitched),
         yaw_lag,
-        delay_of(
+        _judge_delay(
+            seen,
             "yaw_rate_delay",
-            "yaw rate delay",
             yaw_delay,
             spreads["yaw_delay"],
-            rates_told,
-            yaw_lag.identified,
-            one,
+            delay_s,
+            moved=yaw_lag.identified,
+            note=ONE_FOR_ALL,
         ),
-        response_of(
+        _judge_response(
+            seen,
             "rate_response",
-            "rate response, roll and pitch",
+            turned,
             (("delay", "roll_lag"), ("delay", "pitch_lag")),
-            turned_at_all,
+            moved=either,
         ),
-        response_of("yaw_rate_response", "yaw rate response", (("yaw_delay", "yaw_lag"),), yawed),
+        _judge_response(
+            seen, "yaw_rate_response", turned, (("yaw_delay", "yaw_lag"),), moved=yawed
+        ),
     ]
 
 
@@ -439,48 +448,36 @@ one deviation."""
 
 
 def _latency(seen: FlightStretch) -> IdentifiedParameter:
+    """Latency of the poses, where the vehicle's own attitude shows it."""
     told = seen.config.pose.latency_s or 0.0
-    name, title, note = (
-        "pose_latency",
-        "latency of poses",
-        "no key of a vehicle, but pose.latency_s",
-    )
     if seen.late_s is None:
         note = "the vehicle told no attitude of its own"
-        return IdentifiedParameter(name=name, title=title, unit="s", told=told, note=note)
+        return IdentifiedParameter(name="pose_latency", told=told, note=note)
     late, spread = seen.late_s
+    note = "no key of a vehicle, but pose.latency_s"
     return judge_parameter(
-        name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.015, told=told, note=note
+        "pose_latency", told + late, math.hypot(spread, LOOP_S), 0.015, told=told, note=note
     )
 
 
-def _rest(
-    seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation
-) -> list[IdentifiedParameter]:
+def _drag(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> IdentifiedParameter:
+    """One drag for all axes."""
     drags = slice(DRAG, DRAG + len(DRAGS))
     each, cover = pushed.fit.values[drags], pushed.fit.covariance[drags, drags]
-    drag, drag_spread = _combine(each, cover)
+    drag, spread = _combine(each, cover)
     # Axes that differ by more than their deviations are not one drag: its deviation grows by as
     # much (Birge 1932).
     apart = each - drag
-    drag_spread *= math.sqrt(
-        max(1.0, float(apart @ np.linalg.solve(cover, apart)) / (len(each) - 1))
+    spread *= math.sqrt(max(1.0, float(apart @ np.linalg.solve(cover, apart)) / (len(each) - 1)))
+    return judge_parameter(
+        "drag",
+        drag,
+        math.hypot(spread, DRAG_MODEL * drag, DRAG_LEAST),
+        0.2,
+        moved=moved.pushed,
+        told=seen.config.vehicle.drag_per_s,
+        note=DRAG_NOTE,
     )
-
-    return [
-        judge_parameter(
-            "drag",
-            "linear drag",
-            "1/s",
-            drag,
-            math.hypot(drag_spread, DRAG_MODEL * drag, DRAG_LEAST),
-            0.2,
-            moved=moved.pushed,
-            told=seen.config.vehicle.drag_per_s,
-            note=DRAG_NOTE,
-        ),
-        _latency(seen),
-    ]
 
 
 CLOSE_S = 5.0
@@ -837,29 +834,29 @@ def file_text(found: IdentifiedVehicle) -> str:
         )
         values["hover_n"] = _round(told.weight_n)
         notes["hover_n"] = "measured: with these figures the thrust that hovers is the weight"
-    lines = [
-        f"# {told.vehicle.name}, identified from {found.seen.path.name}: "
-        f"{found.seen.length_s:.0f} s of flight",
-        "# Each interval holds the truth in about 95 % of flights. Look at the fits before you "
-        "fly it.",
-        *(f"# {parameters[name].title}: {describe_parameter(parameters[name])}" for name in BESIDE),
-    ]
-    for key, value in values.items():
-        if key in ("preset", "file") or value is None:
-            continue
-        shown = (
-            f"[{', '.join(map(str, value))}]"
-            if isinstance(value, list | tuple)
-            else json.dumps(value)
-        )
-        lines.append(f"{f'{key} = {shown}':42} # {notes.get(key, 'as told')}")
-    text = "\n".join(lines) + "\n"
+    text = _write_toml(found, values, notes)
     try:
         curve = {} if told.link.thrust_curve is None else {"thrust_curve": told.link.thrust_curve}
         from_dict({"vehicle": tomllib.loads(text), "link": {"kind": "mavlink", **curve}}, Config)
     except ConfigError as error:
         raise ConfigError(error.key, notice("identify.no_vehicle", why=error.problem)) from None
     return text
+
+
+def _write_toml(found: IdentifiedVehicle, values: dict[str, Any], notes: dict[str, str]) -> str:
+    """The lines of the file: its head, and each key of ``values`` with its note."""
+    parameters = found.parameters
+    lines = [
+        f"# {found.seen.config.vehicle.name}, identified from {found.seen.path.name}: "
+        f"{found.seen.length_s:.0f} s of flight",
+        "# Each interval holds the truth in about 95 % of flights. Look at the fits before you "
+        "fly it.",
+        *(f"# {parameters[name].title}: {describe_parameter(parameters[name])}" for name in BESIDE),
+    ]
+    for key, value in values.items():
+        if key not in ("preset", "file") and value is not None:
+            lines.append(f"{f'{key} = {write_value(value)}':42} # {notes.get(key, 'as told')}")
+    return "\n".join(lines) + "\n"
 
 
 def _split_delays(found: IdentifiedVehicle, values: dict[str, Any], notes: dict[str, str]) -> None:

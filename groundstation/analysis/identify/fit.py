@@ -23,8 +23,7 @@ are found only so that they pass for nothing else: c, how far the tracked point 
 of mass (2 cm pass for 8 % of thrust at 1 Hz), and l, which takes up rotors that are not centred and
 attitudes that are not of the positions' instant.
 
-Thrust goes by its signal, where curve and scale are not as told. The curve is
-links/core/deadman.py's.
+Thrust goes by its signal, where curve and scale are not as told (links/core/deadman.py).
 """
 
 import math
@@ -46,7 +45,7 @@ from groundstation.settings import Config
 from links.core import signal, thrust
 
 ROUNDS = 15
-"""Most steps of the fit."""
+"""Most steps of a fit, and most turns in which model and noise are fitted one after the other."""
 CLOSE = 0.01
 """Step, as a share of each deviation, below which the fit has converged [-]."""
 MEMORY_S = 1.0
@@ -93,8 +92,7 @@ class Fit(NamedTuple):
     values: Column
     """(P,)"""
     covariance: Column
-    """(P, P): the larger, in each deviation, of what the noise model says and what the innovations
-    show."""
+    """(P, P), each deviation the larger of the noise model's and the innovations'."""
     news: Column
     """Innovations that are left, (N, k)."""
 
@@ -105,8 +103,7 @@ class Fit(NamedTuple):
         return spread
 
     def widen(self, other: "Fit") -> "Fit":
-        """Widen the covariance by the difference from an ``other`` fit that weighs frequencies
-        otherwise.
+        """Widen the covariance by the difference from a fit that weighs frequencies otherwise.
 
         A model that lacks nothing finds the same both times.
         """
@@ -191,8 +188,7 @@ UNSURE = 3
 LOOKS = 800
 """Number of samples, in the middle of the flight, for the noise levels [-]."""
 COARSE = np.arange(-4.0, 4.1, 1.0)
-"""Powers of ten that are tried first, about where the search begins; the next ones fill in
-between."""
+"""Powers of ten that are tried first, about where the search begins; FINE fills in between."""
 FINE = np.arange(-0.75, 0.76, 0.25)
 """Finer grid of the noises' decimal powers, about the best of the coarse one."""
 
@@ -234,23 +230,9 @@ class InnovationFilter(NamedTuple):
         count, width = measured.shape
         # The filter is linear: all blocks of samples run at once from nothing, and beside them from
         # each of its states.
-        length = max(1, math.isqrt(count))
-        blocks = -(-count // length)
-
-        def lay(values: Column, more: int = 0) -> Column:
-            """(N, …) as (length, blocks, …), with so many columns of zeros more."""
-            spare = [(0, blocks * length - count)] + [(0, 0)] * (values.ndim - 1)
-            spare[-1] = spare[-1] if values.ndim == 1 else (0, more)
-            laid: Column = (
-                np.pad(values, spare)
-                .reshape(blocks, length, *values.shape[1:-1], -1)
-                .swapaxes(0, 1)
-            )
-            return laid
-
-        spans, gains, seen = lay(self.spans_s[:, None]), lay(self.gains), lay(measured, 3)
-        pushed = None if pushes is None else lay(pushes, 3)
-        states = np.zeros((3, blocks, width + 3))
+        spans, gains, seen = (_lay(self.spans_s[:, None]), _lay(self.gains), _lay(measured, 3))
+        pushed = None if pushes is None else _lay(pushes, 3)
+        states = np.zeros((3, seen.shape[1], width + 3))
         for which in range(3):
             states[which, :, width + which] = 1.0
         x0, x1, x2 = states
@@ -264,19 +246,41 @@ class InnovationFilter(NamedTuple):
             news[k] = new = seen[k] - x0
             g = gains[k, :, :, None]
             x0, x1, x2 = x0 + g[:, 0] * new, x1 + g[:, 1] * new, x2 + g[:, 2] * new
-        ends = np.stack([x0, x1, x2], axis=1)
-        begins, state = np.zeros((blocks, 3, width)), np.zeros((3, width))
-        for block, end in enumerate(ends):
-            begins[block] = state
-            state = end[:, :width] + end[:, width:] @ state
+        begins = _find_beginnings(np.stack([x0, x1, x2], axis=1), width)
+        left = _join(news, begins, count) / np.sqrt(self.variances)[:, None]
+        return left, np.roll(_join(halfway, begins, count), -1, axis=0)
 
-        def join(values: Column) -> Column:
-            """Join the blocks' results from nothing with those from each block's beginning."""
-            whole = values[:, :, :width] + np.einsum("lbs,bsw->lbw", values[:, :, width:], begins)
-            joined: Column = whole.swapaxes(0, 1).reshape(blocks * length, width)[:count]
-            return joined
 
-        return join(news) / np.sqrt(self.variances)[:, None], np.roll(join(halfway), -1, axis=0)
+def _lay(values: Column, more: int = 0) -> Column:
+    """Lay N samples (N, …) out in about √N blocks: (length, blocks, …), with so many columns of
+    zeros ``more``.
+    """
+    length = max(1, math.isqrt(len(values)))
+    blocks = -(-len(values) // length)
+    spare = [(0, blocks * length - len(values))] + [(0, 0)] * (values.ndim - 2) + [(0, more)]
+    laid: Column = (
+        np.pad(values, spare).reshape(blocks, length, *values.shape[1:-1], -1).swapaxes(0, 1)
+    )
+    return laid
+
+
+def _find_beginnings(ends: Column, width: int) -> Column:
+    """The state in which each block begins (blocks, 3, ``width``), from the ``ends`` of all from
+    nothing and from each state.
+    """
+    begins, state = np.zeros((len(ends), 3, width)), np.zeros((3, width))
+    for block, end in enumerate(ends):
+        begins[block] = state
+        state = end[:, :width] + end[:, width:] @ state
+    return begins
+
+
+def _join(values: Column, begins: Column, count: int) -> Column:
+    """Join the blocks' results from nothing with those from each block's beginning."""
+    width = begins.shape[-1]
+    whole = values[:, :, :width] + np.einsum("lbs,bsw->lbw", values[:, :, width:], begins)
+    joined: Column = whole.swapaxes(0, 1).reshape(-1, width)[:count]
+    return joined
 
 
 def design_filter(at_s: Column, ratios: Ratios, gap_s: float) -> InnovationFilter:
@@ -312,8 +316,7 @@ def fit_noise(
     gap_s: float,
     powers: Sequence[Column] = (COARSE, FINE),
 ) -> tuple[Noise, InnovationFilter]:
-    """The likeliest noise of what a model has ``left`` unexplained (N, k), and its filter for all
-    samples.
+    """The likeliest noise of what a model has ``left`` unexplained (N, k), and its filter.
 
     The search goes from the ratios ``about`` by these ``powers`` of ten, in turn; a ratio of 0
     stays so. The variance has a closed form.
@@ -340,7 +343,7 @@ def find_noise(at_s: Column, left: Column, *, wanders: bool) -> Ratios:
     ``wanders``: their errors may last from pose to pose. Returns densities of what drives position
     [m/√s], acceleration [m/s² per √Hz] and its change [m/s³ per √Hz].
     """
-    noise, _ = fit_noise(at_s, left, ABOUT_POSES if wanders else ABOUT_THRUST, GAP_S)
+    noise, _ = fit_noise(at_s, left, (float(wanders), *ABOUT_THRUST[1:]), GAP_S)
     a, b, c = (math.sqrt(noise.variance * ratio) for ratio in noise.ratios)
     return a, b, c
 
@@ -495,17 +498,13 @@ class TurnFit(NamedTuple):
 
 
 def turns(attitude: Column) -> Column:
-    """Rotation vector from each of the attitudes (N, 4) to the next, in the body's frame, (N-1, 3)
-    [rad].
-    """
+    """Rotation vector from each attitude (N, 4) to the next in the body's frame, (N-1, 3) [rad]."""
     before, after = components(attitude[:-1]), components(attitude[1:])
     return np.stack(so3.turn_between(before, after, arrays()), axis=1)
 
 
 def angles(seen: FlightStretch, values: Column, time_s: Column) -> Column:
-    """Integral of each body rate of the model from the first command to ``time_s`` (…,), (…, 3)
-    [rad].
-    """
+    """Integral of the modelled body rates from the first command to ``time_s``, (…, 3) [rad]."""
     delay, roll, pitch, yaw_delay, yaw = values.tolist()
     parts = [
         respond_with_lag(seen.sent_s, seen.rates_rad_s[:, axis], late, lag).integral(time_s)
@@ -565,8 +564,7 @@ def thrust_n(config: Config, about: float, curve: float, signals: Column) -> Col
     """Thrust at ``signals`` 0..1 on the curve with f = ``curve`` that agrees with ``config`` at the
     one ``about`` [N].
 
-    So the scale, which multiplies it, is of the thrust about which the vehicle flew, whatever the
-    curve.
+    The scale that multiplies it holds at the thrust about which the vehicle flew, on any curve.
     """
     told = config.full_thrust_n * thrust(about, config.thrust_curve)
     pushed: Column = (
@@ -625,9 +623,7 @@ class ThrustModel:
     """
 
     def __init__(self, seen: FlightStretch, turned: TurnFit) -> None:
-        """Attitudes between the poses, from the fitted turns pinned to the measured ones at both
-        ends.
-        """
+        """Attitudes between the poses, from the fitted turns, pinned to the measured attitudes."""
         self.seen = seen
         self.mass = seen.config.vehicle.mass_kg
         full, told = seen.config.full_thrust_n, seen.config.thrust_curve
@@ -728,9 +724,7 @@ class ThrustModel:
 
 
 def smooth(values: Column, reach: int) -> Column:
-    """Means of ``values`` (N, k) over ``reach`` samples to either side, over fewer towards the
-    ends.
-    """
+    """Means of ``values`` (N, k) over ``reach`` samples to either side, fewer near the ends."""
     at = np.arange(len(values))
     near = np.minimum(np.minimum(at, at[::-1]), reach)
     sums = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
@@ -740,15 +734,9 @@ def smooth(values: Column, reach: int) -> Column:
 
 GAP_S = 0.3
 """After a longer gap between poses the positions begin anew [s]."""
-ABOUT_POSES = (1.0, 1e2, 1e5)
-"""Where the search for the noises of a source begins: its wander [1/s], and the next two, over its
-variance."""
 ABOUT_THRUST = (0.0, 1e2, 1e5)
 """Where the search for the noises begins: white noise on acceleration [1/s³], and on the wind's
 change [1/s⁵], over the positions' variance."""
-THRUST_ROUNDS = 6
-"""Model and noise are fitted in turn, so often at most: the better the model, the weaker the noise
-that is left."""
 SAG_PER_MIN = 0.1
 """A battery's thrust falls by about so much in a minute, one deviation [-]."""
 
@@ -797,7 +785,7 @@ def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
     values = starts[int((news**2).sum(axis=(0, 1)).argmin())]
     fit, about = None, (ABOUT_THRUST, ABOUT_THRUST)
     powers: tuple[Column, ...] = (COARSE, FINE)
-    for _ in range(THRUST_ROUNDS):
+    for _ in range(ROUNDS):
         level, upright = scene.fit_noises(values, about, powers)
         # By what was seen before: a velocity that knows the gust to come would take it for drag.
         _, halfway = level[1].innovations(scene.position(values), scene.pushes(values))

@@ -85,10 +85,36 @@ def read_stretch(path: Path) -> FlightStretch:
         NotEnough: it holds too little flight.
     """
     recording = Recording(path)
+    vehicle = _OwnAttitude()
+    sent, seen = _read_messages(recording, vehicle)
+    if not len(sent) or not len(seen):
+        raise StretchTooShort(
+            notice("identify.no_flight", path=path, what="poses" if len(sent) else "commands")
+        )
+    chosen = seen[find_stretch(sent[:, 0], seen)]
+    length_s = float(chosen[-1, 0] - chosen[0, 0]) if len(chosen) else 0.0
+    if length_s < LEAST_S:
+        raise StretchTooShort(
+            notice("identify.short", path=path, length_s=length_s, least_s=LEAST_S)
+        )
+    try:
+        config = read_flown_config(recording.about, path).config
+    except ConfigError as error:
+        raise StretchTooShort(notice("identify.other_config", path=path, why=error)) from None
+    parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
+    late = None if config.pose.by_autopilot else vehicle.find_lateness()
+    return FlightStretch(path, config, *parts, late, recording.about, recording.trouble)
+
+
+def _read_messages(recording: Recording, vehicle: "_OwnAttitude") -> tuple[Column, Column]:
+    """Read the commands (M, 5) and the poses (N, 10), and show ``vehicle`` the poses and its bytes.
+
+    Of a command: time [s], thrust [N] and body rates [rad/s]. Of a pose: time stamp [s], count of
+    resets, whether it is on the trajectory, position [m] and attitude.
+    """
     commands: list[tuple[float, ...]] = []
     poses: list[tuple[float, ...]] = []
     state, on = "idle", False
-    vehicle = _OwnAttitude()
     for entry in recording.entries(("/command", "/idle", "/measured", "/mission", "/raw/received")):
         value = entry.value()
         match entry.topic:
@@ -113,24 +139,7 @@ def read_stretch(path: Path) -> FlightStretch:
                 )
                 w = value["rates_rad_s"]
                 commands.append((value["time_s"], value["thrust_n"], w["x"], w["y"], w["z"]))
-    if not commands or not poses:
-        raise StretchTooShort(
-            notice("identify.no_flight", path=path, what="poses" if commands else "commands")
-        )
-    sent, seen = np.array(commands), np.array(poses)
-    chosen = seen[find_stretch(sent[:, 0], seen)]
-    length_s = float(chosen[-1, 0] - chosen[0, 0]) if len(chosen) else 0.0
-    if length_s < LEAST_S:
-        raise StretchTooShort(
-            notice("identify.short", path=path, length_s=length_s, least_s=LEAST_S)
-        )
-    try:
-        config = read_flown_config(recording.about, path).config
-    except ConfigError as error:
-        raise StretchTooShort(notice("identify.other_config", path=path, why=error)) from None
-    parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
-    late = None if config.pose.by_autopilot else vehicle.find_lateness()
-    return FlightStretch(path, config, *parts, late, recording.about, recording.trouble)
+    return np.array(commands), np.array(poses)
 
 
 TRIPS = 16
@@ -146,9 +155,7 @@ class _OwnAttitude:
         self._trips: deque[Trip] = deque(maxlen=TRIPS)
 
     def find_lateness(self) -> tuple[float, float] | None:
-        """See :attr:`FlightStretch.late_s`: the way to the vehicle may take all of a round trip, or
-        nothing.
-        """
+        """See :attr:`FlightStretch.late_s`: the way there takes any part of a round trip."""
         found, trip = self.latency.estimate, min(self._trips, default=None)
         if found is None:
             return None

@@ -160,12 +160,7 @@ def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
             label=label,
         )
     if not np.nanmax(flown.scalars["v"], initial=0.0) > 0.0:
-        over.annotate(
-            "this controller has no Lyapunov function",
-            (0.5, 0.5),
-            xycoords="axes fraction",
-            ha="center",
-        )
+        _say_instead(over, "this controller has no Lyapunov function")
     over.set_yscale("log")
     over.set_ylabel("V and its terms\n[m²/s²]")
     excess.plot(flown.t, flown.scalars["excess"], color=RED)
@@ -234,10 +229,6 @@ def _linear_near_zero(panel: Any, values: Column) -> None:
         panel.yaxis.set_major_formatter(_format_tick)
 
 
-FLOOR_CM = 0.01
-"""Smaller errors are drawn as this [cm]."""
-
-
 def path(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Estimated path, that of a simulated flight's truth, and reference in space.
 
@@ -267,71 +258,62 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
     truth, if known).
     """
     over, shares = panels
-    cm = 100.0 * flown.scalars["error_m"]
-    over.plot(
-        flown.t, np.maximum(cm, FLOOR_CM), color=BLUE, linewidth=0.9, label="against the estimate"
-    )
-    true_cm = 100.0 * flown.scalars["true_error_m"]
+    _error_in_time(over, flown)
+    _error_shares(shares, flown)
+
+
+def _error_in_time(panel: Any, flown: FlightColumns) -> None:
+    """Errors against estimate and truth, with the paper's figures where its flight is shown."""
+    curves = [("error_m", BLUE, 0.9, "estimate")]
     if flown.knows_truth:
-        over.plot(
-            flown.t,
-            np.maximum(true_cm, FLOOR_CM),
-            color=ORANGE,
-            linewidth=0.7,
-            label="against the truth",
-        )
+        curves.append(("true_error_m", ORANGE, 0.7, "truth"))
+    for key, colour, width, name in curves:
+        cm = 100.0 * flown.scalars[key]
+        panel.plot(flown.t, cm, color=colour, linewidth=width, label=f"against the {name}")
     if flown.is_papers:
-        over.axhline(
-            PAPER["rms_cm"],
-            color=GREY,
-            linestyle="--",
-            linewidth=1.0,
-            label="the paper's RMS, 4.61 cm",
-        )
-        over.axhline(
-            PAPER["max_cm"],
-            color=RED,
-            linestyle=":",
-            linewidth=1.2,
-            label="the paper's largest, 7.6 cm",
-        )
-    over.set_yscale("log")
-    over.yaxis.set_major_formatter(_format_tick)
-    over.set_xlabel(TIME)
-    over.set_ylabel("position error [cm]")
-    over.margins(x=0.01)
-    _legend_above(over, 2)
-    is_steady = flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S - ROUNDING_S)
+        for key, colour, dash, width, name in (
+            ("rms_cm", GREY, "--", 1.0, "RMS"),
+            ("max_cm", RED, ":", 1.2, "largest"),
+        ):
+            label = f"the paper's {name}, {PAPER[key]:g} cm"
+            panel.axhline(PAPER[key], color=colour, linestyle=dash, linewidth=width, label=label)
+    panel.set_yscale("log")
+    panel.yaxis.set_major_formatter(_format_tick)
+    panel.set_xlabel(TIME)
+    panel.set_ylabel("position error [cm]")
+    panel.margins(x=0.01)
+    _legend_above(panel, 2)
+
+
+def _error_shares(panel: Any, flown: FlightColumns) -> None:
+    """Histogram of the steady part's errors, with the figures of the table."""
     against = "truth" if flown.knows_truth else "estimate"
-    steady = drop_unknown((true_cm if flown.knows_truth else cm)[is_steady])
-    shares.set_xlabel(f"error against the {against}, from {STEADY_S:g} s on [cm]")
-    shares.set_ylabel("share of commands [%]")
+    key = "true_error" if flown.knows_truth else "error"
+    is_steady = flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S - ROUNDING_S)
+    steady = drop_unknown(100.0 * flown.scalars[f"{key}_m"][is_steady])
+    panel.set_xlabel(f"error against the {against}, from {STEADY_S:g} s on [cm]")
+    panel.set_ylabel("share of commands [%]")
     if not len(steady):
-        shares.annotate(
-            "the flight ended before it was steady",
-            (0.5, 0.5),
-            xycoords="axes fraction",
-            ha="center",
-        )
+        _say_instead(panel, "the flight ended before it was steady")
         return
     colour = ORANGE if flown.knows_truth else BLUE
-    shares.hist(
-        steady, bins=50, weights=np.full(len(steady), 100.0 / len(steady)), color=colour, alpha=0.75
-    )
-    told = numbers(flown)[
-        "true_error" if flown.knows_truth else "error"
-    ]  # the same figures as in the table
+    weights = np.full(len(steady), 100.0 / len(steady))
+    panel.hist(steady, bins=50, weights=weights, color=colour, alpha=0.75)
+    told = numbers(flown)[key]
     for value, name, dash in (
         (told["rms_cm"], "RMS", "-"),
         (float(np.percentile(steady, 99)), "99 %", "--"),
         (told["max_cm"], "largest", ":"),
     ):
-        if value is None:  # a recording that was cut off has no figures of the truth
-            continue
-        shares.axvline(
-            value, color="black", linestyle=dash, linewidth=1.1, label=f"{name} {value:.2f} cm"
-        )
-    _legend_above(shares, 3)
+        if value is not None:  # a recording that was cut off has no figures of the truth
+            label = f"{name} {value:.2f} cm"
+            panel.axvline(value, color="black", linestyle=dash, linewidth=1.1, label=label)
+    _legend_above(panel, 3)
+
+
+def _say_instead(panel: Any, text: str) -> None:
+    """Write ``text`` into the middle of a panel that has nothing to show."""
+    panel.annotate(text, (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
 def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -382,7 +364,7 @@ def lateness(panels: Sequence[Any], flown: FlightColumns) -> None:
     panel.set_xlabel("lateness [ms]")
     panel.set_ylabel("commands, frames")
     if not len(late) and not any(octaves):
-        panel.annotate("not recorded", (0.5, 0.5), xycoords="axes fraction", ha="center")
+        _say_instead(panel, "not recorded")
         return
     if any(octaves):
         _octaves(panel, octaves)
@@ -450,8 +432,7 @@ class ReportFigure(NamedTuple):
     """Panels above each other."""
     height_in: float
     draw: Callable[[Sequence[Any], Any], None]
-    """Draws one flight (:class:`FlightColumns`; of an identification, its vehicle) into its
-    panels."""
+    """Draws one flight (:class:`FlightColumns`), or an identified vehicle, into its panels."""
     is_3d: bool = False
     in_time: bool = True
     """Time is below every panel."""
@@ -538,7 +519,7 @@ def overlay_error(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> No
     truth = all(flown.knows_truth for flown in flights)
     for flown, line in _overlaid(flights):
         cm = 100.0 * flown.scalars["true_error_m" if truth else "error_m"]
-        panel.plot(flown.t, np.maximum(cm, FLOOR_CM), **line)
+        panel.plot(flown.t, cm, **line)
     panel.set_yscale("log")
     panel.yaxis.set_major_formatter(_format_tick)
     panel.set_ylabel(f"error against the\n{'truth' if truth else 'estimate'} [cm]")

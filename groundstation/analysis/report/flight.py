@@ -84,8 +84,7 @@ _OTHERS = (
     "/lyapunov",
 )
 _ATTITUDE_TARGET = (82).to_bytes(3, "little")
-"""MAVLink's SET_ATTITUDE_TARGET, bytes 7 to 9 of a MAVLink 2 frame: other frames leave by the same
-wire."""
+"""MAVLink's SET_ATTITUDE_TARGET, bytes 7 to 9 of a frame: others leave by the same wire."""
 
 
 class NoCommand(Exception):
@@ -103,13 +102,11 @@ class FlightColumns:
     vectors: dict[str, Column] = field(default_factory=dict)
     """Each of shape (commands, 3), or (commands, 4)."""
     compute_s: Column = field(default_factory=lambda: np.empty(0))
-    """Time between a command's instant and its bytes' leaving [s]; only where its wire was
-    recorded."""
+    """Time from a command's instant until its bytes left [s]; only of a recorded wire."""
     arrivals_s: Column = field(default_factory=lambda: np.empty((0, 2)))
     """Arrival of each pose, and its latency then [s]."""
     begun_s: float = 0.0
-    """When the trajectory began, on the event loop's clock [s]; the first command where it never
-    did."""
+    """When the trajectory began, on the event loop's clock, else the first command [s]."""
     states: list[str] = field(default_factory=list)
     """The mission's state at each command."""
     certificates: list[str] = field(default_factory=list)
@@ -350,9 +347,7 @@ def _summarize_certificate(flown: FlightColumns) -> dict[str, Any]:
 
 
 def _read_disturbance(flown: FlightColumns) -> dict[str, Any]:
-    """The observable disturbance and its split, as screens showed them when the vehicle last
-    flew.
-    """
+    """The observable disturbance and its split, as screens last showed them in flight."""
     keys = ("time_s", "modelled_thrust_n", "effectiveness", "effectiveness_deviation")
     at_s, thrust, scale, deviation = (flown.scalars[key] for key in keys)
     away = np.flatnonzero(

@@ -1,5 +1,4 @@
-"""Report page, ``groundstation report LOG [LOG2]``: what a recorded flight was like, with its
-figures.
+"""Report page, ``groundstation report LOG [LOG2]``: a recorded flight with its figures.
 
 One HTML file that holds its pictures and needs nothing else, no network and no script; or the
 numbers alone.
@@ -10,22 +9,32 @@ import csv
 import json
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.analysis.report.figures import ReportFigure, flight_letters
+from groundstation.analysis.report.figures import (
+    FIGURES,
+    OVERLAYS,
+    ReportFigure,
+    flight_letters,
+    save_figures,
+)
+from groundstation.analysis.report.flight import (
+    PAPER,
+    FlightColumns,
+    NoCommand,
+    numbers,
+    read_columns,
+)
 from groundstation.config import ConfigError, refuse_io
 from groundstation.core.messages import SATURATION_FROM_S, STEADY_S, DisturbanceReading, notice
 from groundstation.machine import open_whole, write_whole
 from groundstation.recording import refuse_recordings
 from groundstation.runtime import Exit, require_package
-
-if TYPE_CHECKING:
-    from groundstation.analysis.report.flight import FlightColumns
 
 PAGE = "report.html"
 PAGE_STYLE = """
@@ -158,9 +167,7 @@ def _warnings(one: dict[str, Any]) -> str:
 
 
 def _flown_name(one: dict[str, Any]) -> str:
-    """Which flight a column of several is: as a legend has it, with its seed where it was
-    simulated.
-    """
+    """Name of a flight among several: as a legend has it, with the seed of a simulated one."""
     flight = one["flight"]
     words = [
         flight["controller"],
@@ -170,89 +177,94 @@ def _flown_name(one: dict[str, Any]) -> str:
     return ", ".join(filter(None, words)) or str(one["file"])
 
 
+class ResultRow(NamedTuple):
+    """One row of the results."""
+
+    label: str
+    cells: list[str]
+    """A cell a flight."""
+    paper_key: str = ""
+    """The paper's figure beside it; empty where the paper has none."""
+
+
 def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[list[str]]:
     """The results, a column a flight: the head, then a row a figure.
 
     The paper's beside its own flight alone.
     """
-    paper: dict[str, float] | None = facts[0]["paper"] if all(f["paper"] for f in facts) else None
-
-    def row(label: str, shown: Iterable[str], of_paper: str = "") -> list[str]:
-        return [label, *shown, *([of_paper and _n(paper[of_paper])] if paper else [])]
-
-    told = f"from {STEADY_S:g} s on"
-    rows = [
-        row(
-            f"RMS error against the estimate, {told} [cm]",
-            (_n(f["error"]["rms_cm"]) for f in facts),
-            "rms_cm",
-        ),
-        row(
-            f"largest error against the estimate, {told} [cm]",
-            (_n(f["error"]["max_cm"]) for f in facts),
-            "max_cm",
-        ),
-        row(
-            "error against the estimate stays below 10 cm after [s]",
-            (_n(f["error"]["settle_s"]) for f in facts),
-            "settle_s",
-        ),
-        row(
-            "99 % of errors against the estimate below [cm]",
-            (_n(f["error"]["p99_cm"]) for f in facts),
-        ),
-        row("time on the trajectory [s]", (_n(f["flown_s"], 1) for f in facts)),
-        row(
-            "disturbance north, east, down, last second [m/s²]",
-            (_disturbance(f["disturbance"]) for f in facts),
-        ),
-        row("of which, with 95 % intervals", (_split(f["disturbance"]) for f in facts)),
-        row(
-            f"commands at a limit, from {SATURATION_FROM_S:g} s on [%]",
-            (_p(f["actuation"]["saturated_fraction_steady"]) for f in facts),
-        ),
-        *(
-            row(f"certificate {state} [%]", (_p(_share(f, state)) for f in facts))
-            for state in ("holds", "violated")
-        ),
-    ]
-    if any(f["true_error"]["rms_cm"] is not None for f in facts):
-        rows[2:2] = [
-            row(
-                f"RMS error against the truth, {told} [cm]",
-                (_n(f["true_error"]["rms_cm"]) for f in facts),
-                "rms_cm",
-            ),
-            row(
-                f"largest error against the truth, {told} [cm]",
-                (_n(f["true_error"]["max_cm"]) for f in facts),
-                "max_cm",
-            ),
-        ]
+    rows = [*_error_rows(facts), *_flight_rows(facts), *_timing_rows(facts)]
     if len(facts) > 1:
-        rows.insert(0, row("flight", map(_flown_name, facts)))
-    for part, label in (
-        ("transport", "pose transport"),
-        ("pose_age", "pose age"),
-        ("compute", "compute"),
-    ):
-        rows.append(
-            row(
-                f"{label}, median / 99 % / largest [ms]",
-                (_spread(f["latency_ms"][part]) for f in facts),
-            )
-        )
-    rows.append(
-        row(
-            "command lateness, median / 99 % / largest [ms]",
-            (_spread(f["lateness_ms"]) for f in facts),
-        )
-    )
+        rows.insert(0, ResultRow("flight", [_flown_name(f) for f in facts]))
     words = [_last_words(f["link"]) for f in facts]
     if any(words):
-        rows.append(row("last telemetry of the vehicle", (one or "–" for one in words)))
-    rows.append(row("ended", (f"{f['ended']['state']}: {f['ended']['reason']}" for f in facts)))
-    return [["", *names, *(["the paper"] if paper else [])], *rows]
+        rows.append(ResultRow("last telemetry of the vehicle", [one or "–" for one in words]))
+    ends = [f"{f['ended']['state']}: {f['ended']['reason']}" for f in facts]
+    rows.append(ResultRow("ended", ends))
+    table = [["", *names], *([row.label, *row.cells] for row in rows)]
+    if all(f["paper"] for f in facts):
+        paper: dict[str, float] = facts[0]["paper"]
+        column = [row.paper_key and _n(paper[row.paper_key]) for row in rows]
+        table = [[*row, cell] for row, cell in zip(table, ["the paper", *column], strict=True)]
+    return table
+
+
+def _error_rows(facts: Sequence[dict[str, Any]]) -> list[ResultRow]:
+    """Position errors, against the truth where one of the flights knows it."""
+    against = {"error": "estimate"}
+    if any(f["true_error"]["rms_cm"] is not None for f in facts):
+        against["true_error"] = "truth"
+    rows = [
+        ResultRow(
+            f"{label} error against the {what}, from {STEADY_S:g} s on [cm]",
+            [_n(f[error][key]) for f in facts],
+            key,
+        )
+        for error, what in against.items()
+        for label, key in (("RMS", "rms_cm"), ("largest", "max_cm"))
+    ]
+    for label, key in (
+        ("error against the estimate stays below 10 cm after [s]", "settle_s"),
+        ("99 % of errors against the estimate below [cm]", "p99_cm"),
+    ):
+        paper_key = key if key in PAPER else ""
+        rows.append(ResultRow(label, [_n(f["error"][key]) for f in facts], paper_key))
+    return rows
+
+
+def _flight_rows(facts: Sequence[dict[str, Any]]) -> list[ResultRow]:
+    """Duration, disturbance, saturation and certificate."""
+    rows: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
+        ("time on the trajectory [s]", lambda f: _n(f["flown_s"], 1)),
+        (
+            "disturbance north, east, down, last second [m/s²]",
+            lambda f: _disturbance(f["disturbance"]),
+        ),
+        ("of which, with 95 % intervals", lambda f: _split(f["disturbance"])),
+        (
+            f"commands at a limit, from {SATURATION_FROM_S:g} s on [%]",
+            lambda f: _p(f["actuation"]["saturated_fraction_steady"]),
+        ),
+        ("certificate holds [%]", lambda f: _p(_share(f, "holds"))),
+        ("certificate violated [%]", lambda f: _p(_share(f, "violated"))),
+    )
+    return [ResultRow(label, [cell(f) for f in facts]) for label, cell in rows]
+
+
+def _timing_rows(facts: Sequence[dict[str, Any]]) -> list[ResultRow]:
+    """Latencies on the way of a command, and its lateness."""
+    rows = [
+        (label, [f["latency_ms"][part] for f in facts])
+        for part, label in (
+            ("transport", "pose transport"),
+            ("pose_age", "pose age"),
+            ("compute", "compute"),
+        )
+    ]
+    rows.append(("command lateness", [f["lateness_ms"] for f in facts]))
+    return [
+        ResultRow(f"{label}, median / 99 % / largest [ms]", [_spread(one) for one in spreads])
+        for label, spreads in rows
+    ]
 
 
 def _last_words(link: dict[str, Any]) -> str:
@@ -400,7 +412,7 @@ def report_command(
     paths: Sequence[Path],
     out: Path | None,
     find_outside: Callable[[Path], list[str]],
-    find_budget: "Callable[[FlightColumns], dict[str, Any]] | None" = None,
+    find_budget: Callable[[FlightColumns], dict[str, Any]] | None = None,
     *,
     as_json: bool,
     formats: Sequence[str] = ("html",),
@@ -427,39 +439,37 @@ def report_command(
             )
     if draw and set(formats) - {"csv"}:
         require_package("matplotlib", "report", "plot", "package.needed_for_pictures")
-    from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
-
     with refuse_recordings(NoCommand):
         flights = [read_columns(path) for path in paths]
         if find_budget is not None and (only_budget or len(flights) == 1):
             for flown in flights:
                 flown.budget = find_budget(flown)
-        outside = [] if only_budget else [find_outside(path) for path in paths]
-    if only_budget:
-        print(
-            json.dumps({"budgets": [f.budget for f in flights]})
-            if as_json
-            else "\n\n".join(map(_say_budget, flights))
-        )
-        return Exit.DONE
-    facts = [
-        {**numbers(flight), "told_outside": lines}
-        for flight, lines in zip(flights, outside, strict=True)
-    ]
+        if only_budget:
+            return _print_budgets(flights, as_json=as_json)
+        facts = [numbers(flown) | {"told_outside": find_outside(flown.path)} for flown in flights]
     written: list[Path] = []
     if draw:
-        written = _write_all(
-            formats, out or paths[0].with_name(f"{paths[0].stem}-report"), flights, facts
-        )
+        folder = out or paths[0].with_name(f"{paths[0].stem}-report")
+        written = _write_all(formats, folder, flights, facts)
     page = next((str(path) for path in written if path.name == PAGE), None)
     print(json.dumps({"flights": facts, "page": page}) if as_json else "\n".join(map(str, written)))
+    return Exit.DONE
+
+
+def _print_budgets(flights: Sequence[FlightColumns], *, as_json: bool) -> Exit:
+    """Print the error budgets alone; returns 0."""
+    print(
+        json.dumps({"budgets": [flown.budget for flown in flights]})
+        if as_json
+        else "\n\n".join(map(_say_budget, flights))
+    )
     return Exit.DONE
 
 
 def _write_all(
     formats: Sequence[str],
     folder: Path,
-    flights: "list[FlightColumns]",
+    flights: list[FlightColumns],
     facts: list[dict[str, Any]],
 ) -> list[Path]:
     """Write the report in ``formats`` into ``folder``; returns the files."""
@@ -468,7 +478,7 @@ def _write_all(
         return [path for form in formats for path in _write(form, folder, flights, facts)]
 
 
-def _say_budget(flown: "FlightColumns") -> str:
+def _say_budget(flown: FlightColumns) -> str:
     """The budget as a terminal shows it."""
     rows = budget_table(flown.budget)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -486,7 +496,7 @@ def _say_budget(flown: "FlightColumns") -> str:
 
 
 def _write(
-    form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: Sequence[dict[str, Any]]
+    form: str, folder: Path, flights: Sequence[FlightColumns], facts: Sequence[dict[str, Any]]
 ) -> list[Path]:
     """The files of one format."""
     if form == "csv":
@@ -496,13 +506,9 @@ def _write(
                 result_table(_short_names(facts), facts)
             )
         return [path]
-    from groundstation.analysis.report.figures import FIGURES, OVERLAYS, save_figures
-
     printed = "" if form == "html" else form
-    if len(flights) > 1:
-        figures = save_figures(folder, OVERLAYS, flights, printed)
-    else:
-        figures = save_figures(folder, FIGURES, flights[0], printed)
+    drawn, shown = (OVERLAYS, flights) if len(flights) > 1 else (FIGURES, flights[0])
+    figures = save_figures(folder, drawn, shown, printed)
     return [path for _, path in figures] if printed else [write_page(folder, figures, facts)]
 
 

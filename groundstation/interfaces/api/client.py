@@ -343,8 +343,7 @@ async def ask_station(
 ) -> OrderAnswer:
     """Send ``request`` and return the answer; control is taken meanwhile where it is needed.
 
-    ``vehicle`` is the name of the one that is meant; without it, it is the only one that is flown
-    here.
+    ``vehicle`` is the name of the one that is meant; without it, the only one that flies here.
 
     Raises:
         ConfigError: one of the arguments is not of its type.
@@ -400,9 +399,7 @@ class StopReport(msgspec.Struct, frozen=True):
 
 
 async def stop_all(ask: Ask, why: str = "stop-all") -> list[StopReport]:
-    """Ask all that run to come down by ``ask``, each on its own: none waits for another that
-    hangs.
-    """
+    """Ask all that run to come down by ``ask``, each on its own: none waits for another."""
     return list(await asyncio.gather(*(_stop(one, ask, why) for one in running_processes())))
 
 

@@ -146,9 +146,7 @@ SNAPSHOT_PREFIX = b'{"snapshot":'
 
 
 def new_events(before: tuple[Notice, ...], now: tuple[Notice, ...]) -> tuple[Notice, ...]:
-    """The events of ``now`` that follow those of ``before``, both being windows of one growing
-    list.
-    """
+    """The events of ``now`` that follow those of ``before``: both are windows of one list."""
     for start in range(len(before)):
         tail = before[start:]
         if now[: len(tail)] == tail:

@@ -60,8 +60,7 @@ class Server:
         config_text: str = "",
         log: Say = lambda _: None,
     ) -> None:
-        """Serve what ``latest`` holds for the vehicle of that name, and have ``core`` do what is
-        ordered.
+        """Serve what ``latest`` holds for that vehicle, and have ``core`` do what is ordered.
 
         Snapshots leave when it is ``quiet``. ``pid``, ``version`` and ``config_text`` are told to
         clients; ``log`` takes a line about each that misbehaves.

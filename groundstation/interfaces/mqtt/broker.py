@@ -54,8 +54,7 @@ class MqttBroker(msgspec.Struct, frozen=True):
 
         Nothing is kept for it at the broker while it is away.
 
-        Entering it raises MqttError, or ValueError for what can be no host name. ``more`` goes to
-        aiomqtt.
+        Entering it raises MqttError, or ValueError for no possible host. ``more`` goes to aiomqtt.
         """
         import aiomqtt
         from paho.mqtt.packettypes import PacketTypes

@@ -48,8 +48,7 @@ if TYPE_CHECKING:
 LIFE_MS = 4000
 """Validity of a request, and the longest wait for its answer [ms]."""
 SESSIONS_TRIED = 2
-"""Sessions that one request is sealed for [-]: the retained one may be of a station that has
-ended."""
+"""Sessions that one request is sealed for [-]: the retained one may be of an ended station."""
 AGAIN_S = 0.3
 """A kill that is not answered is published again so often, the same, and obeyed once [s]."""
 
@@ -59,8 +58,7 @@ class Unanswered(Exception):
 
 
 def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> Exit:
-    """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody
-    answers.
+    """Ask, print the answer, and return 0 where it is done, 1 where refused, 2 without an answer.
 
     Raises:
         ConfigError: something on the command line is missing or can't be used.

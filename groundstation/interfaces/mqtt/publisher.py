@@ -24,6 +24,7 @@ from groundstation.interfaces.api import new_events
 from groundstation.interfaces.mqtt.broker import (
     HEARD_MAX_BYTES,
     TIMEOUT_S,
+    MqttBroker,
     describe_error,
     heed_cancellation,
     open_broker,
@@ -54,7 +55,8 @@ if TYPE_CHECKING:
 
 
 PAUSE_S = 1.0
-"""Pause in reading after a flood of messages [s]: a kill is repeated for 4 s."""
+"""Pause in reading after a flood of messages, and before each attempt to connect again [s]: a kill
+is repeated for 4 s."""
 
 ANSWERS_KEPT = 16
 """Limit of the answers that wait for a slow broker [-]; no request waits for them."""
@@ -183,8 +185,6 @@ class RequestListener:
         await self._subscribe(client)
 
 
-RETRY_S = 1.0
-"""Pause before each attempt to connect again [s]."""
 EVENTS_KEPT = 100
 """At most this many events wait for a broker that is away; older ones are lost, and counted."""
 HEARD_QUEUE = 256
@@ -207,8 +207,6 @@ async def publish_forever(
     Raises:
         ConfigError: a file of ``config`` can't be used. Nothing else.
     """
-    import aiomqtt
-
     broker = open_broker(config)
     clients = read_client_keys(config) if config.requests.enabled else None
     _, first = await latest.newer()
@@ -223,34 +221,40 @@ async def publish_forever(
     reachable = True
     try:
         while True:
-            will = aiomqtt.Will(
-                publisher.topic(STATE), OFFLINE, qos=STATE.quality, retain=STATE.retained
-            )
-            try:
-                async with broker.client(
-                    identifier=name,
-                    will=will,
-                    heard_max_bytes=HEARD_MAX_BYTES,
-                    max_queued_incoming_messages=HEARD_QUEUE,
-                ) as client:
-                    log.log(
-                        logging.INFO if reachable else logging.WARNING,
-                        "%s",
-                        notice("mqtt.publishing", broker=broker),
-                    )
-                    reachable = True
-                    heed_cancellation()
-                    await publisher.run(client)
-            except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
-                if reachable:
-                    log.warning(
-                        "%s", notice("mqtt.no_broker", broker=broker, why=describe_error(error))
-                    )
-                reachable = False
+            reachable = await _publish_once(broker, publisher, name, was_reachable=reachable)
             heed_cancellation()
-            await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(PAUSE_S)
     finally:
         collecting.cancel()
+
+
+async def _publish_once(
+    broker: MqttBroker, publisher: "_Publisher", name: str, *, was_reachable: bool
+) -> bool:
+    """Publish over one connection until it breaks.
+
+    Returns whether the broker is thought to be reachable; a loss is reported once.
+    """
+    import aiomqtt
+
+    will = aiomqtt.Will(publisher.topic(STATE), OFFLINE, qos=STATE.quality, retain=STATE.retained)
+    try:
+        async with broker.client(
+            identifier=name,
+            will=will,
+            heard_max_bytes=HEARD_MAX_BYTES,
+            max_queued_incoming_messages=HEARD_QUEUE,
+        ) as client:
+            level = logging.INFO if was_reachable else logging.WARNING
+            log.log(level, "%s", notice("mqtt.publishing", broker=broker))
+            was_reachable = True
+            heed_cancellation()
+            await publisher.run(client)
+    except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
+        if was_reachable:
+            log.warning("%s", notice("mqtt.no_broker", broker=broker, why=describe_error(error)))
+        return False
+    return True
 
 
 class _Publisher:

@@ -153,8 +153,7 @@ CLIENT_REQUESTS = Allowance(rate_hz=2.0, burst=10.0)
 ANY_MESSAGES = Allowance(rate_hz=50.0, burst=100.0)
 """Messages from all clients; above it all requests except ``kill`` are ignored."""
 MOST_MESSAGES = Allowance(rate_hz=1000.0, burst=1000.0)
-"""Messages from all clients; above it ``kill`` is ignored too: reading takes time that flights
-need."""
+"""Messages from all clients; above it ``kill`` is ignored too: reading takes a flight's time."""
 TELL_S = 60.0
 """A reason for which requests are dropped is told once in this time [s]."""
 SESSIONS_KEPT = 64

@@ -1,5 +1,4 @@
-"""Fleet supervisor: runs the cores of a fleet, one process each, and the relay of poses between
-them.
+"""Fleet supervisor: runs the cores of a fleet, one process each, and their relay of poses.
 
 It prints what they say, and passes signals on. Nothing is shared: a core that crashes or stands
 still takes no other with it. None is ever started again: who knows where its vehicle is. Cores have
@@ -56,8 +55,7 @@ async def arm_vehicle(name: str, socket: Path) -> str:
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
-"""Passed on to every core, each of which knows what it means: land, failsafe descent, motors
-off."""
+"""Passed on to every core, which knows what each means: land, failsafe descent, motors off."""
 READY_S = 120.0
 """Timeout for the relay to begin, and then for all cores to be ready to be armed [s]."""
 

@@ -1,5 +1,4 @@
-"""Flights in real time: one in a terminal, or as a daemon one after the other, each armed anew by
-name.
+"""Flights in real time: one in a terminal, or as a daemon one after the other, armed by name.
 
 Signals are requests: the first Ctrl-C or SIGTERM lands, more of them do more, SIGQUIT kills. A
 flight has a crew, who watch it and ask of it: clients of the socket, and MQTT. It ends with none of
@@ -218,8 +217,7 @@ BRING_DOWN_S = 15.0
 def longest_landing_s(config: Config) -> float:
     """Return the longest time from SIGTERM to the process's end for this configuration [s].
 
-    From the top of the fence, or else the highest point that it flies to, at the speeds of the
-    landing.
+    From the top of the fence, or else the highest point flown to, at the landing's speeds.
     """
     floor = config.flight.floor_z_m
     top = max(floor - examine_trajectory(config).lowest_ned[2], config.takeoff.height_m)
@@ -361,8 +359,7 @@ async def _isolate(what: str, work: Awaitable[None], say: Say) -> None:
 
 
 PAUSE_S = 5.0
-"""Between a flight's end and the next one's beginning [s], also where something that it needs is
-missing."""
+"""Pause between a flight's end and the next one's beginning, also where it could not begin [s]."""
 RENEW_S = 3600.0
 """A flight not armed for this long begins anew with a new recording [s]: poses at rest would fill
 the disk."""
@@ -414,8 +411,7 @@ class Daemon:
     # ---- its life
 
     async def run(self) -> Exit:
-        """Serve clients, and fly, until :meth:`stop`, or with ``once`` until the first flight is
-        over.
+        """Serve clients, and fly, until :meth:`stop`, or with ``once`` to the first flight's end.
 
         Raises:
             ApiError: the socket can't be served.

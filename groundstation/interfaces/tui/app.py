@@ -1,11 +1,9 @@
-"""Dashboard: a process of its own that shows what a feed brings, and passes on what the operator
-orders.
+"""Dashboard: a process of its own that shows what a feed brings, and passes on the orders.
 
 What is pressed is confirmed where it must be, asked of the feed, and answered in words.
 ``groundstation tui`` and ``groundstation fly --tui`` show it.
 
-Its feed is a running ground station, attached to again when it was lost, or a recording, played
-back.
+Its feed is a running ground station, attached to again when it was lost, or a recording.
 """
 
 import argparse
@@ -125,8 +123,7 @@ class Attached:
     def __init__(self, path: Path, pid: int | None = None, gone: Callable[[], str] = str) -> None:
         """For the socket at ``path``; it may come and go.
 
-        ``pid``: only this process is meant; ``gone`` says more about it where it does not serve, or
-            nothing.
+        ``pid``: only this process is meant; ``gone`` says more about it where it does not serve.
         """
         self._path = path
         self._pid, self._gone = pid, gone
@@ -482,8 +479,6 @@ def _triple(values: list[float]) -> Vec3:
     return a, b, c
 
 
-NOTICE_S = 20.0
-"""Time for which the notice of a new dashboard is shown [s]."""
 PAGE_TYPES: tuple[type[Page], ...] = (FlyPage, ControlPage, LinksPage, ConfigPage, LogPage)
 SMALL = 72
 """Below it numbers and gains do not stand side by side [columns]."""
@@ -499,6 +494,8 @@ class Dashboard(App[None]):
 
     DEFAULT_MODE = "fly"
     ENABLE_COMMAND_PALETTE = True
+    NOTIFICATION_TIMEOUT = 10.0
+    """Time for which an answer or a notice is shown [s]."""
     CSS = """
     /* what brings the vehicle down stays in sight, and can be clicked on */
     ToastRack { margin-bottom: 6; }
@@ -581,11 +578,11 @@ class Dashboard(App[None]):
         """Begin to draw: only now are all parts of the screen there."""
         self.set_interval(FRAME_S, self.draw)
         if self._notice:
-            self.notify(self._notice, severity="warning", timeout=NOTICE_S)
+            self.notify(self._notice, severity="warning")
         taker = find_multiplexer(os.environ)
         if taker and self._orders:
             says = notice("tui.multiplexer", taker=taker)
-            self.notify(says.text, severity="warning", timeout=NOTICE_S, markup=False)
+            self.notify(says.text, severity="warning", markup=False)
 
     async def _listen(self) -> None:
         loop = asyncio.get_running_loop()
@@ -763,7 +760,7 @@ class Dashboard(App[None]):
 
     def _say(self, answer: Reply) -> None:
         severity: SeverityLevel = "information" if answer.done else "error"
-        self.notify(printable(answer.says), severity=severity, timeout=6.0, markup=False)
+        self.notify(printable(answer.says), severity=severity, markup=False)
 
     # ---- the screen itself
 
@@ -876,16 +873,45 @@ def tui_command(args: argparse.Namespace) -> int:
 
 
 def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
-    """Start the ground station as a process of its own, which outlives this one, and show what it
-    does.
-    """
-    vehicle = config.vehicle.name
-    path = socket_path(config.status, vehicle)
+    """Start the ground station as a process that outlives this one, and show what it does."""
+    path = socket_path(config.status, config.vehicle.name)
     require_terminal("groundstation fly without --tui needs none")
     if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
         raise ConfigError("status.path", notice("screen.served", path=path, again=again))
-    log = folder_of(config.recording) / f"{vehicle}.log"
+    log = folder_of(config.recording) / f"{config.vehicle.name}.log"
+    core = _start_station(args, config, log)
+
+    def describe_end() -> str:
+        if core.poll() is None:
+            return ""
+        return str(notice("screen.core_ended", code=core.returncode, last=_last_line(log)))
+
+    def show(says: str) -> tuple[Dashboard, int]:
+        dashboard = Dashboard(
+            Attached(path, core.pid, describe_end),
+            take_control=True,
+            which=_which(path if config.status.path else None),
+            notice=says,
+        )
+        return dashboard, _run(dashboard, args.theme)
+
+    os.nice(NICE)  # what flies comes first, where both want the same processor
+    dashboard, code = show("")
+    # Without a terminal nobody sees it.
+    while not dashboard.left and core.poll() is None and sys.stdin.isatty():
+        says = str(notice("screen.begins_anew", pid=core.pid))
+        print(says, file=sys.stderr)
+        try:
+            asyncio.run(asyncio.sleep(RETRY_S))
+        except KeyboardInterrupt:
+            break
+        dashboard, code = show(says)
+    return _leave_station(core, log, dashboard.picture.newest, code)
+
+
+def _start_station(args: argparse.Namespace, config: Config, log: Path) -> subprocess.Popen[bytes]:
+    """Start a ground station for one flight, whose output goes to ``log``."""
     overrides = [word for override in args.overrides for word in ("--set", override)]
     overrides += ["--rehearse"] if args.rehearse else []
     arm = [] if args.arm is None else ["--arm", args.arm]
@@ -894,35 +920,16 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         make_folder(config.recording)
         output = open(log, "wb", opener=open_private)  # noqa: SIM115  # closed below; Path.open has no opener
     with output:
-        core = start_child("groundstation", *words, stdout=output, stderr=output)
+        return start_child("groundstation", *words, stdout=output, stderr=output)
 
-    def describe_end() -> str:
-        if core.poll() is None:
-            return ""
-        return str(notice("screen.core_ended", code=core.returncode, last=_last_line(log)))
 
-    which = _which(path if config.status.path else None)
+def _leave_station(
+    core: subprocess.Popen[bytes], log: Path, newest: Snapshot | None, code: int
+) -> int:
+    """End a station that does not fly, and say how it ended or that it goes on.
 
-    def make(notice: str) -> Dashboard:
-        return Dashboard(
-            Attached(path, core.pid, describe_end), take_control=True, which=which, notice=notice
-        )
-
-    os.nice(NICE)  # what flies comes first, where both want the same processor
-    dashboard = make("")
-    code = _run(dashboard, args.theme)
-    while (
-        not dashboard.left and core.poll() is None and sys.stdin.isatty()
-    ):  # without a terminal nobody sees it
-        says = str(notice("screen.begins_anew", pid=core.pid))
-        print(says, file=sys.stderr)
-        try:
-            asyncio.run(asyncio.sleep(RETRY_S))
-        except KeyboardInterrupt:
-            break
-        dashboard = make(says)
-        code = _run(dashboard, args.theme)
-    newest = dashboard.picture.newest
+    Returns its exit code, or the screen's own ``code`` where it goes on.
+    """
     if core.poll() is None and newest is not None and newest.state in NO_SCREEN:
         core.terminate()  # it ends what has not taken off; it would land what has, meanwhile
         try:
@@ -932,13 +939,9 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     if core.poll() is None:
         print(notice("screen.goes_on", pid=core.pid, log=log))
         return code
-    told = newest is not None and newest.state in FINAL
-    last = _last_line(log)  # of a flight that was recorded: its error figures and the path
-    ended = (
-        f"{vehicle} {newest.state}: {newest.reason}\n{last}"
-        if told and newest is not None
-        else last
-    )
+    ended = _last_line(log)  # of a flight that was recorded: its error figures and the path
+    if newest is not None and newest.state in FINAL:
+        ended = f"{newest.vehicle} {newest.state}: {newest.reason}\n{ended}"
     print(notice("screen.station_ended", ended=ended, log=log))
     return core.returncode
 

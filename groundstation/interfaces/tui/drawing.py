@@ -172,9 +172,7 @@ def _line(start: tuple[int, int], end: tuple[int, int]) -> Iterable[tuple[int, i
 
 
 def nice_top(values: Iterable[float], least: float) -> float:
-    """The smallest of 1, 2, 5 times a power of ten that no finite value exceeds, at least
-    ``least``.
-    """
+    """The smallest of 1, 2, 5 times a power of ten above all finite values, at least ``least``."""
     largest = max((value for value in values if math.isfinite(value)), default=0.0)
     largest = max(largest, least)
     decade = 10.0 ** math.floor(math.log10(largest))
@@ -188,9 +186,7 @@ def bar(value: float, limit: float, width: int) -> str:
 
 
 def two_sided_bar(value: float, limit: float, half: int) -> str:
-    """``value`` from -``limit`` to ``limit`` as a bar of ``half`` characters to either side of its
-    zero.
-    """
+    """``value`` within ±``limit`` as a bar of ``half`` characters either side of zero."""
     cells = _cells(abs(value), limit, half)
     left, right = (cells, 0) if value < 0.0 else (0, cells)
     return "░" * (half - left) + "█" * left + "│" + "█" * right + "░" * (half - right)

@@ -322,9 +322,7 @@ class GainRow(msgspec.Struct, frozen=True):
 
 
 KEPT = 600
-"""Snapshots kept for the plots: two minutes at 5 Hz."""
-EVENTS_KEPT = 2000
-"""Newest events kept for the list."""
+"""Snapshots kept for the plots, two minutes at 5 Hz, and newest events kept for the list [-]."""
 
 
 class PlotSample(msgspec.Struct, frozen=True):
@@ -354,7 +352,7 @@ class Picture:
         self.hello: FlightIdentity | None = None
         self.holder = NO_HOLDER
         self.flown: deque[PlotSample] = deque(maxlen=KEPT)
-        self.events: deque[Notice] = deque(maxlen=EVENTS_KEPT)
+        self.events: deque[Notice] = deque(maxlen=KEPT)
         self.count = 0
         """Number of changes: a screen that has drawn this number needs no new drawing."""
 

@@ -80,9 +80,7 @@ class KeyGate:
 
 
 class InputParser:
-    """Textual's own, which outlives what it can't make sense of, and which no paste without an end
-    keeps.
-    """
+    """Textual's own, which survives garbage, and which no paste without an end keeps."""
 
     def __init__(self, debug: bool) -> None:
         """``debug``: Textual shall write what it reads into a file."""
@@ -123,9 +121,7 @@ class InputParser:
 
 
 class TolerantDriver(LinuxDriver):
-    """Textual's own, which reads the keys that a person pressed, for as long as the terminal is
-    there.
-    """
+    """Textual's own, which reads the keys that a person pressed while the terminal is there."""
 
     def run_input_thread(self) -> None:
         """Wait for input until told to end, and pass it on."""
@@ -153,7 +149,7 @@ class TolerantDriver(LinuxDriver):
                     parser.cut = 0
 
     def _warn(self, says: Sentence) -> None:
-        self._app.notify(says.text, severity="error", timeout=6.0, markup=False)
+        self._app.notify(says.text, severity="error", markup=False)
 
 
 MULTIPLEXERS = {"STY": "GNU screen", "TMUX": "tmux", "ZELLIJ": "Zellij"}

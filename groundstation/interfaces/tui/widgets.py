@@ -160,9 +160,7 @@ class Knob(Widget):
         self.styles.width = f"{len(self._both)}fr"
 
     def show(self, state: str | None, again: bool) -> None:
-        """Take the mission's state, and whether this has been pressed once and waits for the second
-        press.
-        """
+        """Take the mission's state, and whether this waits for its second press."""
         self.set_class(not possible(self.order, state), "off")
         self.set_class(again, "again")
         self._again = again
