@@ -48,7 +48,7 @@ class About(msgspec.Struct, frozen=True, kw_only=True):
     """The simulated truth, as TOML."""
 
 
-class WireRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1):
+class WireRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """A wire was opened; ``wire`` numbers it from 0."""
 
     time_s: float
@@ -60,7 +60,7 @@ class WireRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1):
     remote: Peer
 
 
-class ReceivedRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=2):
+class ReceivedRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """Bytes came in."""
 
     time_s: float
@@ -71,7 +71,7 @@ class ReceivedRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag
     data: bytes
 
 
-class SentRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=3):
+class SentRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """Bytes left."""
 
     time_s: float
@@ -80,7 +80,7 @@ class SentRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=3):
     data: bytes
 
 
-class LineRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
+class LineRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """A line for the operator."""
 
     time_s: float
@@ -92,14 +92,14 @@ class LineRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
     numbers: Numbers = {}
 
 
-class LossRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=11):
+class LossRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """Number of records that are missing here: the writer could not keep up."""
 
     time_s: float
     count: int
 
 
-class TruthRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=14):
+class TruthRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """Where a simulated vehicle really is at the instant of a command; no controller sees it."""
 
     time_s: float

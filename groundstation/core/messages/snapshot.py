@@ -600,19 +600,19 @@ class Tick(NamedTuple):
     """V and its bound."""
 
 
-class PoseRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=4):
+class PoseRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """The pilot was given a pose."""
 
     pose: Pose
 
 
-class TrajectoryRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=5):
+class TrajectoryRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """The pilot was given a trajectory that begins at ``time_s`` [s]."""
 
     time_s: float
 
 
-class IdleRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=6):
+class IdleRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """The pilot made an idle command."""
 
     time_s: float
@@ -620,7 +620,7 @@ class IdleRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=6):
     command: Command
 
 
-class TickRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
+class TickRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """The pilot made a command."""
 
     tick: Tick
@@ -629,7 +629,7 @@ class TickRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
     between two poses."""
 
 
-class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
+class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """A request was made: ``what`` is the flight's method that was called."""
 
     time_s: float
@@ -637,7 +637,7 @@ class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=
     reason: str
 
 
-class StatusRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=10):
+class StatusRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """State of link and pose source, at intervals."""
 
     time_s: float
@@ -645,7 +645,7 @@ class StatusRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1
     source: PoseStatus
 
 
-class EndRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
+class EndRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """The flight is over."""
 
     time_s: float
@@ -660,7 +660,7 @@ GAIN = "gain "
 """Prefix of ``SwitchRecord.what`` for a gain changed in flight, before the gain's name."""
 
 
-class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
+class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=True):
     """The pilot was switched to another mode of flight: its method ``what`` was called with
     ``values``.
     """
