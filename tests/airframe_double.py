@@ -18,10 +18,7 @@ GRAVITY = 9.81
 
 
 class Brick:
-    """Implements :class:`sim.world.quadrotor.Airframe`; thrust 0..1 is 0..2 times its weight.
-
-    The floor is at z = 0.
-    """
+    """Implements :class:`sim.world.quadrotor.Airframe`: floor at z = 0, thrust 1 lifts 2 g."""
 
     def __init__(self, height_m: float = 0.0, *, held: bool = False) -> None:
         self.acts: list[tuple[float, float, Vec3]] = []
@@ -83,11 +80,8 @@ class Brick:
             lift = 2.0 * GRAVITY * self._thrust if self._on else 0.0
             x, y, z = self._position
             u, v, w = self._velocity
-            u, v, w = (
-                u - lift * down[0] * step,
-                v - lift * down[1] * step,
-                w + (GRAVITY - lift * down[2]) * step,
-            )
+            u, v = u - lift * down[0] * step, v - lift * down[1] * step
+            w += (GRAVITY - lift * down[2]) * step
             if z + w * step >= 0.0 and w > 0.0:
                 z, u, v, w = 0.0, 0.0, 0.0, 0.0
             self._position = (x + u * step, y + v * step, z + w * step)

@@ -27,16 +27,14 @@ from _pytest.runner import runtestprotocol
 PERIOD_S = 0.0225
 """Of the timer: DSM's, the slowest that we keep [s]."""
 GROSS = 0.05
-"""Share of the timer's moments that came late by half a period and more, above which nothing could
-keep time [-]."""
+"""Share of moments late by half a period above which nothing could keep time [-]."""
 LEAST_S = 1.0
 """No share is taken of less: a single late moment is no excuse for a short test [s]."""
 PATIENCE_S = 20.0
 """How long a test waits for a machine that keeps time again [s]."""
 TOO_BUSY = "left out: machine too busy"
 RARELY = 20_000
-"""Garbage is looked for when so many more objects were made than dropped [-]: else in a fortieth of
-all time."""
+"""Garbage collection begins at so many new objects [-]: it took a fortieth of all time."""
 
 # Each moment has its own due time: who is held up for a second misses all of a second's.
 SLEEPER = f"""
@@ -133,10 +131,8 @@ def retry(run: Callable[[], Attempt], wait: Callable[[], None]) -> tuple[bool, s
     if not second.failure:
         return True, f"{said}, passed when tried again"
     same = second.failure.partition(": ")[0] == first.failure.partition(": ")[0]
-    again = (
-        f"{'at the same line' if same else second.failure}; machine late {second.late:.0%} of the "
-        "time"
-    )
+    place = "at the same line" if same else second.failure
+    again = f"{place}; machine late {second.late:.0%} of the time"
     return second.late <= GROSS, f"{said}, failed when tried again ({again})"
 
 
@@ -160,11 +156,9 @@ def failure_of(reports: list[pytest.TestReport]) -> str:
     for report in reports:
         if report.failed:
             crash = getattr(report.longrepr, "reprcrash", None)
-            where = (
-                f"{Path(crash.path).name}:{crash.lineno}: {crash.message}"
-                if crash
-                else report.longreprtext
-            )
+            where = report.longreprtext
+            if crash:
+                where = f"{Path(crash.path).name}:{crash.lineno}: {crash.message}"
             return (where.splitlines() or [report.when or ""])[0]
     return ""
 

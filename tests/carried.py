@@ -27,10 +27,7 @@ def carried(
     noise_m: float = 5e-4,
     noise_rad: float = 3e-3,
 ) -> tuple[Carry, list[Attitude]]:
-    """The moves as a tracker of 50 Hz sees them, stamped ``late_s`` too late.
-
-    The autopilot's attitudes at 100 Hz.
-    """
+    """Moves by a 50 Hz tracker, stamped ``late_s`` late, and attitudes at 100 Hz."""
     draw = random.Random(seed + 1)
     at, carry, attitudes = make_hand(seed, moves=moves), Carry(), []
     turn = so3.from_euler_zyx(0.0, 0.0, math.radians(30.0))

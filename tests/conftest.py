@@ -31,8 +31,7 @@ settings.register_profile("big", max_examples=5000, deadline=None, print_blob=Tr
 settings.load_profile("full")
 
 NOT_RUN = "not run: install "
-"""Begins the reason for which a test is left out that a program would bring; CI takes it for a
-failure."""
+"""Begins the reason of a test without its program; CI takes it for a failure."""
 LEFT_OUT = "left out: "
 """The same where nothing that could be installed would help."""
 
@@ -84,9 +83,8 @@ def _not_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
     os.environ["XDG_RUNTIME_DIR"] = str(tmp_path_factory.mktemp("run"))
     base = tmp_path_factory.getbasetemp()
-    os.environ[FOLDER] = str(
-        (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "flights"
-    )
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    os.environ[FOLDER] = str(shared / "flights")
 
 
 @pytest.fixture
@@ -98,10 +96,7 @@ def short_path() -> Iterator[Path]:
 
 @pytest.fixture(scope="session")
 def needs_program() -> Callable[..., str]:
-    """``needs_program("tmux")`` is the program's full path.
-
-    Where it is missing, the test is left out, loudly.
-    """
+    """``needs_program("tmux")`` is its full path; without it the test is left out, loudly."""
 
     def find(name: str) -> str:
         if found := shutil.which(name, path=SEARCH_PATH):

@@ -14,7 +14,7 @@ from textual.pilot import Pilot
 from textual.widget import Widget
 
 from groundstation.config import dump
-from groundstation.core.messages import Ask, Check, Reply, Snapshot, Verdict
+from groundstation.core.messages import Ask, Check, Reply, Sentence, Snapshot, Verdict
 from groundstation.interfaces.api import Server, snapshots
 from groundstation.interfaces.tui.app import Attached, Dashboard
 from groundstation.interfaces.tui.drawing import big, huge
@@ -111,15 +111,12 @@ class Stage:
     def server(self, rate_hz: float = 50.0) -> Server:
         """Server of the station's socket."""
         config = StatusConfig(path=str(self.path), rate_hz=rate_hz)
-        log = self.log
-        return Server(
-            config,
-            "mqx",
-            self.latest,
-            self.core,
-            config_text=dump(Config()),
-            log=lambda told: log.append(told.text),
-        )
+
+        def log(told: Sentence) -> None:
+            self.log.append(told.text)
+
+        text = dump(Config())
+        return Server(config, "mqx", self.latest, self.core, config_text=text, log=log)
 
     @contextlib.asynccontextmanager
     async def up(self, rate_hz: float = 50.0) -> AsyncIterator[None]:
@@ -166,10 +163,7 @@ Played = Callable[..., Coroutine[Any, Any, None]]
 
 
 def dashboard(**options: Any) -> Callable[[Played], Callable[..., None]]:
-    """Make a test of a coroutine that is given a dashboard of ``stage``, and it.
-
-    ``options`` are those of ``play``.
-    """
+    """Give a test a dashboard of ``stage`` with ``options`` of ``play``."""
 
     def decorate(test: Played) -> Callable[..., None]:
         @wraps(test)

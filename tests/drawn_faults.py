@@ -51,9 +51,8 @@ def slips(text: bytes) -> Iterator[tuple[int, int, bytes]]:
     lines = [0, *accumulate(map(len, text.splitlines(keepends=True)))]
 
     def span(node: Any) -> tuple[int, int]:
-        return lines[node.lineno - 1] + node.col_offset, lines[
-            node.end_lineno - 1
-        ] + node.end_col_offset
+        begin = lines[node.lineno - 1] + node.col_offset
+        return begin, lines[node.end_lineno - 1] + node.end_col_offset
 
     for node in ast.walk(ast.parse(text)):
         match node:
@@ -72,11 +71,8 @@ def slips(text: bytes) -> Iterator[tuple[int, int, bytes]]:
 def tests_of(room: str, module: Path) -> list[str]:
     """The tests of a room; first those that name the module."""
     folders = [ROOT / "tests" / told for told in ROOMS[room].split()]
-    found = [
-        path
-        for folder in folders
-        for path in ([folder] if folder.is_file() else folder.rglob("test_*.py"))
-    ]
+    trees = ([path] if path.is_file() else path.rglob("test_*.py") for path in folders)
+    found = [path for tree in trees for path in tree]
     found.sort(key=lambda one: module.stem not in one.read_text())
     return [*(str(one.relative_to(ROOT)) for one in found), *PAGES]
 
@@ -98,14 +94,8 @@ def main() -> int:
                 by = str(error).strip().splitlines()[-1]
             file.write_bytes(right)
             place = path.relative_to(ROOT), right[:begin].count(b"\n") + 1
-            print(
-                *place,
-                right[begin:end].decode(),
-                "->",
-                wrong.decode(),
-                by or "SURVIVED",
-                flush=True,
-            )
+            change = (right[begin:end].decode(), "->", wrong.decode())
+            print(*place, *change, by or "SURVIVED", flush=True)
             survived += not by
     print(f"{count - survived} of {count} caught")
     return survived > 0

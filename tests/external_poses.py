@@ -12,6 +12,8 @@ from groundstation.core.geometry import Quat, Vec3
 from links.mavlink.protocol import ARDUPILOT, EstimatorKind, MavFrame, MavlinkCodec, Message
 from sim.runs import Stage
 
+FUSED_BY_PX4 = (EstimatorKind.UNKNOWN, EstimatorKind.VISION, EstimatorKind.VIO)
+
 
 class Fused(msgspec.Struct, frozen=True):
     """One pose that the estimator has taken."""
@@ -57,11 +59,7 @@ class ExternalPoses:
             if (m.frame_id, m.child_frame_id) != (MavFrame.LOCAL_FRD, MavFrame.BODY_FRD):
                 self.left["frame"] += 1
                 return
-        elif m.estimator_type not in (
-            EstimatorKind.UNKNOWN,
-            EstimatorKind.VISION,
-            EstimatorKind.VIO,
-        ):
+        elif m.estimator_type not in FUSED_BY_PX4:
             self.left["estimator"] += 1
             return
         elif m.frame_id not in (MavFrame.LOCAL_NED, MavFrame.LOCAL_FRD):
@@ -74,6 +72,5 @@ class ExternalPoses:
             return
         variance = m.pose_covariance[0], m.pose_covariance[15]
         pose = (m.x, m.y, m.z), tuple(m.q)
-        self.fused.append(
-            Fused(now_s, m.time_usec * 1e-6, *pose, velocity, variance, m.reset_counter)
-        )
+        stamp_s = m.time_usec * 1e-6
+        self.fused.append(Fused(now_s, stamp_s, *pose, velocity, variance, m.reset_counter))

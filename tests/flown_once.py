@@ -29,10 +29,7 @@ def folder_of(key: object) -> Path:
 
 
 def once(key: object, make: Callable[[Path], T]) -> T:
-    """What ``make`` returns, of the first who asks; it may leave files in the folder that it gets.
-
-    Whoever asks meanwhile waits.
-    """
+    """Return what the first call of ``make`` returned, which may leave files in its folder."""
     folder = folder_of(key)
     kept = folder / "kept.pickle"
     with (folder / "lock").open("w") as lock:

@@ -25,10 +25,7 @@ def look() -> dict[str, int]:
 
 @in_virtual_time
 async def looks_within(duration_s: float, count: int) -> list[dict[str, int]]:
-    """Looks at the start of an `adverse` flight and ``count`` times after.
-
-    No referee, which would keep every step.
-    """
+    """Looks at the start of an `adverse` flight without a referee, and ``count`` after."""
     world, config = prepare(SCENARIOS["adverse"], [])
 
     stage, flight = Stage(world, config, 0), make_flight(config, confirm=confirm_at(0.0))

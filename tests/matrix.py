@@ -13,11 +13,9 @@ import pytest
 def spread(tried: int, cases: int) -> set[int]:
     """Return the numbers of the cases tried: ``tried`` of ``cases``, evenly spread."""
     tried = min(tried, cases)
-    return (
-        {round(k * (cases - 1) / (tried - 1)) for k in range(tried)}
-        if tried > 1
-        else set(range(tried))
-    )
+    if tried < 2:
+        return set(range(tried))
+    return {round(k * (cases - 1) / (tried - 1)) for k in range(tried)}
 
 
 @pytest.hookimpl(tryfirst=True)  # before ``-m`` chooses

@@ -26,18 +26,12 @@ def _value(value: Any) -> Any:
 
 def _load() -> list[Golden]:
     path = pathlib.Path(__file__).parent / "golden" / "mavlink_frames.json"
-    return [
-        Golden(
-            f["message"],
-            f["from"],
-            f["system"],
-            f["component"],
-            f["sequence"],
-            bytes.fromhex(f["hex"]),
-            {name: _value(value) for name, value in f["fields"].items()},
-        )
-        for f in json.loads(path.read_text())["frames"]
-    ]
+    found = []
+    for f in json.loads(path.read_text())["frames"]:
+        head = (f[key] for key in ("message", "from", "system", "component", "sequence"))
+        fields = {name: _value(value) for name, value in f["fields"].items()}
+        found.append(Golden._make((*head, bytes.fromhex(f["hex"]), fields)))
+    return found
 
 
 FRAMES = _load()

@@ -21,8 +21,7 @@ from sim.time import VirtualTimeLoop
 from sim.time.virtual_time import SimulationStuck
 
 OUTSIDE_S = 20.0
-"""How long a loop on which nothing is scheduled waits for something from outside, in real time
-[s]."""
+"""Longest wait for something from outside where nothing is scheduled, in real time [s]."""
 
 
 class _Timer(TimerHandle):
@@ -122,8 +121,5 @@ class OpenLoop(VirtualTimeLoop):
         return timer
 
     async def shutdown_default_executor(self, timeout: float | None = None) -> None:  # noqa: ASYNC109  # asyncio's own
-        """Join the threads.
-
-        Not within a time that is virtual, which would be over before they could end.
-        """
+        """Join the threads, not within a virtual time, which would end before they do."""
         await super().shutdown_default_executor()

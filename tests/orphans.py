@@ -16,10 +16,7 @@ PROGRAMS = {b"links.rf.pacer_child", b"links.rf.pacer_standby"}
 
 
 def mark_session() -> bool:
-    """Have everything that is started from now on bear our mark.
-
-    False where an outer session's is borne already.
-    """
+    """Mark all that is started from now on; False under an outer session's mark."""
     if MARK in os.environ:
         return False
     os.environ[MARK] = session_of(os.getpid())
@@ -29,9 +26,8 @@ def mark_session() -> bool:
 def session_of(process: int) -> str:
     """Mark of the session of ``process``: its number, and when it began, as numbers come again."""
     try:
-        return (
-            f"{process}:{Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()[19]}"
-        )
+        begun = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[19]
+        return f"{process}:{begun}"
     except OSError:
         return ""
 
@@ -43,11 +39,8 @@ def pacers() -> dict[int, str]:
         with contextlib.suppress(OSError):  # it ended meanwhile, or is not ours
             if not PROGRAMS.isdisjoint((folder / "cmdline").read_bytes().split(b"\0")):
                 environment = (folder / "environ").read_bytes().split(b"\0")
-                marks = [
-                    one.decode().partition("=")[2]
-                    for one in environment
-                    if one.startswith(MARK.encode() + b"=")
-                ]
+                own = (one.decode() for one in environment if one.startswith(MARK.encode() + b"="))
+                marks = [one.partition("=")[2] for one in own]
                 found |= {int(folder.name): session for session in marks}
     return found
 

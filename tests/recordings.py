@@ -26,10 +26,7 @@ def recorded(
     duration_s: float = 8.0,
     source: str = "vicon",
 ) -> tuple[Path, Result, tuple[Record, ...]]:
-    """The recording, the result, and the records of one flight.
-
-    The file is shared: nobody may change it.
-    """
+    """Recording, result and records of one flight; nobody may change the shared file."""
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
 
     def make(folder: Path) -> tuple[Result, tuple[Record, ...]]:
@@ -41,13 +38,8 @@ def recorded(
             run.give(record)
 
         result = fly(world, config, seed=seed, duration_s=duration_s, give=give)
-        run.close(
-            {
-                "completed": result.completed,
-                "why": result.why,
-                **msgspec.to_builtins(result.verdict),
-            }
-        )
+        figures = msgspec.to_builtins(result.verdict)
+        run.close({"completed": result.completed, "why": result.why, **figures})
         return result, tuple(records)
 
     key = ("recorded", scenario, world, config, seed, duration_s)
@@ -75,10 +67,7 @@ def rewrite(
     about: Callable[[dict[str, str]], dict[str, str]] = dict,
     edit: Callable[[Entry], list[tuple[str, bytes]]] = lambda entry: [(entry.topic, entry.data)],
 ) -> Path:
-    """A copy of a recording that says something else of itself.
-
-    ``edit`` gives what stands in place of each entry.
-    """
+    """A copy of a recording; ``edit`` gives what stands in the place of each entry."""
     recording = Recording(path)
     with target.open("wb") as file:
         writer: Any = Writer(file)

@@ -139,22 +139,9 @@ def catches(folder: Path, tests: list[str], chosen: str) -> str:
     Raises:
         RuntimeError: the tests did not run.
     """
+    words = "-q -x --tb=no -p no:cacheprovider -p no:xdist --hypothesis-profile quick -m"
     done = subprocess.run(
-        [
-            *(
-                sys.executable,
-                "-m",
-                "pytest",
-                "-q",
-                "-x",
-                "--tb=no",
-                "-p",
-                "no:cacheprovider",
-                "-p",
-                "no:xdist",
-            ),
-            *("--hypothesis-profile", "quick", "-m", chosen, *tests),
-        ],
+        [sys.executable, "-m", "pytest", *words.split(), chosen, *tests],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
@@ -164,11 +151,8 @@ def catches(folder: Path, tests: list[str], chosen: str) -> str:
     if done.returncode == 0:
         return ""
     # What has no test's name could not be read: no test has seen anything.
-    failed = [
-        line
-        for line in done.stdout.splitlines()
-        if line.startswith(("FAILED", "ERROR")) and "::" in line
-    ]
+    lines = (line for line in done.stdout.splitlines() if "::" in line)
+    failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
     if not failed:
         raise RuntimeError(done.stdout + done.stderr)
     return failed[0].partition(" - ")[0]
@@ -177,13 +161,8 @@ def catches(folder: Path, tests: list[str], chosen: str) -> str:
 def main() -> int:
     """Seed each fault and tell what caught it."""
     words = argparse.ArgumentParser(description=__doc__)
-    words.add_argument(
-        "numbers",
-        nargs="*",
-        type=int,
-        metavar="NUMBER",
-        help=f"0 to {len(FAULTS) - 1}; none means all",
-    )
+    numbers = f"0 to {len(FAULTS) - 1}; none means all"
+    words.add_argument("numbers", nargs="*", type=int, metavar="NUMBER", help=numbers)
     words.add_argument(
         "--all", action="store_true", help="what the concerned tests let pass goes through all"
     )
@@ -199,21 +178,17 @@ def main() -> int:
             file = file_of(folder, fault)
             file.write_text(file.read_text("utf-8").replace(fault.right, fault.wrong), "utf-8")
             tests = [f"tests/{test}" for test in CONCERNED[fault.file].split()]
-            by = (
-                catches(folder, tests, chosen)
-                or (args.all and catches(folder, ["tests"], chosen))
-                or ""
-            )
+            by = catches(folder, tests, chosen)
+            if args.all and not by:
+                by = catches(folder, ["tests"], chosen)
         print(
             f"{number:2} {fault.file:18} {fault.wrong.strip()[:50]!r:54} {by or 'ESCAPED'}",
             flush=True,
         )
         if not by:
             escaped.append(number)
-    print(
-        f"{len(args.numbers or FAULTS) - len(escaped)} of {len(args.numbers or FAULTS)} caught; "
-        f"escaped: {escaped}"
-    )
+    count = len(args.numbers or FAULTS)
+    print(f"{count - len(escaped)} of {count} caught; escaped: {escaped}")
     return len(escaped) > 0
 
 

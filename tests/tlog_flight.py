@@ -53,12 +53,8 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
         # No yaw: tilt about x and y so that R e3 points along the force.
         pitch = math.atan2(force[0], force[2])
         roll = -math.asin(force[1] / length)
-        return (
-            (c, s, -1.0),
-            (-turning * s, turning * c, 0.0),
-            so3.from_euler_zyx(roll, pitch, 0.0),
-            HOVER * length / GRAVITY,
-        )
+        velocity, attitude = (-turning * s, turning * c, 0.0), so3.from_euler_zyx(roll, pitch, 0.0)
+        return (c, s, -1.0), velocity, attitude, HOVER * length / GRAVITY
 
     def tlog(self) -> bytes:
         """The file."""
@@ -72,16 +68,11 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
         events: list[tuple[int, bytes]] = []
         for second in range(int(end) + 1):
             mode = 128 if second else 0
-            events.append(
-                (
-                    1_000_000 * second,
-                    VEHICLE.pack(D.MAVLink_heartbeat_message(2, 12, mode, 0, 4, 3)),
-                )
-            )
+            heartbeat = D.MAVLink_heartbeat_message(2, 12, mode, 0, 4, 3)
+            events.append((1_000_000 * second, VEHICLE.pack(heartbeat)))
         events.append((200_000, ground.command(1, 1, MavCommand.ARM_DISARM, 1.0)))
-        events.append(
-            (210_000, VEHICLE.pack(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0)))
-        )
+        acknowledgement = D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0)
+        events.append((210_000, VEHICLE.pack(acknowledgement)))
         for tenth in range(int(10 * end)):
             aground = not 10 <= tenth < 10 * (1.0 + self.duration_s)
             state = D.MAVLink_extended_sys_state_message(0, 1 if aground else 2)
@@ -112,23 +103,8 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
         moved, counter = self.moved(t)
         v = [a + b for a, b in zip(velocity, self.velocity_error, strict=True)]
         stamp = self.stamp_us(round(1e6 * t))
-        return sender.pack(
-            D.MAVLink_odometry_message(
-                stamp,
-                1,
-                1,
-                x + moved,
-                y + aside_m,
-                z,
-                attitude,
-                *v,
-                0.0,
-                0.0,
-                0.0,
-                NOTHING,
-                NOTHING,
-                counter,
-                8,
-                0,
-            )
+        place, rates = (x + moved, y + aside_m, z), (0.0, 0.0, 0.0)
+        message = D.MAVLink_odometry_message(
+            stamp, 1, 1, *place, attitude, *v, *rates, NOTHING, NOTHING, counter, 8, 0
         )
+        return sender.pack(message)

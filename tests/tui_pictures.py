@@ -91,9 +91,8 @@ async def draw_recording(log: Path, at_s: float) -> str:
 
 if __name__ == "__main__" and len(sys.argv) > 1:
     _, recording, instant_s, picture = sys.argv
-    Path(picture).write_text(
-        asyncio.run(draw_recording(Path(recording), float(instant_s))), "utf-8"
-    )
+    svg = asyncio.run(draw_recording(Path(recording), float(instant_s)))
+    Path(picture).write_text(svg, "utf-8")
 elif __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     for one in PICTURES:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import pytest
 
-from groundstation.config import ConfigError, UserCodeFault
+from groundstation.config import UserCodeFault
 from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import CommandSent, FlightEvent, Notice, Subscriber, Tick
@@ -36,18 +36,9 @@ from sim.studies.tune import SortieOutcome, tune
 from sim.studies.tune.tune import Sortie
 from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.flown_once import once
+from tests.known import known
 from tests.loops import until
-
-__all__ = [
-    "Certified",
-    "ConfigError",
-    "campaign_of",
-    "flown",
-    "flown_ideal",
-    "median_of",
-    "middle",
-    "ticks_to",
-]
+from tests.proving.faults import Fault, Row, fly_here
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -66,15 +57,9 @@ async def running(stage: Stage) -> AsyncIterator[Stage]:
         await asyncio.gather(task, return_exceptions=True)
 
 
-SHORT = (
-    *(
-        "takeoff.height_m=0.5",
-        "takeoff.hold_s=1.0",
-        "takeoff.climb_m_s=1.0",
-        "trajectory.altitude_m=-0.5",
-    ),
-    "sim.start_ned=[0.7, 0.3, 0.0]",  # near where the figure begins
-)
+CLIMB = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0")
+# The start is near where the figure begins.
+SHORT = (*CLIMB, "trajectory.altitude_m=-0.5", "sim.start_ned=[0.7, 0.3, 0.0]")
 """``--set`` of a mission that takes little time."""
 
 
@@ -126,8 +111,7 @@ def in_state(state: State, act: Act, after_s: float = 0.3) -> Script:
 
 def cover_cameras(_: Flight, stage: Stage) -> None:
     """No pose leaves any more."""
-    assert stage.mocap is not None
-    stage.mocap.cover(True)
+    known(stage.mocap).cover(True)
 
 
 class SetPoint(NamedTuple):
@@ -214,12 +198,26 @@ def fly_beside(
 
 @cache
 def flown(
-    scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.0, source: str = "vicon"
-) -> Result:
+    scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.0, source: str = "vicon",
+    link: str = "mavlink",
+) -> Result:  # fmt: skip
     """One flight of ``scenario`` with ``--set`` overrides."""
-    world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
+    world, config = prepare(SCENARIOS[scenario], list(overrides), source=source, link=link)
     key = ("flown", world, config, seed, duration_s)
     return once(key, lambda _: fly(world, config, seed=seed, duration_s=duration_s))
+
+
+def rms_cm(scenario: str, *overrides: str, duration_s: float, **options: Any) -> float:
+    """RMS error over the steady part of a flight, which must be completed [cm]."""
+    result = flown(scenario, *overrides, duration_s=duration_s, **options)
+    assert result.completed, result.why
+    return known(result.verdict.rms_cm)
+
+
+def fly_fault(case: str, fault: Fault, state: str, **options: Any) -> Row:
+    """A flight in ``paper`` that a fault of one's own strikes, as the fault deck judges it."""
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        return runner.run(fly_here(case, fault, state, seed=0, scenario="paper", **options))
 
 
 def ticks_to(keep: Callable[[Tick], object]) -> Subscriber:
@@ -274,10 +272,7 @@ def median_of(values: list[float | None]) -> float:
 def middle(
     scenario: str, field: str, *overrides: str, seeds: int = 10, duration_s: float = 60.0
 ) -> float:
-    """The median of one figure of the verdict over seeds 0 ..
-
-    ``seeds`` - 1; every flight must be completed.
-    """
+    """Median of one figure of the verdict over ``seeds`` flights, all of them completed."""
     results = [
         flown(scenario, *overrides, seed=seed, duration_s=duration_s) for seed in range(seeds)
     ]

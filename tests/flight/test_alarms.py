@@ -69,9 +69,8 @@ def test_an_estimate_that_wanders_and_turns_its_heading_fails_not_and_lands(
 ) -> None:
     wanders = ("sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19")
     own = ("sim.own_estimate=true",) if scenario == "quad1kg" else ()
-    (found,) = watch_all(
-        [Watch(scenario, overrides=own + wanders, source="odometry")], (seed,), workers=1
-    )
+    watch = Watch(scenario, overrides=own + wanders, source="odometry")
+    (found,) = watch_all([watch], (seed,), workers=1)
     assert ended(found) == []
     assert [one.why for one in found.flights if not one.landed] == []
 
@@ -79,12 +78,8 @@ def test_an_estimate_that_wanders_and_turns_its_heading_fails_not_and_lands(
 def watch_recording(file: Path) -> WatchedHealth:
     """Monitor the poses of a recorded autopilot's flight, with the commands that were sent."""
     driven = drive_flight(load_flight(file), [])
-    config, poses, begin, end = (
-        driven.config,
-        driven.flight.poses,
-        driven.air.start,
-        driven.air.stop,
-    )
+    config, poses = driven.config, driven.flight.poses
+    begin, end = driven.air.start, driven.air.stop
     lifts_s, ends_s = poses[begin].arrival_s, poses[end - 1].arrival_s
     last_s = lifts_s - BEFORE_S
     stood = [pose.position_ned[2] for pose in poses[:begin] if pose.arrival_s >= lifts_s - STOOD_S]

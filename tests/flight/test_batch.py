@@ -37,11 +37,8 @@ def test_a_batch_agrees_with_whole_flights_to_a_micrometre(
 
 @pytest.mark.parametrize("kind", ["adaptive", "l1", "indi"])
 def test_every_law_is_thrown_and_pushed_in_a_batch_as_in_a_whole_flight(kind: str) -> None:
-    thrown = (
-        "sim.start_velocity=[0.5,-0.5,0.0]",
-        "sim.start_turn_deg=[20.0,-10.0,0.0]",
-        "sim.floor_z_m=9.0",
-    )
+    start = "sim.start_velocity=[0.5,-0.5,0.0]", "sim.start_turn_deg=[20.0,-10.0,0.0]"
+    thrown = (*start, "sim.floor_z_m=9.0")
     pushed = ("sim.wind_step=[0.0,5.0,0.0]", "sim.wind_step_time_s=4.0", "sim.wind_push_s=0.4")
     overrides = (f"controller.kind={kind}", *thrown, *pushed)
     world, config = prepare(SCENARIOS["paper"], list(overrides))

@@ -36,7 +36,6 @@ def test_switching_one_block_off_alone_costs_accuracy(
 
 def test_weak_thrust_does_not_eat_the_bound_on_the_wind() -> None:
     weak = ("sim.thrust_gain=0.75", "controller.b_bound=2")
-    assert rms("paper", *weak, "controller.effectiveness_deviation=0") > 5.0, (
-        "a quarter of g is beyond the bound"
-    )
+    # A quarter of g is beyond the bound.
+    assert rms("paper", *weak, "controller.effectiveness_deviation=0") > 5.0
     assert rms("paper", *weak) < 0.15

@@ -1,6 +1,7 @@
 """Error budgets: a recorded flight flown again without each source of its error."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -23,21 +24,13 @@ def computed(
     world: World, config: Config, *, seed: int, duration_s: float, simulated: bool = True
 ) -> ErrorBudget:
     """One budget, however many tests ask for it."""
-    key = (
-        "budget",
-        [source.name for source in module.SOURCES],
-        world,
-        config,
-        seed,
-        duration_s,
-        simulated,
-    )
-    return once(
-        key,
-        lambda _: compute_budget(
-            world, config, seed=seed, duration_s=duration_s, simulated=simulated
-        ),
-    )
+    sources = [source.name for source in module.SOURCES]
+    key = ("budget", sources, world, config, seed, duration_s, simulated)
+
+    def make(_: Path) -> ErrorBudget:
+        return compute_budget(world, config, seed=seed, duration_s=duration_s, simulated=simulated)
+
+    return once(key, make)
 
 
 @pytest.fixture(autouse=True)
@@ -98,12 +91,10 @@ def test_what_has_no_budget_says_why() -> None:
     assert "less than 16 s on the trajectory" in said(short)
     flight = read_columns(recorded(duration_s=DURATION_S)[0])
     told = flight.recording.about["config"]
-    flight.recording.about["config"] = told.replace(
-        'kind = "adaptive"', 'factory = "evil:make"\nkind = "custom"'
-    )
-    assert "can't be flown here" in said(flight) or "no code that a recording names is run" in said(
-        flight
-    )
+    evil = 'factory = "evil:make"\nkind = "custom"'
+    flight.recording.about["config"] = told.replace('kind = "adaptive"', evil)
+    whys = ("can't be flown here", "no code that a recording names is run")
+    assert any(why in said(flight) for why in whys)
     flight.recording.about["config"] = ""
     assert "holds no configuration" in said(flight)
 

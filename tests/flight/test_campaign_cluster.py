@@ -15,6 +15,7 @@ import pytest
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import Campaign, CampaignRow, Cluster, Local, run
+from tests.known import known
 
 pytestmark = pytest.mark.real_time
 
@@ -34,21 +35,14 @@ def rows() -> list[CampaignRow]:
 @contextmanager
 def _process(*words: str, ready: str) -> Iterator[tuple[re.Match[str], "subprocess.Popen[str]"]]:
     """A process that is up once a line of its log matches ``ready``."""
-    environment = os.environ | {
-        "DASK_DISTRIBUTED__WORKER__DAEMON": "False",
-        "PYTHONUNBUFFERED": "1",
-    }
+    environment = {"DASK_DISTRIBUTED__WORKER__DAEMON": "False", "PYTHONUNBUFFERED": "1"}
+    command, null = [sys.executable, *words], subprocess.DEVNULL
     process = subprocess.Popen(
-        [sys.executable, *words],
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        env=environment,
+        command, stderr=subprocess.PIPE, stdout=null, text=True, env=os.environ | environment
     )
     try:
-        assert process.stderr is not None
         lines = []
-        for line in process.stderr:
+        for line in known(process.stderr):
             lines.append(line)
             if (match := re.search(ready, line)) is not None:
                 yield match, process
@@ -61,30 +55,16 @@ def _process(*words: str, ready: str) -> Iterator[tuple[re.Match[str], "subproce
 
 @contextmanager
 def _scheduler() -> Iterator[str]:
-    words = (
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        "0",
-        "--no-dashboard",
-    )
-    with _process(*words, ready=r"Scheduler at:\s+(tcp://\S+)") as (match, _):
+    words = ("-m", "distributed.cli.dask_scheduler", "--no-dashboard")
+    where = ("--host", "127.0.0.1", "--port", "0")
+    with _process(*words, *where, ready=r"Scheduler at:\s+(tcp://\S+)") as (match, _):
         yield match[1]
 
 
 @contextmanager
 def _worker(address: str, directory: Path, *options: str) -> Iterator["subprocess.Popen[str]"]:
-    words = (
-        "-m",
-        "distributed.cli.dask_worker",
-        address,
-        "--nthreads",
-        "1",
-        "--no-nanny",
-        "--no-dashboard",
-    )
+    program = f"-m distributed.cli.dask_worker {address}"
+    words = f"{program} --nthreads 1 --no-nanny --no-dashboard".split()
     where = ("--local-directory", str(directory))
     with _process(*words, *where, *options, ready=r"Registered to:\s+tcp") as (_, process):
         yield process

@@ -22,6 +22,7 @@ from sim.time import VirtualTimeLoop
 from sim.trackers import TrackedBody, make_tracker
 from sim.world import TrueState, make_hand
 from tests.airframe_double import Brick
+from tests.known import known
 from tests.loops import in_virtual_time
 
 LATENCY_S = 0.035
@@ -94,8 +95,7 @@ class Room:
 
     async def _track(self) -> None:
         loop = asyncio.get_running_loop()
-        made = make_tracker(self.config.pose)
-        assert made is not None
+        made = known(make_tracker(self.config.pose))
         name, tracker = made
         await tracker.open()
         for frame in range(100_000):
@@ -123,10 +123,7 @@ Carry = Callable[..., tuple[Room, int, str, str]]
 
 @pytest.fixture
 def carry(lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Carry:
-    """Carry the vehicle of ``lab`` through a room.
-
-    That room, the exit code, and what was printed to either stream.
-    """
+    """Carry the vehicle of ``lab``: the room, the exit code, both streams."""
 
     def carry(
         autopilot: str = "px4", *, as_json: bool = True, **more: Any
@@ -200,16 +197,14 @@ def test_ctrl_c_leaves_one_object_and_writes_nothing(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(asyncio, "run", pressed)
-    assert (
-        command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False)
-        == Exit.INTERRUPTED
-    )
+    code = command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False)
+    assert code == Exit.INTERRUPTED
     facts = json.loads(capsys.readouterr().out)
     assert (facts["ok"], facts["why_id"]) == (False, "carry.interrupted")
     assert lab.read_text() == LAB
 
 
-def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(
+def test_a_file_that_can_not_be_changed_is_left_and_the_lines_shown(
     lab: Path, carry: Carry
 ) -> None:
     text = 'pose = { kind = "vicon", latency_s = 0.02 }\n'

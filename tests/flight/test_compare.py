@@ -34,9 +34,8 @@ DURATION_S = 17.0
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("compared")
-    (path / "PAGE.md").write_text(
-        "# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8"
-    )
+    page = "# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n"
+    (path / "PAGE.md").write_text(page, "utf-8")
     return path
 
 
@@ -55,17 +54,8 @@ def controllers(request: pytest.FixtureRequest) -> tuple[str, ...]:
 def compared(folder: Path, controllers: tuple[str, ...]) -> list[dict[str, Any]]:
     """One comparison by the command itself: its rows."""
     asked = () if controllers == tuple(CONTROLLERS) else ("--controllers", ",".join(controllers))
-    words = (
-        "--scenarios",
-        SCENARIO,
-        "--seeds",
-        "1",
-        *asked,
-        "--workers",
-        "1",
-        "--duration",
-        str(DURATION_S),
-    )
+    told = f"--scenarios {SCENARIO} --seeds 1 --workers 1 --duration {DURATION_S}"
+    words = (*told.split(), *asked)
     done = run_here(main, "compare", *words, "--json", "--write", folder / "PAGE.md")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -79,15 +69,8 @@ def test_each_controller_has_a_row_with_every_figure(
 ) -> None:
     assert [row["controller"] for row in compared] == list(controllers)
     for row in compared:
-        assert row.keys() >= {
-            "scenario",
-            "controller",
-            "rms_cm",
-            "max_cm",
-            "settle_s",
-            "effort_rad_s",
-            "survived",
-        }
+        figures = "scenario controller rms_cm max_cm settle_s effort_rad_s survived"
+        assert row.keys() >= set(figures.split())
         assert row["scenario"] == SCENARIO
         assert (row["rms_cm"] is None) == (row["survived"] is False)
         if row["survived"]:
@@ -106,9 +89,8 @@ def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
     compared: list[dict[str, Any]], controllers: tuple[str, ...], folder: Path
 ) -> None:
     text = (folder / "PAGE.md").read_text("utf-8")
-    assert text.startswith(
-        "# Page\n\n<!-- figures:begin -->\n| RMS error, cm | " + " | ".join(controllers) + " |"
-    )
+    head = "| RMS error, cm | " + " | ".join(controllers) + " |"
+    assert text.startswith(f"# Page\n\n<!-- figures:begin -->\n{head}")
     assert text.endswith("<!-- figures:end -->\n\nlast\n")
     assert "old" not in text
     assert f"| `{SCENARIO}` | {compared[0]['rms_cm']:.2f} |" in text
@@ -132,10 +114,8 @@ def made_up(
     controller: str, rms: list[float | None], scenario: str = "paper"
 ) -> list[ComparedFlight]:
     case = Case(scenario, controller, ())
-    return [
-        ComparedFlight(case, seed, value is not None, verdict(value))
-        for seed, value in enumerate(rms)
-    ]
+    verdicts = enumerate(map(verdict, rms))
+    return [ComparedFlight(case, seed, one.rms_cm is not None, one) for seed, one in verdicts]
 
 
 def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
@@ -149,10 +129,8 @@ def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
 def pushed(variant: int, *peaks: float | None) -> list[ComparedFlight]:
     case = Case("step_8", "pid", (), variant)
     back_s = 1.5 if variant else None
-    return [
-        ComparedFlight(case, seed, peak is not None, verdict(9.0, peak, back_s))
-        for seed, peak in enumerate(peaks)
-    ]
+    verdicts = enumerate(verdict(9.0, peak, back_s) for peak in peaks)
+    return [ComparedFlight(case, s, one.gust_peak_cm is not None, one) for s, one in verdicts]
 
 
 def test_a_large_push_counts_by_the_median_of_its_worst_direction() -> None:
@@ -166,10 +144,8 @@ def test_a_large_push_counts_by_the_median_of_its_worst_direction() -> None:
 
 
 def test_large_pushes_come_from_every_side_and_are_flown_only_when_asked_for() -> None:
-    sizes = {
-        name: len(SCENARIOS[name].variants)
-        for name in ("step_3", "step_5", "step_8", "push_6", "push_10")
-    }
+    pushes = ("step_3", "step_5", "step_8", "push_6", "push_10")
+    sizes = {name: len(SCENARIOS[name].variants) for name in pushes}
     assert sizes == {"step_3": 8, "step_5": 10, "step_8": 8, "push_6": 16, "push_10": 16}
     (*_, last) = cases(["push_10"], ["pid"])
     world, config = prepare(SCENARIOS["push_10"], list(last.overrides))
@@ -178,27 +154,20 @@ def test_large_pushes_come_from_every_side_and_are_flown_only_when_asked_for() -
 
 
 def asked(**changes: Any) -> argparse.Namespace:
-    args = parser().parse_args(
-        ["compare", "--seeds", "1", "--duration", "20", "--workers", "1", "--json"]
-    )
+    words = "compare --seeds 1 --workers 1 --json"
+    args = parser().parse_args([*words.split(), "--duration", "20"])
     vars(args).update(changes)
     return args
 
 
-@pytest.mark.parametrize(
-    ("changes", "line"),
-    [
-        ({"scenarios": ["papr"]}, r"^scenarios: expected some of \['adverse', .*\], got 'papr'"),
-        (
-            {"controllers": ["pidd"]},
-            r"--controllers: expected one of \['adaptive', .*\], got 'pidd'",
-        ),
-        ({"controllers": ["nosuchlab:make"]}, r"--controllers: can't import nosuchlab"),
-        ({"duration": 15.0}, r"^duration: expected seconds, more than 16 "),
-        ({"write": Path("no/such.md")}, r"--write: cannot read no/such\.md"),
-        ({"overrides": ["sim.masss=1"]}, r"sim\.masss: unknown key"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "line"), [
+    ({"scenarios": ["papr"]}, r"^scenarios: expected some of \['adverse', .*\], got 'papr'"),
+    ({"controllers": ["pidd"]}, r"--controllers: expected one of \['adaptive', .*\], got 'pidd'"),
+    ({"controllers": ["nosuchlab:make"]}, r"--controllers: can't import nosuchlab"),
+    ({"duration": 15.0}, r"^duration: expected seconds, more than 16 "),
+    ({"write": Path("no/such.md")}, r"--write: cannot read no/such\.md"),
+    ({"overrides": ["sim.masss=1"]}, r"sim\.masss: unknown key"),
+])  # fmt: skip
 def test_what_cannot_be_flown_or_written_is_said_before_anything_flies(
     changes: dict[str, Any], line: str
 ) -> None:

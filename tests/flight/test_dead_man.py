@@ -18,6 +18,7 @@ from sim.runs import Stage
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import Wire, after, fly_beside, flying, nothing
+from tests.known import known
 
 BREAKS = ("controller.kind=tests.e2e.misbehaving:make", "controller.fault=raise")
 
@@ -57,14 +58,10 @@ def check(wire: Wire, thrust_max_n: float) -> None:
 def fly(
     script: Script, *overrides: str, scenario: str = "paper", seed: int = 0, pace: str = "period"
 ) -> Wire:
-    """A flight with ``script`` beside it, whose every frame is checked.
-
-    PX4's own failsafe comes later than it ends.
-    """
+    """A flight with every frame checked; PX4's own failsafe comes later than it ends."""
     told = (*overrides, f"link.pace={pace}")
-    wire = fly_beside(
-        script, *told, scenario=scenario, seed=seed, parameters={"COM_OF_LOSS_T": 1.0}
-    )
+    late = {"COM_OF_LOSS_T": 1.0}
+    wire = fly_beside(script, *told, scenario=scenario, seed=seed, parameters=late)
     if wire.commands:
         _, config = prepare(SCENARIOS[scenario], list(told))
         check(wire, config.vehicle.thrust_max_n)
@@ -83,8 +80,7 @@ def test_a_controller_that_raises_is_survived_by_its_link(pace: str) -> None:
         command.deadline_s + sum(p.duration_s for p in command.bring_down), abs=0.03
     )
     assert wire.frames[-1][1] == 0.0
-    assert wire.stage.plant.floor.touchdown_m_s is not None
-    assert wire.stage.plant.floor.touchdown_m_s < 2.0
+    assert known(wire.stage.plant.floor.touchdown_m_s) < 2.0
 
 
 @pytest.mark.tried(4)  # random instants
@@ -92,18 +88,15 @@ def test_a_controller_that_raises_is_survived_by_its_link(pace: str) -> None:
 def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -> None:
     """It hangs in an await: all else goes on, poses come in unless the cameras are covered."""
     draw = random.Random(seed)
-    at_s, lasts_s = (
-        draw.uniform(0.0, 7.0),
-        draw.choice([draw.uniform(0.0, 0.5), draw.uniform(0.3, 4.0)]),
-    )
+    at_s = draw.uniform(0.0, 7.0)
+    lasts_s = draw.choice([draw.uniform(0.0, 0.5), draw.uniform(0.3, 4.0)])
     covered, pace = draw.random() < 0.3, draw.choice(["period", "poses"])
     monkeypatch = pytest.MonkeyPatch()
 
     async def script(flight: Flight, stage: Stage) -> None:
         await flying(flight, at_s)
         until = asyncio.get_running_loop().time() + lasts_s
-        assert stage.mocap is not None
-        stage.mocap.cover(covered)
+        known(stage.mocap).cover(covered)
 
         async def stuck(*_: Any) -> None:
             await sleep_until(until)
@@ -111,15 +104,10 @@ def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -
         with monkeypatch.context() as patch:
             patch.setattr(Pacing, "next", stuck)
             await sleep_until(until)
-        stage.mocap.cover(False)
+        known(stage.mocap).cover(False)
 
-    wire = fly(
-        script,
-        "flight.duration_s=5.0",
-        "trajectory.altitude_m=0.2",
-        "flight.descent_m_s=1.0",
-        pace=pace,
-    )
+    low = ("flight.duration_s=5.0", "trajectory.altitude_m=0.2", "flight.descent_m_s=1.0")
+    wire = fly(script, *low, pace=pace)
     if lasts_s < 0.2 and not covered:
         assert wire.state is State.LANDED, wire.reason
     if 0.0 < at_s < 4.5 and lasts_s > 0.3:
@@ -128,22 +116,32 @@ def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -
         assert wire.frames[-1][1] == 0.0
 
 
-def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same(
+async def never(*_: Any) -> None:
+    await asyncio.Event().wait()
+
+
+HANGS = "the controller hangs: the link has brought the vehicle down without it"
+SLEPT = "the sending computer slept for 600.0 s: arm again to fly"
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "wrong", "reason", "leaves_s"),
+    [
+        (Pacing, "next", never, HANGS, math.inf),
+        (Sleep, "slept_s", 600.0, SLEPT, 0.0),
+        # Poses are read all at once afterwards; a Vicon datagram does not tell how long it waited.
+        (StallDetector, "detect_stale", lambda *_: True, "no pose for", math.inf),
+    ],
+    ids=["hangs for ever", "wakes from sleep", "stood still"],
+)
+def test_a_program_that_fails_ends_the_flight_and_says_why(
+    owner: type, name: str, wrong: object, reason: str, leaves_s: float,
     monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    async def never(*_: Any) -> None:
-        await asyncio.Event().wait()
-
-    wire = fly(after(2.0, lambda *_: monkeypatch.setattr(Pacing, "next", never)))
+) -> None:  # fmt: skip
+    wire = fly(after(2.0, lambda *_: monkeypatch.setattr(owner, name, wrong)))
     assert wire.state is State.ABORTED
-    assert wire.reason == "the controller hangs: the link has brought the vehicle down without it"
-
-
-def test_a_flight_ends_when_its_computer_wakes_from_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
-    wire = fly(after(2.0, lambda *_: monkeypatch.setattr(Sleep, "slept_s", 600.0)))
-    assert wire.state is State.ABORTED
-    assert wire.reason == "the sending computer slept for 600.0 s: arm again to fly"
-    assert wire.frames[-1][0] <= wire.begun_s + 2.0 + 1e-6
+    assert wire.reason.startswith(reason)
+    assert wire.frames[-1].time_s <= wire.begun_s + 2.0 + leaves_s + 1e-6
 
 
 def test_a_flight_that_is_stopped_is_brought_down_and_cannot_be_hurried() -> None:
@@ -182,18 +180,6 @@ def test_a_kill_stops_the_motors_in_flight_and_in_the_bring_down(
     assert wire.reason == "motors off: told to"
 
 
-def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """They are read all at once afterwards; a Vicon datagram does not tell how long it waited."""
-
-    wire = fly(
-        after(2.0, lambda *_: monkeypatch.setattr(StallDetector, "detect_stale", lambda *_: True))
-    )
-    assert wire.state is State.ABORTED
-    assert wire.reason.startswith("no pose for")
-
-
 # Vehicles and airs, and who is silent: the poses and the controller once each.
 @pytest.mark.tried(2)
 @pytest.mark.parametrize("scenario", ["paper", "adverse", "quad1kg"])
@@ -205,8 +191,7 @@ def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -
     async def script(flight: Flight, stage: Stage) -> None:
         await flying(flight, 6.3)
         if cause == "poses":
-            assert stage.mocap is not None
-            stage.mocap.cover(True)
+            known(stage.mocap).cover(True)
         while True:
             truth = stage.plant.truth(asyncio.get_running_loop().time())
             places.append(truth.position_ned)
@@ -214,10 +199,8 @@ def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -
                 tilts.append(so3.angle_deg(so3.third_column(truth.attitude)[2]))
             await asyncio.sleep(0.01)
 
-    told = (
-        "trajectory.altitude_m=0.0",
-        *((*BREAKS, "controller.after_s=6.3") if cause == "controller" else ()),
-    )
+    breaks = (*BREAKS, "controller.after_s=6.3") if cause == "controller" else ()
+    told = ("trajectory.altitude_m=0.0", *breaks)
     wire = fly(script, *told, scenario=scenario, seed=3)
     touchdown_m_s = wire.stage.plant.floor.touchdown_m_s
     assert touchdown_m_s is not None and touchdown_m_s < 2.5
@@ -232,13 +215,12 @@ def test_a_pose_that_comes_just_before_the_deadline_is_flown_before_it(
     """A gap between poses ends a flight, however far away the next frame is."""
 
     async def script(flight: Flight, stage: Stage) -> None:
-        assert stage.mocap is not None
         await flying(flight, 2.0)
         for _gap in range(20):
-            stage.mocap.cover(True)
+            known(stage.mocap).cover(True)
             # And up to 30 ms until the next one, and 20 ms on its way: 240 of 250 ms.
             await asyncio.sleep(0.19)
-            stage.mocap.cover(False)
+            known(stage.mocap).cover(False)
             await asyncio.sleep(0.137)
 
     wire = fly(script, "flight.duration_s=10.0", f"link.period_s={period_s}", pace=pace)

@@ -9,20 +9,16 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import VirtualTimeLoop
+from tests.flight.flights import fly_fault
 from tests.loops import until
-from tests.proving.faults.cell import fly_here
 from tests.proving.faults.fault import Fault, Scene
 
 LASTS_S, STRUCK_S, KNOWN_S = 4.0, 1.0, 0.6
-"""How long the way to the autopilot is dead, and how long after the hold began; by the last nothing
-pushes [s]."""
+"""The way is dead for so long, so late into the hold; nothing pushes after the last [s]."""
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothing_pushes_meanwhile(
-    autopilot: str,
-) -> None:
+def test_an_autopilot_that_does_not_hear_us_is_told_and_nothing_pushes(autopilot: str) -> None:
     world, config = prepare(SCENARIOS["paper"], ["takeoff.hold_s=20"])
     world, config = from_floor(world, config, 2.0)
     pushed: list[float] = []
@@ -63,9 +59,7 @@ def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothin
     (1.5, "tracking", "commands do not reach the autopilot"),  # meanwhile it has landed by itself
     (0.6, "take-off", "commands do not reach the autopilot"),
 ])  # fmt: skip
-def test_commands_that_come_too_late_end_gently_and_the_autopilot_comes_down_by_itself(
-    later_s: float, state: str, says: str
-) -> None:
+def test_commands_that_come_too_late_end_gently(later_s: float, state: str, says: str) -> None:
     told: list[str] = []
 
     async def delay(scene: Scene) -> None:
@@ -76,8 +70,7 @@ def test_commands_that_come_too_late_end_gently_and_the_autopilot_comes_down_by_
         if isinstance(event, Notice):
             told.append(event.text)
 
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        row = runner.run(fly_here("late", Fault(delay), state, seed=0, scenario="paper"))
+    row = fly_fault("late", Fault(delay), state)
     # Late commands swing it: 600 ms on the figure is 1.6 times the limits of the fault table, and
     # it comes down.
     assert row.worst <= 1.65

@@ -14,11 +14,13 @@ from sim.runs.flight import Script
 from tests.flight.flights import after, cover_cameras, fly_beside, flying, nothing
 
 OWN_POSES = ("pose.kind=mavlink",)
+STRUCK_S = 2.0
+"""On the trajectory when something happens [s]."""
 
 
 def test_poses_that_stop_are_answered_by_a_bring_down_and_then_by_silence() -> None:
-    wire = fly_beside(after(5.0, cover_cameras))
-    stopped_s = wire.begun_s + 5.0
+    wire = fly_beside(after(STRUCK_S, cover_cameras))
+    stopped_s = wire.begun_s + STRUCK_S
     assert wire.state is State.ABORTED
     assert "no pose for" in wire.reason
     assert "bring-down" in wire.reason
@@ -59,30 +61,19 @@ async def refuse() -> bool:
     return False
 
 
+NO_POSE = r"no pose within 5 s.*pose.kind = vicon \(pose.listen = 127.0.0.1:51001, pose.object = "
+FAILED = r"were dropped: failed \(the sender says that its odometry has failed"
+NO_ESTIMATE = "the autopilot sends but has no estimate of its position yet"
+
+
 @pytest.mark.parametrize(
     ("script", "overrides", "options", "says"),
     [
         (nothing, (), {"confirm": refuse}, "did not confirm"),
         (land_at_once, (), {}, "changed my mind"),
-        (
-            see_nothing,
-            (),
-            {},
-            r"no pose within 5 s.*pose.kind = vicon \(pose.listen = 127.0.0.1:51001, pose.object "
-            r"= ",
-        ),
-        (
-            know_no_position,
-            OWN_POSES,
-            {},
-            "the autopilot sends but has no estimate of its position yet",
-        ),
-        (
-            fail_odometry,
-            OWN_POSES,
-            {},
-            r"were dropped: failed \(the sender says that its odometry has failed",
-        ),
+        (see_nothing, (), {}, NO_POSE),
+        (know_no_position, OWN_POSES, {}, NO_ESTIMATE),
+        (fail_odometry, OWN_POSES, {}, FAILED),
     ],
 )
 def test_a_flight_that_may_not_or_can_not_begin_moves_nothing_and_says_why(
@@ -116,16 +107,16 @@ def test_a_stream_of_garbage_beside_the_poses_changes_nothing_but_the_counters()
 
 
 def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
-    wire = fly_beside(after(4.0, lambda _, stage: setattr(stage.autopilot, "armed", False)))
+    wire = fly_beside(after(STRUCK_S, lambda _, stage: setattr(stage.autopilot, "armed", False)))
     assert wire.state is State.ABORTED
     assert "the vehicle is disarmed" in wire.reason
     # Its next heartbeat, our next look.
-    assert wire.frames[-1].time_s < wire.begun_s + 4.0 + 1.0 + 0.5 + 0.1
+    assert wire.frames[-1].time_s < wire.begun_s + STRUCK_S + 1.0 + 0.5 + 0.1
 
 
 def test_an_autopilot_that_disarms_by_itself_on_the_floor_has_landed_us() -> None:
     async def script(flight: Flight, stage: Stage) -> None:
-        await flying(flight, 4.0)
+        await flying(flight, STRUCK_S)
         flight.land("done")
         while stage.plant.truth(asyncio.get_running_loop().time()).position_ned[2] < 0.9:
             await asyncio.sleep(0.01)
@@ -139,7 +130,7 @@ def test_an_autopilot_that_goes_silent_and_hears_us_still_is_landed() -> None:
     fastest: list[float] = []
 
     async def script(flight: Flight, stage: Stage) -> None:
-        await flying(flight, 4.0)
+        await flying(flight, STRUCK_S)
         stage.peer.cut(True, hears=True)
         while not (truth := stage.plant.truth(asyncio.get_running_loop().time())).on_ground:
             fastest.append(truth.velocity_ned[2])
@@ -154,16 +145,16 @@ def test_an_autopilot_that_goes_silent_and_hears_us_still_is_landed() -> None:
 
 
 def test_an_autopilot_that_neither_hears_nor_is_heard_ends_the_commands() -> None:
-    wire = fly_beside(after(4.0, lambda _, stage: stage.peer.cut(True)))
+    wire = fly_beside(after(STRUCK_S, lambda _, stage: stage.peer.cut(True)))
     assert wire.state is State.ABORTED
     assert "the link is lost" in wire.reason
     lifts = [frame.time_s for frame in wire.frames if frame.thrust > 0.0]
     # Its heartbeat missed, and the landing that the poses show.
-    assert max(lifts) < wire.begun_s + 4.0 + 8.0
+    assert max(lifts) < wire.begun_s + STRUCK_S + 8.0
 
 
 def test_a_request_to_land_ends_softly_and_disarmed_and_frames_leave_every_22_5_ms() -> None:
-    wire = fly_beside(after(6.0, lambda flight, _: flight.land("enough")))
+    wire = fly_beside(after(STRUCK_S, lambda flight, _: flight.land("enough")))
     assert wire.state is State.LANDED
     assert not wire.stage.autopilot.armed
     touchdown = wire.stage.plant.floor.touchdown_m_s

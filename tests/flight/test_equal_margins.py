@@ -64,17 +64,13 @@ def test_a_floor_makes_one_thing_wrong_by_what_is_told() -> None:
     for floor in FLOORS:
         for stage in (paper, adverse):
             world = make_wrong(stage, floor).world
-            changed = [
-                name
-                for name in world.__struct_fields__
-                if getattr(world, name) != getattr(stage.world, name)
-            ]
+            fields = world.__struct_fields__
+            changed = [one for one in fields if getattr(world, one) != getattr(stage.world, one)]
             assert changed == [floor.field]
             assert make_wrong(stage, floor).config == stage.config
     slow = next(floor for floor in FLOORS if floor.field == "rate_lag_s" and floor.value == 1.5)
-    assert make_wrong(adverse, slow).world.rate_lag_s == pytest.approx(
-        1.5 * adverse.config.vehicle.rate_lag_s
-    )
+    lag_s = make_wrong(adverse, slow).world.rate_lag_s
+    assert lag_s == pytest.approx(1.5 * adverse.config.vehicle.rate_lag_s)
 
 
 def test_the_best_of_each_law_is_flown_once_more_on_other_seeds() -> None:
@@ -84,17 +80,14 @@ def test_the_best_of_each_law_is_flown_once_more_on_other_seeds() -> None:
     )
     assert len(done) == 7
     assert row.keeps and row.evaluations == 6
-    reflown = {
-        (sortie.stage.scenario, sortie.duration_s) for sortie in judges.flights if sortie.seed == 1
-    }
-    assert reflown == {
-        (name, 60.0 if name in module.JUDGED else 20.0) for name in module.REFLOWN
-    }, "whole laps"
+    again = [sortie for sortie in judges.flights if sortie.seed == 1]
+    reflown = {(sortie.stage.scenario, sortie.duration_s) for sortie in again}
+    whole_laps = {(name, 60.0 if name in module.JUDGED else 20.0) for name in module.REFLOWN}
+    assert reflown == whole_laps
     pushed = [sortie for sortie in judges.flights if sortie.stage.scenario in module.PUSHED]
     assert {sortie.stage.scenario for sortie in pushed} == set(module.PUSHED)
-    assert all(sortie.duration_s > sortie.stage.world.wind_step_time_s for sortie in pushed), (
-        "the push is flown"
-    )
+    # The push is flown.
+    assert all(sortie.duration_s > sortie.stage.world.wind_step_time_s for sortie in pushed)
     flown = judges.flights[-1].stage.config.controller
     assert isinstance(flown, Pid) and flown.p_position == pytest.approx(row.gains["p_position"])
 

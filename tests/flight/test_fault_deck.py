@@ -1,9 +1,5 @@
-"""A few cells of the fault deck, lies and honest disturbances; that its judge can find fault.
+"""A few cells of the fault deck (`groundstation-sim dev faults`), and what its judge finds."""
 
-The whole of it is `groundstation-sim dev faults`.
-"""
-
-import asyncio
 import math
 
 import pytest
@@ -13,7 +9,8 @@ from groundstation.core.messages import IdleRecord
 from links.core import Command, Segment
 from links.mavlink.protocol import MavlinkCodec
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import VirtualTimeLoop
+from tests.flight.flights import fly_fault
+from tests.known import known
 from tests.proving.faults import (
     Cell,
     Fault,
@@ -24,7 +21,6 @@ from tests.proving.faults import (
     Scene,
     fly_all,
     fly_cell,
-    fly_here,
     fly_together,
     text,
 )
@@ -66,8 +62,7 @@ LIES = [
 ]
 """A cell of most required families."""
 MISSED = [("swapped", "tracking", "mavlink", 1.5), ("frame loss", "take-off", "mavlink", 1.5)]
-"""Cells that do not end within the limits of the fault table, and the share of the limits that they
-stay within [-]."""
+"""Cells beyond the limits of the fault table, and the share that they stay within [-]."""
 HONEST = [
     ("push: 6 for 1 s", "tracking", "dsm", 0),
     ("push: 6 for 0.4 s", "tracking", "dsm", 7),
@@ -121,7 +116,7 @@ def test_a_vehicle_that_something_moves_flies_on_by_true_poses(
     (row,) = fly_all([Planned(Cell(case, state, link), "paper", seed)], overrides=(), workers=1)
     assert row.safe, row.why
     assert row.ended == "flies on"
-    assert row.unguarded_m_s is not None and row.unguarded_m_s > 0.0
+    assert known(row.unguarded_m_s) > 0.0
 
 
 @pytest.mark.parametrize(("doubt", "ended"), FORCED)
@@ -137,7 +132,7 @@ def test_no_doubt_is_worse_than_what_it_doubts(doubt: str, ended: str) -> None:
 def test_where_only_answers_get_lost_the_descent_is_no_fall(state: str) -> None:
     row = fly_cell("one way silent: answers", state)
     assert row.safe, row.why
-    assert row.touchdown_m_s is not None and row.touchdown_m_s < 0.85
+    assert known(row.touchdown_m_s) < 0.85
 
 
 @pytest.mark.tried(1)  # faults
@@ -145,7 +140,7 @@ def test_where_only_answers_get_lost_the_descent_is_no_fall(state: str) -> None:
 def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall(case: str) -> None:
     row = fly_cell(case, "landing", seed=3, scenario="adverse", overrides=FAR)
     assert row.safe, row.why
-    assert row.touchdown_m_s is not None and row.touchdown_m_s < 0.95
+    assert known(row.touchdown_m_s) < 0.95
 
 
 @pytest.mark.tried(1)  # at take-off as at landing
@@ -169,8 +164,7 @@ def test_a_flight_is_flown_to_its_end_however_far_it_goes() -> None:
         scene.stage.wind.push = (12.0, 0.0, 0.0)
 
     fault = Fault(storm_in_the_dark, poses=Poses.GONE)
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        row = runner.run(fly_here("storm", fault, "hold", seed=0, scenario="paper"))
+    row = fly_fault("storm", fault, "hold")
     assert not row.safe
     assert row.sideways_m > 6.0
     assert row.worst > 1.5

@@ -88,14 +88,12 @@ def flown(
                 )
 
             monkeypatch.setattr(stage.autopilot.codec, "pack", spoil_odometry)
-        flight = make_flight(
-            config, confirm=confirm_at(0.0), subscribers=(tell_lines(said.append), keep)
-        )
+        hear = (tell_lines(said.append), keep)
+        flight = make_flight(config, confirm=confirm_at(0.0), subscribers=hear)
         async with running(stage):
             outcome = await flight.run()
-        return Flown(
-            outcome, said, [at_s for at_s in used_s if at_s >= 0.0], flight.snapshot().poses_dropped
-        )
+        since_s = [at_s for at_s in used_s if at_s >= 0.0]
+        return Flown(outcome, said, since_s, flight.snapshot().poses_dropped)
 
     return in_virtual_time(main)()
 
@@ -128,9 +126,8 @@ def test_a_pose_that_is_not_to_be_used_ends_the_flight_as_a_lost_one_does(
     assert flight.dropped[reason] > 50, "during the bring-down, too"
     drop = describe_drop(reason).text
     assert any(f"poses are dropped: {drop}" in line for line in flight.said)
-    assert any("poses were dropped, limit 1 %" in line and drop in line for line in flight.said), (
-        "and afterwards"
-    )
+    # And afterwards.
+    assert any("poses were dropped, limit 1 %" in line and drop in line for line in flight.said)
 
 
 @pytest.mark.tried(2)  # sources

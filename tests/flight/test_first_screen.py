@@ -11,6 +11,7 @@ from sim.cli.console import summary
 from sim.runs import fly, simulate
 from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.stations import run_here
+from tests.known import known
 
 
 @cache
@@ -20,8 +21,7 @@ def screen(*overrides: str) -> str:
 
 
 def vector(line: str, text: str) -> tuple[float, ...]:
-    found = re.search(rf"^{line} +\((.*?)\)", text, re.MULTILINE)
-    assert found is not None
+    found = known(re.search(rf"^{line} +\((.*?)\)", text, re.MULTILINE))
     return tuple(float(part) for part in found[1].split(","))
 
 
@@ -63,13 +63,10 @@ def test_what_the_operator_was_warned_of_stands_on_it() -> None:
 def test_a_latency_told_wrong_is_said_in_flight_by_poses_alone(
     scenario: str, late_ms: int, told: bool
 ) -> None:
-    world, config = prepare(
-        SCENARIOS[scenario], [f"sim.pose_latency_s={0.02 + 1e-3 * late_ms}"], link="dsm"
-    )
+    latency = f"sim.pose_latency_s={0.02 + 1e-3 * late_ms}"
+    world, config = prepare(SCENARIOS[scenario], [latency], link="dsm")
     warnings = fly(world, config, seed=0, duration_s=15.0).warnings
     word = "later" if late_ms > 0 else "earlier"
     assert bool(warnings) is told
-    assert all(
-        re.search(rf"poses or the vehicle's turns are \d+ ms {word} than configured", one)
-        for one in warnings
-    )
+    said = rf"poses or the vehicle's turns are \d+ ms {word} than configured"
+    assert all(re.search(said, one) for one in warnings)

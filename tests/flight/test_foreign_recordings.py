@@ -95,14 +95,10 @@ def test_a_list_of_recordings_shows_letters_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hostile = "\x1b]0;owned\x07\r\n20260101-000000-mqx.mcap  landed\u202e"
-    path = changed(
-        tmp_path / "20260101-000000-mqx.mcap", lambda about: {**about, "controller": hostile}
-    )
+    path = tmp_path / "20260101-000000-mqx.mcap"
+    changed(path, lambda about: {**about, "controller": hostile})
     monkeypatch.setattr(figures, "FIGURES", figures.FIGURES[:1])
-    for words in (
-        ("logs", tmp_path),
-        ("report", path, "--out", tmp_path / "page.html"),
-        ("replay", path),
-    ):
+    page = ("report", path, "--out", tmp_path / "page.html")
+    for words in (("logs", tmp_path), page, ("replay", path)):
         out = run_here(program.main, *words).stdout
         assert all(line.isprintable() for line in out.split("\n")), words

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from groundstation.core.messages import Ask, Notice, Reply, Request, tell_lines
+from groundstation.core.messages import Ask, FlightEvent, Notice, Reply, Request, tell_lines
 from groundstation.core.mission import State
 from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.flight import Flight, make_flight
@@ -17,6 +17,7 @@ from sim.runs import Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.external_poses import ExternalPoses
 from tests.flight.flights import running
+from tests.known import known
 from tests.loops import in_virtual_time, until
 
 ON = "link.forward.enabled=true"
@@ -28,10 +29,7 @@ def ready(
     source: str = "vicon",
     meanwhile: Callable[[Stage, ExternalPoses], Awaitable[None]],
 ) -> tuple[ExternalPoses, Stage]:
-    """A flight that waits to be armed while something happens.
-
-    What the autopilot has made of it.
-    """
+    """What the autopilot has made of a flight that waits to be armed, ``meanwhile`` beside it."""
     world, config = prepare(SCENARIOS["quad1kg"], list(overrides), source=source)
     external: list[ExternalPoses] = []
 
@@ -65,18 +63,15 @@ def test_each_autopilot_fuses_what_the_cameras_see(autopilot: str, source: str) 
     assert rate == pytest.approx(40.0, rel=0.02)
     for fused in last:
         north, east, down = stage.world.start_ned
-        assert fused.position == pytest.approx(
-            (north, east, down - stage.world.floor_z_m), abs=0.005
-        )
+        place = (north, east, down - stage.world.floor_z_m)
+        assert fused.position == pytest.approx(place, abs=0.005)
         assert fused.attitude == pytest.approx((1.0, 0.0, 0.0, 0.0), abs=0.02)
-        assert fused.arrival_s - fused.stamp_s == pytest.approx(0.01, abs=0.002), (
-            "on the clock that answers TIMESYNC"
-        )
+        # On the clock that answers TIMESYNC.
+        assert fused.arrival_s - fused.stamp_s == pytest.approx(0.01, abs=0.002)
         assert fused.variance == pytest.approx((0.005**2, math.radians(0.5) ** 2), rel=1e-5)
         if autopilot == "px4":
-            assert fused.velocity_body is None, (
-                "differences of positions tell its filter nothing new"
-            )
+            # Differences of positions tell its filter nothing new.
+            assert fused.velocity_body is None
         else:
             assert fused.velocity_body is not None, "it would take NaN for a velocity"
             assert fused.velocity_body == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
@@ -126,11 +121,8 @@ def test_poses_after_a_flight_end_when_asked_twice_and_not_by_a_request_to_land(
     taken_s = next(time_s for time_s, line in lines if line.startswith("handed_over"))
     assert [reply.done for reply in replies] == [False, True]
     assert "the autopilot brings the vehicle down" in replies[0].says
-    end_s = next(
-        time_s
-        for time_s, line in lines
-        if line.startswith("nothing is sent to the vehicle any more, as")
-    )
+    over = "nothing is sent to the vehicle any more, as"
+    end_s = next(time_s for time_s, line in lines if line.startswith(over))
     assert end_s == pytest.approx(taken_s + 1.0, abs=0.2)
     assert external.fused[-1].arrival_s == pytest.approx(end_s, abs=0.15)
 
@@ -153,9 +145,8 @@ def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(
     fly_mission(world, config, seed=1, watch=tell_lines(lines.append), script=script)
     told = "\n".join(lines)
     assert len(external[0].fused) > 60
-    assert all(one.arrival_s <= rejected_s[0] + 0.001 for one in external[0].fused), (
-        "those of before alone"
-    )
+    # Those of before alone.
+    assert all(one.arrival_s <= rejected_s[0] + 0.001 for one in external[0].fused)
     assert "aborted: no pose for" in told
     assert "poses go on" not in told, "nor after the last command"
 
@@ -177,15 +168,11 @@ def taken_over(
         if beside is not None:
             await beside(flight)
 
-    fly_mission(
-        world,
-        config,
-        seed=1,
-        watch=lambda event: (
-            lines.append((event.time_s, event.says)) if isinstance(event, Notice) else None
-        ),
-        script=script,
-    )
+    def hear(event: FlightEvent) -> None:
+        if isinstance(event, Notice):
+            lines.append((event.time_s, event.says))
+
+    fly_mission(world, config, seed=1, watch=hear, script=script)
     return external[0], lines
 
 
@@ -194,13 +181,12 @@ def test_forwarding_stops_when_poses_stop_and_goes_on_when_they_are_back() -> No
 
     async def covered(stage: Stage, external: ExternalPoses) -> None:
         await asyncio.sleep(2.0)
-        assert stage.mocap is not None
-        stage.mocap.cover(True)
+        known(stage.mocap).cover(True)
         await asyncio.sleep(0.05)
         stopped.append(len(external.fused))
         await asyncio.sleep(2.0)
         stopped.append(len(external.fused))
-        stage.mocap.cover(False)
+        known(stage.mocap).cover(False)
         await asyncio.sleep(1.0)
 
     external, _ = ready(ON, meanwhile=covered)

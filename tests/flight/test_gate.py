@@ -1,6 +1,5 @@
 """The gate in whole flights: it lets real ones be, and bears or ends those whose poses go wrong."""
 
-import asyncio
 import random
 
 import pytest
@@ -9,9 +8,8 @@ from groundstation.core.messages import Pose, tell_lines
 from groundstation.pose.sources import Gate
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import VirtualTimeLoop
 from sim.trackers import trackers
-from tests.proving.faults import fly_here
+from tests.flight.flights import fly_fault
 from tests.proving.faults.cell import NEAR
 from tests.proving.faults.faults import find_fault
 
@@ -47,10 +45,7 @@ def test_a_push_is_flown_through_on_stamps_that_jitter(
 
     monkeypatch.setattr(trackers, "json_encoder", with_jitter)
     fault = find_fault(push, "tracking", "mavlink")._replace(source="json")
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        row = runner.run(
-            fly_here(push, fault, "tracking", seed=0, scenario="paper", overrides=NEAR)
-        )
+    row = fly_fault(push, fault, "tracking", overrides=NEAR)
     assert row.reaction == "flies on", row.why
     assert row.far_m < 1.0
 

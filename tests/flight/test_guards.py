@@ -15,6 +15,7 @@ from sim.autopilots.dialects import Px4Mode
 from sim.runs import MissionResult, Stage
 from sim.runs.flight import Script
 from tests.flight.flights import SHORT, in_state, mission as fly, nothing
+from tests.known import known
 from tests.loops import until
 
 Wrong = Callable[[Vec3, Quat], tuple[Vec3, Quat]]
@@ -32,10 +33,9 @@ async def tracking(flight: Flight, seconds: float = 1.0) -> None:
 def covered(for_s: float) -> Script:
     async def script(flight: Flight, stage: Stage) -> None:
         await tracking(flight)
-        assert stage.mocap is not None
-        stage.mocap.cover(True)
+        known(stage.mocap).cover(True)
         await asyncio.sleep(for_s)
-        stage.mocap.cover(False)
+        known(stage.mocap).cover(False)
 
     return script
 
@@ -45,8 +45,7 @@ def seeing(wrong: Wrong, for_s: float) -> Script:
 
     async def script(flight: Flight, stage: Stage) -> None:
         await tracking(flight)
-        mocap = stage.mocap
-        assert mocap is not None
+        mocap = known(stage.mocap)
         right = mocap._observe
         vars(mocap)["_observe"] = lambda poses, when: right([wrong(*pose) for pose in poses], when)
         await asyncio.sleep(for_s)
@@ -72,14 +71,12 @@ def test_a_short_gap_between_poses_is_flown_through() -> None:
 
 
 @pytest.mark.parametrize("for_s", [0.28, 0.4])
-def test_poses_that_come_back_in_time_find_the_vehicle_in_a_descent_that_ends_softly(
-    for_s: float,
-) -> None:
+def test_poses_that_come_back_in_time_find_a_descent_that_ends_softly(for_s: float) -> None:
     flown = mission(covered(for_s))
     assert states(flown)[-3:] == ["descent", "disarming", "landed"]
     assert "no pose for 24" in flown.fault
     assert not flown.landed
-    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 1.0
+    assert known(flown.touchdown_m_s) < 1.0
 
 
 def test_poses_that_stay_away_are_followed_by_the_descent_and_then_by_the_bring_down() -> None:
@@ -88,7 +85,7 @@ def test_poses_that_stay_away_are_followed_by_the_descent_and_then_by_the_bring_
     descent, aborted = flown.states[-2:]
     assert aborted.time_s - descent.time_s == pytest.approx(0.25, abs=0.03)
     assert "no pose for 5" in aborted.reason
-    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 3.5
+    assert known(flown.touchdown_m_s) < 3.5
 
 
 @pytest.mark.tried(1)  # places
@@ -132,7 +129,7 @@ def test_an_autopilot_that_a_pilot_takes_over_is_his_at_once_and_nothing_leaves_
 @pytest.mark.tried(2)  # instants between two heartbeats
 @pytest.mark.parametrize("wait_s", [1.0, 1.4, 1.8])
 @pytest.mark.parametrize("blind", [False, True], ids=["sees", "blind"])
-def test_who_takes_over_between_two_heartbeats_keeps_it_although_the_vehicle_then_obeys_us_no_more(
+def test_who_takes_over_between_two_heartbeats_keeps_the_vehicle(
     wait_s: float, blind: bool
 ) -> None:
     modes: set[tuple[int, int]] = set()
@@ -141,9 +138,8 @@ def test_who_takes_over_between_two_heartbeats_keeps_it_although_the_vehicle_the
         await tracking(flight, wait_s)
         autopilot = stage.autopilot
         assert isinstance(autopilot, Px4Autopilot)
-        assert stage.mocap is not None
         autopilot.take_over(asyncio.get_running_loop().time())
-        stage.mocap.cover(blind)
+        known(stage.mocap).cover(blind)
         while autopilot.armed:
             modes.add(autopilot.mode)
             await asyncio.sleep(0.005)
@@ -161,7 +157,7 @@ def test_a_gust_beyond_all_limits_ends_the_flight_softly() -> None:
     flown = mission(nothing, "sim.wind_step=[12.0, 0.0, 0.0]", GUST, figure_s=20.0)
     assert not flown.landed
     assert flown.fault
-    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 3.5
+    assert known(flown.touchdown_m_s) < 3.5
 
 
 def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
@@ -172,12 +168,12 @@ def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
 def test_a_hold_at_full_thrust_lands_though_tones_are_flown_in_it() -> None:
     """A wind down of 8 m/s² asks for a little more than the vehicle has."""
 
+    down = (0.0, 0.0, 8.0)
     push_down = in_state(
-        State.HOLD, lambda _, stage: setattr(stage.plant, "pull", lambda body: (0.0, 0.0, 8.0)), 0.0
+        State.HOLD, lambda _, stage: setattr(stage.plant, "pull", lambda body: down), 0.0
     )
-    flown = mission(
-        push_down, "guards.error_m=50.0", "guards.speed_m_s=50.0", "vehicle.hover_range=[0.5, 1.9]"
-    )
+    lenient = ("guards.error_m=50.0", "guards.speed_m_s=50.0", "vehicle.hover_range=[0.5, 1.9]")
+    flown = mission(push_down, *lenient)
     assert "thrust at its limit" in flown.fault
 
 
@@ -185,16 +181,14 @@ def test_a_bridge_s_own_period_is_what_its_frames_are_late_by() -> None:
     told: list[float] = []
 
     async def script(flight: Flight, _: Stage) -> None:
-        guards = flight._controller._guards
-        assert guards is not None
+        guards = known(flight._controller._guards)
         told.append(guards._view.period_s())
         await tracking(flight)
         told.append(guards._view.period_s())
 
     assert fly("paper", *SHORT, "sim.frame_period_s=0.011", link="rf_bridge", script=script).landed
-    assert told == [0.0225, 0.011], (
-        "what is assumed until it is connected, and what the bridge then tells"
-    )
+    # What is assumed until it is connected, and what the bridge then tells.
+    assert told == [0.0225, 0.011]
 
 
 def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
@@ -202,11 +196,9 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
 
     async def script(flight: Flight, stage: Stage) -> None:
         await tracking(flight, 6.0)
-        guards = flight._controller._guards
-        assert guards is not None
+        guards = known(flight._controller._guards)
         north = stage.plant.truth(asyncio.get_running_loop().time()).position_ned[0]
-        ahead = flight._controller.tick
-        assert ahead is not None
+        ahead = known(flight._controller.tick)
         sign = 1.0 if ahead.reference.velocity_ned[0] > 0.0 else -1.0
         side = (-9.0, north + 0.6) if sign > 0.0 else (north - 0.6, 9.0)
         box = BoxFence(north_m=side, east_m=(-9.0, 9.0), height_m=9.0)
@@ -227,27 +219,16 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
 BOX = ("fence.kind=box", "fence.height_m=3.0")
 
 
-@pytest.mark.parametrize(
-    ("overrides", "says"),
-    [
-        (
-            ("flight.floor_z_m=0.5",),
-            "floor: position +1.00 m (down) at rest, flight.floor_z_m is +0.50 m",
-        ),
-        (("sim.pose_rate_hz=10", "pose.drop_frozen=false"), "pose rate: 10 poses a second"),
-        (("sim.pose_noise_m=0.009",), "noise of"),
-        (("sim.attitude_noise_rad=0.025",), "noise of"),
-        (
-            (*BOX, "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]"),
-            "could not brake within the fence",
-        ),
-        ((*BOX, "fence.north_m=[-3, 0]", "fence.east_m=[-3, 3]"), "0.70 m outside the fence"),
-        (("limits.max_speed_m_s=0.3",), "trajectory: "),
-    ],
-)
-def test_a_flight_that_fails_its_checks_does_not_begin(
-    overrides: tuple[str, ...], says: str
-) -> None:
+@pytest.mark.parametrize(("overrides", "says"), [
+    (["flight.floor_z_m=0.5"], "floor: position +1.00 m (down) at rest, flight.floor_z_m is +0.50"),
+    (["sim.pose_rate_hz=10", "pose.drop_frozen=false"], "pose rate: 10 poses a second"),
+    (["sim.pose_noise_m=0.009"], "noise of"),
+    (["sim.attitude_noise_rad=0.025"], "noise of"),
+    ([*BOX, "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]"], "could not brake within"),
+    ([*BOX, "fence.north_m=[-3, 0]", "fence.east_m=[-3, 3]"], "0.70 m outside the fence"),
+    (["limits.max_speed_m_s=0.3"], "trajectory: "),
+])  # fmt: skip
+def test_a_flight_that_fails_its_checks_does_not_begin(overrides: list[str], says: str) -> None:
     flown = mission(nothing, *overrides)
     assert states(flown) == ["connecting", "aborted"]
     assert says in flown.why

@@ -1,7 +1,4 @@
-"""The operator's own dead man in whole flights: let go, it lands.
-
-Lost, it lands; not held, it does not start.
-"""
+"""The operator's own dead man in whole flights: let go or lost, it lands; not held, no start."""
 
 import asyncio
 from collections.abc import Callable

@@ -20,17 +20,10 @@ from sim.scenarios import SCENARIOS, prepare
 from tests.recordings import recorded
 
 GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 24.0
-TRUTH = {
-    "thrust_gain": GAIN,
-    "thrust_lag_s": THRUST_LAG_S,
-    "rate_lag_s": RATE_LAG_S,
-    "command_delay_s": DELAY_S,
-}
-SET = (
-    "trajectory.kind=excitation",
-    "trajectory.laps=1",
-    *(f"sim.{key}={value}" for key, value in TRUTH.items()),
-)
+LAGS = {"thrust_lag_s": THRUST_LAG_S, "rate_lag_s": RATE_LAG_S}
+TRUTH = {"thrust_gain": GAIN, **LAGS, "command_delay_s": DELAY_S}
+EXCITED = ("trajectory.kind=excitation", "trajectory.laps=1")
+SET = (*EXCITED, *(f"sim.{key}={value}" for key, value in TRUTH.items()))
 
 
 def log() -> Path:
@@ -58,9 +51,8 @@ def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
     assert value("thrust_lag") == pytest.approx(THRUST_LAG_S, rel=0.10)
     for name in ("rate_lag", "roll_rate_lag", "pitch_rate_lag", "yaw_rate_lag"):
         assert value(name) == pytest.approx(RATE_LAG_S, rel=0.10)
-    assert (value("rate_delay"), value("thrust_delay")) == pytest.approx(
-        (DELAY_S, DELAY_S), abs=0.003
-    )
+    delays_s = (value("rate_delay"), value("thrust_delay"))
+    assert delays_s == pytest.approx((DELAY_S, DELAY_S), abs=0.003)
     middle = GAIN * (1.0 - 0.05 * 0.5 * SECONDS / 60.0)  # the battery sags
     assert value("thrust_scale") == pytest.approx(middle, rel=0.02)
     assert value("hover_thrust") == pytest.approx(0.080 * 9.81 / 1.37 / middle, rel=0.03)
@@ -97,21 +89,13 @@ def test_the_vehicle_file_is_one_and_says_how_sure_it_is() -> None:
 
 def test_an_excitation_in_a_storm_stays_within_two_tenths_of_a_metre_of_its_point() -> None:
     """By the truth, from 3 s after its release in the wind: it fits into 3 by 3 m many times."""
-    still = (
-        "trajectory.kind=excitation",
-        "trajectory.laps=1",
-        "sim.start_ned=[0, 0, -1]",
-        "sim.start_thrust=0.9",
-    )
+    still = (*EXCITED, "sim.start_ned=[0, 0, -1]", "sim.start_thrust=0.9")
     world, config = prepare(SCENARIOS["storm"], list(still))
     flown = fly(world, config, seed=0, duration_s=14.0)
     assert flown.completed
     late = [t > flown.track.times[0] + 3.0 for t in flown.track.times]
-    off_m = [
-        abs(a - b)
-        for axis, b in zip(flown.track.axes, (0, 0, -1), strict=True)
-        for a in compress(axis, late)
-    ]
+    axes = zip(flown.track.axes, (0, 0, -1), strict=True)
+    off_m = [abs(a - b) for axis, b in axes for a in compress(axis, late)]
     assert 0.1 < max(off_m) < 0.2
 
 

@@ -11,6 +11,7 @@ from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody
+from tests.known import known
 from tests.loops import until
 from tests.proving.faults import stand_between
 from tests.proving.faults.pictures import Send
@@ -38,8 +39,7 @@ def late(source: str, late_s: float) -> tuple[MissionResult, list[str], list[flo
 
             asyncio.get_running_loop().call_later(late_s, leave)
 
-        meddler = stand_between(stage)
-        assert meddler is not None
+        meddler = known(stand_between(stage))
         await until(lambda: flight.state is State.HOLD)
         await asyncio.sleep(STRIKE_AFTER_S)
         told.clear()
@@ -92,7 +92,6 @@ def test_a_latency_that_is_told_wrong_is_found_in_flight_and_told(
             assert not lines
             continue
         (line,) = lines
-        assert float(line.partition("poses are ")[2].split()[0]) == pytest.approx(
-            1e3 * late_s, abs=10.0
-        )
+        told_ms = float(line.partition("poses are ")[2].split()[0])
+        assert told_ms == pytest.approx(1e3 * late_s, abs=10.0)
         assert f"ms {words} than configured, by the vehicle's own attitude" in line

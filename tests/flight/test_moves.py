@@ -15,16 +15,11 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.flights import mission
+from tests.flight.flights import CLIMB, mission
 from tests.loops import until
 from tests.recordings import record_mission
 
-SHORT = (
-    "takeoff.height_m=0.5",
-    "takeoff.hold_s=1.0",
-    "trajectory.altitude_m=-0.5",
-    "takeoff.climb_m_s=1.0",
-)
+SHORT = (*CLIMB, "trajectory.altitude_m=-0.5")
 FENCE = 'fence={kind="box", north_m=[-3, 3], east_m=[-3, 3], height_m=2.5}'
 NEAR = Waypoint(1.0, -0.2, 0.2, 90.0)
 
@@ -52,15 +47,13 @@ def test_it_flies_straight_to_a_point_turns_as_asked_and_holds_there_until_told(
     async def script(flight: Flight, stage: Stage) -> None:
         await hold_first(flight)
         said = goto(flight, NEAR)
-        assert said.done and said.says.startswith(
-            "moving: to north 1.00, east -0.20, 0.80 m above the floor: the test"
-        )
+        way = "moving: to north 1.00, east -0.20, 0.80 m above the floor: the test"
+        assert said.done and said.says.startswith(way)
         await until(lambda: flight.state is State.HOLD)
         await asyncio.sleep(3.0)
         truth = stage.plant.truth(asyncio.get_running_loop().time())
-        seen.append(
-            (math.dist(truth.position_ned, NEAR.place_ned), so3.euler_zyx(truth.attitude)[2])
-        )
+        off_m, yaw = math.dist(truth.position_ned, NEAR.place_ned), so3.euler_zyx(truth.attitude)[2]
+        seen.append((off_m, yaw))
         assert flight.state is State.HOLD
         flight.ask(Request(Ask.RETURN, "home"))
 
@@ -87,13 +80,8 @@ def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> No
         flight.land("the test")
 
     done = flown(script)
-    assert [one.state for one in done.states][5:] == [
-        "moving",
-        "hold",
-        "landing",
-        "disarming",
-        "landed",
-    ]
+    states = "moving hold landing disarming landed"
+    assert [one.state for one in done.states][5:] == states.split()
 
 
 CAN_NOT_BE_HELD_AT = (
@@ -117,22 +105,28 @@ def test_a_point_that_can_not_be_held_at_is_refused_before_anything_moves() -> N
     assert "moving" not in [one.state for one in flown(script).states]
 
 
-def test_a_leg_that_is_too_fast_for_the_fence_s_braking_or_the_limit_is_refused() -> None:
+HARD = ("takeoff.transit_m_s=1.9", "takeoff.transit_m_s2=2.0")
+SLOW = ("takeoff.transit_m_s=0.9", "limits.max_speed_m_s=0.6")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "point", "says"),
+    [
+        (HARD, Waypoint(2.9, 0.0, 0.0), "could not brake within the fence"),
+        (SLOW, Waypoint(-2.0, 2.0, 0.0), "limits.max_speed_m_s"),
+    ],
+)
+def test_a_leg_that_is_too_fast_is_refused(
+    overrides: tuple[str, ...], point: Waypoint, says: str
+) -> None:
     async def script(flight: Flight, _: Stage) -> None:
         await hold_first(flight)
-        said = goto(flight, Waypoint(2.9, 0.0, 0.0))
-        assert not said.done and "could not brake within the fence" in said.says
+        said = goto(flight, point)
+        assert not said.done
+        assert says in said.says
         flight.land("the test")
 
-    flown(script, "takeoff.transit_m_s=1.9", "takeoff.transit_m_s2=2.0")
-
-    async def limited(flight: Flight, _: Stage) -> None:
-        await hold_first(flight)
-        said = goto(flight, Waypoint(-2.0, 2.0, 0.0))
-        assert not said.done and "limits.max_speed_m_s" in said.says
-        flight.land("the test")
-
-    flown(limited, "takeoff.transit_m_s=0.9", "limits.max_speed_m_s=0.6")
+    flown(script, *overrides)
 
 
 def test_a_leg_towards_another_vehicle_is_refused_or_ends_in_a_hold() -> None:
@@ -141,10 +135,8 @@ def test_a_leg_towards_another_vehicle_is_refused_or_ends_in_a_hold() -> None:
     async def script(flight: Flight, _: Stage) -> None:
         await hold_first(flight)
         now = asyncio.get_running_loop().time()
-        there, later = (
-            Waypoint(2.5 * math.cos(0.4 * t), 2.5 * math.sin(0.4 * t), -1.0)
-            for t in (now, now + 4.0)
-        )
+        angles = (0.4 * now, 0.4 * (now + 4.0))
+        there, later = (Waypoint(2.5 * math.cos(a), 2.5 * math.sin(a), -1.0) for a in angles)
         said = goto(flight, there)
         assert not said.done and "too near to other0" in said.says
         assert goto(flight, NEAR, later).done
@@ -167,9 +159,7 @@ def test_only_a_vehicle_that_holds_goes_anywhere() -> None:
     assert flown(script).landed
 
 
-def test_points_are_flown_one_after_the_other_and_again_from_their_recording_to_the_last_bit(
-    tmp_path: Path,
-) -> None:
+def test_points_are_flown_in_order_and_replayed_to_the_last_bit(tmp_path: Path) -> None:
     told: list[str] = []
 
     async def script(flight: Flight, _: Stage) -> None:
@@ -182,11 +172,8 @@ def test_points_are_flown_one_after_the_other_and_again_from_their_recording_to_
     world, config = from_floor(*prepare(SCENARIOS["adverse"], [*SHORT, FENCE]), 5.0)
     mission, path = record_mission(tmp_path, world, config, script, "adverse")
     assert mission.states[-1].state == "landed"
-    assert [line.partition("to north ")[2][:4] for line in told if "moving: to" in line] == [
-        "1.00",
-        "0.00",
-        "0.50",
-    ]
+    norths = [line.partition("to north ")[2][:4] for line in told if "moving: to" in line]
+    assert norths == ["1.00", "0.00", "0.50"]
     assert any("hold: there: north 0.50" in line and "3 of 3" in line for line in told)
     facts = replay_facts(path)
     assert facts["first_difference"] is None

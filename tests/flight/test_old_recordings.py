@@ -53,9 +53,8 @@ def test_an_old_recording_reports_the_figures_that_its_own_version_gave(name: st
 def test_an_old_recording_identifies_the_vehicle_that_its_own_version_found() -> None:
     found = call("identify", FOLDER / "excitation.mcap")["parameters"]
     for key, value in EXPECTED["excitation"]["identify"].items():
-        assert found[key]["value"] == (
-            None if value is None else pytest.approx(value, rel=0.02, abs=2e-4)
-        ), key
+        wanted = None if value is None else pytest.approx(value, rel=0.02, abs=2e-4)
+        assert found[key]["value"] == wanted, key
 
 
 @RECORDED
@@ -71,9 +70,7 @@ def test_an_old_recording_exports_the_tables_that_its_own_version_wrote(
 
 
 @RECORDED
-def test_the_replay_of_an_old_recording_tells_both_versions_and_the_largest_difference(
-    name: str,
-) -> None:
+def test_the_replay_of_an_old_recording_tells_versions_and_differences(name: str) -> None:
     facts = replay_facts(FOLDER / f"{name}.mcap")
     figures = EXPECTED[name]["headline"]
     assert (facts["commands"], facts["poses"]) == (figures["commands"], figures["poses"])
@@ -85,23 +82,18 @@ def test_the_replay_of_an_old_recording_tells_both_versions_and_the_largest_diff
     text = text_of(facts)
     assert f"recorded by version {facts['recorded_by']['version']} ({OLD_COMMIT})" in text
     assert f"replayed by version {facts['replayed_by']['version']}" in text
-    assert (
-        f"the largest difference is {facts['changes']['thrust_n']['max']:.2g} N of thrust" in text
-    )
+    largest_n = f"{facts['changes']['thrust_n']['max']:.2g}"
+    assert f"the largest difference is {largest_n} N of thrust" in text
 
 
 def test_settings_that_this_version_does_not_know_are_left_out_and_named() -> None:
     recording = Recording(FOLDER / "radio.mcap")
     known = read_flown_config(recording.about, recording.path)
-    old = recording.about["config"].replace(
-        "[vehicle]", "[lost_section]\nkey = 1\n\n[vehicle]\nlost_key = 2", 1
-    )
+    unknown = "[lost_section]\nkey = 1\n\n[vehicle]\nlost_key = 2"
+    old = recording.about["config"].replace("[vehicle]", unknown, 1)
     recording.about["config"] = old.replace("coast_s =", "coast_s = -1 #", 1)
     config, left_out = read_flown_config(recording.about, recording.path, ["vehicle.mass_kg=0.1"])
-    assert set(left_out) - set(known.left_out) == {
-        "lost_section",
-        "vehicle.lost_key",
-        "flight.coast_s",
-    }
+    lost = {"lost_section", "vehicle.lost_key", "flight.coast_s"}
+    assert set(left_out) - set(known.left_out) == lost
     assert config.vehicle.mass_kg == 0.1
     assert config.pose == known.config.pose

@@ -24,10 +24,8 @@ def flown_cm(
     """The true error at every plant step [cm]."""
     path = folder / "lab.toml"
     poses = "latency_s = 0.01\nrate_hz = 100.0"
-    path.write_text(
-        f"[vehicle]\n{vehicle}\n[pose]\nkind = 'vicon'\n{poses}\n[trajectory]\n{trajectory}\n",
-        "utf-8",
-    )
+    poses = "[pose]\nkind = 'vicon'\nlatency_s = 0.01\nrate_hz = 100.0"
+    path.write_text(f"[vehicle]\n{vehicle}\n{poses}\n[trajectory]\n{trajectory}\n", "utf-8")
     world, config, _ = prepare_own(SCENARIOS["paper"], path, list(overrides))
     starts: list[float] = []
     watch = ticks_to(lambda tick: starts.append(tick.estimate.time_s - tick.flight_time_s))
@@ -57,9 +55,7 @@ def test_every_vehicle_that_comes_along_holds_and_flies_the_eight(
     ],
     ids=["a course from a CSV", "points with times found", "a lap of the eight"],
 )
-def test_a_course_from_rest_to_rest_is_followed_from_the_first_moment_to_after_the_last(
-    trajectory: str, tmp_path: Path
-) -> None:
+def test_a_course_from_rest_to_rest_is_followed_to_its_end(trajectory: str, tmp_path: Path) -> None:
     (tmp_path / "course.csv").write_text(COURSE, "utf-8")
     # Hover thrust and no wind from the start on: whatever error there is, the course makes.
     calm = ("sim.wind_mean=[0.0, 0.0, 0.0]", "sim.start_thrust=0.9")
@@ -70,9 +66,8 @@ def test_a_course_from_rest_to_rest_is_followed_from_the_first_moment_to_after_t
 
 def test_the_eight_at_full_speed_from_the_start_is_not_what_a_ramp_is(tmp_path: Path) -> None:
     calm = ("sim.wind_mean=[0.0, 0.0, 0.0]", "sim.start_thrust=0.9")
-    errors = flown_cm(
-        tmp_path, 'preset = "x500"', 'kind = "lemniscate"\nspeed_m_s = 1.0', 4.0, *calm
-    )
+    eight = 'kind = "lemniscate"\nspeed_m_s = 1.0'
+    errors = flown_cm(tmp_path, 'preset = "x500"', eight, 4.0, *calm)
     assert max(errors) > 10.0
 
 

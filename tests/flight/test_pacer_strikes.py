@@ -9,44 +9,38 @@ from groundstation.flight import Flight
 from sim.radio import RfReceiver
 from sim.runs import MissionResult, Stage
 from tests.flight.flights import SHORT, mission
+from tests.known import known
 from tests.loops import until
 
 
 def struck(link: str, *, stopped: bool) -> tuple[MissionResult, float, bool]:
-    """A flight whose pacer is struck in the hold.
-
-    Also when, and whether the vehicle ends disarmed.
-    """
+    """A flight whose pacer is struck, when [s], and whether the vehicle ends armed."""
     at: list[float] = []
     stages: list[Stage] = []
 
     async def script(flight: Flight, stage: Stage) -> None:
         await until(lambda: flight.state is State.TRACKING)
         await asyncio.sleep(0.503)
-        assert stage.port.pacer is not None
-        stage.port.pacer.strike(stopped=stopped)
+        known(stage.port.pacer).strike(stopped=stopped)
         stages.append(stage)
         at.append(asyncio.get_running_loop().time())
 
     flown = mission("paper", *SHORT, link=link, script=script, figure_s=10.0)
-    radio = stages[0].radio
-    assert radio is not None
+    radio = known(stages[0].radio)
     assert isinstance(radio.receiver, RfReceiver)
     return flown, at[0], radio.receiver.armed
 
 
 @pytest.mark.parametrize("stopped", [False, True])
 @pytest.mark.parametrize("link", ["dsm", "crsf", "rf_bridge"])
-def test_a_pacer_that_dies_or_stands_still_is_told_at_once_and_the_vehicle_is_brought_down(
-    link: str, stopped: bool
-) -> None:
+def test_a_pacer_that_fails_is_told_and_the_vehicle_brought_down(link: str, stopped: bool) -> None:
     flown, struck_s, armed = struck(link, stopped=stopped)
     aborted = flown.states[-1]
     assert aborted.state == "aborted"
     assert "its stand-by has taken over and brings down" in aborted.reason
     assert aborted.time_s < struck_s + 0.15
     assert not armed
-    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 2.5
+    assert known(flown.touchdown_m_s) < 2.5
 
 
 def test_no_autopilot_is_said_to_have_felt_the_floor_where_nothing_comes_back() -> None:
@@ -54,8 +48,7 @@ def test_no_autopilot_is_said_to_have_felt_the_floor_where_nothing_comes_back() 
         low_m = flight._config.flight.floor_z_m - 0.15
         while flight.state is not State.LANDING or stage.plant.truth(now()).position_ned[2] < low_m:
             await asyncio.sleep(0.01)
-        assert stage._bridge is not None
-        stage._bridge.kill()  # by the operator of its computer
+        known(stage._bridge).kill()  # by the operator of its computer
 
     def now() -> float:
         return asyncio.get_running_loop().time()

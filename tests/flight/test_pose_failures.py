@@ -1,6 +1,5 @@
 """Poses that fail in whole flights: no command rests on them, and the replay is identical."""
 
-import asyncio
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -15,9 +14,8 @@ from links.mavlink.protocol import MavCommand, MavlinkCodec
 from sim.runs import RECORDING, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import VirtualTimeLoop
-from tests.flight.flights import mission
-from tests.proving.faults import Row, fly_here
+from tests.flight.flights import fly_fault, mission
+from tests.proving.faults import Row
 from tests.proving.faults.cell import FIGURE_S, NEAR
 from tests.proving.faults.faults import find_fault
 
@@ -33,11 +31,8 @@ class Cell(NamedTuple):
     @property
     def ended_s(self) -> float:
         """When commands ended [s]."""
-        return next(
-            one.time_s
-            for one in self.records
-            if isinstance(one, LineRecord) and one.state in FINAL and one.text
-        )
+        lines = (one for one in self.records if isinstance(one, LineRecord))
+        return next(one.time_s for one in lines if one.state in FINAL and one.text)
 
 
 @cache
@@ -45,11 +40,7 @@ def flown(case: str, state: str, link: str, *overrides: str) -> Cell:
     """Return one cell in ``paper``, flown once however many tests look at it."""
     records: list[Record] = []
     fault, overrides = find_fault(case, state, link), (*NEAR, *overrides)
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        flight = fly_here(
-            case, fault, state, seed=0, scenario="paper", overrides=overrides, keep=records.append
-        )
-        row = runner.run(flight)
+    row = fly_fault(case, fault, state, overrides=overrides, keep=records.append)
     return Cell(row, tuple(records))
 
 
@@ -108,31 +99,23 @@ def test_a_wind_across_that_turns_in_five_seconds_is_no_mirrored_picture(
 
 @pytest.mark.tried(1)  # speeds
 @pytest.mark.parametrize(("speed_m_s", "acceleration_m_s2"), [(3.0, 10.0), (5.0, 6.0)])
-def test_a_climb_that_is_told_to_be_hard_asks_for_no_more_thrust_than_it_may_have(
+def test_a_hard_climb_asks_for_no_more_thrust_than_allowed(
     speed_m_s: float, acceleration_m_s2: float
 ) -> None:
-    hard = [
-        f"takeoff.climb_m_s={speed_m_s}",
-        f"takeoff.transit_m_s2={acceleration_m_s2}",
-        "takeoff.height_m=2.5",
-    ]
+    motion = (f"takeoff.climb_m_s={speed_m_s}", f"takeoff.transit_m_s2={acceleration_m_s2}")
+    hard = [*motion, "takeoff.height_m=2.5"]
     assert mission("paper", *hard, figure_s=1.0).landed
 
 
 def test_poses_that_fail_are_forwarded_no_more_and_no_land_rests_on_them() -> None:
     cell = flown("attitude frozen", "tracking", "mavlink", FORWARDS)
     codec = MavlinkCodec(1, 1)
-    left = [
-        (one.time_s, message)
-        for one in cell.records
-        if isinstance(one, SentRecord)
-        for message in codec.feed(one.data)
-    ]
+    sent = (one for one in cell.records if isinstance(one, SentRecord))
+    left = [(one.time_s, message) for one in sent for message in codec.feed(one.data)]
     forwarded_s = [time_s for time_s, message in left if message.get_type() == "ODOMETRY"]
     assert cell.row.struck_s is not None and cell.row.answer_ms is not None
     failed_s = cell.row.struck_s + 1e-3 * cell.row.answer_ms
     assert failed_s - 0.05 < forwarded_s[-1] <= failed_s
-    modes = (
-        time_s for time_s, one in left if getattr(one, "command", None) == MavCommand.DO_SET_MODE
-    )
+    orders = [(time_s, getattr(one, "command", None)) for time_s, one in left]
+    modes = (time_s for time_s, order in orders if order == MavCommand.DO_SET_MODE)
     assert max(modes) < failed_s, "its position may come from those poses"

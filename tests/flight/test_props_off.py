@@ -17,6 +17,7 @@ from sim.autopilots import AUTOPILOTS
 from sim.runs import Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
+from tests.known import known
 from tests.loops import in_virtual_time, until
 
 Script = Callable[["Bench"], Awaitable[None]]
@@ -49,10 +50,7 @@ def held(
     link: str = "mavlink",
     **parameters: float,
 ) -> Bench:
-    """Have a hand hold the vehicle in virtual time while ``script`` runs.
-
-    It is told to let go afterwards.
-    """
+    """Have a hand hold the vehicle in virtual time while ``script`` runs, then let go."""
 
     async def main() -> Bench:
         world, config = from_floor(*prepare(SCENARIOS["paper"], [], link=link), None)
@@ -109,21 +107,17 @@ def ended_s(bench: Bench) -> float:
 
 
 @AUTOPILOT
-def test_poses_that_stop_end_what_leaves_and_poses_that_come_back_start_nothing(
-    autopilot: str,
-) -> None:
+def test_poses_that_stop_end_it_and_poses_that_come_back_start_nothing(autopilot: str) -> None:
     async def script(bench: Bench) -> None:
-        assert bench.stage.mocap is not None
         await bench.until("armed")
-        bench.stage.mocap.cover(True)
+        known(bench.stage.mocap).cover(True)
         await bench.until("silent")
-        bench.stage.mocap.cover(False)
+        known(bench.stage.mocap).cover(False)
         await asyncio.sleep(2.0)
 
     bench = held(script, autopilot=autopilot)
     silent = bench.heard("silent")
-    assert silent.pose_s is not None
-    assert 0.25 <= silent.at_s - silent.pose_s < 0.25 + 0.05
+    assert 0.25 <= silent.at_s - known(silent.pose_s) < 0.25 + 0.05
     assert max(time_s for time_s, _ in bench.thrusts) <= silent.at_s
     assert not bench.stage.autopilot.armed
 
@@ -157,8 +151,7 @@ def test_one_that_disarms_itself_tells_so_and_no_poses_are_told_as_such() -> Non
     held(disarms)
 
     async def blind(bench: Bench) -> None:
-        assert bench.stage.mocap is not None
-        bench.stage.mocap.cover(True)
+        known(bench.stage.mocap).cover(True)
         assert "no pose within 5 s" in (await bench.until("failed")).text
 
     held(blind)
@@ -209,13 +202,8 @@ class ScriptedHand(Hand):
                 wait_s, news = self._coming[0]
                 await asyncio.sleep(wait_s)
                 self._coming.pop(0)
-                news = News(
-                    news.event,
-                    asyncio.get_running_loop().time(),
-                    news.text,
-                    news.pose_s,
-                    news.firmware,
-                )
+                now_s = asyncio.get_running_loop().time()
+                news = News(news.event, now_s, news.text, news.pose_s, news.firmware)
                 self.heard.append(news)
                 if news.event == event:
                     return news
@@ -231,24 +219,18 @@ class ScriptedHand(Hand):
     async def off(self) -> News | None:
         self.end = self.end or "off"
         await asyncio.sleep(0.05)
-        return (
-            News("off", asyncio.get_running_loop().time())
-            if self.end == "off" and self._acknowledges
-            else None
-        )
+        if self.end != "off" or not self._acknowledges:
+            return None
+        return News("off", asyncio.get_running_loop().time())
 
     async def kill(self) -> None:
         self.end = "killed"
 
 
 ARMS = [(0.1, News("arming", 0.0)), (1.0, News("armed", 0.0, firmware="PX4 1.16.0"))]
-WHOLE: list[list[tuple[float, News]]] = [
-    [],
-    [(5.0, News("silent", 0.0, pose_s=0.0))],
-    [],
-    [(5.0, News("lost", 0.0, "no HEARTBEAT for 3 s"))],
-    [],
-]
+SILENT = (5.0, News("silent", 0.0, pose_s=0.0))
+LOST = (5.0, News("lost", 0.0, "no HEARTBEAT for 3 s"))
+WHOLE: list[list[tuple[float, News]]] = [[], [SILENT], [], [LOST], []]
 
 
 class Scene:
@@ -290,10 +272,8 @@ class Scene:
 def test_all_steps_are_gone_through_and_what_was_measured_is_shown() -> None:
     scene = Scene(WHOLE)
     scene.run()
-    assert list(scene.shown) == [
-        "motors and kill", "no poses", "program killed", "plug pulled",
-        "remote control's kill switch"
-    ]  # fmt: skip
+    steps = "motors and kill, no poses, program killed, plug pulled, remote control's kill switch"
+    assert ", ".join(scene.shown) == steps
     assert "acknowledged 50 ms after the order" in scene.shown["motors and kill"]
     assert "ms after the last pose" in scene.shown["no poses"]
     assert "the motors stopped 1.5 s after it" in scene.shown["program killed"]
@@ -373,9 +353,8 @@ def test_a_hand_that_cannot_arm_ends_it_and_nothing_is_disarmed_that_it_did_not_
     scene = Scene([[]])
 
     async def refused(config: Config, *words: str) -> ScriptedHand:
-        hand = ScriptedHand(
-            [(0.1, News("failed", 0.0, "somebody else has armed it"))], acknowledges=False
-        )
+        failed = News("failed", 0.0, "somebody else has armed it")
+        hand = ScriptedHand([(0.1, failed)], acknowledges=False)
         scene.hands.append(hand)
         return hand
 

@@ -1,7 +1,4 @@
-"""groundstation/replay: a recorded flight flown again, to the last bit.
-
-And what is said where it is not.
-"""
+"""Replays: a recorded flight flown again to the last bit, and differences told."""
 
 import itertools
 import json
@@ -139,10 +136,8 @@ def test_a_change_that_a_replay_does_not_ask_for_is_told_of(
     assert replay_command(path, told, as_json=True) == 0
     assert json.loads(capsys.readouterr().out)["without_effect"] == told[:1]
     assert replay_command(path, told, as_json=False) == 0
-    assert (
-        "trajectory.altitude_m=2.5: changes nothing here. The reference is the recorded"
-        in capsys.readouterr().out
-    )
+    said = "trajectory.altitude_m=2.5: changes nothing here. The reference is the recorded"
+    assert said in capsys.readouterr().out
 
 
 def test_a_replay_opens_no_port_of_a_real_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,7 @@
 """The scenarios through the radio links' bytes, quantised channels and all, in virtual time."""
 
 import asyncio
-from functools import cache
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,21 +19,14 @@ from links.rf import encode_attitude
 from sim.runs import RECORDING, Stage, fly, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight import flights
 from tests.flight.flights import SHORT, mission
-from tests.flown_once import once
+from tests.known import known
 from tests.loops import until
 from tests.recordings import record_mission
 from tests.unit.links.rf.test_crsf_telemetry import BATTERY, LINK, frame
 
-
-@cache
-def rms_cm(scenario: str, link: str, *overrides: str) -> float:
-    """RMS error over the steady part of a flight, flown once in a run of tests [cm]."""
-    world, config = prepare(SCENARIOS[scenario], list(overrides), link=link)
-    result = once(("rf", world, config), lambda _: fly(world, config, seed=0, duration_s=17.0))
-    assert result.completed, result.why
-    assert result.verdict.rms_cm is not None
-    return result.verdict.rms_cm
+rms_cm = partial(flights.rms_cm, duration_s=17.0)
 
 
 @pytest.mark.tried(1)  # links, in two airs
@@ -49,13 +42,13 @@ def rms_cm(scenario: str, link: str, *overrides: str) -> float:
 def test_every_radio_link_flies_as_well_as_the_scenario_demands(
     scenario: str, link: str, limit_cm: float
 ) -> None:
-    assert rms_cm(scenario, link) < limit_cm
+    assert rms_cm(scenario, link=link) < limit_cm
 
 
 def test_channels_are_quantised_as_on_the_wire() -> None:
     """Sticks that reach a hundred times as far have steps a hundred times as coarse."""
     rough = [f"link.map.{axis}.full_rate_deg_s=20000" for axis in ("roll", "pitch", "yaw")]
-    assert rms_cm("paper", "dsm", *rough) > 2.0 * rms_cm("paper", "dsm")
+    assert rms_cm("paper", *rough, link="dsm") > 2.0 * rms_cm("paper", link="dsm")
 
 
 def test_a_radio_brings_no_poses() -> None:
@@ -67,9 +60,10 @@ def test_a_radio_brings_no_poses() -> None:
 @pytest.mark.tried(1)  # links
 @pytest.mark.parametrize("link", ["dsm", "crsf", "rf_bridge"])
 def test_the_vehicles_thrust_curve_is_straightened_on_the_way(link: str) -> None:
-    straightened = rms_cm("paper", link, "sim.thrust_curve=0.6", "vehicle.thrust_curve=0.6")
+    curve = "sim.thrust_curve=0.6"
+    straightened = rms_cm("paper", curve, "vehicle.thrust_curve=0.6", link=link)
     assert straightened < 0.3
-    assert rms_cm("paper", link, "sim.thrust_curve=0.6") > straightened
+    assert rms_cm("paper", curve, link=link) > straightened
 
 
 @pytest.mark.parametrize("link", ["dsm", "rf_bridge"])
@@ -87,8 +81,7 @@ def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(
     assert flight.looks[-1]["period_s"] == world.frame_period_s, "also where the bridge tells it"
     panel = Figure().add_subplot()
     lateness([panel], flight)
-    legend = panel.get_legend()
-    assert legend is not None
+    legend = known(panel.get_legend())
     words = [text.get_text() for text in legend.get_texts()]
     assert any(word.startswith("the pacer's ") for word in words)
     assert "commands" in words
@@ -106,31 +99,16 @@ def test_what_the_module_tells_is_on_screens_and_in_the_recording(tmp_path: Path
     world, config = from_floor(world, config, 1.0)
     _, path = record_mission(tmp_path, world, config, script)
     status = list(Recording(path).entries(("/link",)))[-5].value()["status"]
-    assert (status["battery_v"], status["battery_share"], status["mode"]) == (
-        pytest.approx(16.8),
-        0.5,
-        "ACRO",
-    )
+    assert status["battery_v"] == pytest.approx(16.8)
+    assert (status["battery_share"], status["mode"]) == (0.5, "ACRO")
     assert status["angles_rad"] == pytest.approx([0.0, -0.1, 1.0], abs=1e-4)
-    assert (status["uplink_share"], status["uplink_dbm"], status["uplink_snr_db"]) == (
-        pytest.approx(0.99),
-        -60,
-        -5,
-    )
+    assert status["uplink_share"] == pytest.approx(0.99)
+    assert (status["uplink_dbm"], status["uplink_snr_db"]) == (-60, -5)
     facts = numbers(read_columns(tmp_path / RECORDING))
-    word = next(
-        cells
-        for name, *cells in result_table(["it"], [facts])
-        if name == "last telemetry of the vehicle"
-    )
-    told = [
-        "16.80 V",
-        "battery 50 %",
-        "mode ACRO",
-        "roll +0° pitch -6° yaw +57°",
-        "gets 99 % of frames",
-    ]
-    assert word[0].split(", ") == [*told, "-60 dBm", "-5 dB over noise"]
+    table = {name: cells for name, *cells in result_table(["it"], [facts])}
+    word = table["last telemetry of the vehicle"]
+    vehicle = "16.80 V, battery 50 %, mode ACRO, roll +0° pitch -6° yaw +57°"
+    assert word[0] == f"{vehicle}, gets 99 % of frames, -60 dBm, -5 dB over noise"
 
 
 def test_a_battery_told_by_the_module_lands_the_vehicle() -> None:

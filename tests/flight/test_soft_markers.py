@@ -1,13 +1,11 @@
 """Softly mounted markers swing, most at the tones that ask the poses: they are no lie."""
 
-import asyncio
 import math
 
 import pytest
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from sim.time import VirtualTimeLoop
-from tests.proving.faults.cell import fly_here
+from tests.flight.flights import fly_fault
 from tests.proving.faults.fault import Fault
 from tests.proving.faults.faults import shows
 from tests.proving.faults.pictures import Picture, Struck, _ours
@@ -46,7 +44,6 @@ def test_markers_that_swing_at_seven_hertz_or_faster_are_not_accused(
     swings_hz: float, state: str
 ) -> None:
     soft = Fault(shows(hang, swings_hz), obeys=True)
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        row = runner.run(fly_here("soft markers", soft, state, seed=0, scenario="paper"))
+    row = fly_fault("soft markers", soft, state)
     assert row.safe, row.why
     assert row.reaction == "flies on"

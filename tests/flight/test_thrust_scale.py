@@ -8,37 +8,27 @@ import pytest
 from groundstation.config import ConfigError, from_dict, load
 from groundstation.settings import Config
 from links.core import signal
-from sim.runs import fly
-from sim.scenarios import SCENARIOS, prepare
+from tests.flight import flights
 
 CURVED = 0.65
 WEIGHT_SHARE = 0.08 * 9.81 / 1.37
 HOVER = round(signal(WEIGHT_SHARE, CURVED), 3)
 
 
-@functools.cache
-def rms_cm(*overrides: str) -> float:
-    world, config = prepare(SCENARIOS["paper"], list(overrides))
-    result = fly(world, config, seed=0, duration_s=16.0)
-    assert result.completed, result.why
-    assert result.verdict.rms_cm is not None
-    return result.verdict.rms_cm
+rms_cm = functools.partial(flights.rms_cm, "paper", duration_s=16.0)
+
+
+# The scale is wrong by a sixth in what is commanded at most, and right by the hover thrust.
+SCALED = [f"vehicle.hover_thrust={HOVER}", "vehicle.thrust_max_n=1.15"]
 
 
 @pytest.mark.tried(1)  # ways to tell it
-@pytest.mark.parametrize(
-    ("told", "world"),
-    [
-        (["vehicle.thrust_curve=0.65"], ["sim.thrust_curve=0.65"]),
-        # The scale is wrong by a sixth in what is commanded at most, and right by the hover thrust.
-        ([f"vehicle.hover_thrust={HOVER}", "vehicle.thrust_curve=0.65",
-            "vehicle.thrust_max_n=1.15"],
-         ["sim.thrust_curve=0.65"]),
-        # The link's own curve goes before the vehicle's, also where it is straight.
-        (["vehicle.thrust_curve=0.65", "link.thrust_curve=0"], []),
-    ],
-    ids=["curve", "hover", "straightened by the autopilot"],
-)  # fmt: skip
+@pytest.mark.parametrize(("told", "world"), [
+    (["vehicle.thrust_curve=0.65"], ["sim.thrust_curve=0.65"]),
+    ([*SCALED, "vehicle.thrust_curve=0.65"], ["sim.thrust_curve=0.65"]),
+    # The link's own curve goes before the vehicle's, also where it is straight.
+    (["vehicle.thrust_curve=0.65", "link.thrust_curve=0"], []),
+], ids=["curve", "hover", "straightened by the autopilot"])  # fmt: skip
 def test_a_curve_that_is_told_right_costs_nothing(told: list[str], world: list[str]) -> None:
     curved = rms_cm(*told, *world)
     assert curved == pytest.approx(rms_cm(), rel=0.02)
@@ -49,18 +39,16 @@ def test_a_curve_that_is_not_told_is_felt() -> None:
 
 
 def test_a_vehicle_files_curve_and_hover_thrust_reach_the_scale(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(
-        'preset = "mqx"\nthrust_curve = 0.65\nhover_thrust = 0.672\n', "utf-8"
-    )
+    vehicle = 'preset = "mqx"\nthrust_curve = 0.65\nhover_thrust = 0.672\n'
+    (tmp_path / "mine.toml").write_text(vehicle, "utf-8")
     (tmp_path / "lab.toml").write_text('[vehicle]\nfile = "mine.toml"\n', "utf-8")
     config = load(tmp_path / "lab.toml", Config)
     assert config.thrust_curve == 0.65
     assert config.full_thrust_n == pytest.approx(
         0.08 * config.controller.gravity / (0.65 * 0.672**2 + 0.35 * 0.672)
     )
-    straightened = load(
-        tmp_path / "lab.toml", Config, ["link.thrust_curve=0", "vehicle.thrust_max_n=1.1"]
-    )
+    overrides = ["link.thrust_curve=0", "vehicle.thrust_max_n=1.1"]
+    straightened = load(tmp_path / "lab.toml", Config, overrides)
     assert straightened.thrust_curve == 0.0
     assert straightened.full_thrust_n == pytest.approx(0.08 * config.controller.gravity / 0.672)
 
@@ -71,10 +59,8 @@ def test_without_a_hover_thrust_the_full_signal_gives_the_largest_thrust() -> No
 
 
 def test_more_thrust_than_the_full_signal_gives_is_refused() -> None:
-    with pytest.raises(
-        ConfigError,
-        match=r"vehicle\.thrust_max_n: 1\.37 N is more than the full .* gives, 1\.121 N",
-    ):
+    says = r"vehicle\.thrust_max_n: 1\.37 N is more than the full .* gives, 1\.121 N"
+    with pytest.raises(ConfigError, match=says):
         from_dict({"vehicle": {"hover_thrust": 0.7}}, Config)
     rounded = from_dict({"vehicle": {"hover_thrust": round(WEIGHT_SHARE, 2)}}, Config)
     assert rounded.full_thrust_n == pytest.approx(1.37, rel=0.01)

@@ -26,7 +26,7 @@ def test_flights_through_a_step_of_the_wind_last_beyond_it() -> None:
     assert [sortie.duration_s for sortie in sorties(stage, [0], 20.0)] == [40.0]
 
 
-def test_an_interrupted_search_says_how_to_go_on_and_ends_with_the_trials_it_has(
+def test_an_interrupted_search_says_how_to_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, flown = tmp_path / "x.toml", list[Sortie]()
@@ -46,9 +46,8 @@ def test_an_interrupted_search_says_how_to_go_on_and_ends_with_the_trials_it_has
     monkeypatch.setattr(tune, "fly_sortie", lambda _: SortieOutcome(0.5, "flown to the end"))
     done = call(f"{words} --trials 3")
     assert done.returncode == 1, "no better on other seeds"
-    assert (
-        done.stdout.startswith("trial 2 of 3:") and "NOT to be used, and not written" in done.stdout
-    )
+    assert done.stdout.startswith("trial 2 of 3:")
+    assert "NOT to be used, and not written" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -68,7 +67,7 @@ def test_an_interrupted_search_says_how_to_go_on_and_ends_with_the_trials_it_has
         ("--out {mine}", "no search has written it"),
     ],
 )
-def test_what_cannot_be_tuned_is_refused_before_anything_flies_or_is_written_over(
+def test_a_wrong_search_is_refused_before_it_flies(
     words: str, complaint: str, tmp_path: Path
 ) -> None:
     mine = tmp_path / "mine.toml"

@@ -12,7 +12,7 @@ from groundstation.recording import About, FlightLog, Recording
 from tests.recordings import recorded
 
 
-def test_foxglove_is_given_all_messages_as_they_were_and_trails_of_the_last_positions(
+def test_foxglove_gets_all_messages_and_trails_of_positions(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(viewers, "TRAIL_S", 3.0)
@@ -41,14 +41,8 @@ def test_foxglove_is_given_all_messages_as_they_were_and_trails_of_the_last_posi
 
 def begin(path: Path) -> FlightLog:
     """A recording of the same vehicle, to be written by hand."""
-    return FlightLog(
-        path,
-        About(
-            config="", vehicle="mqx", controller="adaptive", trajectory="lemniscate", period_s=0.0
-        ),
-        epoch_ns=0,
-        tell=lambda text, *_: print(text),
-    )
+    about = About(config="", vehicle="mqx", controller="pid", trajectory="hold", period_s=0.0)
+    return FlightLog(path, about, epoch_ns=0, tell=lambda text, *_: print(text))
 
 
 def test_a_recording_is_followed_while_it_is_written(tmp_path: Path) -> None:

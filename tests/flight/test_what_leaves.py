@@ -32,6 +32,7 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World
 from tests.flight.flights import cover_cameras, read_set_points, running
+from tests.known import known
 from tests.loops import in_virtual_time, until
 
 Tap = Callable[[float, tuple[str, int], tuple[str, int], bytes], None]
@@ -93,11 +94,8 @@ def test_a_stand_by_takes_over_from_a_pacer_that_stands_still_within_a_tenth_of_
 def test_the_table_of_what_leaves_has_the_numbers_of_the_code() -> None:
     coast, level = 1e3 * FlightConfig().coast_s, 1e3 * GuardsConfig().level_s
     down, after = 1e3 * BRING_DOWN_LIMIT_S, 1e3 * AFTERLIFE_S
-    rows = [
-        line
-        for line in SAFETY.read_text("utf-8").splitlines()
-        if line.startswith("| ") and "T + " in line
-    ]
+    lines = SAFETY.read_text("utf-8").splitlines()
+    rows = [line for line in lines if line.startswith("| ") and "T + " in line]
     (poses,) = [row for row in rows if row.startswith("| poses stop")]
     for ms in (coast - 1e3 * LAST_CHANCE_S, coast + level, coast + level + down):
         assert f"until T + {ms:.0f}" in poses
@@ -107,10 +105,7 @@ def test_the_table_of_what_leaves_has_the_numbers_of_the_code() -> None:
 
 
 def struck(world: World, config: Config, tap: Tap, event: Event) -> tuple[Command, float, float]:
-    """Have ``event`` strike a flight in its first hold, and ``tap`` look from then on.
-
-    Returns the newest command, the link's period [s], and when it was struck [s].
-    """
+    """Let ``event`` strike a hold: newest command, link's period [s], when it struck [s]."""
 
     async def main() -> tuple[Command, float, float]:
         loop = asyncio.get_running_loop()
@@ -142,9 +137,8 @@ def struck(world: World, config: Config, tap: Tap, event: Event) -> tuple[Comman
 )
 def test_nothing_lifts_later_than_the_table_says(overrides: list[str], fresh_ms: float) -> None:
     # From 2 m a bring-down is as long as one may be.
-    world, config = from_floor(
-        *prepare(SCENARIOS["paper"], ["takeoff.height_m=2", *overrides]), None
-    )
+    asked = ["takeoff.height_m=2", *overrides]
+    world, config = from_floor(*prepare(SCENARIOS["paper"], asked), None)
     left: list[tuple[float, float]] = []
 
     def tap(time_s: float, source: tuple[str, int], _: object, data: bytes) -> None:
@@ -158,9 +152,8 @@ def test_nothing_lifts_later_than_the_table_says(overrides: list[str], fresh_ms:
     period_s, rest_s = 0.0225, world.pose_latency_s + 1.0 / 50.0
     assert lifting <= stamp_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15
     assert latest <= stamp_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S
-    assert latest > stamp_s - rest_s - period_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15, (
-        "it is played to its end"
-    )
+    # It is played to its end.
+    assert latest > stamp_s - rest_s - period_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15
 
 
 def _controller_raises(flight: Flight, stage: Stage) -> None:
@@ -171,13 +164,11 @@ def _controller_raises(flight: Flight, stage: Stage) -> None:
 
 
 def _pacer_dies(flight: Flight, stage: Stage) -> None:
-    assert stage.port.pacer is not None
-    stage.port.pacer.strike()
+    known(stage.port.pacer).strike()
 
 
 def _pacer_stops(flight: Flight, stage: Stage) -> None:
-    assert stage.port.pacer is not None
-    stage.port.pacer.strike(stopped=True)
+    known(stage.port.pacer).strike(stopped=True)
 
 
 @pytest.mark.parametrize(
@@ -196,41 +187,32 @@ def _pacer_stops(flight: Flight, stage: Stage) -> None:
 def test_what_is_owed_leaves_until_the_instant_that_the_table_has(
     event: Event, link: str, fresh_ms: float
 ) -> None:
-    world, config = from_floor(
-        *prepare(SCENARIOS["paper"], ["takeoff.height_m=2"], link=link), None
-    )
+    asked = ["takeoff.height_m=2"]
+    world, config = from_floor(*prepare(SCENARIOS["paper"], asked, link=link), None)
     left: list[tuple[float, float]] = []
     module = config.link if isinstance(config.link, DsmLinkConfig) else DsmLinkConfig()
     codec = module.codec()
-    decoder, channels = (
-        codec.decoder(),
-        Channels(module.map, count=codec.channels, thrust_max_n=1.0),
-    )
+    decoder = codec.decoder()
+    channels = Channels(module.map, count=codec.channels, thrust_max_n=1.0)
 
     def tap(time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
         if link == "mavlink" and source[1] == 14540:
             left.extend((frame.time_s, frame.thrust) for frame in read_set_points([(time_s, data)]))
         elif target == MODULE:
             for heard in decoder.feed(data):
-                assert heard.positions is not None
-                left.append((time_s, channels.read(heard.positions).thrust_n))
+                left.append((time_s, channels.read(known(heard.positions)).thrust_n))
 
     last, period_s, _ = struck(world, config, tap, event)
     assert last.deadline_s - last.pose_time_s == pytest.approx(1e-3 * fresh_ms)
-    owed_s = last.deadline_s + sum(
-        part.duration_s for part in last.bring_down if part.thrust_n > 0.0
-    )
+    lifts_s = sum(part.duration_s for part in last.bring_down if part.thrust_n > 0.0)
+    owed_s = last.deadline_s + lifts_s
     lifting = max(time_s for time_s, thrust in left if thrust > 0.0)
     assert lifting <= owed_s + 1e-6
     # A pacer holds what came before it died, while commands go on until that is known; and a
     # bridge's clock may be late by what the network takes, never early.
-    earlier_s = (
-        0.15
-        if event is _pacer_stops
-        else 0.05
-        if event is _pacer_dies or link == "rf_bridge"
-        else 1e-6
-    )
+    earlier_s = 0.05 if event is _pacer_dies or link == "rf_bridge" else 1e-6
+    if event is _pacer_stops:
+        earlier_s = 0.15
     assert lifting > owed_s - period_s - earlier_s
     after = [thrust for time_s, thrust in left if time_s > owed_s + 1e-6]
     assert all(thrust == 0.0 for thrust in after)

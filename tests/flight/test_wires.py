@@ -102,11 +102,11 @@ def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> lis
         udp, cameras = await free_address(), await free_address()
         async with contextlib.AsyncExitStack() as stack:
             way = await over(udp, folder, stack)
-            world, config = prepare(
-                SCENARIOS["paper"],
-                [f"link.listen={udp}", *([f"pose.listen={cameras}"] if source == "vicon" else [])],
-                source=source,
-            )
+            told = [
+                f"link.listen={udp}",
+                *([f"pose.listen={cameras}"] if source == "vicon" else []),
+            ]
+            world, config = prepare(SCENARIOS["paper"], told, source=source)
             stage = await stack.enter_async_context(
                 running(Stage(world, config, 0, autopilot=autopilot))
             )
@@ -143,9 +143,8 @@ def test_the_vehicle_is_flown_over_a_stream(autopilot: str, over: Any, tmp_path:
     off = [a - b for a, b in zip(last.pose.position_ned, last.reference.position_ned, strict=True)]
     assert max(map(abs, off)) < 0.3
     assert len(ticks) > 0.5 * FLOWN_S / 0.0225
-    names = Counter(
-        record.message.get_type() for record in TlogReader((tmp_path / "flight.tlog").read_bytes())
-    )
+    records = TlogReader((tmp_path / "flight.tlog").read_bytes())
+    names = Counter(record.message.get_type() for record in records)
     assert names["SET_ATTITUDE_TARGET"] >= len(ticks)
     assert names["HEARTBEAT"] > 2
 

@@ -3,7 +3,7 @@
 import asyncio
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,8 @@ from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
+from sim.trackers import TrackedBody
+from tests.known import known
 from tests.proving.faults import Meddler, stand_between
 
 LOOK_S = 0.01
@@ -53,18 +55,14 @@ def flown(
     sets: tuple[str, ...] = (),
     link: str = "mavlink",
 ) -> Told:
-    """A mission with 10 s of figure.
-
-    ``lie`` of the attitude shown last begins ``after_s`` into ``state`` [s].
-    """
+    """A mission whose poses lie from ``after_s`` into ``state`` on [s]."""
     world, config = prepare(SCENARIOS[scenario], list(sets), link=link)
     world, config = from_floor(world, config, 10.0)
     told = Told()
 
     async def script(flight: Flight, stage: Stage) -> None:
         loop = asyncio.get_running_loop()
-        meddler = stand_between(stage)
-        assert meddler is not None
+        meddler = known(stand_between(stage))
         striking = asyncio.ensure_future(strike(flight, meddler)) if lie is not None else None
         while True:
             now = loop.time()
@@ -88,10 +86,11 @@ def flown(
         await asyncio.sleep(after_s)
         assert lie is not None and meddler.shown is not None
         told.struck_s, lies = asyncio.get_running_loop().time(), lie(meddler.shown.attitude)
-        meddler.picture = lambda _, bodies: [
-            bodies[0]._replace(attitude=lies(bodies[0].attitude)),
-            *bodies[1:],
-        ]
+
+        def show(_: float, bodies: Sequence[TrackedBody]) -> Sequence[TrackedBody]:
+            return [bodies[0]._replace(attitude=lies(bodies[0].attitude)), *bodies[1:]]
+
+        meddler.picture = show
 
     told.mission = fly_mission(
         world, config, seed=seed, autopilot=autopilot, script=script,
@@ -105,13 +104,11 @@ def flown(
 @pytest.mark.parametrize("scenario", ["storm", "adverse", "gust_front", "quad1kg"])
 def test_true_poses_are_not_doubted_in_any_air(scenario: str, autopilot: str) -> None:
     told = flown(scenario, seed=7, autopilot=autopilot)
-    assert told.mission is not None and told.mission.landed
+    assert known(told.mission).landed
     assert told.share < 0.9
     assert told.silent_s < 0.5
-    assert not any(
-        "second witness" in line or "disagrees with the autopilot's own" in line
-        for line in told.events
-    )
+    doubts = ("second witness", "disagrees with the autopilot's own")
+    assert not any(doubt in line for line in told.events for doubt in doubts)
 
 
 def frozen(held: Quat) -> Lie:
@@ -175,14 +172,12 @@ def test_attitudes_of_poses_that_lie_are_told_by_the_attitude_over_crsf(
     assert told.mission.states[-1].state == alone.mission.states[-1].state == State.ABORTED
 
 
-def test_where_the_model_sides_with_the_poses_what_a_radio_tells_otherwise_convicts_nobody() -> (
-    None
-):
+def test_a_radio_that_contradicts_poses_and_model_convicts_nobody() -> None:
     """Pitch that is told to count the wrong way."""
     told = flown("paper", link="crsf", sets=(*TOLD_BY_RADIO, "link.attitude_pitch=nose_up"))
     assert told.share > 2.0
     assert told.doubted_s < math.inf
-    assert told.mission is not None and told.mission.landed
+    assert known(told.mission).landed
 
 
 @pytest.mark.tried(1)  # links
@@ -192,7 +187,7 @@ def test_a_tilt_that_is_askew_in_flight_is_told_and_ends_nothing(
 ) -> None:
     """A tracked body knocked by 9°: the law flies on, the model finds no more than wind in it."""
     told = flown("paper", lie=body_turned(9.0, 0.0), link=link, sets=sets)
-    assert told.mission is not None and told.mission.landed
+    assert known(told.mission).landed
     assert sum("disagrees with the autopilot's own" in line for line in told.events) <= 1
 
 
@@ -212,33 +207,21 @@ def test_axes_that_were_never_right_are_doubted_as_soon_as_it_leans(
 
 def test_a_body_that_lies_otherwise_than_the_vehicle_stands_is_refused_before_arming() -> None:
     told = flown("paper", lie=body_turned(12.0, 0.0), state=None, after_s=0.1)
-    assert told.mission is not None
-    assert "second witness: tilt by the poses and by the autopilot is 1" in told.mission.why or any(
-        "second witness: tilt by the poses and by the autopilot is 1" in line
-        for line in told.events
-    )
-    assert {entered.state for entered in told.mission.states} <= {
-        "connecting",
-        "ready",
-        "aborted",
-        "init",
-    }
+    refused = "second witness: tilt by the poses and by the autopilot is 1"
+    assert any(refused in line for line in (known(told.mission).why, *told.events))
+    states = {entered.state for entered in known(told.mission).states}
+    assert states <= {"connecting", "ready", "aborted", "init"}
 
 
-def test_an_autopilot_that_keeps_its_attitude_to_itself_is_warned_of_and_flown_all_the_same() -> (
-    None
-):
+def test_an_autopilot_that_sends_no_attitude_is_warned_of_and_flown() -> None:
     from sim.autopilots import Px4Autopilot
 
-    silent: Any = {
-        name: rate for name, rate in Px4Autopilot.rates_hz.items() if name != "ATTITUDE_QUATERNION"
-    }
+    rates: Any = dict(Px4Autopilot.rates_hz)
+    silent = {name: rates[name] for name in rates if name != "ATTITUDE_QUATERNION"}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Px4Autopilot, "rates_hz", silent)
         told = flown("paper")
-    assert told.mission is not None and told.mission.landed
-    assert any(
-        "pre-flight WARN: second witness: the autopilot does not send" in line
-        for line in told.events
-    )
+    assert known(told.mission).landed
+    warning = "pre-flight WARN: second witness: the autopilot does not send"
+    assert any(warning in line for line in told.events)
     assert told.share == 0.0

@@ -72,11 +72,8 @@ def damped(law: Gains, z3: Any) -> float:
 @st.composite
 def laws(draw: st.DrawFn) -> Gains:
     """Gains for which the proof holds: κ follows from a θ < 1."""
-    k3, k3_down, kb = (
-        draw(st.floats(0.5, 8.0)),
-        draw(st.floats(0.5, 20.0)),
-        draw(st.floats(0.2, 4.0)),
-    )
+    k3, k3_down = draw(st.floats(0.5, 8.0)), draw(st.floats(0.5, 20.0))
+    kb = draw(st.floats(0.2, 4.0))
     bound, epsilon = draw(st.floats(1.0, 6.0)), draw(st.floats(0.1, 3.0))
     stretch = max(1.0, (1.0 + epsilon / bound) ** 2 - 1.0)
     return Gains(
@@ -119,9 +116,8 @@ def steady(h: float, noise: float, densities: Densities) -> tuple[KalmanGain, Co
     covariance = initial_covariance(noise * noise)
     gain = (0.0, 0.0, 0.0, 0.0)
     for _ in range(5000):
-        gain, covariance = update_covariance(
-            predict_covariance(covariance, h, densities), noise * noise
-        )
+        expected = predict_covariance(covariance, h, densities)
+        gain, covariance = update_covariance(expected, noise * noise)
     return gain, covariance
 
 
@@ -208,14 +204,9 @@ class Loop(NamedTuple):
         lift = -s.thrust / MASS * np.asarray(so3.third_column(s.attitude))
         accel = lift + np.array([0.0, 0.0, GRAVITY]) + np.asarray(self.b) - np.asarray(acceleration)
         spin = (0.0, 0.5 * step.rate_x, 0.5 * step.rate_y, 0.2)
-        return State(
-            s.z1_dot,
-            vec3(accel),
-            so3.multiply(s.attitude, spin),
-            step.thrust_rate,
-            vec3(self.b_hat_dot(s, step)),
-            self.observer.a @ s.e,
-        )
+        turn, e_dot = so3.multiply(s.attitude, spin), self.observer.a @ s.e
+        b_hat_dot = vec3(self.b_hat_dot(s, step))
+        return State(s.z1_dot, vec3(accel), turn, step.thrust_rate, b_hat_dot, e_dot)
 
     def v(self, s: State, time: float = 0.0) -> float:
         """V_DI + ½|z3|² + |b̃|²/(2 kb), at what the law is fed."""
@@ -226,14 +217,11 @@ class Loop(NamedTuple):
 def moved(s: State, rate: State, h: float) -> State:
     """s + h s˙."""
     q = so3.normalize(tuple(a + h * b for a, b in zip(s.attitude, rate.attitude, strict=True)))
-    return State(
-        vec3(np.add(s.z1, h * np.asarray(rate.z1))),
-        vec3(np.add(s.z1_dot, h * np.asarray(rate.z1_dot))),
-        q,
-        s.thrust + h * rate.thrust,
-        vec3(np.add(s.b_hat, h * np.asarray(rate.b_hat))),
-        s.e + h * rate.e,
+    z1, z1_dot, b_hat = (
+        vec3(np.add(x, h * np.asarray(dx)))
+        for x, dx in ((s.z1, rate.z1), (s.z1_dot, rate.z1_dot), (s.b_hat, rate.b_hat))
     )
+    return State(z1, z1_dot, q, s.thrust + h * rate.thrust, b_hat, s.e + h * rate.e)
 
 
 class Parts(NamedTuple):
@@ -283,11 +271,9 @@ def margins(loop: Loop) -> tuple[float, float, float]:
     law, n = loop.law, loop.observer.n
     a = law.kappa + n / law.kb
     c = law.kb * law.kappa * lipschitz(law) + n
-    return (
-        a,
-        c,
-        1.0 + (a * a / law.kappa + c * c / min(law.k3, law.k3_down)) / (2.0 * (1.0 - theta(law))),
-    )
+    share = 2.0 * (1.0 - theta(law))
+    mu = 1.0 + (a * a / law.kappa + c * c / min(law.k3, law.k3_down)) / share
+    return a, c, mu
 
 
 @st.composite
@@ -336,9 +322,8 @@ def test_the_derivative_of_v_has_the_stated_terms(case: tuple[Loop, State]) -> N
     slope = (loop.v(moved(s, rate, h), h) - loop.v(moved(s, rate, -h), -h)) / (2.0 * h)
     p = parts(loop, s)
     size = abs(p.adaptation) + abs(p.observation) + p.w0 + damped(loop.law, p.z3)
-    assert slope == pytest.approx(
-        v_dot(p, loop.law), abs=1e-4 * (1.0 + size) + 1e-9 * speed * loop.v(s)
-    )
+    rounding = 1e-4 * (1.0 + size) + 1e-9 * speed * loop.v(s)
+    assert slope == pytest.approx(v_dot(p, loop.law), abs=rounding)
 
 
 @given(loops())
@@ -352,9 +337,8 @@ def test_v_and_the_observers_error_together_fall_by_a_share_of_w(case: tuple[Loo
     damping = damped(law, p.z3) + law.kappa * b_tilde * b_tilde
     rounding = 1e-9 * (1.0 + damping + abs(p.adaptation) + (a * b_tilde + c * z3) * e)
     # Before Young's inequality, and after it with μ eᵀPe added, whose derivative is -μ|e|².
-    assert (
-        p.adaptation - damped(law, p.z3) <= -share * damping + (a * b_tilde + c * z3) * e + rounding
-    )
+    cross = (a * b_tilde + c * z3) * e
+    assert p.adaptation - damped(law, p.z3) <= -share * damping + cross + rounding
     composite = v_dot(p, law) - p.observation - mu * e * e
     assert composite <= -p.w0 - 0.5 * share * damping - e * e + rounding + 1e-9 * mu * e * e
 
@@ -377,14 +361,11 @@ def size_in(covariance: Covariance, e: Array) -> float:
     return float((e / scale) @ np.linalg.solve(sigma / np.outer(scale, scale), e / scale))
 
 
-@given(
-    st.lists(
-        st.tuples(st.floats(0.004, 0.25), st.floats(1e-4, 1e-2), st.booleans()),
-        min_size=1,
-        max_size=20,
-    ),
-    st.tuples(small, small, small, small),
-)
+POSE = st.tuples(st.floats(0.004, 0.25), st.floats(1e-4, 1e-2), st.booleans())
+"""Interval to the one before [s], noise [m], and whether it has a velocity."""
+
+
+@given(st.lists(POSE, min_size=1, max_size=20), st.tuples(small, small, small, small))
 def test_the_inverse_covariance_is_a_lyapunov_function_for_any_intervals_and_any_noise(
     poses: list[tuple[float, float, bool]], error: tuple[float, ...]
 ) -> None:
@@ -393,9 +374,8 @@ def test_the_inverse_covariance_is_a_lyapunov_function_for_any_intervals_and_any
     covariance = initial_covariance(0.0003**2)
     for h, noise, moving in poses:
         before = size_in(covariance, e)
-        covariance = predict_covariance(
-            covariance, h, DEFAULT._replace(position=0.04 if moving else 0.0)
-        )
+        densities = DEFAULT._replace(position=0.04 if moving else 0.0)
+        covariance = predict_covariance(covariance, h, densities)
         e = transition(h)[:4, :4] @ e
         gain, covariance = update_covariance(covariance, noise * noise)
         e = e - np.array(gain) * e[0]
@@ -432,20 +412,12 @@ def flown(loop: Loop, s: State, duration: float, h: float = 0.005) -> list[tuple
 @pytest.mark.tried(2)  # disturbances, known and not
 @pytest.mark.parametrize("by_observer", [False, True])
 @pytest.mark.parametrize("b", [(0.1, -0.05, 0.2), (3.0, -3.0, 2.6)])
-def test_a_whole_flight_on_the_ideal_plant_keeps_the_inequality_and_finds_the_disturbance(
-    b: Vec3, by_observer: bool
-) -> None:
+def test_a_flight_on_the_ideal_plant_keeps_the_inequality(b: Vec3, by_observer: bool) -> None:
     law = Gains()
     loop = Loop(law, OBSERVERS[0], b, on_the_figure_eight, by_observer)
     unknown = np.array([(0.0, 0.0, 0.0), (0.1, 0.0, -0.1), b, (0.0, 0.0, 0.0)])
-    start = State(
-        (0.1, -1.5, 1.0),
-        (-0.3, 0.3, 0.0),
-        so3.IDENTITY,
-        0.6 * MASS * GRAVITY,
-        (0.0, 0.0, 0.0),
-        unknown,
-    )
+    z1, z1_dot, zero = (0.1, -1.5, 1.0), (-0.3, 0.3, 0.0), (0.0, 0.0, 0.0)
+    start = State(z1, z1_dot, so3.IDENTITY, 0.6 * MASS * GRAVITY, zero, unknown)
     states = flown(loop, start, 8.0)
     share, (_, _, mu) = 1.0 - theta(law), margins(loop)
     values = []
@@ -458,10 +430,8 @@ def test_a_whole_flight_on_the_ideal_plant_keeps_the_inequality_and_finds_the_di
         assert falls <= -p.w0 - 0.5 * share * damping - e2 + p.observation + 1e-9 * (1.0 + mu * e2)
         values.append(loop.v(s, t) + mu * float(np.sum(s.e * (loop.observer.p @ s.e))))
     if not by_observer:
-        assert all(
-            b <= a * (1.0 + 1e-9) + 1e-14 * values[0]
-            for a, b in zip(values, values[1:], strict=False)
-        )
+        pairs = zip(values, values[1:], strict=False)
+        assert all(b <= a * (1.0 + 1e-9) + 1e-14 * values[0] for a, b in pairs)
     _, end = states[-1]
     assert math.hypot(*end.z1) < 1e-4
     assert float(np.linalg.norm(loop.b_tilde(end))) < 1e-3

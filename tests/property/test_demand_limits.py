@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import assume, given, strategies as st
 
 from groundstation.core.control.demand_limits import LEAST_COSINE, RESERVE, YAW_RAD_S2, DemandLimits
-from groundstation.core.geometry import FLOATS, Vec3, arrays, rotate, third_column
+from groundstation.core.geometry import FLOATS, Quat, Vec3, arrays, rotate, third_column
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
 
@@ -21,12 +21,12 @@ rate = st.floats(-30.0, 30.0)
 little = st.floats(-1e-4, 1e-4)
 turning = st.tuples(st.floats(-3.5, 3.5), st.floats(-3.5, 3.5), st.floats(-5.0, 5.0))
 cosine = st.floats(LEAST_COSINE, 0.999)
+leaning = st.builds(from_euler_zyx, angle, angle, angle)
+Rates = tuple[float, float]
 
 
 @given(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
-def test_the_yaw_rate_goes_towards_what_is_wanted_no_faster_than_rotors_can_spare(
-    now: float, wanted: float
-) -> None:
+def test_the_yaw_rate_changes_no_faster_than_rotors_can_spare(now: float, wanted: float) -> None:
     told = LIMITS.limit_yaw(now, wanted)
     assert min(now, wanted) <= told <= max(now, wanted)
     step = YAW_RAD_S2 * max(VEHICLE.rate_lag_s, VEHICLE.frame_period_s)
@@ -34,18 +34,18 @@ def test_the_yaw_rate_goes_towards_what_is_wanted_no_faster_than_rotors_can_spar
     assert told == wanted or math.isclose(abs(told - now), step)
 
 
-@given(angle, angle, angle, st.floats(-3.5, 3.5), st.floats(-3.5, 3.5), cosine)
-def test_no_demand_whatever_takes_the_tilt_beyond_its_limit(
-    roll: float, pitch: float, yaw: float, rate_x: float, rate_y: float, least: float
+@given(leaning, st.tuples(st.floats(-3.5, 3.5), st.floats(-3.5, 3.5)), cosine)
+def test_no_demand_takes_the_tilt_beyond_its_limit(
+    attitude: Quat, rates: Rates, least: float
 ) -> None:
     """From any attitude inside, 0.75 s of one demand, with the law's own rate loop."""
-    attitude, turns = from_euler_zyx(roll, pitch, yaw), (0.0, 0.0, 0.0)
+    turns = (0.0, 0.0, 0.0)
     assume(third_column(attitude)[2] > least)
     h, frame = 0.0005, VEHICLE.frame_period_s
     x = y = 0.0
     for step in range(1500):
         if step % round(frame / h) == 0:
-            x, y, _ = LIMITS.limit_tilt(attitude, turns, (rate_x, rate_y), least, K_OMEGA)
+            x, y, _ = LIMITS.limit_tilt(attitude, turns, rates, least, K_OMEGA)
         p, q, _ = turns
         turns = (p + h * K_OMEGA * (x - p), q + h * K_OMEGA * (y - q), 0.0)
         attitude = rotate(attitude, (h * turns[0], h * turns[1], 0.0))
@@ -78,19 +78,14 @@ def test_a_climb_moves_the_limit_by_half_of_what_is_left_at_most(
     assert (least - level) * vertical <= 1e-12
 
 
-@given(angle, angle, turning, rate, rate, cosine)
-def test_inside_nothing_changes_to_the_bit_and_beyond_the_change_is_the_smallest(
-    roll: float,
-    pitch: float,
-    turns: tuple[float, float, float],
-    rate_x: float,
-    rate_y: float,
-    least: float,
+@given(leaning, turning, st.tuples(rate, rate), cosine)
+def test_inside_nothing_changes_and_beyond_the_change_is_the_smallest(
+    attitude: Quat, turns: Vec3, rates: Rates, least: float
 ) -> None:
-    attitude = from_euler_zyx(roll, pitch, -0.7)
-    x, y, limited = LIMITS.limit_tilt(attitude, turns, (rate_x, rate_y), least, K_OMEGA)
+    rate_x, rate_y = rates
+    x, y, limited = LIMITS.limit_tilt(attitude, turns, rates, least, K_OMEGA)
     if not limited:
-        assert (x, y) == (rate_x, rate_y)
+        assert (x, y) == rates
         return
     w, a, b, c = attitude
     r31, r32 = 2.0 * (a * c - w * b), 2.0 * (b * c + w * a)
@@ -103,16 +98,11 @@ def test_inside_nothing_changes_to_the_bit_and_beyond_the_change_is_the_smallest
         assert math.isclose(r31 * y - r32 * x, bound, rel_tol=1e-6, abs_tol=1e-6)
 
 
-@given(angle, angle, turning, st.tuples(rate, rate), st.tuples(little, little), cosine)
+@given(leaning, turning, st.tuples(rate, rate), st.tuples(little, little), cosine)
 def test_a_small_change_of_the_demand_changes_the_outcome_little(
-    roll: float,
-    pitch: float,
-    turns: Vec3,
-    rates: tuple[float, float],
-    change: tuple[float, float],
-    least: float,
+    attitude: Quat, turns: Vec3, rates: Rates, change: Rates, least: float
 ) -> None:
-    attitude, other = from_euler_zyx(roll, pitch, 0.0), (rates[0] + change[0], rates[1] + change[1])
+    other = (rates[0] + change[0], rates[1] + change[1])
     x, y, _ = LIMITS.limit_tilt(attitude, turns, rates, least, K_OMEGA)
     p, q, _ = LIMITS.limit_tilt(attitude, turns, other, least, K_OMEGA)
     assert math.hypot(p - x, q - y) <= math.hypot(*change) + 1e-9
@@ -129,9 +119,7 @@ def test_a_thrust_at_its_limit_has_no_rate_beyond_it(thrust: float, thrust_rate:
 
 
 @given(st.floats(-1.0, 3.0), st.tuples(rate, rate, rate))
-def test_every_command_is_clamped_to_the_vehicles_limits_axis_by_axis_and_says_so(
-    thrust: float, rates: tuple[float, float, float]
-) -> None:
+def test_every_command_is_clamped_axis_by_axis(thrust: float, rates: Vec3) -> None:
     (inside, turns), cut = LIMITS.clamp(thrust, rates)
     most = tuple(math.radians(limit) for limit in VEHICLE.rate_limits_deg_s)
     assert inside == min(max(thrust, VEHICLE.thrust_min_n), VEHICLE.thrust_max_n)

@@ -59,19 +59,14 @@ def dense(s: Covariance) -> np.ndarray:
     return np.array([[pp, pv, pd, pc], [pv, vv, vd, vc], [pd, vd, dd, dc], [pc, vc, dc, cc]])
 
 
-@settings(deadline=None)
-@given(
-    st.lists(
-        st.tuples(
-            st.floats(0.004, 0.2),
-            st.tuples(ACCELERATION, ACCELERATION, ACCELERATION),
-            st.booleans(),
-        ),
-        min_size=1,
-        max_size=25,
-    ),
-    st.integers(0, 2**32),
+POSE = st.tuples(
+    st.floats(0.004, 0.2), st.tuples(ACCELERATION, ACCELERATION, ACCELERATION), st.booleans()
 )
+"""Interval to the one before [s], acceleration by thrust [m/s²], and whether it has a velocity."""
+
+
+@settings(deadline=None)
+@given(st.lists(POSE, min_size=1, max_size=25), st.integers(0, 2**32))
 def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
     poses: list[tuple[float, Vec3, bool]], seed: int
 ) -> None:
@@ -97,11 +92,8 @@ def compare_with_thirteen_states(poses: list[tuple[float, Vec3, bool]], seed: in
     big[12, 12] = 0.15**2
     # What the chains believe; λ's estimate is x[12] = e.value - 1. Thrust accelerates by a per unit
     # of λ.
-    e, state, clipped = (
-        initial_effectiveness(0.15)._replace(noise=1.0, frozen_s=-1.0),
-        np.zeros((3, 4)),
-        False,
-    )
+    e = initial_effectiveness(0.15)._replace(noise=1.0, frozen_s=-1.0)
+    state, clipped = np.zeros((3, 4)), False
     for h, a, with_velocity in poses:
         f = transition(h)
         push = ([0.5 * h * h * k for k in a], [h * k for k in a])

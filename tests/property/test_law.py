@@ -28,6 +28,7 @@ small = st.floats(-3.0, 3.0)
 vec = st.tuples(small, small, small)
 anything = st.floats(allow_nan=False, allow_infinity=False)
 any_vec = st.tuples(anything, anything, anything)
+drags = st.floats(0.0, 2.0)
 angle = st.tuples(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-3.1, 3.1))
 gains = st.builds(
     Law,
@@ -112,9 +113,8 @@ def test_partial_derivatives_of_the_virtual_control_match_differences(
     by_z2 = (at(z1, here.z2 + h).u_star - at(z1, here.z2 - h).u_star) / (2 * h)
     assert here.du_dz1 == pytest.approx(by_z1, **close)
     assert here.du_dz2 == pytest.approx(by_z2, **close)
-    v_by_z2 = (0.5 * at(z1, here.z2 + h).omega ** 2 - 0.5 * at(z1, here.z2 - h).omega ** 2) / (
-        2 * h
-    )
+    above, below = at(z1, here.z2 + h).omega, at(z1, here.z2 - h).omega
+    v_by_z2 = (0.5 * above**2 - 0.5 * below**2) / (2 * h)
     assert here.dv_dz2 == pytest.approx(v_by_z2, **close)
 
 
@@ -124,30 +124,19 @@ def test_projection_p1_to_p4(direction: Vec3, share: float, xi: Vec3, law: Law) 
     length = math.hypot(*direction) or 1.0
     x, y, z = (each / length * share * (bound + epsilon) for each in direction)
     b_hat = within(FLOATS, (x, y, z), bound + epsilon)
-    keys: dict[str, Any] = {
-        "bound": bound,
-        "epsilon": epsilon,
-        "delta": delta,
-        "order": law.projection_order,
-    }
-    proj = project(FLOATS, xi, b_hat, **keys)
+    keys: dict[str, Any] = {"bound": bound, "epsilon": epsilon, "delta": delta}
+    proj = project(FLOATS, xi, b_hat, order=law.projection_order, **keys)
     # P1: on the outer sphere it never points outward.
     if math.hypot(*b_hat) >= (bound + epsilon) * (1 - 1e-12):
         assert dot(b_hat, proj) <= 1e-9 * (1 + math.hypot(*xi))
     # P2: b̃ᵀ Proj >= b̃ᵀ ξ for every |b| <= B.
-    for b in (
-        (bound, 0.0, 0.0),
-        (0.0, -bound, 0.0),
-        (0.0, 0.0, 0.3 * bound),
-        (-0.5 * bound, 0.5 * bound, 0.5 * bound),
-    ):
+    axes = ((bound, 0.0, 0.0), (0.0, -bound, 0.0), (0.0, 0.0, 0.3 * bound))
+    for b in (*axes, (-0.5 * bound, 0.5 * bound, 0.5 * bound)):
         error = (b[0] - b_hat[0], b[1] - b_hat[1], b[2] - b_hat[2])
         assert dot(error, proj) >= dot(error, xi) - 1e-9 * (1 + math.hypot(*xi))
     # P3: the norm is bounded.
-    limit = (
-        math.hypot(*xi) * (1 + ((bound + epsilon) / bound) ** 2)
-        + (bound + epsilon) / (2 * bound**2) * delta
-    )
+    stretch = 1 + ((bound + epsilon) / bound) ** 2
+    limit = math.hypot(*xi) * stretch + (bound + epsilon) / (2 * bound**2) * delta
     assert math.hypot(*proj) <= limit * (1 + 1e-12)
     # It does nothing inside.
     if math.hypot(*b_hat) <= bound:
@@ -163,11 +152,7 @@ def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(
         return
 
     def at(radius: float) -> Vec3:
-        b: Vec3 = (
-            direction[0] / length * radius,
-            direction[1] / length * radius,
-            direction[2] / length * radius,
-        )
+        b = vec3(radius / length * np.asarray(direction))
         return project(FLOATS, xi, b, bound=2.0, epsilon=0.5, delta=0.1, order=order)
 
     h = 1e-3
@@ -176,14 +161,7 @@ def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(
     assert deviation <= 20.0 * (1 + math.hypot(*xi)) * (4.1 * h / 2.25) ** (order + 1)
 
 
-@given(
-    gains,
-    st.tuples(*[vec] * 7),
-    angle,
-    st.floats(0.3, 3.0),
-    st.floats(0.05, 2.0),
-    st.floats(0.0, 2.0),
-)
+@given(gains, st.tuples(*[vec] * 7), angle, st.floats(0.3, 3.0), st.floats(0.05, 2.0), drags)
 def test_v_falls_exactly_by_w_on_the_ideal_plant(
     law: Law, vectors: tuple[Vec3, ...], angles: Vec3, lift: float, mass: float, drag: float
 ) -> None:
@@ -216,13 +194,8 @@ def test_v_falls_exactly_by_w_on_the_ideal_plant(
         error = [b[i] - b_hat[i] - h * step.b_hat_dot[i] for i in range(3)]
         return later.v_known + 0.5 / law.kb * sum(x * x for x in error)
 
-    speed = (
-        1.0
-        + abs(step.rate_x)
-        + abs(step.rate_y)
-        + abs(step.thrust_rate) / thrust
-        + max(map(abs, z1_dot))
-    )
+    turn = abs(step.rate_x) + abs(step.rate_y)
+    speed = 1.0 + turn + abs(step.thrust_rate) / thrust + max(map(abs, z1_dot))
     h = 1e-5 / speed
     slope = (v_after(h) - v_after(-h)) / (2.0 * h)
     # b̂ lies within B, so Proj = ξ and the last term vanishes.
@@ -244,11 +217,8 @@ def test_the_estimate_stays_within_b_plus_epsilon_for_any_input_sequence(
 
 
 def numbers(step: LawOutput) -> list[float]:
-    return [
-        x
-        for field in msgspec.structs.astuple(step)
-        for x in (field if isinstance(field, tuple) else (field,))
-    ]
+    fields = (x if isinstance(x, tuple) else (x,) for x in msgspec.structs.astuple(step))
+    return [x for field in fields for x in field]
 
 
 @given(any_vec, any_vec, angle, anything, vec, any_vec, any_vec)
@@ -289,16 +259,10 @@ def test_arrays_of_vehicles_agree_with_one_vehicle_at_a_time(states: list[tuple[
     def column(values: list[Any]) -> Any:
         return tuple(np.array(x) for x in zip(*values, strict=True))
 
-    of_all = LawState(
-        column([s[0] for s in states]),
-        column([s[1] for s in states]),
-        column([s[1] for s in states]),
-        column(quaternions),
-        column([(s[3],) for s in states])[0],
-        column([s[4] for s in states]),
-        (0.0, 0.0, 0.0),
-        column([s[5] for s in states]),
-    )
+    z1, z1_dot, b_hat, acceleration = (column([s[k] for s in states]) for k in (0, 1, 4, 5))
+    q, still = column(quaternions), (0.0, 0.0, 0.0)
+    thrust: Any = np.array([s[3] for s in states])
+    of_all = LawState(z1, z1_dot, z1_dot, q, thrust, b_hat, still, acceleration)
     batch = backstep(ops, LAW, of_all, mass=0.08, drag=0.3)
     for i, s in enumerate(states):
         one = LawState(s[0], s[1], s[1], quaternions[i], s[3], s[4], (0.0, 0.0, 0.0), s[5])

@@ -45,10 +45,7 @@ def test_the_newest_value_is_got_once() -> None:
 
 
 def test_records_have_these_bytes() -> None:
-    """Number at byte 0.
-
-    Slots of 24 + 16,384 bytes from byte 64 on: number, size, CRC-32 of number and value, value.
-    """
+    """From byte 64 on slots of 24 + 16,384 bytes: number, size, CRC-32 of both, value."""
     writer = Mailbox()
     writer.put(b"first")
     writer.put(b"second!")

@@ -5,6 +5,7 @@ import struct
 
 from hypothesis import given, strategies as st
 
+from groundstation.core.geometry import Vec3
 from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots.ardupilot import read_servos, write_state
 from sim.autopilots.px4 import SimulatorCodec
@@ -46,11 +47,7 @@ def test_no_packet_from_ardupilot_turns_a_rotor_beyond_its_limits(packet: bytes)
 
 @given(st.floats(0.0, 1e6), vectors, vectors, vectors, vectors)
 def test_a_state_for_ardupilot_loses_nothing(
-    time_s: float,
-    position: tuple[float, float, float],
-    velocity: tuple[float, float, float],
-    rates: tuple[float, float, float],
-    force: tuple[float, float, float],
+    time_s: float, position: Vec3, velocity: Vec3, rates: Vec3, force: Vec3
 ) -> None:
     state = TrueState(time_s, position, velocity, (1.0, 0.0, 0.0, 0.0), rates, 0.0, on_ground=False)
     line = write_state(time_s, state, force)
@@ -62,7 +59,7 @@ def test_a_state_for_ardupilot_loses_nothing(
 
 
 @given(vectors, st.integers(0, 2**40))
-def test_a_state_for_px4_comes_through(force: tuple[float, float, float], time_us: int) -> None:
+def test_a_state_for_px4_comes_through(force: Vec3, time_us: int) -> None:
     state = TrueState(
         0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), force, 0.0, on_ground=False
     )
