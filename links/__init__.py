@@ -1,5 +1,4 @@
-"""Command links: how thrust and body rates leave for a vehicle, and that they stop when nobody
-commands.
+"""Command links: how thrust and body rates leave for a vehicle, and stop when nobody commands.
 
 This is all that a user imports; what is behind it may change.
 

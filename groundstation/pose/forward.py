@@ -23,17 +23,14 @@ EARLY = 0.1
 """Share of the period by which a pose may be early [-]: jitter must not halve the rate."""
 
 ORIGIN_S = 1.0
-"""Period at which a disarmed ArduPilot gets its origin [s]: its filter accepts none before it has
-started."""
+"""Period of the origin for a disarmed ArduPilot [s]: a filter that has not begun takes none."""
 
 
 class Forward:
     """Choice and encoding of the forwarded poses. Sans-IO."""
 
     def __init__(self, config: ForwardConfig, floor_z_m: float) -> None:
-        """``floor_z_m`` is the down coordinate of the floor [m]: the zero of the forwarded
-        heights.
-        """
+        """``floor_z_m`` is the floor's down coordinate [m]: the zero of forwarded heights."""
         self._config, self._floor_z_m = config, floor_z_m
         self._period_s = 1.0 / config.rate_hz
         self._due_s = -math.inf
@@ -85,9 +82,7 @@ class Forward:
 
 
 class ForwardingSource:
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`: a source whose poses the
-    autopilot gets too.
-    """
+    """Implements :class:`groundstation.core.messages.PoseSource`: the autopilot gets poses, too."""
 
     def __init__(
         self,

@@ -10,6 +10,7 @@ computer and a motion-capture bridge often have the vehicle's own.
 Source: MAVProxy, Mission Planner and QGroundControl all write this form.
 """
 
+import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -18,13 +19,12 @@ from groundstation.core.messages import notice
 from groundstation.pose.sources import POSE_MESSAGES
 from links.mavlink.protocol import MavlinkCodec, Message, frame_end, is_autopilot
 
-_STAMP_BYTES = 8
-"""Length of a record's time stamp [bytes]."""
+_STAMP = struct.Struct(">Q")
+"""Time stamp of a record [µs since 1970]."""
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1, of common.xml."""
 RECORDS_SHARE = 0.9
-"""Least share of records in a .tlog [-]: of a MAVLink stream without time stamps half looks like
-records."""
+"""Least share of records in a .tlog [-]; of frames without stamps half look like records."""
 
 
 class Sender(NamedTuple):
@@ -86,11 +86,10 @@ class TlogReader:
         codec.dropped.clear()
         self._used = 0
         start, size = 0, len(data)
-        lost = (
-            False  # behind damage, until the next valid checksum: bytes of stamps look like frames
-        )
+        # Behind damage, until the next valid checksum: bytes of stamps look like frames.
+        lost = False
         while start < size:
-            begin = start + _STAMP_BYTES
+            begin = start + _STAMP.size
             end = frame_end(data, begin) if begin < size else size + 1
             if end > size and not lost:
                 codec.dropped["truncated"] += 1
@@ -105,7 +104,7 @@ class TlogReader:
                 continue
             self._used += end - start
             if message is not None:
-                yield TlogRecord(int.from_bytes(data[start:begin], "big") * 1e-6, message)
+                yield TlogRecord(_STAMP.unpack_from(data, start)[0] * 1e-6, message)
                 lost = False
             start = end
 

@@ -7,8 +7,7 @@ from groundstation.core.messages import Check, PoseKind, PoseStatus, Verdict, no
 FAIL_RATE = 2.0
 """Ratio of rates above which the stamps are in the wrong unit [-]."""
 WARN_RATE = 1.2
-"""Ratio of rates above which the check warns [-]: a network that stalled for 0.3 s of 2 s gives
-1.18."""
+"""Ratio of rates above which the check warns [-]: a stall of 0.3 s in 2 s gives 1.18."""
 UNITS = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 """Units of time stamps, by their length [s]."""
 NEAR_UNIT = 1.25

@@ -1,5 +1,4 @@
-"""Bridge codec: what a station and an RF bridge say to each other in datagrams, and the seal on
-them. Sans-IO.
+"""Bridge codec: datagrams between a station and an RF bridge, and the seal on them. Sans-IO.
 
     byte 0..3     "RFB1"
     byte 4        kind: 1 hello, 2 welcome, 3 up (station to bridge), 4 down (bridge to station)
@@ -127,9 +126,7 @@ class Seal:
     def open(
         self, data: bytes, decoder: "msgspec.msgpack.Decoder[T]", dropped: "Counter[str]"
     ) -> T | None:
-        """Open a datagram; None where it is not for us, not sealed, not new or malformed, counted
-        by reason.
-        """
+        """Open a datagram; None where it is foreign, unsealed, old or malformed (counted)."""
         body, tag = data[:-TAG_BYTES], data[-TAG_BYTES:]
         if kind_of(data) != self._kind or name_of(data) != self.name:
             dropped["other_session"] += 1
@@ -143,11 +140,7 @@ class Seal:
             return None
         try:
             message = decoder.decode(body[_HEAD.size :])
-        except (
-            msgspec.MsgspecError,
-            UnicodeDecodeError,
-            RecursionError,
-        ):  # the second for text that is no UTF-8
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             dropped["malformed"] += 1
             return None
         self.counter = counter
@@ -184,14 +177,12 @@ def session_seals(key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> tupl
         return hmac.digest(key, what + station_nonce + bridge_nonce, "sha256")
 
     name = derive(b"name")[:8]
-    return Seal(derive(b"up"), DatagramKind.UP, name), Seal(
-        derive(b"down"), DatagramKind.DOWN, name
-    )
+    up = Seal(derive(b"up"), DatagramKind.UP, name)
+    return up, Seal(derive(b"down"), DatagramKind.DOWN, name)
 
 
-_ENCODER = msgspec.msgpack.Encoder(
-    order="deterministic"
-)  # a set has another order in every process
+# A set has another order in every process.
+_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 HELLOS = msgspec.msgpack.Decoder(BridgeHello)
 WELCOMES = msgspec.msgpack.Decoder(Welcome)
 UPS = msgspec.msgpack.Decoder(Up)

@@ -50,18 +50,14 @@ BEAT_S = 0.1
 AGAIN_S = 0.02
 """Interval between repetitions of an unacknowledged order [s]."""
 MUTE_S = 0.8
-"""A bridge that says nothing for so long is asked for a new session: it may have been started anew
-[s]."""
+"""Silence after which a bridge is asked for a new session [s]: it may have restarted."""
 
 UNTIL_TOLD = msgspec.structs.replace(DsmLinkConfig().manner, services=frozenset[Service]())
-"""Assumed pacing until the bridge reports its own: a module's as it comes, which does nothing
-beside."""
+"""Assumed pacing until the bridge reports its own: a default module's, without services."""
 
 
 class SessionRequest:
-    """One request for a session with the bridge: a nonce, and the seals of the hello and of its
-    answer.
-    """
+    """One request for a session: a nonce, and the seals of the hello and of its answer."""
 
     def __init__(self, key: bytes, nonce: bytes) -> None:
         self.nonce = nonce

@@ -77,8 +77,7 @@ class KeptPacer:
             on_report: called with False after each report, and with True when the pacer has ended.
         """
         self.report: PacerReport | None = None
-        """Newest report; after the pacer's end the same with the reason in ``port``; None before
-        the first."""
+        """Newest report, after the pacer's end with the reason in ``port``; None before any."""
         self._config = config
         self._open_pacer = open_pacer
         self._say, self._on_report = say, on_report
@@ -141,9 +140,8 @@ class KeptPacer:
             if is_lone and self._pacer is not None and not self._relieved:
                 self._relieved = True
                 self._pacer.give(End(self._config.disarm_s))
-        elif (
-            before is not None
-        ):  # a vehicle may still fly, and gets no frames until the next pacer: keep ``over``
+        # A vehicle may still fly, and gets no frames until the next pacer: keep ``over``.
+        elif before is not None:
             report = msgspec.structs.replace(before, port=link_notice("bridge.pacer_ended").text)
         self.report = report
         self._on_report(ended)
@@ -167,9 +165,8 @@ class KeptPacer:
         elif self._quiet is None:
             self._quiet = report
         elif not self._disarmed:
-            disarm_frames = (
-                report.frames - self._quiet.frames + 1
-            )  # one had left before the first such report
+            # One had left before the first such report.
+            disarm_frames = report.frames - self._quiet.frames + 1
             if disarm_frames * self._config.period_s >= self._config.disarm_s:
                 self._say(link_notice("bridge.disarmed").text)
                 self._disarmed = True
@@ -264,9 +261,7 @@ class Bridge(asyncio.DatagramProtocol):
                 self._wire.abort()
 
     def kill(self) -> None:
-        """Stop the motors, by the operator of this machine: only disarm frames leave until a new
-        arming.
-        """
+        """Stop the motors, by this machine's operator: disarm frames leave until a new arming."""
         self._pacer.give(Stop())
         if self._live is not None:
             self._live.arming = None

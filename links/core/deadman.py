@@ -1,5 +1,4 @@
-"""Port of every command link, and its dead man's switch: a fresh command, or the bring-down, or
-nothing. Sans-IO.
+"""Port of every command link, with its dead man's switch: fresh, bring-down, nothing. Sans-IO.
 
 A command may be repeated until its deadline. After it the bring-down that the newest command
 carries is played once, and then nothing leaves that lifts. Nothing but :meth:`Deadman.arm` ends
@@ -29,9 +28,7 @@ from links.text import Sentence
 
 
 class Segment(msgspec.Struct, frozen=True, gc=False):
-    """One part of a bring-down: thrust and body rates held for a while, whatever the vehicle
-    does.
-    """
+    """One part of a bring-down: thrust and body rates held for a while, without feedback."""
 
     duration_s: float
     """[s]"""
@@ -55,8 +52,7 @@ class Command(msgspec.Struct, frozen=True, gc=False):
     deadline_s: float
     """After this instant, on the event loop's clock [s], the command must not leave any more."""
     bring_down: tuple[Segment, ...] = ()
-    """Segments that leave after the deadline without a newer command: at most 2 s in all, then
-    nothing that lifts."""
+    """Segments after the deadline without a newer command: at most 2 s, then nothing that lifts."""
 
 
 class Attitude(msgspec.Struct, frozen=True, gc=False):
@@ -82,9 +78,7 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
 
 
 def from_euler_zyx(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Convert angles [rad], turned about z, then y, then x, to the body-to-world quaternion w, x,
-    y, z.
-    """
+    """Convert angles [rad], about z, then y, then x, to the body-to-world quaternion w, x, y, z."""
     cr, sr, cp, sp = (
         math.cos(0.5 * roll),
         math.sin(0.5 * roll),
@@ -297,17 +291,13 @@ class Arrival(NamedTuple):
     """Evidence that commands reach the autopilot."""
 
     overdue_s: float = 0.0
-    """For how long answers have been due that did not come, though it is heard [s]; 0 where nobody
-    can tell."""
+    """Time for which answers are overdue though it is heard [s]; 0 where nobody can tell."""
     late_s: float = 0.0
-    """Delay of commands at the autopilot, by answers that stay late [s]; 0 where they are in
-    time."""
+    """Delay of commands at the autopilot, by answers that stay late [s]; 0 where none is."""
 
 
 class AutopilotLink(Protocol):
-    """A link to an autopilot that answers: in which mode it is, as somebody else may take it over,
-    and what arrived.
-    """
+    """A link to an autopilot that answers: its mode, which others may change, and arrivals."""
 
     shares_poses: bool
     """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere
@@ -318,9 +308,7 @@ class AutopilotLink(Protocol):
         """Whether it has been asked to land by itself since the newest arming, and does."""
 
     def could_land_by_itself(self, now_s: float) -> bool:
-        """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our
-        poses.
-        """
+        """Whether it would land, asked at ``now_s`` [s], by a position not made of our poses."""
 
     def ask_mode(self) -> None:
         """Have it tell its mode now: what it does not do may be somebody else's doing."""
@@ -392,9 +380,7 @@ class LinkKind(
 
     @property
     def own_position(self) -> bool:
-        """The autopilot knows its position by something else than our tracker, as the operator
-        says.
-        """
+        """The operator says that the autopilot's position is not made of our tracker's."""
         return False
 
     @property
@@ -456,8 +442,7 @@ class CommandLink(Protocol):
         """
 
     async def arm(self, idle: Callable[[], Command]) -> None:
-        """Stream what ``idle()`` returns, asked anew for each frame, until the vehicle is armed and
-        obeys.
+        """Stream new ``idle()`` commands until the vehicle is armed and obeys.
 
         Only for an operator's own arming: it is the one thing that lets commands leave again after
         a bring-down.
@@ -508,9 +493,7 @@ class CommandLink(Protocol):
 
 
 def signal(thrust: float, factor: float) -> float:
-    """The signal u in 0..1 that gives ``thrust`` (clamped to 0..1) on the curve with f = ``factor``
-    (0..1).
-    """
+    """The signal u in 0..1 for ``thrust`` (clamped to 0..1) on the curve f = ``factor`` (0..1)."""
     if thrust <= 0.0:
         return 0.0
     if thrust >= 1.0:
@@ -526,9 +509,7 @@ def thrust(signal_: float, factor: float) -> float:
 
 
 def full_thrust_n(weight_n: float, hover: float, factor: float) -> float:
-    """Thrust of the full signal [N], where the signal ``hover`` (0..1, not 0) carries ``weight_n``
-    [N].
-    """
+    """Thrust of the full signal [N], where ``hover`` (0..1, not 0) carries ``weight_n`` [N]."""
     return weight_n / thrust(hover, factor)
 
 

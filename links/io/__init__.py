@@ -1,6 +1,4 @@
-"""Wires of the links: network addresses and datagrams, serial ports, key files; the computer's
-sleep.
-"""
+"""Wires of the links: addresses, datagrams, serial ports, key files, the computer's sleep."""
 
 from links.io.child import make_child_command, open_child, start_child
 from links.io.key_file import make_key, read_key

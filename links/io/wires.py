@@ -1,5 +1,4 @@
-"""Wires: datagrams that leave now or never, a serial port, and whether this computer has slept
-meanwhile.
+"""Wires: datagrams that leave now or never, a serial port, and the computer's sleep.
 
 The serial port is opened raw and without waiting, for this program alone, at any speed; 8N1, no
 flow control.
@@ -115,8 +114,7 @@ def is_pseudo_terminal(path: str) -> bool:
 
 
 def waiting(fd: int) -> int:
-    """Bytes that were written and have not left yet, of a TCP socket: that the other end has not
-    acknowledged yet.
+    """Bytes written that have not left yet; of a TCP socket, that are not acknowledged yet.
 
     0 where the driver can't tell.
 
@@ -134,15 +132,20 @@ def waiting(fd: int) -> int:
 P = TypeVar("P")
 
 
+def _running_loop() -> Any:
+    """Return the event loop; the processes of a pacer open ports without one."""
+    import asyncio
+
+    return asyncio.get_running_loop()
+
+
 class PortTransport:
     """An open port on the event loop. What is sent leaves at once or never."""
 
     def __init__(self, fd: int, protocol: Any) -> None:
-        import asyncio  # the processes of a pacer open ports without an event loop
-
         self._fd = fd
         self._protocol = protocol
-        self._loop = asyncio.get_running_loop()
+        self._loop = _running_loop()
         protocol.connection_made(self)
         self._loop.add_reader(fd, self._read)
 
@@ -197,8 +200,7 @@ class PortTransport:
 
 
 class Network:
-    """Opens wires for asyncio's protocols: the running event loop's own, whether its time is real
-    or virtual.
+    """Opens wires for asyncio's protocols on the running event loop, of real or virtual time.
 
     Each method returns transport and protocol, and raises OSError where the wire can't be opened.
     """
@@ -212,20 +214,14 @@ class Network:
         reuse_port: bool | None = None,
     ) -> tuple[Any, P]:
         """A datagram endpoint at the address ``local``, or to ``remote``."""
-        import asyncio
-
-        loop: Any = asyncio.get_running_loop()
-        opened: tuple[Any, P] = await loop.create_datagram_endpoint(
+        opened: tuple[Any, P] = await _running_loop().create_datagram_endpoint(
             factory, local, remote, reuse_port=reuse_port
         )
         return opened
 
     async def open_stream(self, factory: Callable[[], P], host: str, port: int) -> tuple[Any, P]:
         """A connection to ``host``:``port``."""
-        import asyncio
-
-        loop: Any = asyncio.get_running_loop()
-        opened: tuple[Any, P] = await loop.create_connection(factory, host, port)
+        opened: tuple[Any, P] = await _running_loop().create_connection(factory, host, port)
         return opened
 
     async def open_serial(self, factory: Callable[[], P], path: str, baud: int) -> tuple[Any, P]:

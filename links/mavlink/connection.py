@@ -1,5 +1,4 @@
-"""Connection: one wire to one autopilot, opened again when it is lost, heartbeats both ways,
-messages and hand-shakes.
+"""Connection to one autopilot: one wire, opened again when lost, heartbeats, hand-shakes.
 
 When the autopilot is heard again after a silence, or after its wire was lost, it may have
 restarted: it is asked for its messages again, and set-points do not leave until the vehicle is
@@ -104,8 +103,7 @@ class UdpTransport(asyncio.DatagramProtocol):
 TCP_QUEUE_S = 0.1
 """Frames may wait for the other end this long [s]; a delayed acknowledgement takes 0.04."""
 STALL_S = 0.25
-"""A wire that takes nothing for this long is closed [s]: blocked flow control must not keep a stale
-command."""
+"""A wire that takes nothing for this long is closed [s]: what waits in it grows stale."""
 
 
 class StreamTransport(asyncio.Protocol):
@@ -408,8 +406,7 @@ def _describe_loss(why: str) -> str:
 
 VISION = (
     "VISION_POSITION_ESTIMATE", "GLOBAL_VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE",
-    "ATT_POS_MOCAP",
-    "ODOMETRY", "GPS_INPUT",
+    "ATT_POS_MOCAP", "ODOMETRY", "GPS_INPUT",
 )  # fmt: skip
 """Messages by which somebody tells an autopilot where it is."""
 SET_POINTS = (
@@ -454,9 +451,7 @@ Subscriber = Callable[[Message, float], None]
 
 
 class Uplink:
-    """Whether what we send arrives, and in time: TIMESYNC questions that leave beside set-points,
-    and their answers.
-    """
+    """Arrival of our frames in time: TIMESYNC questions beside set-points, and their answers."""
 
     def __init__(self, period_s: float) -> None:
         self._period = period_s
@@ -513,17 +508,14 @@ class Uplink:
 
 
 class OtherTraffic:
-    """Messages of senders other than the vehicle: they steer it, send it positions, or use its
-    address.
-    """
+    """Messages of other senders: they steer the vehicle, send it positions, use its address."""
 
     def __init__(self, config: MavlinkLinkConfig) -> None:
         self._config = config
         self.tells_position = False
         """Whether somebody else was heard who tells an autopilot its position."""
         self.systems: dict[str, None] = {}
-        """Other systems that were heard, by number and address: one may be the vehicle with another
-        number."""
+        """Other systems that were heard, by number and address: one may be the vehicle."""
         self._rival, self._rival_s = "", -math.inf
 
     def hear(self, message: Message, address: str, now_s: float, *, ours: bool) -> None:
@@ -630,8 +622,7 @@ Streams = Callable[[int], Mapping[str, float]]
 
 
 class MavlinkConnection:
-    """Heartbeats both ways, each other's time, and messages to whoever reads them, over one wire at
-    a time.
+    """Heartbeats and time both ways, and messages to their readers, over one wire at a time.
 
     Opened and closed by the link that owns it; may be opened again.
     """
@@ -786,8 +777,7 @@ class MavlinkConnection:
         return lambda: self._subscribers.remove(subscriber)
 
     def request(self, streams: Streams) -> None:
-        """Have ``open`` ask for the messages that ``streams(HEARTBEAT.autopilot)`` names: name →
-        rate [Hz].
+        """Have ``open`` ask for ``streams(HEARTBEAT.autopilot)``: message name → rate [Hz].
 
         Raises:
             LinkMisuse: the connection is open already.
@@ -797,8 +787,7 @@ class MavlinkConnection:
         self._streams.append(streams)
 
     def wish(self, names: tuple[str, ...], rate_hz: float) -> None:
-        """Have ``open`` ask for the first message of ``names`` that the autopilot is willing to
-        send, if any.
+        """Have ``open`` ask for the first of ``names`` that the autopilot is willing to send.
 
         Raises:
             LinkMisuse: the connection is open already.
@@ -810,8 +799,7 @@ class MavlinkConnection:
     # ---- opening and closing
 
     async def open(self) -> None:
-        """Open the wire, wait for the autopilot's HEARTBEAT, and ask for the messages that are
-        wanted.
+        """Open the wire, wait for the autopilot's HEARTBEAT, and ask for the wanted messages.
 
         Raises:
             LinkLost: the wire can't be opened, or nobody answered within the configured time.
@@ -935,8 +923,7 @@ class MavlinkConnection:
         meanwhile: Callable[[float], None] | None = None,
         period_s: float = POLL_S,
     ) -> None:
-        """Go through ``handshake``, one at a time, calling ``meanwhile(now_s)`` every ``period_s``
-        [s].
+        """Go through ``handshake``, one at a time, with ``meanwhile(now_s)`` each ``period_s`` [s].
 
         Raises:
             LinkRejected: the autopilot refused.
@@ -1053,9 +1040,8 @@ class MavlinkConnection:
                 self.leave(self.codec.heartbeat())
             self._ask_the_time(now_s)
             self._first_beat.set()
-            if (
-                not is_first and self._line.wire is not None
-            ):  # a port may end in the moment of an answer
+            # A port may end in the moment of an answer.
+            if not is_first and self._line.wire is not None:
                 self._resume()
                 self._heard.believe_armed(None)
                 self._timesync = Timesync()
@@ -1075,8 +1061,7 @@ class StampFile:
         self._path = key_file.with_name(key_file.name + ".stamp")
 
     def make_signer(self, time_s: Callable[[], float]) -> Signer:
-        """Return a signer whose stamps begin where the last run ended, and follow the clock
-        ``time_s()`` [s].
+        """Return a signer whose stamps follow the last run's, and the clock ``time_s()`` [s].
 
         Raises:
             ValueError: the key or its newest stamp can't be used.

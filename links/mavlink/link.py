@@ -58,8 +58,7 @@ from links.text import link_notice
 REPEAT_AFTER = 2.0
 """A command is first repeated after this many periods; before, the next one may just be late."""
 MARGIN_S = 1e-6
-"""A timer's turn is set this long after the deadman's change [s]: timers fire a clock's tick
-early."""
+"""Delay of a timer's turn after the deadman's change [s]: timers fire a tick early."""
 
 
 STOOD_S = 0.06
@@ -325,9 +324,7 @@ class MavlinkLink:
         self.connection.subscribe(hear)
 
     async def connect(self) -> None:
-        """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the messages that are
-        wanted.
-        """
+        """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the wanted messages."""
         self._loop = asyncio.get_running_loop()
         self._distrusted = False
         await self.connection.open()
@@ -467,18 +464,14 @@ class MavlinkLink:
 
     @property
     def _knows_by_itself(self) -> bool:
-        """Whether nothing says that what the autopilot knows of its position may come from our
-        tracker.
-        """
+        """Whether nothing shows that the autopilot's position may come from our tracker."""
         config = self._config
         return config.own_position or not (
             config.forward.enabled or self.connection.others.tells_position or self.shares_poses
         )
 
     def could_land_by_itself(self, now_s: float) -> bool:
-        """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our
-        poses.
-        """
+        """Whether it would land, asked at ``now_s`` [s], by a position not made of our poses."""
         if self._config.bring_down != "auto":
             return self._config.bring_down == "land"
         return self._vitals.could_land(now_s) and self._knows_by_itself

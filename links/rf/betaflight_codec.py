@@ -49,7 +49,9 @@ PROMPT = "\n# "
 _REQUEST, _ANSWERS = b"$M<", (b"$M>", b"$M!")
 _FRAME_BYTES = 6
 """Bytes of a frame beside its payload [B]."""
-_MODES, _ARMED = struct.Struct("<6xI"), 1
+_MODES = struct.Struct("<6xI")
+_ARMED = 1
+"""Bit of the modes of a status: ARM."""
 _REFUSES = re.compile(r"###ERROR|invalid|unknown|parse error", re.IGNORECASE)
 _ROWS = re.compile(
     r"^(aux|rxrange|rxfail) (\d+) ([ahs\d][\d ]*?)\s*$|^(map) ([A-Z0-9]{8})\s*$", re.MULTILINE
@@ -114,8 +116,7 @@ def find_refusal(answer: str) -> str | None:
 
 
 def find_settings(answer: str) -> dict[str, float | str]:
-    """Every setting in an answer of the command line: ``name = value``, ``aux``, ``rxrange``,
-    ``rxfail``, ``map``.
+    """Every setting in an answer of the command line: ``name = value``, and rows of tables.
 
     Rows of a table go by their numbers: ``aux 0`` is ``0 0 1700 2100 0 0``, ``rxfail 4`` is
     ``s 1000``.
@@ -146,8 +147,7 @@ def describe_change(name: str, value: float | str) -> str:
 
 
 def describe_pulses(config: RfLinkConfig) -> tuple[float, str]:
-    """Half of the range between the positions -1 and 1 [µs], and the board's ``map``: what its
-    first channels are.
+    """Half of the range between the positions -1 and 1 [µs], and the board's channel ``map``.
 
     Raises:
         ValueError: thrust or a rate is on a channel beyond the eighth.

@@ -1,5 +1,4 @@
-"""A Betaflight board by its own port: asked by MSP whether it is armed, and read and changed by its
-command line.
+"""A Betaflight board by its own port: armed or not by MSP, settings by its command line.
 
 While the command line is open the board can't be armed. To leave it restarts the board, which ends
 a USB port: it is opened again when it is back.

@@ -103,9 +103,7 @@ class Copy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which channel says what. The default is Spektrum's order: throttle, aileron, elevator,
-    rudder.
-    """
+    """Meaning of each channel; default is Spektrum's order: throttle, aileron, elevator, rudder."""
 
     thrust: Throttle = Throttle(channel=1)
     roll: Stick = Stick(channel=2)

@@ -34,8 +34,7 @@ class RfTelemetry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     mode: str | None = None
     """The flight controller's mode, in its own words."""
     attitude: tuple[float, float, float, float] | None = None
-    """Unit quaternion w, x, y, z as the flight controller believes, body FRD to NED; its north is
-    its own."""
+    """Unit quaternion w, x, y, z of the flight controller, body FRD to NED with its own north."""
     attitude_s: float | None = None
     """About when that was so, on the commands' clock [s]: no frame tells."""
     uplink_share: float | None = None
@@ -52,8 +51,7 @@ class RfFrame(NamedTuple):
     """One frame as a module understands it."""
 
     positions: tuple[float, ...] | None
-    """Position of every channel, -1..1 (a little beyond where the wire allows it); None in a frame
-    without channels."""
+    """Position of every channel, -1..1 and a little beyond; None without channels."""
     service: Service | None = None
     """Requested service, or None."""
     model_id: int | None = None

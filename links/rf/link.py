@@ -1,5 +1,4 @@
-"""RF link: thrust and body rates as a transmitter's channels, in frames that a pacer lets go:
-another process.
+"""RF link: thrust and rates as channels of a transmitter, in frames that a pacer lets go.
 
 Frames leave all the time, whatever this process does: disarm frames until the operator arms, then
 the newest command. Nothing comes back from the vehicle. So "armed" means that the arm channel was
@@ -293,8 +292,7 @@ class PacedLink:
         self._free_for("examine")
 
     async def arm(self, idle: Callable[[], Command]) -> None:
-        """Show a disarmed transmitter, then an armed one, both with the throttle down, while
-        ``idle()`` is streamed.
+        """Show a disarmed, then an armed transmitter, the throttle down, and stream ``idle()``.
 
         Only a fresh ``idle()`` keeps this alive, else a LinkError tells; its thrust leaves once the
         vehicle counts as armed. Returns so that a caller who sends at once, and then every period,
@@ -502,9 +500,8 @@ class SerialRfLink(PacedLink):
         pacer: in another process where there is None, or wherever a simulation has it.
         """
         if open_pacer is None:
-            from links.rf.pacer_process import (
-                open_process,
-            )  # shared memory and ports: not for a bridge's link
+            # Shared memory and ports: not for a bridge's link.
+            from links.rf.pacer_process import open_process
 
             open_pacer = open_process
         config = config.with_thrust_curve(thrust_curve)

@@ -148,9 +148,7 @@ class DsmCodec:
 
 
 class DsmDecoder(FrameReader[RfFrame]):
-    """Finds frames by their shape, as they have neither a first byte of their own nor a
-    checksum.
-    """
+    """Finds frames by their shape: they have neither a first byte of their own nor a checksum."""
 
     def __init__(self, low: int = 96, high: int = 928) -> None:
         """``low`` and ``high`` are the counts of the positions -1 and 1."""

@@ -1,5 +1,4 @@
-"""Frame pacer: what leaves at each frame instant of a serial RF link, by the dead man's switch, map
-and codec. Sans-IO.
+"""Frame pacer: frames of a serial RF link by the dead man's switch, map and codec. Sans-IO.
 
 Whoever owns the clock calls, for each instant ``due_s``: ``prepare`` a little before, ``leave`` at
 it, ``tidy`` after. The port is handed in. It may vanish and come back; what was armed then stays
@@ -65,9 +64,7 @@ class Serve(msgspec.Struct, frozen=True, tag="serve"):
 
 
 class End(msgspec.Struct, frozen=True, tag="end"):
-    """End, but not before the newest command and its bring-down are over and ``linger_s`` [s] of
-    disarm frames left.
-    """
+    """End after the newest command, its bring-down, and ``linger_s`` [s] of disarm frames."""
 
     linger_s: float
 
@@ -107,8 +104,7 @@ class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     frames: int
     """Frames that left."""
     lost: int
-    """Frames that did not leave at their instant, or did not leave at all, while the port was
-    open."""
+    """Frames that were late or did not leave at all while the port was open."""
     repeated: int
     """Frames that repeated a command, as no newer one had come in time."""
     refused: int
@@ -122,11 +118,9 @@ class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     late_us: tuple[int, int, int]
     """Lateness of the frames, 50, 99 and 99.9 % [µs]."""
     late_octaves: tuple[int, ...]
-    """Frames by lateness: entry k counts those late by less than 2**k µs and not by less than
-    2**(k-1)."""
+    """Frames by lateness: entry k counts those late by 2**(k-1) µs to less than 2**k µs."""
     slept_s: float
-    """Sleep of the pacer's computer since the newest arming [s]: nothing that lifts leaves, see
-    links/io/wires.py."""
+    """Sleep of the pacer's computer since the newest arming [s]: nothing that lifts leaves."""
     note: str
     """Scheduling of the pacer, in words."""
     fifo: bool
@@ -180,19 +174,16 @@ REPORT_S = 0.2
 STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""
 REOPEN_S = 0.1
-"""Wait before a port that was lost, or could not be opened, is opened again [s]: no frames leave
-meanwhile."""
+"""Wait before a port is opened again [s]: no frames leave meanwhile."""
 TELEMETRY_MAX_AGE_S = 5.0
 """Age after which a module's telemetry is dropped [s]."""
 ATTITUDE_LATENCY_S = 0.05
 """Age of an attitude when the module reports it [s]: it waits for a slot of the radio. The
 comparison with poses tries 0.1 s either way (groundstation/core/safety/witness.py)."""
 STEER = 0.02
-"""A frame leaves earlier or later by at most this share of the period, where the module asks for it
-[-]."""
+"""Largest shift of a frame, as a share of the period, where the module asks for it [-]."""
 READ_BYTES = 512
-"""Largest number of bytes that are read from the port between two frames [-]; more are
-discarded."""
+"""Limit of the bytes read from the port between two frames [-]; more are discarded."""
 
 
 class Port(Protocol):
@@ -386,9 +377,7 @@ class FramePacer:
                 self._end(linger_s, now_s)
 
     def outlive_commander(self, now_s: float) -> None:
-        """Whoever commanded has died: what it left is played to its end, then disarm frames, then
-        nothing.
-        """
+        """Play what a dead commander left to its end, then disarm frames, then nothing."""
         self._end(max(AFTERLIFE_S, self._linger_s or 0.0), now_s)
 
     def make_estate(self) -> Held:
@@ -461,9 +450,7 @@ class FramePacer:
             counts.errors["port_stuck"] += 1
 
     def count_frame(self, now_s: float, skipped: int) -> None:
-        """The prepared frame was gone at ``now_s``, and after it ``skipped`` instants had passed
-        already.
-        """
+        """The prepared frame was gone at ``now_s`` [s], ``skipped`` instants too late."""
         self._lateness.add(now_s - self._due_s)
         self._counts.lost += skipped if not self._port.why_closed else 0
 
@@ -603,16 +590,13 @@ OLD_S = 0.06
 
 
 class StandbyWatch:
-    """Two looks in a row, both in time and :data:`LOOK_S` apart, must find the sign of life too
-    old.
-    """
+    """Two looks in time, :data:`LOOK_S` apart, must find the sign of life too old."""
 
     def __init__(self, period_s: float) -> None:
         """The sign comes every ``period_s`` [s]."""
         self._old_s = max(OLD_S, 1.5 * period_s)
         self.wait_s = self._old_s + 0.5 * period_s
-        """Time between a sign of life and the look for the next [s]: half a period after it would
-        be too old."""
+        """Time from a sign of life to the next look [s]: half a period after it is too old."""
         self._suspects = False
         self.next_s = 0.0
         """When to look next."""

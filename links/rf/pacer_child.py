@@ -1,5 +1,4 @@
-"""The pacer's own process: absolute deadlines, real-time priority if the system allows it, no
-terminal signals.
+"""The pacer's own process: absolute deadlines, real-time priority, no terminal signals.
 
 Its stand-by (pacer_standby.py) starts it. The newest command arrives in a mailbox in shared memory.
 All other orders arrive, and reports leave, over a socket pair: there messages arrive whole and in
@@ -26,8 +25,7 @@ from links.rf.shared_memory import FIRST, Lease, LeaseWord, Mailbox, SharedPort
 from links.text import link_notice
 
 PREPARE_S = 0.0004
-"""Time before its instant at which a frame is computed [s]. Chosen: above the time that this
-takes."""
+"""Lead of a frame's computation on its instant [s]. Chosen: above the time that it takes."""
 SPIN_S = 0.00012
 """Length of the busy wait before a frame [s]: about the time in which the kernel wakes a process
 up. Chosen; `groundstation-sim bench links` measures the lateness that comes of it."""
@@ -73,9 +71,7 @@ class MonotonicClock:
 
 
 def main() -> None:
-    """Pace until an order to end, or until the commander is gone and the vehicle is brought
-    down.
-    """
+    """Pace until an order to end, or until the commander is gone and the vehicle is down."""
     ignore_signals()
     wire, mailbox, lease, held, beside = map(int, sys.argv[1:])
     by_standby = socket.socket(fileno=beside)
@@ -116,9 +112,7 @@ class Standby:
     """The stand-by as its pacer sees it: memory that both share, and whether it lives."""
 
     def __init__(self, lease: Lease, held: Mailbox) -> None:
-        """``lease`` has the signs of life of both, ``held`` the state that the stand-by takes
-        over.
-        """
+        """``lease`` has the signs of life of both, ``held`` the state for the stand-by."""
         self.lease = lease
         self._held = held
         self._parent = os.getppid()
@@ -133,9 +127,7 @@ class Standby:
 
     @property
     def is_gone(self) -> bool:
-        """Whether the stand-by has ended: this process, which it started, then has another
-        parent.
-        """
+        """Whether the stand-by has ended: its child, this process, then has another parent."""
         return os.getppid() != self._parent
 
     def warning(self, now_s: float) -> str:
@@ -223,9 +215,8 @@ class Commander:
             report: PacerReport = pacer.report(
                 now_s, note=self._note, fifo=self._fifo, alone=alone, warning=warning
             )
-            with contextlib.suppress(
-                OSError
-            ):  # the commander does not read, or is gone: the next _obey finds out
+            # The commander may not read, or be gone: the next _obey finds out.
+            with contextlib.suppress(OSError):
                 self._wire.send(self._encoder.encode(report))
 
 

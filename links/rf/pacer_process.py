@@ -20,8 +20,7 @@ from links.text import link_notice
 START_LIMIT_S = 30.0
 """Longest wait for the first report [s]."""
 GIVE_BYTES = CAPACITY_BYTES - 256
-"""Longest command in its message: the stand-by's mailbox must hold it with all else that the pacer
-holds."""
+"""Longest command in its message [bytes]: the stand-by's mailbox holds the pacer's state, too."""
 CLOCK_TOLERANCE_S = 0.05
 """The child's clock must show an instant between our two looks, or this close to them [s]."""
 
@@ -74,9 +73,7 @@ class PacerProcess:
 
     @property
     def why_mute(self) -> str:
-        """Meaning of missing reports: a stand-by that runs would have taken the place of a dead
-        pacer.
-        """
+        """Meaning of missing reports: a stand-by that runs would have replaced a dead pacer."""
         return link_notice(
             "module.stands" if self._process.poll() is None else "module.stands_dead"
         ).text

@@ -1,5 +1,4 @@
-"""The pacer's stand-by: it starts the pacer, sleeps, and lets the frames go should that die or
-stand still.
+"""The pacer's stand-by: it starts the pacer, and takes over should that die or stand still.
 
 It holds all that the pacer holds: the port, the socket that orders come in by, and what lay behind
 the pacer's newest frame. It is the pacer's parent, so it hears at once of its end, and it ends one
@@ -103,9 +102,7 @@ def _take_over(
     clock: MonotonicClock,
     commander: Commander,
 ) -> None:
-    """Let frames go at the pacer's instants, by what it held, until told to end or until nobody
-    commands any more.
-    """
+    """Let frames go at the pacer's instants until told to end, or until nobody commands."""
     config, now = setup.config, clock.now()
     shared = SharedPort(config.port, config.baud, lease, lease.generation, None, port.fd)
     pacer = FramePacer(config, setup.thrust_max_n, shared, now)

@@ -1,5 +1,4 @@
-"""Shared memory of a link, its pacer and the stand-by: a mailbox, the lease of a port, and the port
-itself.
+"""Shared memory of a link, its pacer and the stand-by: mailbox, lease of a port, and the port.
 
 Mailbox: the newest of many values, from one process to another. Neither side ever waits for the
     other.
@@ -108,9 +107,8 @@ class Mailbox:
         if number == self.newest or size > CAPACITY_BYTES:
             return None
         value = bytes(self._bytes[at + _HEAD : at + _HEAD + size])
-        if self._words[at // _WORD] != number or self._words[at // _WORD + 2] != _checksum(
-            number, value
-        ):
+        written, checksum = self._words[at // _WORD], self._words[at // _WORD + 2]
+        if written != number or checksum != _checksum(number, value):
             return None
         self.newest = number
         return value
@@ -179,8 +177,7 @@ class Lease:
 
 
 OPEN_S = 2.0
-"""Opening a port, or closing one whose device is gone, may take so long; nothing is armed meanwhile
-[s]."""
+"""Limit of opening or closing a port [s]; nothing is armed meanwhile."""
 _OPENED, _CLOSED = b"opened", b"closed"
 
 
@@ -261,10 +258,9 @@ class SharedPort:
             return
         self._lease.vouch(LeaseWord.PACER, time.monotonic() + OPEN_S)
         fd, self._fd = self._fd, None
+        # The lock is on what is open, which the stand-by may hold longer.
         with contextlib.suppress(OSError):  # its device is gone already
-            fcntl.flock(
-                fd, fcntl.LOCK_UN
-            )  # the lock is on what is open, which the stand-by may hold longer
+            fcntl.flock(fd, fcntl.LOCK_UN)
         self._tell(_CLOSED)
         with contextlib.suppress(OSError):
             os.close(fd)
@@ -276,9 +272,8 @@ class SharedPort:
 
     def _tell(self, what: bytes, *fds: int) -> None:
         if self._beside is not None:
-            with contextlib.suppress(
-                OSError
-            ):  # it is dead, or has stood still for long: it is no stand-by any more
+            # One that is dead, or has stood still for long, is no stand-by any more.
+            with contextlib.suppress(OSError):
                 socket.send_fds(self._beside, [what], list(fds))
 
 

@@ -1,6 +1,4 @@
-"""Text for people: sentences with their numbers, and text from outside, made fit for a terminal.
-Sans-IO.
-"""
+"""Text for people: sentences with numbers, and foreign text fit for a terminal. Sans-IO."""
 
 from links.text.link_notices import LINK_NOTICES, link_notice
 from links.text.sentence import (

@@ -1,6 +1,4 @@
-"""Pose sources by vendor, one or two files each, and what they share: intake, the outlier gate, and
-datagrams.
-"""
+"""Pose sources by vendor, and what they share: intake, outlier gate and datagrams."""
 
 from groundstation.pose.sources import (
     json_codec as json_codec,

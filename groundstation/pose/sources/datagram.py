@@ -43,9 +43,7 @@ bits of a simulation."""
 
 
 class GatedSource:
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`: passes the plausible poses
-    of another source.
-    """
+    """Implements :class:`groundstation.core.messages.PoseSource`: passes the plausible poses on."""
 
     def __init__(
         self,
@@ -158,8 +156,7 @@ def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
 
 
 def join(transport: asyncio.DatagramTransport, group: str, interface: str) -> None:
-    """Have the socket of ``transport`` receive what is sent to ``group``, by way of ``interface``
-    (IPv4 addresses).
+    """Join ``group`` with the socket of ``transport`` by way of ``interface`` (IPv4 addresses).
 
     Raises:
         OSError: this machine has no such interface, or ``group`` is no multicast address.
@@ -171,8 +168,7 @@ def join(transport: asyncio.DatagramTransport, group: str, interface: str) -> No
 
 
 def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
-    """Have what is sent to groups from the socket of ``transport`` leave by way of ``interface``
-    (IPv4 address).
+    """Send to groups from the socket of ``transport`` by way of ``interface`` (IPv4 address).
 
     Raises:
         OSError: this machine has no such interface.
@@ -182,9 +178,7 @@ def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
 
 
 class AtAddress(PoseKind, frozen=True, kw_only=True):
-    """Base of the configuration of a source with one address: of this machine to listen at, or of
-    the server.
-    """
+    """Base of configurations with one address: ours to listen at, or the server's."""
 
     address_key: ClassVar[str] = "listen"
 

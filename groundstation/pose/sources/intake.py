@@ -54,11 +54,9 @@ from links.io import format_address
 T = TypeVar("T")
 
 MAX_DRIFT = 0.0015
-"""Largest drift of the source's clock against nominal [-]: beyond it, messages get later and
-later."""
+"""Largest drift of a source's clock [-]: beyond it, messages get later and later."""
 SLACK_S = 0.02
-"""Lateness of the least delayed message above which a block is late and does not move the zero
-[s]."""
+"""Lateness above which a block's least delayed message does not move the zero [s]."""
 BLOCK_S = 0.5
 """Duration of a block, of which the least delayed message is kept [s]."""
 BLOCKS = 40
@@ -77,15 +75,13 @@ ANEW_S = 4.0
 """Silence, and lateness of a frame, after which the clock is measured anew [s]. No flight lasts so
 long without a fresh pose: 1 s at most on one pose, then a bring-down of 2 s."""
 STEP_S = 0.2
-"""A message that arrives earlier by more than this than any before is a step of the source's clock
-[s]."""
+"""Lead of a message on all before that is a step of the source's clock [s]."""
 BREAKS = 3
 """Number of steps and restarts within ``UNSTEADY_S`` that make a clock unsteady [-]."""
 UNSTEADY_S = 30.0
 """A clock without a break for this long is steady again [s]."""
 FAST = 1.2
-"""Stamps that run faster than ours by this factor are not seconds [-]: no queue drains so fast for
-``FIRST_BLOCKS`` blocks."""
+"""Rate of stamps above which they are no seconds [-]: no queue drains so fast for so long."""
 RATE_S = 2.0
 """Time over which the rate of the stamps is measured [s]."""
 RATE_LEAST_S = 1.0
@@ -113,8 +109,7 @@ class StampScale(msgspec.Struct, gc=False):
     nominal: float
     """Reference of the drift: the value as configured or first measured."""
     band: float
-    """Largest share by which the slope may deviate from the nominal one [-]; infinite while the
-    rate is unknown."""
+    """Largest deviation of the slope as a share [-]; infinite while the rate is unknown."""
 
     @property
     def is_known(self) -> bool:
@@ -133,9 +128,7 @@ class Block(msgspec.Struct, gc=False):
 
 
 class BlockLine:
-    """The least delayed message of each newest block: a line, as long as the clock keeps its
-    rate.
-    """
+    """Least delayed message of each newest block: a line while the clock keeps its rate."""
 
     def __init__(self) -> None:
         self.best: deque[StampedArrival] = deque(maxlen=BLOCKS)
@@ -250,9 +243,7 @@ class SourceClock:
         self._is_anew, self._stamp, self._old_since_s = True, None, None
 
     def time_s(self, stamp: float, arrival_s: float) -> float:
-        """Return when a message that is not stale left its source [s, our clock]: ``arrival_s`` or
-        earlier.
-        """
+        """Return when a fresh message left its source [s, our clock]: ``arrival_s`` or earlier."""
         if (
             self._is_anew
             or self._stamp is None
@@ -292,9 +283,8 @@ class SourceClock:
         if late < -STEP_S:
             self._step(arrival_s)
             return True
-        if (
-            is_gap and late < -SLACK_S
-        ):  # a small step: a lost message does not make the next one early
+        # A small step: a lost message does not make the next one early.
+        if is_gap and late < -SLACK_S:
             self._breaks.append(arrival_s)
         self._count(elapsed, arrival_s - self._arrival_s)
         if late < 0.0:
@@ -326,9 +316,7 @@ class SourceClock:
             self._line.best.clear()
 
     def apply_exchange(self, ahead_s: float) -> None:
-        """Use an exchange of clocks: a source that stamps seconds is at most ``ahead_s`` ahead of
-        us [s].
-        """
+        """Use an exchange of clocks: stamps in seconds are at most ``ahead_s`` ahead of us [s]."""
         if self._stamp is not None and not self._is_anew:
             own = self._stamp - ahead_s
             # A message that would have arrived long before it left was stamped by another clock.
@@ -462,9 +450,7 @@ class PoseSenders:
         return False
 
     def take_mixed(self) -> bool:
-        """Return once whether poses of another address were used before the known sender was told
-        from it.
-        """
+        """Return once whether poses of another sender were used before the known one was clear."""
         was_mixed = self._is_mixed and self._count > FEW_POSES
         if was_mixed:
             self._is_mixed = False
@@ -607,8 +593,7 @@ class Intake:
         )
 
     def see_other(self, name: str, arrival_s: float, position: Vec3, *, age_s: float = 0.0) -> None:
-        """Note that a body was at ``position`` [m, the source's axes] if it is one of
-        :attr:`others`.
+        """Note that a body was at ``position`` [m, the source's axes] if it is of :attr:`others`.
 
         Its bytes arrived at ``arrival_s`` [s]; ``age_s``: see :meth:`pose`. Its stamp is not
         needed.
@@ -646,9 +631,7 @@ class PoseReader:
         return is_second
 
     def read(self, data: bytes, arrival_s: float) -> Sequence[Pose]:
-        """Return the poses in ``data``, which arrived at ``arrival_s`` [s, our clock]: mostly one
-        or none.
-        """
+        """Return the poses in ``data``, which arrived at ``arrival_s`` [s]: mostly one or none."""
         pose = self.read_pose(data, arrival_s)
         return () if pose is None else (pose,)
 
@@ -658,9 +641,7 @@ class PoseReader:
 
 
 class ReaderSource:
-    """Base of the sources that give received bytes to a reader, and deliver its poses on the event
-    loop.
-    """
+    """Base of sources that deliver a reader's poses of received bytes on the event loop."""
 
     def __init__(self, reader: PoseReader) -> None:
         self._reader = reader
@@ -676,9 +657,7 @@ class ReaderSource:
 
     @property
     def other_objects(self) -> tuple[str, ...]:
-        """Names of the bodies that the source shows: they distinguish a misspelt name from a silent
-        stream.
-        """
+        """Names of shown bodies: they distinguish a misspelt name from a silent stream."""
         return self._reader.names
 
     def _begin(self, deliver: Callable[[Pose], None], now: Callable[[], float]) -> None:
@@ -693,8 +672,7 @@ class ReaderSource:
 
 
 BASE_S = 0.05
-"""Speed is measured over at least this time [s]: from pose to pose it would be mostly noise and
-jitter."""
+"""Least base of a speed [s]: from pose to pose it would be mostly noise and jitter."""
 TURN_DEG = 15.0
 """Turn of a pose by noise and jitter [deg], in addition to ``rate_deg_s``."""
 DOUBT = 0.25
@@ -702,8 +680,7 @@ DOUBT = 0.25
 come near by chance, and would disturb the estimate. The allowance is never more than ``jump_m``:
 however old the last pose is, a place a little aside of it is not where the vehicle has flown."""
 EXACT_TOLERANCE = 1e-6
-"""Largest difference from 1 of the squared length of an attitude that is not normalised [-], as of
-32-bit floats."""
+"""Tolerance of a unit quaternion's squared length [-], as of 32-bit floats."""
 MOVES_S = 5.0
 """Time within which moves of the source's origin are counted [s], as in the guard against them."""
 MANY_MOVES = 3
@@ -933,8 +910,7 @@ class PoseTrack:
             self._anchor, self._next_anchor = self._next_anchor, pose
 
     def refuses(self, pose: Pose, *, after_jump: bool = False) -> tuple[str, Excess | None]:
-        """Return why ``pose`` can't be of the same vehicle, empty if it can, and which value is
-        beyond which limit.
+        """Return why ``pose`` can't be of the vehicle, or empty, and the value beyond its limit.
 
         ``after_jump``: the one before jumped.
         """
@@ -1099,9 +1075,7 @@ def describe_unsteady_clock() -> Sentence:
 
 
 def describe_drop(reason: str, excesses: Mapping[str, Excess] = MappingProxyType({})) -> Sentence:
-    """Describe the reason of dropped poses, with the newest value and its limit if ``excesses`` has
-    them.
-    """
+    """Describe the reason of dropped poses, with value and limit if ``excesses`` has them."""
     if reason in excesses:
         value, limit = excesses[reason]
         return notice(f"drop.{reason}.by", value=value, limit=limit)

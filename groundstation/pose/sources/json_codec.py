@@ -59,8 +59,7 @@ class JsonPose(
     frame: Annotated[int, msgspec.Meta(ge=0, lt=2**53)] | None = None
     """Running number."""
     valid: bool = True
-    """False if the body is not seen: position and quaternion are then ignored, and may be left
-    out."""
+    """False if the body is not seen: position and quaternion are then ignored."""
 
     def __post_init__(self) -> None:
         """Refuse a visible body without a position.
@@ -79,17 +78,13 @@ _ENCODER = msgspec.json.Encoder()
 
 
 def encode(poses: Iterable[JsonPose]) -> bytes:
-    """Return the datagram of one instant, for simulators and tests: an object for one body, else an
-    array.
-    """
+    """Return the datagram of one instant, for simulators and tests; one body is no array."""
     bodies = list(poses)
     return _ENCODER.encode(bodies[0] if len(bodies) == 1 else bodies)
 
 
 def decode(datagram: bytes) -> list[JsonPose] | str:
-    """Return the bodies in a datagram, or why it can't be read: oversized, not_json,
-    wrong_schema.
-    """
+    """Return the bodies in a datagram, or its fault: oversized, not_json, wrong_schema."""
     if len(datagram) > MAX_DATAGRAM:
         return "oversized"
     try:

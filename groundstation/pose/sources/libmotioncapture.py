@@ -1,5 +1,4 @@
-"""Poses by libmotioncapture: VRPN, Vicon DataStream and its other back ends, from a child process
-that is watched.
+"""Poses by libmotioncapture's back ends (VRPN, Vicon DataStream ...), from a watched child.
 
 Its calls never return without an answer of the server, and it gives no stamps: so it runs in a
 process of its own, which is restarted whenever it ends or falls silent, and each frame is stamped
@@ -169,9 +168,7 @@ class LibmotioncaptureSource(ReaderSource):
             await child.wait()
 
     async def _stay(self) -> None:
-        """Deliver the poses that the child sends, and start it again if it falls silent, until
-        cancelled.
-        """
+        """Deliver the child's poses, and start it again if it falls silent, until cancelled."""
         while True:
             while line := await self._line(SILENT_S):
                 self._take(line.strip())

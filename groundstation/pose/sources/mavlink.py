@@ -1,5 +1,4 @@
-"""MAVLink pose sources: the autopilot's own estimate, and the messages of a motion-capture bridge
-to autopilots.
+"""MAVLink pose sources: the autopilot's own estimate, and messages of a mocap bridge.
 
 The estimate comes over the connection of the MAVLink link. A bridge's VISION_POSITION_ESTIMATE
 comes to a socket of its own: the link's connection receives one autopilot only, and an autopilot
@@ -49,9 +48,7 @@ class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
 
 
 class MavlinkPoseSource:
-    """Implements :class:`groundstation.core.messages.pose.PoseSource` on the connection of a
-    link.
-    """
+    """Implements :class:`groundstation.core.messages.PoseSource` on the connection of a link."""
 
     def __init__(self, config: MavlinkPoseConfig, link: MavlinkLink) -> None:
         self._config = config

@@ -39,8 +39,7 @@ class PoseDecoder(ABC):
         pace than real time. So the rate of its stamps is measured, as that of numbered frames.
         """
         self.intake = Intake(latency_s, frame_s=1.0 if recorded else None)
-        """Intake of the poses; reasons for drops beside its own: wrong_frame, failed,
-        no_attitude."""
+        """Intake of the poses; adds the reasons wrong_frame, failed and no_attitude for drops."""
 
     @abstractmethod
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
@@ -89,9 +88,7 @@ class LocalPositionDecoder(PoseDecoder):
     _attitude: Message | None = None
 
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
-        """Return the pose that ``message`` completes: one for each LOCAL_POSITION_NED with an
-        attitude near it.
-        """
+        """Return the pose of a LOCAL_POSITION_NED ``message`` with an attitude near it."""
         name = message.get_type()
         if name == "ATTITUDE_QUATERNION":
             self._attitude = message

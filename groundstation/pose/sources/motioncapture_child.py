@@ -1,5 +1,4 @@
-"""Child of the libmotioncapture source: the library's calls block, may hang for ever, and hold the
-interpreter.
+"""Child of the libmotioncapture source: the library's calls block, and may hang for ever.
 
 A line a frame on standard output, the JSON of a home-made tracker (json_codec.py): the wanted
 bodies first, each stamped with this machine's monotonic clock as the library gave the frame. The
@@ -34,18 +33,14 @@ def describe_body(body: Any) -> dict[str, Any]:
 
 
 def main() -> Exit:
-    """``PARENT_PID BACKEND OPTIONS NAMES``: the last two as JSON, an object of texts and an array
-    of names.
-    """
+    """``PARENT_PID BACKEND OPTIONS NAMES``: the last two as JSON, an object and an array."""
     parent, backend, options, names = sys.argv[1:]
-    if not follow_parent(
-        int(parent), signal.SIGKILL
-    ):  # nothing else ends a call of the library that hangs
+    # Nothing else ends a call of the library that hangs.
+    if not follow_parent(int(parent), signal.SIGKILL):
         return Exit.FAILED
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(
-        sys.stderr.fileno(), sys.stdout.fileno()
-    )  # the library itself prints on standard output
+    # The library itself prints on standard output.
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     motioncapture: Any = importlib.import_module("motioncapture")  # no stubs come along
     wanted = {name: rank for rank, name in enumerate(json.loads(names))}
     tracker = motioncapture.connect(backend, json.loads(options))

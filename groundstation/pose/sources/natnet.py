@@ -1,6 +1,4 @@
-"""Poses from OptiTrack: requests the stream of Motive's NatNet server (natnet_codec.py has the
-bytes).
-"""
+"""Poses from OptiTrack: the stream of Motive's NatNet server (bytes: natnet_codec.py)."""
 
 import asyncio
 import ipaddress
@@ -120,8 +118,7 @@ class NatNetConfig(AtAddress, frozen=True, kw_only=True, tag="natnet"):
 
 
 class NatNetSource(ReaderSource, asyncio.DatagramProtocol):
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`: a socket for commands and
-    one for multicast.
+    """Implements :class:`groundstation.core.messages.PoseSource`, with one or two sockets.
 
     A unicast server streams to the socket that its client's commands come from.
     """

@@ -73,9 +73,7 @@ class Payload:
         return int(self.take(U32)[0])
 
     def section(self, sized: bool, element: Callable[["Payload"], Any]) -> None:
-        """Skip the next section: by its bytes if it is ``sized``, else by ``element``, which skips
-        one.
-        """
+        """Skip the next section: by its bytes if ``sized``, else each part by ``element``."""
         count = self.count()
         if sized:
             self.skip(self.count())
@@ -378,9 +376,7 @@ def _body_description(walk: Payload, version: Version) -> tuple[str, int]:
 
 
 def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
-    """Return the message MODELDEF with rigid bodies that have no markers, for simulators and
-    tests.
-    """
+    """Return MODELDEF with rigid bodies without markers, for simulators and tests."""
     parts = [U32.pack(len(bodies))]
     for name, number in bodies.items():
         turn = bytes(_QUATERNION.size) if version >= TURNED else b""
@@ -450,8 +446,7 @@ class NatNetReader(PoseReader):
         return messages
 
     def take_from_other(self, datagram: bytes, address: str, port: int) -> None:
-        """Count a datagram from another ``address`` than the server's, which has the command
-        ``port``.
+        """Count a datagram from another ``address`` than the server's with its command ``port``.
 
         While the server itself is silent, or answers and streams nothing, what it should have sent
         may have come from a second address of its own.

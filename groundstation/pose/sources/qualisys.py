@@ -1,6 +1,4 @@
-"""Poses from Qualisys Track Manager, by Qualisys' own package qtm-rt (qualisys_codec.py has the
-bytes).
-"""
+"""Poses from Qualisys Track Manager by its package qtm-rt (bytes: qualisys_codec.py)."""
 
 import asyncio
 import contextlib
@@ -28,8 +26,7 @@ ANSWER_S = 5.0
 BEAT_S = 0.1
 """Period at which the number of streamed bodies is compared with the names [s]."""
 LOOK_BEATS = 10
-"""The names are asked anew after so many of these periods in any case: one body may have replaced
-another."""
+"""Periods between questions for names [-]: one body may have replaced another."""
 AGAIN_S = 1.0
 """Pause before a lost connection is reopened [s]."""
 
@@ -117,9 +114,7 @@ class QualisysSource(ReaderSource):
                     if connection.lost.is_set():
                         break
                     if self._reader.other_bodies or beat % LOOK_BEATS == 0:
-                        with contextlib.suppress(
-                            OSError, ValueError
-                        ):  # the old names are kept then
+                        with contextlib.suppress(OSError, ValueError):  # the old names are kept
                             self._reader.names = body_names(await connection.parameters())
                 self._reader.intake.drop("connection_lost")
             finally:

@@ -44,7 +44,9 @@ MAX_PACKET = 1 << 20
 
 _HEADER = struct.Struct("<II")
 _DATA = struct.Struct("<qII")
-_SIX_D, _SIX_D_TYPE = struct.Struct("<ihh"), 5
+_SIX_D = struct.Struct("<ihh")
+_SIX_D_TYPE = 5
+"""Type of a component with 6D bodies."""
 _BODY = struct.Struct("<12f")
 _ORTHOGONAL = 1e-3
 """Largest difference of a rotation matrix from an orthogonal one [-]."""
@@ -119,9 +121,7 @@ def text_packet(kind: int, text: str) -> bytes:
 
 
 def encode_data(stamp_us: int, frame: int, bodies: Iterable[tuple[Vec3, Quat] | None]) -> bytes:
-    """Return a data packet with 6D bodies (position [m], attitude; None: not seen), for simulators
-    and tests.
-    """
+    """Return a packet of 6D bodies (position [m], attitude; None: not seen), for simulators."""
     parts = []
     for body in bodies:
         if body is None:
@@ -148,17 +148,15 @@ def parameters_xml(names: Iterable[str]) -> str:
 
 
 def body_names(xml: bytes) -> tuple[str, ...]:
-    """Return the names of the bodies in QTM's answer to ``getparameters 6d``, in the order of the
-    stream.
+    """Return the bodies' names in QTM's answer to ``getparameters 6d``, in the stream's order.
 
     Raises:
         ValueError: it is not the XML that QTM sends.
     """
     from xml.etree import ElementTree
 
-    if (
-        len(xml) > MAX_PACKET or b"<!" in xml
-    ):  # QTM sends no document types, and entities are a way to fill a memory
+    # QTM sends no document types, and entities are a way to fill a memory.
+    if len(xml) > MAX_PACKET or b"<!" in xml:
         raise ValueError(notice("qualisys.no_plain_xml"))
     try:
         root = ElementTree.fromstring(xml.rstrip(b"\0"))  # noqa: S314  # no entities, bounded: just checked
@@ -168,9 +166,7 @@ def body_names(xml: bytes) -> tuple[str, ...]:
 
 
 def decode_bodies(content: bytes) -> tuple[float, list[tuple[float, ...]]] | str:
-    """Return time stamp [s] and the twelve numbers of each body in a data packet's content, or why
-    there is none.
-    """
+    """Return time stamp [s] and twelve numbers of each body in a data packet, or its fault."""
     try:
         components = dict(split_components(content))
         if _SIX_D_TYPE not in components:
@@ -207,10 +203,8 @@ class QualisysReader(PoseReader):
         stamp_s, bodies = found
         self.intake.clock.mark_alive(arrival_s)
         self.other_bodies = len(bodies) != len(self.names)
-        if self.other_bodies:
-            return self.intake.drop(
-                "other_bodies"
-            )  # their names are not known until QTM is asked again
+        if self.other_bodies:  # their names are not known until QTM is asked again
+            return self.intake.drop("other_bodies")
         for name, (x, y, z, *_) in zip(self.names, bodies, strict=True):
             if not math.isnan(x):
                 self.intake.see_other(name, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3))
@@ -232,9 +226,7 @@ class QualisysReader(PoseReader):
 
 
 def _is_rotation(rows: tuple[Vec3, Vec3, Vec3]) -> bool:
-    """Whether the rows have unit length, the third being the first times the second: a right-handed
-    rotation.
-    """
+    """Whether the rows are a right-handed rotation: unit length, third = first x second."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     if (
         abs(a * a + b * b + c * c - 1.0) > _ORTHOGONAL

@@ -19,8 +19,7 @@ from links.io import NETWORK
 from links.text import printable
 
 VERSIONS = tuple(f"1.{minor}" for minor in range(25, 7, -1))
-"""Versions of the protocol, the newest first. 6D data are the same in all; qtm-rt speaks none
-before 1.8."""
+"""Versions, the newest first. 6D data are the same in all; qtm-rt speaks none before 1.8."""
 KNOCK_S = 0.2
 """Pause before a refused connection is tried again [s]."""
 

@@ -40,7 +40,7 @@ MAX_ROTATION_RAD = 7.0
 
 _HEADER = struct.Struct("<IB")
 _ITEM = struct.Struct("<BH24s6d")
-_ITEM_DATA_BYTES = _ITEM.size - 3
+_ITEM_DATA_BYTES = _ITEM.size - struct.calcsize("<BH")
 """Length of an item behind its head [bytes]."""
 
 UnreadableVicon: TypeAlias = Literal["truncated", "oversized", "wrong_item"]
@@ -111,9 +111,7 @@ def decode(datagram: bytes) -> tuple[int, tuple[ViconObject, ...]] | UnreadableV
 
 
 def pose_of(item: ViconObject) -> tuple[Vec3, Quat] | Literal["not_finite", "absurd"]:
-    """Return position [m] and attitude of an object in the lab frame, or why its numbers are
-    implausible.
-    """
+    """Return position [m] and attitude of an object in the lab frame, or its implausibility."""
     if not all(map(math.isfinite, (*item.translation_mm, *item.rotation_rad))):
         return "not_finite"
     if (
@@ -140,9 +138,7 @@ def name_bytes(name: str) -> bytes:
 
 
 def quaternion_from_euler_xyz(angles: Vec3) -> Quat:
-    """Return the quaternion of R = Rx(rx) Ry(ry) Rz(rz), angles in rad: the inverse of Rz(-rz)
-    Ry(-ry) Rx(-rx).
-    """
+    """Return the quaternion of R = Rx(rx) Ry(ry) Rz(rz): the inverse of Rz(-rz) Ry(-ry) Rx(-rx)."""
     rx, ry, rz = angles
     return so3.conjugate(so3.from_euler_zyx(-rx, -ry, -rz))
 

@@ -1,6 +1,4 @@
-"""State of an autopilot as its messages tell it: mode, battery, readiness, texts, and whether it is
-alive. Sans-IO.
-"""
+"""State of an autopilot by its messages: mode, battery, readiness, texts, estimator. Sans-IO."""
 
 import math
 from collections import deque
@@ -72,8 +70,7 @@ class Vitals:
         self.battery_v: float | None = None
         self.battery_share: float | None = None
         self.ready: bool | None = None
-        """Whether its own pre-arm checks pass; None where it does not tell, or can't know before
-        set-points come."""
+        """Whether its pre-arm checks pass; None where it does not tell, or lacks set-points."""
         self._kind = -1
         self._knows = False
         self._knows_s = -math.inf
@@ -110,16 +107,12 @@ class Vitals:
         return passes if enabled & _PREARM else None
 
     def foreign(self, since_s: float) -> str:
-        """Mode of the newest heartbeat, if it came at ``since_s`` or later and follows no
-        set-points; else empty.
-        """
+        """Mode of a heartbeat since ``since_s`` [s] that follows no set-points; else empty."""
         return self.mode if self.mode_s >= since_s and self.mode not in (*FOLLOWING, "") else ""
 
 
 def knows_itself(flags: int) -> bool:
-    """Whether ESTIMATOR_STATUS.flags or EKF_STATUS_REPORT.flags tell of speed, height and some
-    horizontal position.
-    """
+    """Whether the flags of ESTIMATE tell of speed, height and some horizontal position."""
     known = flags & _SPEED == _SPEED and bool(flags & _PLACE) and bool(flags & _HEIGHT)
     return known and not flags & _DOUBTED
 
@@ -131,9 +124,8 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
     if autopilot != PX4:
         return ""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    name = PX4_MODES.get(
-        main, f"mode {main}" if main else ""
-    )  # main mode 0 counts as following set-points
+    # Main mode 0 counts as following set-points.
+    name = PX4_MODES.get(main, f"mode {main}" if main else "")
     return f"{name}.{PX4_AUTO.get(sub, sub)}" if name == "AUTO" else name
 
 
@@ -179,9 +171,8 @@ class Words:
         """Take one STATUSTEXT."""
         whose = message.get_srcSystem(), message.get_srcComponent(), message.id, message.severity
         part = message.chunk_seq if message.id else 0
-        raw = (
-            bytes(getattr(message, "_text_raw", b"")) or message.text.encode()
-        )  # pymavlink decodes ASCII alone
+        # pymavlink decodes ASCII alone.
+        raw = bytes(getattr(message, "_text_raw", b"")) or message.text.encode()
         words = raw.partition(b"\0")[0]
         for text in reversed(self._texts) if message.id else ():
             if text.whose == whose and text.newest == (part, words):

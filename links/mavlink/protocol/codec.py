@@ -155,8 +155,7 @@ _RESULTS = {
 _DIALECT = "pymavlink.dialects.v20.ardupilotmega"
 
 MOST_SENDERS = 16
-"""Limit of the addresses that are remembered, each with its unfinished frame: of more, the oldest
-is forgotten."""
+"""Limit of remembered addresses with their unfinished frames: the oldest is forgotten."""
 
 
 def load_dialect() -> Any:
@@ -345,8 +344,7 @@ class MavlinkCodec:
         thrust: float,
         rates_rad_s: tuple[float, float, float],
     ) -> bytes:
-        """SET_ATTITUDE_TARGET to ``system`` / ``component``: ``thrust`` 0..1, body rates FRD
-        [rad/s], attitude ignored.
+        """SET_ATTITUDE_TARGET: ``thrust`` 0..1, body rates FRD [rad/s], attitude ignored.
 
         ``time_s`` [s] goes out as time_boot_ms modulo 2³².
 
@@ -384,9 +382,7 @@ class MavlinkCodec:
     def parameter_set(
         self, system: int, component: int, name: str, number: float, kind: int
     ) -> bytes:
-        """PARAM_SET of ``name`` to ``number``, already in the autopilot's encoding of ``kind``
-        (MAV_PARAM_TYPE).
-        """
+        """PARAM_SET of ``name`` to ``number``, in the autopilot's encoding of ``kind``."""
         return self.pack(
             self.dialect.MAVLink_param_set_message(
                 system, component, name.encode("ascii"), number, kind
@@ -399,9 +395,8 @@ class MavlinkCodec:
 
     def timesync_reply(self, request: Message, time_s: float) -> bytes:
         """TIMESYNC that answers ``request`` with our clock ``time_s`` [s]."""
-        ours_ns = (
-            int(time_s * 1e9) or 1
-        )  # 0 would be a question again, and two clocks at 0 would never stop asking
+        # 0 would be a question again, and two clocks at 0 would never stop asking.
+        ours_ns = int(time_s * 1e9) or 1
         return self.pack(self.dialect.MAVLink_timesync_message(ours_ns, request.ts1))
 
     def message_number(self, name: str) -> int:

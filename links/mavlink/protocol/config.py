@@ -14,13 +14,11 @@ DEFAULT_LISTEN = "127.0.0.1:14540"
 
 
 LOCAL_PORTS = range(20_000, 30_000)
-"""Ports from which ``remote`` is spoken to: free for users, and below those that Linux gives away
-(32768)."""
+"""Local ports for ``remote``: free for users, below those that Linux gives away (32768)."""
 ODOMETRY_BYTES = 258
 """Longest frame that forwarding sends."""
 FORWARD_SHARE = 0.3
-"""Forwarding takes at most this share of a serial port's rate: the rest is for commands and the
-autopilot's telemetry."""
+"""Limit of forwarding as a share of a serial port's rate [-]: the rest is for other frames."""
 
 
 class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -284,9 +282,7 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
 
     @property
     def local_address(self) -> tuple[str, int]:
-        """Host and port of this machine from which ``remote`` is spoken to, the same in every
-        run.
-        """
+        """Host and port of this machine for ``remote``, the same in every run."""
         host, _ = parse_address(self.endpoint)
         loopback, every = ("::1", "::") if ":" in host else ("127.0.0.1", "0.0.0.0")  # noqa: S104
         ours = loopback if is_loopback(host) else every

@@ -1,6 +1,4 @@
-"""ODOMETRY for an autopilot's own estimator: our poses in the one form that PX4 and ArduPilot both
-take. Sans-IO.
-"""
+"""ODOMETRY of our poses for the estimators of PX4 and ArduPilot. Sans-IO."""
 
 import math
 from typing import NamedTuple
@@ -31,8 +29,7 @@ class Odometry(NamedTuple):
     velocity: tuple[float, float, float]
     """[m/s], body FRD."""
     measured_velocity: bool
-    """False where it is only the difference of positions, which the autopilot's filter knows
-    already."""
+    """False where it is the difference of positions, which the autopilot knows already."""
     resets: int
     """Changes whenever the frame moved; only the lowest byte leaves."""
     noise_m: float
@@ -76,8 +73,7 @@ def odometry(codec: MavlinkCodec, kind: int, told: Odometry) -> bytes:
 
 
 def origin(codec: MavlinkCodec) -> bytes:
-    """SET_GPS_GLOBAL_ORIGIN to every autopilot that hears it: where on earth the frame of ODOMETRY
-    begins.
+    """SET_GPS_GLOBAL_ORIGIN to every autopilot: where on earth ODOMETRY's frame begins.
 
     One that has an origin keeps it.
 

@@ -103,9 +103,7 @@ class AutopilotAddress(NamedTuple):
         )
 
     def answers(self, message: Message, command: int) -> bool:
-        """Whether ``message`` is its answer to a ``command`` of ours, and not to another ground
-        station's.
-        """
+        """Whether ``message`` is its answer to a ``command`` of ours, not of another station's."""
         if message.get_type() != "COMMAND_ACK" or message.command != command:
             return False
         return message.target_system in (0, self.codec.system_id)
@@ -144,9 +142,7 @@ class Handshake:
 
     @property
     def at_last_step(self) -> bool:
-        """True from the moment on when the last request may have left: what then comes only
-        waits.
-        """
+        """True once the last request may have left: then it only waits."""
         return all(isinstance(step, Wait) for step in islice(self._steps, 1, None))
 
     def poll(self, now_s: float) -> list[bytes]:
@@ -344,8 +340,7 @@ class ReadVersion(Repeated):
             "tell its version", lambda n: autopilot.message_request("AUTOPILOT_VERSION", n)
         )
         self.firmware = ""
-        """Version text, e.g. ``PX4 1.16.0 release 0a1b2c3d4e5f6071``; empty where the autopilot
-        reports none."""
+        """Version text, e.g. ``PX4 1.16.0 release 0a1b2c3d4e5f6071``; empty without a report."""
         self._autopilot = autopilot
 
     def _give_up(self) -> None:
@@ -364,9 +359,7 @@ class ReadVersion(Repeated):
 
 
 def version(message: Message) -> str:
-    """The version that an AUTOPILOT_VERSION tells: number, kind, and the first bytes of the commit
-    as they are.
-    """
+    """Version by AUTOPILOT_VERSION: number, kind, and the first bytes of the commit."""
     number = int(message.flight_sw_version)
     major, minor, patch, kind = (
         number >> 24 & 0xFF,
@@ -513,8 +506,7 @@ def read_parameter(autopilot: int, message: Message) -> AutopilotParameter:
 
 
 def encode(autopilot: int, value: float, kind: int) -> float:
-    """The float that says ``value`` of ``kind`` in a PARAM_SET to an ``autopilot``
-    (HEARTBEAT.autopilot).
+    """Float that means ``value`` of ``kind`` in a PARAM_SET to an ``autopilot``.
 
     Raises:
         ValueError: such a parameter can't have this value.
@@ -846,8 +838,7 @@ async def choose_streams(
     *,
     quiet: bool,
 ) -> None:
-    """Have the messages in ``wanted`` sent (name → rate [Hz]), and with ``quiet`` no others that
-    come often.
+    """Have ``wanted`` messages sent (name → rate [Hz]); with ``quiet`` no others that come often.
 
     Asked for, too, but not needed: what its estimator knows of itself, and of each of ``wishes``
     (names → rate [Hz]) the first message that it is willing to send, unless one of them is wanted

@@ -1,5 +1,4 @@
-"""Senders of the vehicle's heartbeat: from which addresses, and whether one autopilot is behind
-them. Sans-IO.
+"""Senders of the vehicle's heartbeat: their addresses, and whether they are one autopilot. Sans-IO.
 
 MAVLink addresses a vehicle by its system id, which is 1 on every autopilot as it is sold: two
 vehicles in one network, or on one radio, answer to the same commands. What tells them apart is the
@@ -13,8 +12,7 @@ from links.mavlink.protocol.codec import MOST_SENDERS, Message
 from links.text import link_notice
 
 BOTH_S = 3.0
-"""A second sender of heartbeats or set-points counts for this long after its last [s]: three
-periods of HEARTBEAT."""
+"""Time that a second sender counts after its last frame [s]: three periods of HEARTBEAT."""
 
 
 def hardware_id(version: Message) -> str:

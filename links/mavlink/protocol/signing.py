@@ -34,9 +34,7 @@ _RADIO_STATUS = 109
 
 
 class Signer:
-    """The signing state of one link: its key, its own stamps, and the newest stamp of each
-    sender.
-    """
+    """Signing state of one link: its key, its stamps, and the newest stamp of each sender."""
 
     def __init__(self, key: bytes, clock: Callable[[], int]) -> None:
         """Sign with the 32 bytes of ``key``.

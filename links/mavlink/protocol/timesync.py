@@ -1,5 +1,4 @@
-"""Time and attitude of an autopilot: its clock against ours (TIMESYNC), and what it measures itself
-by that. Sans-IO.
+"""Time (TIMESYNC) and attitude of an autopilot, on our clock. Sans-IO.
 
 We send our time; it comes back with the autopilot's time in between. Half-way is the best guess for
 when that was, and the shorter the round trip, the better the guess: so the one with the shortest of
