@@ -1,7 +1,4 @@
-"""What every controller must do, run on each of them by a table.
-
-The example of docs/how-to is one of them.
-"""
+"""Contract of every controller, by a table; the example of docs/how-to is one of them."""
 
 import math
 import re

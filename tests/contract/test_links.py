@@ -1,7 +1,4 @@
-"""What every link must do, on both event loops, towards a simulated other end.
-
-A new link adds its bench.
-"""
+"""Contract of every link, on both event loops, towards a simulated other end: its bench."""
 
 import asyncio
 import contextlib

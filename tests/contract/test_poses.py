@@ -1,6 +1,4 @@
-"""What every pose source must do, on both event loops, towards a simulated sender.
-
-A new source adds its bench.
+"""Contract of every pose source, on both event loops, towards a simulated sender: its bench.
 
 The vehicle flies north at 1 m/s, two metres east of the origin and one metre up, its nose to the
 east: so a pose tells by its place when it was true.

@@ -110,10 +110,7 @@ class Flight:
         return [sticks for time_s, sticks in self.seen if time_s > since_s]
 
     def is_one_writers(self) -> None:
-        """Every frame whole.
-
-        Never more than one a period; and nothing flies again after a frame that did not.
-        """
+        """Every frame whole, never more than one a period, and no lift after one without it."""
         assert not self._decoder.dropped
         # Six frames of one writer take five periods, less what the first of them was late by; of
         # two, two and a half.

@@ -143,10 +143,7 @@ async def ended(station: asyncio.subprocess.Process, case: Case) -> None:
 
 
 async def read(stamped: StampedReader, near: int, case: Case) -> None:
-    """Decode what leaves until the last process closes the port.
-
-    Our own end of it is closed once another has it.
-    """
+    """Decode what leaves until the last process closes the port; ours ends once it is taken."""
     decoder = CONFIG.codec().decoder()
     while True:
         try:

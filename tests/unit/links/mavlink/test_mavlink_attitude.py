@@ -1,7 +1,4 @@
-"""The autopilot's own attitude: asked for, read, put on our clock.
-
-What is no attitude is nothing.
-"""
+"""The autopilot's own attitude: asked for, read, put on our clock, or nothing."""
 
 import asyncio
 import math

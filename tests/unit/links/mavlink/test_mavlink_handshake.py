@@ -77,10 +77,7 @@ def accept(request: Any) -> list[Any]:
 
 
 def refuse(command: int, *results: int, words: str = "") -> Answer:
-    """Refuse ``command`` with ``results`` one after the other, the last for ever.
-
-    Accept everything else.
-    """
+    """Refuse ``command`` with ``results`` in turn, the last for ever; accept all else."""
     left = list(results)
 
     def answer(request: Any) -> list[Any]:

@@ -102,10 +102,7 @@ def play_scene(
 
 
 def scene(**options: Any) -> Callable[[Scene], Callable[..., None]]:
-    """Make a test of a coroutine that is given a link and an autopilot.
-
-    ``options`` are those of ``play_scene``.
-    """
+    """Make a test of a coroutine with a link and an autopilot; ``options``: of ``play_scene``."""
     return on_stage(lambda play: play_scene(play, **options), 2)
 
 

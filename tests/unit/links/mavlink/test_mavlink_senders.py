@@ -116,10 +116,7 @@ def tells(uid: int, frames: Callable[[Any], list[Any]] = accept) -> Callable[[An
 
 
 def scene(uids: tuple[int, int] = (1, 2)) -> Callable[[Scene], Callable[..., None]]:
-    """Make a test of a coroutine that is given a link, its autopilot, and another of its system.
-
-    The link is connected. The other autopilot may begin to beat.
-    """
+    """Make a test of a coroutine with a connected link, its autopilot, and a silent second one."""
 
     @in_virtual_time
     async def main(play: Scene) -> None:

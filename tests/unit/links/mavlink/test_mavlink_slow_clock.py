@@ -15,10 +15,7 @@ LONG_S = 30.0
 
 
 def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
-    """Poses at 50 Hz from a clock that is ``slow`` by that share.
-
-    All it says is late from the middle on.
-    """
+    """Poses at 50 Hz from a clock ``slow`` by that share; late from the middle on."""
     poses: list[Pose] = []
     sources: list[MavlinkPoseSource] = []
 
