@@ -33,11 +33,8 @@ NO_NAMES = [
 
 
 def with_client(name: str) -> dict[str, Any]:
-    return {
-        "mqtt": {
-            "requests": {"enabled": True, "clients": {name: {"key_file": "key", "may": ["land"]}}}
-        }
-    }
+    client = {"key_file": "key", "may": ["land"]}
+    return {"mqtt": {"requests": {"enabled": True, "clients": {name: client}}}}
 
 
 KEYS = {
@@ -76,14 +73,8 @@ def test_no_file_topic_or_message_takes_it_either(name: str) -> None:
     fleet = FleetMonitor("lab")
     fleet.hear(f"lab/{name}/state", b"landed", 0.0)
     assert list(fleet) == []
-    request = {
-        "session": "0" * 32,
-        "client": name,
-        "id": 1,
-        "ask": "land",
-        "expires_ms": 1,
-        "mac": "0" * 64,
-    }
+    request = {"session": "0" * 32, "client": name, "id": 1, "ask": "land", "expires_ms": 1}
+    request["mac"] = "0" * 64
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(request, SealedRequest)
 

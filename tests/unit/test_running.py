@@ -28,50 +28,31 @@ BAD = "test_it.py:7: assert 2.8 < 2.0"
 BAD_OTHERWISE = "test_it.py:9: TimeoutError"
 
 
-@pytest.mark.parametrize(
-    ("attempts", "counts", "waits", "says"),
-    [
-        ([(PASS, 0.9)], True, False, ""),
-        (
-            [(BAD, 0.0), (PASS, 0.9)],
-            True,
-            False,
-            "2.8 < 2.0; machine late 0% of the time), passed when tried again",
-        ),
-        (
-            [(BAD, GROSS), (BAD, GROSS)],
-            True,
-            False,
-            "(at the same line; machine late 5% of the time)",
-        ),
-        (
-            [(BAD, 0.9), ("test_it.py:7: assert 3 < 2.0", 0.0)],
-            True,
-            True,
-            "failed when tried again (at the same line;",
-        ),
-        (
-            [(BAD, 0.9), (BAD_OTHERWISE, 0.04)],
-            True,
-            True,
-            "(test_it.py:9: TimeoutError; machine late 4% of the time)",
-        ),
-        (
-            [(BAD, 0.0), (BAD, 0.06)],
-            False,
-            False,
-            "failed when tried again (at the same line; machine late 6%",
-        ),
-    ],
-    ids=[
-        "passes",
-        "passes when tried again",
-        "fails twice where the machine was late now and again",
-        "fails again on a machine that keeps time then",
-        "fails otherwise on a machine that keeps time then",
-        "fails while nothing could keep time",
-    ],
-)
+AGAIN = "failed when tried again (at the same line;"
+ATTEMPTS: dict[str, tuple[list[tuple[str, float]], bool, bool, str]] = {
+    "passes": ([(PASS, 0.9)], True, False, ""),
+    "passes when tried again": (
+        [(BAD, 0.0), (PASS, 0.9)], True, False,
+        "2.8 < 2.0; machine late 0% of the time), passed when tried again",
+    ),
+    "fails twice where the machine was late now and again": (
+        [(BAD, GROSS), (BAD, GROSS)], True, False, "at the same line; machine late 5% of the time",
+    ),
+    "fails again on a machine that keeps time then": (
+        [(BAD, 0.9), ("test_it.py:7: assert 3 < 2.0", 0.0)], True, True, AGAIN,
+    ),
+    "fails otherwise on a machine that keeps time then": (
+        [(BAD, 0.9), (BAD_OTHERWISE, 0.04)], True, True,
+        "(test_it.py:9: TimeoutError; machine late 4% of the time)",
+    ),
+    "fails while nothing could keep time": (
+        [(BAD, 0.0), (BAD, 0.06)], False, False, f"{AGAIN} machine late 6%",
+    ),
+}  # fmt: skip
+"""What fails when, whether that counts, whether it is waited before, and what is said."""
+
+
+@pytest.mark.parametrize(("attempts", "counts", "waits", "says"), ATTEMPTS.values(), ids=ATTEMPTS)
 def test_what_fails_twice_fails_unless_nothing_could_keep_time_the_second_time(
     attempts: list[tuple[str, float]], counts: bool, waits: bool, says: str
 ) -> None:

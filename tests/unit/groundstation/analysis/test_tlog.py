@@ -59,10 +59,10 @@ def test_the_odometry_of_a_bridge_is_no_pose_of_the_vehicle(
 
 
 def test_a_bridge_alone_flies_nothing_and_the_sender_of_its_poses_is_named(tmp_path: Path) -> None:
-    with pytest.raises(
-        ConfigError, match=r"ODOMETRY of system 1, component 197\): record its ODOMETRY"
-    ):
-        read(tmp_path, Flight(duration_s=2.0, bridge=BRIDGE, poses=lambda _: False).tlog())
+    flight = Flight(duration_s=2.0, bridge=BRIDGE, poses=lambda _: False)
+    says = r"ODOMETRY of system 1, component 197\): record its ODOMETRY"
+    with pytest.raises(ConfigError, match=says):
+        read(tmp_path, flight.tlog())
 
 
 def test_a_companion_that_calls_itself_an_autopilot_does_not_come_first(
@@ -76,13 +76,9 @@ def test_a_companion_that_calls_itself_an_autopilot_does_not_come_first(
 
 def test_set_points_for_another_component_are_none_of_the_vehicles(tmp_path: Path) -> None:
     station = MavlinkCodec(255, 190)
-    aside = [
-        (2_000_000 + n, station.attitude_target(2.0, *GIMBAL, 0.9, (1.0, 1.0, 1.0)))
-        for n in range(100)
-    ]
-    everybody = [
-        (2_500_000 + n, station.attitude_target(2.5, 1, 0, 0.9, (1.0, 1.0, 1.0))) for n in range(10)
-    ]
+    spins = (0.9, (1.0, 1.0, 1.0))
+    aside = [(2_000_000 + n, station.attitude_target(2.0, *GIMBAL, *spins)) for n in range(100)]
+    everybody = [(2_500_000 + n, station.attitude_target(2.5, 1, 0, *spins)) for n in range(10)]
     frames = sorted([*FLIGHT.frames(), *aside, *everybody], key=lambda one: one[0])
     found = read(tmp_path, stamped(frames))
     assert len(found.of(SETPOINT)) == 510
@@ -104,15 +100,18 @@ def test_a_file_of_mostly_garbage_is_no_flight(tmp_path: Path) -> None:
         read(tmp_path, data)
 
 
+SAME, LEAPS = (
+    r"all \d+ records have the same log time",
+    "log times leap by more than 60 s, limit 50%",
+)
+
+
 @pytest.mark.parametrize(
     ("stamp", "says"),
     [
-        (lambda _: bytes(8), r"all \d+ records have the same log time"),
-        (lambda _: struct.pack(">Q", START_US), r"all \d+ records have the same log time"),
-        (
-            lambda us: struct.pack("<Q", us),
-            "log times leap by more than 60 s, limit 50%",
-        ),  # the other end first
+        (lambda _: bytes(8), SAME),
+        (lambda _: struct.pack(">Q", START_US), SAME),
+        (lambda us: struct.pack("<Q", us), LEAPS),  # the other end first
     ],
     ids=["zeros", "never changes", "leaps"],
 )
@@ -129,9 +128,8 @@ def test_poses_of_a_second_vehicle_are_counted_and_not_used(
     heart = MavlinkCodec(2, 1).pack(D.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
     found = read(tmp_path, stamped([(0, heart), *Flight(duration_s=2.0, bridge=(2, 1)).frames()]))
     assert found.messages == usual.messages
-    assert found.notes == usual.notes + Counter(
-        {"poses of system 2, component 1": len(usual.of(MEASURED))}
-    )
+    strangers = Counter({"poses of system 2, component 1": len(usual.of(MEASURED))})
+    assert found.notes == usual.notes + strangers
 
 
 def test_damage_that_leaves_most_of_a_flight_is_only_counted(
@@ -171,9 +169,8 @@ def test_a_jump_with_a_reset_is_not_taken_for_motion(tmp_path: Path) -> None:
         assert row is not None
         return row["rms_mm"]
 
-    assert judged(Flight(moved=lambda t: (3.0, 7) if t >= 5.0 else (0.0, 6))) < 1.5 * judged(
-        Flight()
-    )
+    moved = Flight(moved=lambda t: (3.0, 7) if t >= 5.0 else (0.0, 6))
+    assert judged(moved) < 1.5 * judged(Flight())
 
 
 def test_a_velocity_that_is_not_that_of_the_positions_and_an_outage_are_found_out(
@@ -183,9 +180,8 @@ def test_a_velocity_that_is_not_that_of_the_positions_and_an_outage_are_found_ou
     found = examine_flight(written(flight, tmp_path), None, NO_LAG)
     assert found["gap_max_ms"] == pytest.approx(350.0, abs=21.0)
     assert found["velocity_off_m_s"] == pytest.approx(0.05, abs=0.01)
-    assert f"its own velocity is {found['velocity_off_m_s']:.3f} m/s RMS from" in describe_flight(
-        found
-    )
+    says = f"its own velocity is {found['velocity_off_m_s']:.3f} m/s RMS from"
+    assert says in describe_flight(found)
 
 
 SHORT = FLIGHT.tlog()

@@ -80,14 +80,16 @@ def flown(
             FLOATS, motion, drive, STEP_S, disturbance=(push[0], push[1], push[2]), **PLANT
         )
     use = slice(50, None)
-    parts = (
+    return FlightStretch(
+        Path("made-up.mcap"),
+        config,
         np.array(sent_s),
         np.array(newtons),
         np.array(rates),
         np.array(at)[use],
         np.array(places)[use],
+        np.array(attitudes)[use],
     )
-    return FlightStretch(Path("made-up.mcap"), config, *parts, np.array(attitudes)[use])
 
 
 def holds(found: IdentifiedVehicle, **truth: float) -> None:
@@ -163,19 +165,15 @@ def test_a_curve_that_nobody_told_is_found() -> None:
     assert written["thrust_max_n"] <= 1.02 * full
 
 
+NEED_MOTION = (
+    "thrust_scale", "thrust_curve", "thrust_lag", "rate_lag", "yaw_rate_lag", "rate_delay", "drag",
+)  # fmt: skip
+
+
 def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
-    found = identify(
-        flown(strength=0.0, scale=1.0, noise_m=1e-4, noise_rad=1e-4, wind=0.0, seconds=10.0)
-    )
-    for name in (
-        "thrust_scale",
-        "thrust_curve",
-        "thrust_lag",
-        "rate_lag",
-        "yaw_rate_lag",
-        "rate_delay",
-        "drag",
-    ):
+    still = flown(strength=0.0, scale=1.0, noise_m=1e-4, noise_rad=1e-4, wind=0.0, seconds=10.0)
+    found = identify(still)
+    for name in NEED_MOTION:
         one = found.parameters[name]
         assert (one.value, one.interval, one.note) == (None, None, FLY)
     assert table(found).count(FLY) == len(found.parameters) - 1
@@ -187,6 +185,5 @@ def test_scale_and_curve_agree_with_what_was_told_where_the_vehicle_flew() -> No
     assert full_n(config, 0.6, 1.0, 0.3) == pytest.approx(1.37)
     assert most_n(config, 0.6, 1.0, 0.3) == pytest.approx(1.37)
     assert hover_signal(config, 0.6, 1.0, 0.3) == pytest.approx(signal(0.08 * G / 1.37, 0.3))
-    assert most_n(config, 0.6, 0.8, 0.7) == pytest.approx(
-        0.8 * 1.37 * thrust(0.6, 0.3) / thrust(0.6, 0.7)
-    )
+    flown_n = 0.8 * 1.37 * thrust(0.6, 0.3) / thrust(0.6, 0.7)
+    assert most_n(config, 0.6, 0.8, 0.7) == pytest.approx(flown_n)

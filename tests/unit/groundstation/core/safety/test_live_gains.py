@@ -33,10 +33,9 @@ class Flown:
     def on(
         self, for_s: float, error_m: float = 0.01, v: float = 0.01, *, counts: bool = True
     ) -> "Flown":
-        motion = Motion(
-            (error_m, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, (0.0, 0.0, 0.0)
-        )
-        estimate = Estimate(self.time_s, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)
+        rest = (0.0, 0.0, 0.0)
+        motion = Motion((error_m, 0.0, -1.0), rest, (1.0, 0.0, 0.0, 0.0), 1.0, rest)
+        estimate = Estimate(self.time_s, motion, rest, rest, 1.0)
         for _ in range(round(for_s / PERIOD_S)):
             self.time_s += PERIOD_S
             step, told = self.live.update(self.time_s, estimate, HERE, v, counts=counts)
