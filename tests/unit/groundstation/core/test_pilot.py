@@ -21,12 +21,8 @@ VEHICLE = Vehicle()
 def leaning(degrees: float, azimuth_deg: float) -> Quat:
     """The attitude that leans so far, about a horizontal axis."""
     half, azimuth = 0.5 * math.radians(degrees), math.radians(azimuth_deg)
-    return (
-        math.cos(half),
-        math.sin(half) * math.cos(azimuth),
-        math.sin(half) * math.sin(azimuth),
-        0.0,
-    )
+    x, y = math.sin(half) * math.cos(azimuth), math.sin(half) * math.sin(azimuth)
+    return (math.cos(half), x, y, 0.0)
 
 
 EVERYWHERE = range(0, 360, 30)
@@ -46,20 +42,16 @@ def test_what_may_stand_is_only_levelled_however_far_it_is_from_its_reference(
     for _ in range(3):
         flies.set_ground_contact(True)
     tick = flies.compute_command(0.0)
-    roll, pitch = sine_error(
-        tick.estimate.motion.attitude, push((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), G)[0]
-    )
+    roll, pitch = sine_error(tick.estimate.motion.attitude, push(ZERO, ZERO, G)[0])
     thrust, (p, q, r) = tick.decision.drive
     back = (p * roll + q * pitch) / math.hypot(roll, pitch)
-    assert back == pytest.approx(
-        math.hypot(p, q), rel=0.02
-    )  # nothing but that, save for the limits of the rates
+    # Nothing but that, save for the limits of the rates.
+    assert back == pytest.approx(math.hypot(p, q), rel=0.02)
     assert back > 0.0
     assert r == 0.0
     assert thrust == pytest.approx(free.thrust, rel=0.2, abs=0.06)
-    assert [
-        one.values for one in told if isinstance(one, SwitchRecord) and one.what == "touch"
-    ] == [(1.0,)]
+    switches = [one for one in told if isinstance(one, SwitchRecord) and one.what == "touch"]
+    assert [one.values for one in switches] == [(1.0,)]
 
 
 def blown(down: float, effectiveness: float = 1.0) -> Estimate:

@@ -27,13 +27,9 @@ def made(*overrides: str) -> Config:
 
 
 def proof(config: Config, **changes: str) -> Proof:
-    told: dict[str, str] = {
-        "vehicle": config.vehicle.name,
-        "digest": hash_sections(config),
-        "firmware": "",
-        "date": "2026-01-02",
-    }
-    return Proof(**told | changes, steps={"no poses": "seen"})
+    told = {"vehicle": config.vehicle.name, "digest": hash_sections(config)}
+    told |= {"firmware": "", "date": "2026-01-02", **changes}
+    return Proof(**told, steps={"no poses": "seen"})
 
 
 @pytest.mark.parametrize(

@@ -44,11 +44,8 @@ def fleet(
 
 
 def test_each_vehicle_has_what_all_share_and_what_is_its_own(tmp_path: Path) -> None:
-    ant, bee = fleet(
-        tmp_path,
-        ANT,
-        {**BEE, "vehicle": {"mass_kg": 0.1}, "trajectory": {"centre_ned": [3.0, 0.0, 0.0]}},
-    ).members
+    own = {"vehicle": {"mass_kg": 0.1}, "trajectory": {"centre_ned": [3.0, 0.0, 0.0]}}
+    ant, bee = fleet(tmp_path, ANT, {**BEE, **own}).members
     assert (ant.name, bee.name) == ("ant", "bee")
     assert (ant.lab.vehicle.name, ant.lab.vehicle.mass_kg) == ("ant", 0.1)
     assert (bee.lab.vehicle.name, bee.lab.vehicle.mass_kg) == ("bee", 0.1)
@@ -83,10 +80,8 @@ def test_who_asks_its_server_by_itself_needs_no_relay(tmp_path: Path) -> None:
 
 
 def test_overrides_are_for_every_vehicle(tmp_path: Path) -> None:
-    assert [
-        one.lab.flight.duration_s
-        for one in fleet(tmp_path, ANT, BEE, sets=("flight.duration_s=7",)).members
-    ] == [7, 7]
+    found = fleet(tmp_path, ANT, BEE, sets=("flight.duration_s=7",))
+    assert [one.lab.flight.duration_s for one in found.members] == [7, 7]
 
 
 def test_the_configuration_that_is_shown_is_the_core_s(tmp_path: Path) -> None:
@@ -119,22 +114,16 @@ HOSTS = [
     {**who, "pose": {"kind": "libmotioncapture", "hostname": host}}
     for who, host in ((ANT, "a"), (BEE, "b"))
 ]
-SERVED = [{"name": name, "link": {"listen": f"127.0.0.1:{port}"},
-    "status": {"path": "/x"}} for name, port in
-          (("bee", 9998), ("cat", 9999))]  # fmt: skip
+SERVED = [
+    {"name": name, "link": {"listen": f"127.0.0.1:{port}"}, "status": {"path": "/x"}}
+    for name, port in (("bee", 9998), ("cat", 9999))
+]
+BOTH = ("ant", "bee")
 WRONG_FLEETS: list[tuple[list[dict[str, Any]], dict[str, Any], tuple[str, ...]]] = [
     *(([ANT, {**BEE, **bee}], {}, says) for bee, says in WRONG),
     ([{"name": "ant"}, {"name": "bee"}], {}, ("vehicle bee", "link.listen", "'14540' is ant's")),
-    (
-        [{"name": n, "link": DSM} for n in ("ant", "bee")],
-        {},
-        ("vehicle bee", "link.port", "'/dev/ttyUSB0' is ant's"),
-    ),
-    (
-        [{"name": n, "link": REMOTE} for n in ("ant", "bee")],
-        {},
-        ("vehicle bee", "link.remote", "is ant's already"),
-    ),
+    ([{"name": n, "link": DSM} for n in BOTH], {}, ("vehicle bee", "link.port", "is ant's")),
+    ([{"name": n, "link": REMOTE} for n in BOTH], {}, ("vehicle bee", "link.remote", "is ant's")),
     (HOSTS, {}, ("vehicle bee", "pose", "same source as ant's")),
     ([ANT, *SERVED], {}, ("vehicle cat", "status.path")),
     ([{**ANT, "link": 3}, BEE], {}, ("vehicle ant", "link", "expected a table")),

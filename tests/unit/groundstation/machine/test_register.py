@@ -54,14 +54,10 @@ def test_a_process_is_registered_while_it_lives_and_what_a_killed_one_left_is_re
     folder: Path, tmp_path: Path
 ) -> None:
     with another("bee") as bee, another("ant") as ant:
-        assert [(one.vehicle, one.pid) for one in running_processes(tmp_path)] == [
-            ("ant", ant.pid),
-            ("bee", bee.pid),
-        ]
-        assert (folder.stat().st_mode & 0o777, entries(folder)[0].stat().st_mode & 0o777) == (
-            0o700,
-            0o600,
-        )
+        seen = [(one.vehicle, one.pid) for one in running_processes(tmp_path)]
+        assert seen == [("ant", ant.pid), ("bee", bee.pid)]
+        assert folder.stat().st_mode & 0o777 == 0o700
+        assert entries(folder)[0].stat().st_mode & 0o777 == 0o600
         bee.kill()
         bee.wait()
         assert len(entries(folder)) == 2

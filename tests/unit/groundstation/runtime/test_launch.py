@@ -43,10 +43,5 @@ def test_an_extra_is_installed_from_where_the_program_came(
     monkeypatch.setattr(
         "importlib.metadata.distribution", lambda _: SimpleNamespace(read_text=lambda _: text)
     )
-    assert shlex.split(packages.describe_install("tune")) == [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        *what,
-    ]
+    words = shlex.split(packages.describe_install("tune"))
+    assert words == [sys.executable, "-m", "pip", "install", *what]

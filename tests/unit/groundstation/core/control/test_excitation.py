@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 
 from groundstation.core.control import ExcitationTones
@@ -10,12 +11,9 @@ from groundstation.core.messages import Estimate
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
 
 G = 9.81
-VEHICLES = [
-    Vehicle(),
-    Vehicle(
-        mass_kg=1.0, thrust_max_n=20.0, thrust_lag_s=0.03, rate_lag_s=0.02, frame_period_s=0.01
-    ),
-]
+LARGE = Vehicle(mass_kg=1.0, thrust_max_n=20.0, thrust_lag_s=0.03, rate_lag_s=0.02)
+VEHICLES = [Vehicle(), msgspec.structs.replace(LARGE, frame_period_s=0.01)]
+ZERO = (0.0, 0.0, 0.0)
 
 
 def full_tones(vehicle: Vehicle) -> ExcitationTones:
@@ -30,16 +28,22 @@ def flown(vehicle: Vehicle, yaw_rad: float, until_s: float) -> tuple[list[float]
     """
     tones, hover = full_tones(vehicle), vehicle.mass_kg * G
     attitude = so3.from_euler_zyx(0.0, 0.0, yaw_rad)
-    motion = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), attitude, hover, (0.0, 0.0, 0.0))
+    motion = Motion(ZERO, ZERO, attitude, hover, ZERO)
     times, motions = [], []
     frame_s = vehicle.frame_period_s
     for n in range(round(until_s / frame_s)):
-        drive = tones.add_to(ActuatorCommand(hover, (0.0, 0.0, 0.0)), n * frame_s)
+        drive = tones.add_to(ActuatorCommand(hover, ZERO), n * frame_s)
         motion = integrate(
-            FLOATS, motion, drive, frame_s, mass=vehicle.mass_kg, gravity=G, disturbance=(0.0,
-                0.0, 0.0),
-            thrust_lag=vehicle.thrust_lag_s, rate_lag=vehicle.rate_lag_s,
-        )  # fmt: skip
+            FLOATS,
+            motion,
+            drive,
+            frame_s,
+            mass=vehicle.mass_kg,
+            gravity=G,
+            disturbance=ZERO,
+            thrust_lag=vehicle.thrust_lag_s,
+            rate_lag=vehicle.rate_lag_s,
+        )
         times.append((n + 1) * frame_s)
         motions.append(motion)
     return times, motions
@@ -56,9 +60,8 @@ def test_tilt_rates_and_accelerations_are_those_of_the_model(
     for time_s, motion in late:
         tone = tones.motion(time_s, yaw_rad)
         assert tone.rates == pytest.approx(motion.rates[:2], abs=0.06)
-        assert tone.thrust_share == pytest.approx(
-            motion.thrust / (vehicle.mass_kg * G) - 1.0, abs=0.006
-        )
+        share = motion.thrust / (vehicle.mass_kg * G) - 1.0
+        assert tone.thrust_share == pytest.approx(share, abs=0.006)
     # Tilt and place drift by how the tones began; what swings is told.
     roll = [euler_zyx(m.attitude)[0] - tones.motion(t, yaw_rad).tilt[0] for t, m in late]
     assert max(roll) - min(roll) < math.radians(0.5)
@@ -81,16 +84,16 @@ def test_the_state_without_the_tones_is_the_one_before_them() -> None:
     motion = Motion(
         tone.position, tone.velocity, attitude, 0.8 * (1.0 + tone.thrust_share), (*tone.rates, 0.1)
     )
-    without = tones.take_out(Estimate(3.0, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), 0.7).motion
-    assert without.position == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
-    assert without.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    without = tones.take_out(Estimate(3.0, motion, ZERO, ZERO), 0.7).motion
+    assert without.position == pytest.approx(ZERO, abs=1e-12)
+    assert without.velocity == pytest.approx(ZERO, abs=1e-12)
     assert without.thrust == pytest.approx(0.8)
     assert without.rates == pytest.approx((0.0, 0.0, 0.1), abs=1e-12)
     assert euler_zyx(without.attitude)[:2] == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
 def test_tones_come_and_go_without_a_step() -> None:
-    tones, hover = ExcitationTones(VEHICLES[0], G), ActuatorCommand(0.8, (0.0, 0.0, 0.0))
+    tones, hover = ExcitationTones(VEHICLES[0], G), ActuatorCommand(0.8, ZERO)
     assert tones.add_to(hover, 1.0) == hover
     tones.set_level(1.0, 1.0)
     assert tones.share(1.0) == 0.0

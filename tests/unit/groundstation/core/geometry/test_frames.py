@@ -22,12 +22,8 @@ turns = (
 def about(axis: Vec3, degrees: float) -> Quat:
     """Right-handed turn about a unit axis."""
     half = math.radians(degrees) / 2.0
-    return (
-        math.cos(half),
-        math.sin(half) * axis[0],
-        math.sin(half) * axis[1],
-        math.sin(half) * axis[2],
-    )
+    x, y, z = (math.sin(half) * part for part in axis)
+    return (math.cos(half), x, y, z)
 
 
 X: Vec3 = (1.0, 0.0, 0.0)
@@ -105,20 +101,22 @@ def test_everything_at_once() -> None:
     # markers' forward lies to the right of the nose, their centre 10 cm behind that of mass. They
     # are 2 m "north" and 1 m up, looking "north", which is east: so the nose looks north.
     alignment = Alignment(
-        lab_rotation_deg=(0.0, 0.0, 90.0), lab_origin_m=(0.5, 0.0, -1.0), body_rotation_deg=(0.0,
-            0.0, 90.0),
+        lab_rotation_deg=(0.0, 0.0, 90.0),
+        lab_origin_m=(0.5, 0.0, -1.0),
+        body_rotation_deg=(0.0, 0.0, 90.0),
         centre_of_mass_m=(0.1, 0.0, 0.0),
-    )  # fmt: skip
+    )
     place, turn = Frames("nue", "fur", alignment).ours((2.0, 1.0, 0.0), so3.IDENTITY)
     assert place == pytest.approx((0.6, 2.0, -2.0), abs=1e-15)
     assert_axes(turn, forward=(1.0, 0.0, 0.0), right=(0.0, 1.0, 0.0))
 
 
 ANY = Alignment(
-    lab_rotation_deg=(5.0, -12.0, 130.0), lab_origin_m=(1.5, -0.25, 0.5), body_rotation_deg=(-3.0,
-        8.0, -75.0),
+    lab_rotation_deg=(5.0, -12.0, 130.0),
+    lab_origin_m=(1.5, -0.25, 0.5),
+    body_rotation_deg=(-3.0, 8.0, -75.0),
     centre_of_mass_m=(0.02, -0.01, 0.05),
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("alignment", [Alignment(), ANY], ids=["named", "aligned"])

@@ -26,15 +26,8 @@ def vectors(most: float) -> st.SearchStrategy[Vec3]:
     return st.tuples(*(st.floats(-most, most),) * 3)
 
 
-motions = st.builds(
-    Reference,
-    vectors(5.0),
-    vectors(2.0),
-    vectors(3.0),
-    vectors(5.0),
-    st.floats(-3.1, 3.1),
-    st.floats(-1.0, 1.0),
-)
+yaws, turns = st.floats(-3.1, 3.1), st.floats(-1.0, 1.0)
+motions = st.builds(Reference, vectors(5.0), vectors(2.0), vectors(3.0), vectors(5.0), yaws, turns)
 
 
 @given(motions, motions, st.floats(0.4, 20.0))
@@ -63,9 +56,8 @@ def test_its_derivatives_are_those_of_its_positions(
             (before.velocity_ned, after.velocity_ned, here.acceleration_ned),
             (before.acceleration_ned, after.acceleration_ned, here.jerk_ned),
         ):
-            assert (upper[axis] - lower[axis]) / (2.0 * h) == pytest.approx(
-                of[axis], rel=1e-4, abs=1e-2
-            )
+            slope = (upper[axis] - lower[axis]) / (2.0 * h)
+            assert slope == pytest.approx(of[axis], rel=1e-4, abs=1e-2)
 
 
 @given(vectors(5.0), vectors(5.0))
@@ -77,11 +69,9 @@ def test_from_rest_to_rest_it_keeps_the_limits_and_is_hardly_longer_than_it_must
     seen = [way.at(way.duration_s * i / 200) for i in range(201)]
     assert max(math.hypot(*r.velocity_ned) for r in seen) <= 1.01 * LIMITS.speed_m_s
     assert max(math.hypot(*r.acceleration_ned) for r in seen) <= 1.03 * LIMITS.acceleration_m_s2
-    shortest = max(
-        0.4,
-        35.0 / 16.0 * length / LIMITS.speed_m_s,
-        math.sqrt(7.513 * length / LIMITS.acceleration_m_s2),
-    )
+    by_speed_s = 35.0 / 16.0 * length / LIMITS.speed_m_s
+    by_acceleration_s = math.sqrt(7.513 * length / LIMITS.acceleration_m_s2)
+    shortest = max(0.4, by_speed_s, by_acceleration_s)
     assert way.duration_s <= LENGTHENING * shortest + 1e-9
 
 
@@ -91,9 +81,8 @@ def test_stopping_and_running_in_are_no_faster_than_the_motion_that_they_meet(
 ) -> None:
     moving = LemniscateConfig(speed_m_s=speed).build().at(time_s)
     for way, rest, other in ((stop(moving, LIMITS), 1.0, 0.0), (run_in(moving, LIMITS), 0.0, 1.0)):
-        assert way.at(rest * way.duration_s).velocity_ned == pytest.approx(
-            (0.0, 0.0, 0.0), abs=1e-12
-        )
+        stands = way.at(rest * way.duration_s)
+        assert stands.velocity_ned == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
         assert way.at(other * way.duration_s).position_ned == pytest.approx(moving.position_ned)
         seen = [way.at(way.duration_s * i / 100) for i in range(101)]
         assert max(math.hypot(*r.velocity_ned) for r in seen) <= 1.25 * speed

@@ -57,23 +57,17 @@ def test_a_password_or_a_key_that_others_may_read_stops_the_start(tmp_path: Path
     password, key = tmp_path / "password", tmp_path / "key"
     password.write_text("secret\n")
     make_key(key)
-    mqtt = {
-        "username": "mqx",
-        "password_file": str(password),
-        "requests": {
-            "enabled": True,
-            "clients": {"tablet": {"key_file": str(key), "may": ["land"]}},
-        },
-    }
+    client = {"key_file": str(key), "may": ["land"]}
+    requests = {"enabled": True, "clients": {"tablet": client}}
+    mqtt = {"username": "mqx", "password_file": str(password), "requests": requests}
     password.chmod(0o640)
     with pytest.raises(ConfigError, match=r"mqtt\.password_file: .* has mode 0640"):
         ensure_mqtt(of(**mqtt))
     password.chmod(0o600)
     ensure_mqtt(of(**mqtt))
     key.chmod(0o644)
-    with pytest.raises(
-        ConfigError, match=r"mqtt\.requests\.clients\.tablet\.key_file: .* has mode 0644"
-    ):
+    says = r"mqtt\.requests\.clients\.tablet\.key_file: .* has mode 0644"
+    with pytest.raises(ConfigError, match=says):
         ensure_mqtt(of(**mqtt))
 
 
@@ -85,9 +79,8 @@ def test_two_clients_never_share_a_key(tmp_path: Path) -> None:
 
 
 def test_a_missing_authority_or_certificate_is_named(tmp_path: Path) -> None:
-    with pytest.raises(
-        ConfigError, match=r"mqtt\.tls\.ca_file: cannot use /nowhere/ca.crt: No such file"
-    ):
+    says = r"mqtt\.tls\.ca_file: cannot use /nowhere/ca.crt: No such file"
+    with pytest.raises(ConfigError, match=says):
         open_broker(of(tls={"enabled": True, "ca_file": "/nowhere/ca.crt"}))
     (tmp_path / "key").touch(0o600)
     (tmp_path / "cert").touch()

@@ -20,19 +20,10 @@ from tests.sample_flight import sample
 DOCS = Path(__file__).parents[5] / "docs" / "reference"
 KEY, PLACE = bytes(range(32)), Place("lab", "mqx")
 REQUEST = seal_request(KEY, PLACE, "0" * 32, "tablet", 1, "land", 2, "wind")
+BLIND = msgspec.structs.replace(sample(1.0), pose_age_s=math.inf, error_m=math.nan)
+WITHOUT_LAW = msgspec.structs.replace(BLIND, diagnostics=None, certificate=None)
 PUBLISHED: dict[str, list[bytes]] = {
-    "snapshot.json": [
-        msgspec.json.encode(sample(1.0)),
-        msgspec.json.encode(
-            msgspec.structs.replace(
-                sample(1.0),
-                pose_age_s=math.inf,
-                error_m=math.nan,
-                diagnostics=None,
-                certificate=None,
-            )
-        ),
-    ],
+    "snapshot.json": [msgspec.json.encode(sample(1.0)), msgspec.json.encode(WITHOUT_LAW)],
     "event.json": [msgspec.json.encode(EventMessage(1, 12.345, "ready"))],
     "health.json": [msgspec.json.encode(HealthMessage("0.1.0", 1, 2, 0, {"done": 1}))],
     "request-session.json": [msgspec.json.encode(SessionMessage("0" * 32))],
