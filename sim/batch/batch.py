@@ -255,32 +255,13 @@ class BatchEstimator:
         model = self._at(old, dt)
         expected = predict_covariance(old.covariance, dt, self._densities)
         step = subtract(position, model.position)
-        if (told := self._gains.pose_jitter_s) == 0.0:
+        if self._gains.pose_jitter_s == 0.0:
             expected = widen_covariance(ops, expected, noise, step)
             across2, track, along = expected[PP] + noise, old.track, None
             gain, covariance = update_covariance(expected, noise)
         else:
-            across, jitter2 = split_noise(ops, noise, stamp_noise, NOISE_FLOOR_M2, told)
-            axis, speed2 = find_direction(ops, model.velocity)
-            narrow = predict_covariance(old.track.covariance, dt, self._densities)
-            both = turn_track(expected, AlongTrack(old.track.axis, narrow), axis)
-            # Where stamps are not off there is one filter, and it is what the two begin with where
-            # they are again.
-            off = jitter2 > 0.0
-            apart: Any = (
-                tuple(ops.where(off, a, b) for a, b in zip(one, expected, strict=True))
-                for one in both
-            )
-            wide, narrow = apart
-            most = across + jitter2 * speed2
-            wide, narrow = (
-                widen_covariance(ops, wide, most, step),
-                widen_covariance(ops, narrow, most, step),
-            )
-            across2, along2 = wide[PP] + across, narrow[PP] + most
-            gain, covariance = update_covariance(wide, across)
-            along, track = weigh_along(
-                ops, axis, gain, update_covariance(narrow, most), across2, along2
+            gain, covariance, across2, along, track = self._weigh_apart(
+                ops, old.track, expected, model.velocity, dt, noise, stamp_noise, step
             )
         chain: Chain = (
             model.position,
@@ -303,6 +284,40 @@ class BatchEstimator:
         motion = Motion(place, speed, turned, model.thrust, model.rates)
         seen = (noise, stamp_noise, track, times, places)
         return Filtered(stamp, motion, now, rate, covariance, e, *seen, old.driven)
+
+    def _weigh_apart(
+        self,
+        ops: Ops,
+        old: AlongTrack,
+        expected: Any,
+        velocity: Any,
+        dt: Any,
+        noise: Any,
+        stamp_noise: Any,
+        step: Any,
+    ) -> Any:
+        """Weigh the innovation ``step`` [m] across and along the track, where stamps jitter.
+
+        Returns:
+            The gain and the covariance across, its innovation's variance [m²], and the correction
+            and the covariance along the track.
+        """
+        told_s = self._gains.pose_jitter_s
+        across, jitter2 = split_noise(ops, noise, stamp_noise, NOISE_FLOOR_M2, told_s)
+        axis, speed2 = find_direction(ops, velocity)
+        narrow = predict_covariance(old.covariance, dt, self._densities)
+        both = turn_track(expected, AlongTrack(old.axis, narrow), axis)
+        # Where stamps are not off there is one filter, with which the two begin again.
+        off = jitter2 > 0.0
+        apart: Any = (
+            tuple(ops.where(off, a, b) for a, b in zip(one, expected, strict=True)) for one in both
+        )
+        most = across + jitter2 * speed2
+        wide, narrow = (widen_covariance(ops, one, most, step) for one in apart)
+        across2, along2 = wide[PP] + across, narrow[PP] + most
+        gain, covariance = update_covariance(wide, across)
+        found = update_covariance(narrow, most)
+        return gain, covariance, across2, *weigh_along(ops, axis, gain, found, across2, along2)
 
     def predict(self, time_s: float) -> Estimate:
         """Every vehicle at ``time_s``."""

@@ -105,8 +105,12 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
         back = "never" if facts["gust_back_s"] is None else f"{facts['gust_back_s']:.2f} s"
         lines.append(f"{'gust: largest error':24}{facts['gust_peak_cm']:>11.2f} cm")
         lines.append(f"{'gust: under 5 cm after':24}{back:>14}")
-    lines += [
-        "",
+    return "\n".join([*lines, "", *_describe_forces(facts), *_describe_course(facts, folder)])
+
+
+def _describe_forces(facts: dict[str, Any]) -> list[str]:
+    """Wind, disturbance and its estimate, and the thrust that they took."""
+    lines = [
         f"{'wind, true':24}{_vector(facts['wind_true'])} m/s² (north, east, down; mean of the "
         "last second)",
         f"{'disturbance, true':24}{_vector(facts['disturbance_true'])} m/s²: wind; drag, thrust, "
@@ -119,16 +123,15 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
         lines.append(
             f"{'thrust commanded':24}{facts['thrust_min_n']:.3f} … {facts['thrust_max_n']:.3f} N"
         )
-    violated, suspended = (
-        100.0 * facts["certificate_violated"],
-        100.0 * facts["certificate_suspended"],
-    )
-    shown = (
-        f"{violated:.2f} % of the time, suspended {suspended:.2f} %"
-        if facts["lyapunov_start"] is not None
-        else "–"
-    )
-    lines.append(f"{'V above its bound':24}{shown}")
+    return lines
+
+
+def _describe_course(facts: dict[str, Any], folder: Path | None) -> list[str]:
+    """The certificate, the warnings, and how the flight went."""
+    violated = 100.0 * facts["certificate_violated"]
+    suspended = 100.0 * facts["certificate_suspended"]
+    shown = f"{violated:.2f} % of the time, suspended {suspended:.2f} %"
+    lines = [f"{'V above its bound':24}{'–' if facts['lyapunov_start'] is None else shown}"]
     for key, label in (
         ("certificate_warnings", "  told, at [s]"),
         ("warnings", "told in flight, at [s]"),
@@ -142,7 +145,7 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
     ]
     if folder is not None:
         lines.append(f"{'written to':24}{folder}")
-    return "\n".join(lines)
+    return lines
 
 
 def _describe_split(disturbance: dict[str, Any] | None) -> str:

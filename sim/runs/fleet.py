@@ -178,9 +178,7 @@ async def fly_fleet(
         ConfigError: see :func:`sim.runs.stage.lay_out`.
     """
     start = time.perf_counter()
-    with tempfile.TemporaryDirectory(prefix="groundstation-sim-") as folder:
-        file, worlds = lay_out(Path(folder), world, config, count, PORTS)
-        fleet = read_fleet(file)
+    worlds, fleet = _plan_fleet(world, config, count)
     if change is not None:
         worlds, fleet = change(worlds, fleet)
     loop, tracks = asyncio.get_running_loop(), Tracks(len(worlds))
@@ -207,6 +205,13 @@ async def fly_fleet(
         duration_s=ended_s,
         wall_s=time.perf_counter() - start,
     )
+
+
+def _plan_fleet(world: World, config: Config, count: int) -> tuple[list[World], FleetPlan]:
+    """Return the truth of each vehicle, and the fleet as its files tell it."""
+    with tempfile.TemporaryDirectory(prefix="groundstation-sim-") as folder:
+        file, worlds = lay_out(Path(folder), world, config, count, PORTS)
+        return worlds, read_fleet(file)
 
 
 def _make_flights(

@@ -75,6 +75,20 @@ class Stage:
     Every random draw comes from ``seed``, one stream a purpose.
     """
 
+    bridge_task: asyncio.Task[None] | None = None
+    """Runs a radio's bridge; to cancel it is its operator's Ctrl-C."""
+    radio: RfPeer | None = None
+    """The other end of a radio link."""
+    board: "FlightBoard | None" = None
+    """Betaflight behind it; None where the receiver flies the vehicle itself."""
+    onboard: OnboardFirmware | None = None
+    """Real firmware at the end of a MAVLink link; None where a simulated autopilot is."""
+    mocap: Mocap | None = None
+    """Capture system of its own."""
+    _mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
+    _bridge: "Bridge | None" = None
+    _telemetry_hz = 0.0
+
     def __init__(
         self,
         world: World,
@@ -88,9 +102,7 @@ class Stage:
         alone: bool = True,
         standing: Sequence[tuple[str, Vec3]] = (),
     ) -> None:
-        """Set up a vehicle that is held in the air.
-
-        ``config`` tells the addresses and formats to speak.
+        """Set up a vehicle that is held in the air; ``config`` tells addresses and formats.
 
         ``autopilot`` is one of ``AUTOPILOTS``, Betaflight, or real firmware behind MAVLink over
         UDP; ``parameters`` differ from its usual ones. A radio link, or a serial one of MAVLink,
@@ -116,35 +128,35 @@ class Stage:
         self.wires: dict[str, Any] = {}
         """Simulated hardware of the link; see :func:`groundstation.flight.make_flight`."""
         self._pty = pty
-        self._mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
-        self._bridge: Bridge | None = None
-        self.bridge_task: asyncio.Task[None] | None = None
-        """Runs it; to cancel it is its operator's Ctrl-C."""
         self.port = WirePort()
         """The wire to the module of a radio link on the network in memory."""
-        self.radio: RfPeer | None = None
-        """The other end of a radio link."""
-        self._telemetry_hz = 0.0
-        self.board: FlightBoard | None = None
-        """Betaflight behind it; None where the receiver flies the vehicle itself."""
-        self.onboard: OnboardFirmware | None = None
-        """Real firmware at the end of a MAVLink link; None where a simulated autopilot is."""
-        if not isinstance(config.link, MavlinkLinkConfig):
-            assert isinstance(autopilot, str), "real firmware speaks MAVLink"
-            self._fit_receiver(config, seed, betaflight=autopilot == BETAFLIGHT)
-        elif not isinstance(autopilot, str):
-            noise = normals(seed, "sensors of the firmware", 10)
-            self.onboard = autopilot.fit(self.plant, parse_address(config.link.endpoint), noise)
-        else:
-            # Where its own estimate serves as the poses, it comes as late as the cameras' would.
-            pose_delay_s = 0.0 if tracked is not None else world.pose_latency_s
-            self._fit_autopilot(config.link, autopilot, parameters, pose_delay_s)
-        self.mocap: Mocap | None = None
+        # Where its own estimate serves as the poses, it comes as late as the cameras' would.
+        pose_delay_s = 0.0 if tracked is not None else world.pose_latency_s
+        self._fit(config, seed, autopilot, parameters, pose_delay_s)
         if tracked is not None and alone:
             name, tracker = tracked
             self.mocap = Mocap(
                 world, [SeenVehicle(name, self.plant, world, seed)], seed, tracker, standing
             )
+
+    def _fit(
+        self,
+        config: Config,
+        seed: int,
+        autopilot: str | Airworthy,
+        parameters: Mapping[str, float] | None,
+        pose_delay_s: float,
+    ) -> None:
+        """Fit what obeys the commands: a receiver, real firmware, or a simulated autopilot."""
+        link = config.link
+        if not isinstance(link, MavlinkLinkConfig):
+            assert isinstance(autopilot, str), "real firmware speaks MAVLink"
+            self._fit_receiver(config, seed, betaflight=autopilot == BETAFLIGHT)
+        elif isinstance(autopilot, str):
+            self._fit_autopilot(link, autopilot, parameters, pose_delay_s)
+        else:
+            noise = normals(seed, "sensors of the firmware", 10)
+            self.onboard = autopilot.fit(self.plant, parse_address(link.endpoint), noise)
 
     def _fit_autopilot(
         self,
@@ -360,6 +372,12 @@ MOST = 13
 """Number of bodies that fit into one datagram of the Vicon stream [-]."""
 
 
+def _move_in_grid(place: Vec3, number: int, count: int) -> Vec3:
+    """Move a place [m, NED] to that of vehicle ``number`` in the square grid of ``count``."""
+    across, (north, east, down) = math.ceil(math.sqrt(count)), place
+    return north + APART_M * (number % across), east + APART_M * (number // across), down
+
+
 def lay_out(
     folder: Path, world: World, config: Config, count: int, ports: Sequence[int]
 ) -> tuple[Path, list[World]]:
@@ -393,20 +411,15 @@ def lay_out(
         where = {pose.address_key: f"127.0.0.1:{pose_port}"}
         config = msgspec.structs.replace(config, pose=msgspec.structs.replace(pose, **where))
     write_whole(folder / "lab.toml", dump(config))
-    north, east, down = getattr(config.trajectory, key)
-    across = math.ceil(math.sqrt(count))
     worlds, vehicles = [], list[dict[str, Any]]()
     for number in range(count):
-        x, y = APART_M * (number % across), APART_M * (number // across)
-        start = world.start_ned
-        worlds.append(
-            msgspec.structs.replace(world, start_ned=(start[0] + x, start[1] + y, start[2]))
-        )
+        start_ned = _move_in_grid(world.start_ned, number, count)
+        worlds.append(msgspec.structs.replace(world, start_ned=start_ned))
         vehicles.append(
             {
                 "name": f"quad{number + 1}",
                 "link": {"listen": f"127.0.0.1:{link_ports[number]}"},
-                "trajectory": {key: [north + x, east + y, down]},
+                "trajectory": {key: _move_in_grid(getattr(config.trajectory, key), number, count)},
             }
         )
     file = folder / "fleet.toml"

@@ -144,19 +144,12 @@ def compare(
     """
     duration = check_duration(duration, LEAST_JUDGED_S)
     seeds, workers = check_whole("--seeds", seeds, 1), check_whole("--workers", workers, 1)
-    plain = [name for name, scenario in SCENARIOS.items() if not scenario.variants]
-    places = several(plain if scenarios is None else scenarios)
-    unknown = [place for place in places if not isinstance(place, str) or place not in SCENARIOS]
-    if unknown or not places:
-        says = notice("value.choices", choices=sorted(SCENARIOS), found=(unknown or [scenarios])[0])
-        raise ConfigError("--scenarios", says)
+    places = _check_scenarios(scenarios)
     own: dict[str, object] = {}
     given = several(controllers)
     if not given or any(one is None for one in given):
-        raise ConfigError(
-            "--controllers",
-            notice("compare.controllers", choices=list(CONTROLLERS), found=controllers),
-        )
+        says = notice("compare.controllers", choices=list(CONTROLLERS), found=controllers)
+        raise ConfigError("--controllers", says)
     names = [str(lend_name(controller, own)) for controller in given]
     work = cases(places, names, [str(one) for one in several(overrides)])
     with lend(own):
@@ -169,6 +162,21 @@ def compare(
             return ControllerComparison(
                 fly_all(work, seeds, duration, flyers, lambda flown: done(flown, count))
             )
+
+
+def _check_scenarios(scenarios: str | Iterable[str] | None) -> list[str]:
+    """Return the names of ``scenarios``; without them, of all that have no variants.
+
+    Raises:
+        ConfigError: there is none, or one is unknown.
+    """
+    plain = [name for name, scenario in SCENARIOS.items() if not scenario.variants]
+    places = several(plain if scenarios is None else scenarios)
+    unknown = [place for place in places if not isinstance(place, str) or place not in SCENARIOS]
+    if unknown or not places:
+        says = notice("value.choices", choices=sorted(SCENARIOS), found=(unknown or [scenarios])[0])
+        raise ConfigError("--scenarios", says)
+    return places
 
 
 class Case(msgspec.Struct, frozen=True):
@@ -579,8 +587,13 @@ class EqualTerms:
     ) -> TuningTrial:
         """Fly one set of gains."""
         stages = {stage.scenario: stage.with_gains(gains) for stage in search.stages}
+
+        def lose(rms_cm: float, why: str, excess: float) -> TuningTrial:
+            cost = broken_cost(excess)
+            return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=[why], cost=cost)
+
         if loses_proof(stages[FLOORED[0]].config.controller):
-            return _broken(number, gains, math.inf, "the proof does not hold for these gains", 10.0)
+            return lose(math.inf, "the proof does not hold for these gains", 10.0)
 
         def fly(chosen: Iterable[Staged]) -> list[SortieOutcome]:
             work = [
@@ -592,48 +605,27 @@ class EqualTerms:
         rms_cm = geometric_mean([outcome.cost_cm for outcome in plain.values()])
         for name, outcome in plain.items():
             if outcome.rms_cm is None:
-                return _broken(number, gains, rms_cm, f"{name}: {outcome.why}", 10.0)
+                return lose(rms_cm, f"{name}: {outcome.why}", 10.0)
             over = outcome.effort_rad_s / (IN_HAND * EFFORT_RAD_S[name])
             if over > 1.0:
-                return _broken(
-                    number, gains, rms_cm, f"{name}: effort {outcome.effort_rad_s:.2f} rad/s", over
-                )
+                return lose(rms_cm, f"{name}: effort {outcome.effort_rad_s:.2f} rad/s", over)
         if rms_cm >= self._best:
             return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=[], cost=rms_cm)
         for name, outcome in zip(ON_ROTORS, fly(stages[name] for name in ON_ROTORS), strict=True):
-            if (
-                outcome.rms_cm is None
-                or outcome.rms_cm > ROTORS_CM
-                or outcome.saturated > ROTORS_SATURATED
-            ):
-                return _broken(
-                    number, gains, rms_cm, f"{name}: {outcome.describe()}", outcome.cost_cm
-                )
+            is_far = outcome.rms_cm is None or outcome.rms_cm > ROTORS_CM
+            if is_far or outcome.saturated > ROTORS_SATURATED:
+                return lose(rms_cm, f"{name}: {outcome.describe()}", outcome.cost_cm)
         for floor in FLOORS:
             held = [name for name in FLOORED if floor.only in ("", name)]
-            for name, outcome in zip(
-                held, fly(make_wrong(stages[name], floor) for name in held), strict=True
-            ):
+            flown = fly(make_wrong(stages[name], floor) for name in held)
+            for name, outcome in zip(held, flown, strict=True):
                 limit = limit_cm([plain[name]])
                 assert limit is not None
                 if (why := failure([outcome], limit)) is not None:
-                    return _broken(
-                        number,
-                        gains,
-                        rms_cm,
-                        f"{name}, {floor.name}: {why}",
-                        outcome.cost_cm / limit,
-                    )
+                    excess = outcome.cost_cm / limit
+                    return lose(rms_cm, f"{name}, {floor.name}: {why}", excess)
         self._best = rms_cm
         return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=[], cost=rms_cm)
-
-
-def _broken(
-    number: int, gains: dict[str, float], rms_cm: float, why: str, excess: float
-) -> TuningTrial:
-    return TuningTrial(
-        number=number, gains=gains, rms_cm=rms_cm, broken=[why], cost=broken_cost(excess)
-    )
 
 
 class EqualMarginsRow(msgspec.Struct, frozen=True, kw_only=True):

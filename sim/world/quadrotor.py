@@ -336,6 +336,20 @@ class FloorContact:
         self.is_down, self._highest_m = other.is_down, other._highest_m
 
 
+def _find_start_attitude(world: World) -> Quat:
+    """Attitude in which the vehicle is held at its start."""
+    level = so3.from_euler_zyx(0.0, math.radians(world.tunnel.start_pitch_deg), 0.0)
+    roll, pitch, yaw = world.start_turn_deg
+    return so3.rotate(level, (math.radians(roll), math.radians(pitch), math.radians(yaw)))
+
+
+def _make_drag(world: World) -> AirDrag | None:
+    """Drag of the body and of the rotors' inflow; None where ``world`` has none."""
+    inflow = (*world.inflow_drag_per_m, world.inflow_lift_per_m)
+    drag = AirDrag(world.drag_body_per_s, *inflow, world.air_velocity)
+    return drag if any((*drag.linear, drag.within, drag.along, drag.lift)) else None
+
+
 class Quadrotor:
     """One simulated vehicle.
 
@@ -371,20 +385,10 @@ class Quadrotor:
             world.gravity,
         )
         thrust = world.start_thrust * world.mass_kg * world.gravity
-        begins = so3.from_euler_zyx(0.0, math.radians(world.tunnel.start_pitch_deg), 0.0)
-        roll, pitch, yaw = world.start_turn_deg
-        begins = so3.rotate(begins, (math.radians(roll), math.radians(pitch), math.radians(yaw)))
+        begins = _find_start_attitude(world)
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), begins, thrust, (0.0, 0.0, 0.0))
         self._tunnel = None if world.tunnel == STILL else world.tunnel
-        drag = AirDrag(
-            world.drag_body_per_s,
-            *world.inflow_drag_per_m,
-            world.inflow_lift_per_m,
-            world.air_velocity,
-        )
-        self._drag: AirDrag | None = (
-            drag if any((*drag.linear, drag.within, drag.along, drag.lift)) else None
-        )
+        self._drag = _make_drag(world)
         self._chain = ActuationChain(world, thrust)
         self._rotors = Rotors(world, thrust, gyro) if world.plant == "rotors" else None
         self.specific_force: Vec3 = (0.0, 0.0, -world.gravity)

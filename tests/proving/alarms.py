@@ -1,5 +1,4 @@
-"""False alarms, ``groundstation-sim dev alarms``: true flights from the floor with the monitor of
-the poses.
+"""False alarms, ``groundstation-sim dev alarms``: the monitor of the poses in true flights.
 
 How many its poses end, how many are suspected, and how near the monitor came to failing them: in
 bad air, at the floors where vehicle or delay is configured wrong, and with noise.

@@ -1,6 +1,6 @@
 """Flights of Betaflight's firmware, ``groundstation-sim dev firmware``, for docs/evidence.md.
 
-All of it in virtual time, through the RF link's bytes, on the rotor-level plant.
+In virtual time, through the RF link's bytes, on the rotor-level plant.
 """
 
 import argparse
@@ -30,6 +30,7 @@ SHORT = (
     "trajectory.altitude_m=-0.5",
     "takeoff.climb_m_s=1.0",
 )
+HOLD = "trajectory.kind=hold"
 WATCHED_S = 5.0
 """Time that the world goes on after a strike [s]."""
 TAKE_OFFS = {"paper": range(20), "adverse": range(10)}
@@ -93,10 +94,7 @@ def cut_bridge_off(stage: Stage) -> None:
 
 
 def cut_wire(stage: Stage, failsafe: Failsafe = "cut") -> None:
-    """No frame leaves any more: the port is gone, or pacer and stand-by are.
-
-    The receiver does as ``failsafe`` says.
-    """
+    """No frame leaves any more, as without pacer and stand-by; the receiver has a ``failsafe``."""
     assert stage.radio is not None, "there is a radio"
     assert isinstance(stage.radio.receiver, PulseReceiver), "before Betaflight"
     stage.radio.receiver.failsafe_gives = failsafe
@@ -120,39 +118,28 @@ STRIKES: tuple[tuple[str, Callable[[Stage], None], str], ...] = (
 )
 
 FLIGHTS: tuple[tuple[str, str, Sequence[str], float, str], ...] = (
-    ("hover", "paper", ["trajectory.kind=hold"], 30.0, "0.25"),
+    ("hover", "paper", [HOLD], 30.0, "0.25"),
     ("eight, 0.5 m/s", "paper", ["sim.speed_m_s=0.5"], 40.0, "0.35"),
     ("eight, 1.0 m/s", "paper", ["sim.speed_m_s=1.0"], 40.0, "0.60"),
     ("adverse, 0.5 m/s", "adverse", [], 60.0, "2.0"),
-    (
-        "hover, rotors 15 % weak",
-        "paper",
-        ["trajectory.kind=hold", "sim.thrust_gain=0.85"],
-        30.0,
-        "–",
-    ),
+    ("hover, rotors 15 % weak", "paper", [HOLD, "sim.thrust_gain=0.85"], 30.0, "–"),
 )
 """Flights, and their limits [cm RMS]."""
 
 
 def gust(seed: int) -> tuple[float, float]:
-    """The largest error in `gust_front`'s hover [cm], and how long it then takes to get under 5 cm
-    [s].
-    """
-    told = ["trajectory.kind=hold", "sim.wind_step_time_s=16.0"]
+    """Largest error in `gust_front`'s hover [cm], and the time from there to under 5 cm [s]."""
+    told = [HOLD, "sim.wind_step_time_s=16.0"]
     world, config = prepare(by_betaflight(SCENARIOS["gust_front"]), told, link="dsm")
     verdict = fly(world, config, seed=seed, duration_s=22.0, autopilot=BETAFLIGHT).verdict
-    return (
-        verdict.gust_peak_cm or math.inf,
-        math.inf if verdict.gust_back_s is None else verdict.gust_back_s,
-    )
+    back_s = math.inf if verdict.gust_back_s is None else verdict.gust_back_s
+    return verdict.gust_peak_cm or math.inf, back_s
 
 
 def take_off(scenario: str, seed: int) -> TakeOff:
     """One whole flight from the floor and back."""
-    world, config = prepare(
-        by_betaflight(SCENARIOS[scenario]), list(SHORT), link=("dsm", "crsf")[seed % 2]
-    )
+    link = ("dsm", "crsf")[seed % 2]
+    world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
     return fly_take_off(*from_floor(world, config, 1.0), seed, BETAFLIGHT)
 
 
@@ -163,14 +150,12 @@ def firmware(args: argparse.Namespace) -> Exit:
     facts: dict[str, Any] = {"flights": {}, "strikes": {}}
     for name, scenario, told, lasts_s, must in FLIGHTS:
         world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(told), link="dsm")
-        verdicts = [
+        flown = [
             fly(world, config, seed=seed, duration_s=lasts_s, autopilot=BETAFLIGHT).verdict.rms_cm
             for seed in SEEDS
         ]
-        facts["flights"][name] = {
-            "rms_cm": [v if v is not None else math.inf for v in verdicts],
-            "must": must,
-        }
+        rms_cm = [math.inf if one is None else one for one in flown]
+        facts["flights"][name] = {"rms_cm": rms_cm, "must": must}
     facts["gust"] = [gust(seed) for seed in SEEDS]
     for name, strike, link in STRIKES:
         struck = strike_down(strike, link)
@@ -192,19 +177,15 @@ def tables(facts: dict[str, Any]) -> str:
         "|---|---|---|",
     ]
     for name, row in facts["flights"].items():
-        lines.append(
-            f"| {name} | {median(row['rms_cm']):.2f} ({max(row['rms_cm']):.2f}) | {row['must']} |"
-        )
+        rms_cm = row["rms_cm"]
+        lines.append(f"| {name} | {median(rms_cm):.2f} ({max(rms_cm):.2f}) | {row['must']} |")
     peak, back = max(p for p, _ in facts["gust"]), max(b for _, b in facts["gust"])
     lines.append(
         f"| a step of wind of 1.5 m/s² in the hover | {peak:.1f} cm at most, under 5 cm after "
         f"{back:.2f} s | 8, 1.5 s |"
     )
-    lines += [
-        "",
-        *HEAD,
-        *(describe(f"`{name}`", flown) for name, flown in facts["take_offs"].items()),
-    ]
+    starts = facts["take_offs"].items()
+    lines += ["", *HEAD, *(describe(f"`{name}`", flown) for name, flown in starts)]
     lines += [
         "",
         "| struck in flight | over | firmware's motors off after | met the floor at |",

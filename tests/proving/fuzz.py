@@ -46,11 +46,9 @@ class PoseFlight(NamedTuple):
 def _bodies(frame: int) -> list[TrackedBody]:
     """Ours among two others; it moves, and turns a little."""
     t = frame * PERIOD_S
-    ours = TrackedBody(
-        "quad", (0.5 * t, 1.0, -1.0), so3.from_euler_zyx(0.1, -0.05, 0.3 + 0.01 * t), True
-    )
+    turned = so3.from_euler_zyx(0.1, -0.05, 0.3 + 0.01 * t)
     return [
-        ours,
+        TrackedBody("quad", (0.5 * t, 1.0, -1.0), turned, True),
         *(TrackedBody(f"other{n}", (2.0, float(n), -1.0), so3.IDENTITY, True) for n in range(2)),
     ]
 
@@ -203,14 +201,11 @@ def read_poses(
 
 
 def read_natnet(name: str, version: sources.natnet_codec.Version) -> Subject:
-    """Messages of the handshake among the frames: damaged ones are believed, and good ones must
-    come again.
-    """
+    """Messages of the handshake are among the frames, as damaged ones are believed."""
 
     def repair(datagram: bytes) -> bytes:
-        return (
-            datagram[:2] + struct.pack("<H", min(max(len(datagram) - 4, 0), 0xFFFF)) + datagram[4:]
-        )
+        size = min(max(len(datagram) - 4, 0), 0xFFFF)
+        return datagram[:2] + struct.pack("<H", size) + datagram[4:]
 
     subject = read_poses(name, repair)
     return subject._replace(seeds=[*natnet_handshake(version) * 5, *subject.seeds])
@@ -268,20 +263,16 @@ LONGEST = 2000
 STREAM_PACKETS = 6
 """Datagrams in one stream, which is fed whole and in pieces."""
 _AWKWARD = (
-    bytes(8), b"\xff" * 8, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", struct.pack("<d",
-        float("nan")),
-    struct.pack("<f", float("inf")), struct.pack("<f", float("nan")), struct.pack("<d", -1e308),
-    b"1e999", b"null",
-    b'"',
+    bytes(8), b"\xff" * 8, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80",
+    struct.pack("<d", float("nan")), struct.pack("<f", float("inf")),
+    struct.pack("<f", float("nan")), struct.pack("<d", -1e308), b"1e999", b"null", b'"',
 )  # fmt: skip
 
 
 def try_damaged(
     make: Callable[[], Subject], count: int, seed: int = 0
 ) -> tuple[int, Mapping[str, int]]:
-    """Feed ``count`` damaged datagrams to one decoder.
-
-    Return how many events came of them, and its drops.
+    """Feed ``count`` damaged datagrams to one decoder; return its count of events and its drops.
 
     Raises:
         Exception: what the decoder raises, with the datagram as a note.
@@ -308,17 +299,12 @@ def try_damaged(
 
 
 def _damage_some(subject: Subject, chance: random.Random, count: int) -> Iterator[bytes]:
-    """Random bytes, good datagrams, and good ones with damage of every kind.
-
-    Some with their checksums put right.
-    """
+    """Random bytes, good datagrams, and damaged ones, some with their checksums put right."""
     seeds = subject.seeds
     for _ in range(count):
         draw = chance.random()
         if draw < 0.1:
-            yield chance.randbytes(
-                chance.randrange(LONGEST) if draw < 0.05 else chance.randrange(40)
-            )
+            yield chance.randbytes(chance.randrange(LONGEST if draw < 0.05 else 40))
             continue
         data = bytearray(chance.choice(seeds))
         if draw > 0.15:
@@ -350,9 +336,7 @@ def _damage(data: bytearray, chance: random.Random, seeds: Sequence[bytes]) -> N
 
 
 def read_mavlink() -> Subject:
-    """The link's own codec, on every message that the simulated autopilot sends to a ground
-    station.
-    """
+    """The link's own codec, on every message of the simulated autopilot."""
     codec, theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
     seeds = [
         datagram
@@ -385,9 +369,7 @@ CRSF_TELLS = (
 
 
 def read_rf(kind: str) -> Subject:
-    """Frames of a serial RF module with every channel, from end to end, and each service, as a
-    module takes them.
-    """
+    """Frames to a serial RF module: every channel from end to end, and each service."""
     codec = rf.RF_CODECS[kind]().codec()
     decoder = codec.decoder()
     seeds = [codec.encode([0.1 * n - 1.0] * codec.channels) for n in range(21)]
@@ -408,10 +390,7 @@ def read_rf(kind: str) -> Subject:
 
 
 def repair_crsf(frame: bytes) -> bytes:
-    """A damaged frame of CRSF with its length and its checksum.
-
-    Other modules' frames have neither.
-    """
+    """A damaged frame of CRSF with its length and checksum; other modules' frames have neither."""
     if frame[:1] not in (b"\xee", b"\xc8", b"\xea") or not 4 <= len(frame) <= 64:
         return frame
     body = frame[2:-1]
@@ -437,15 +416,12 @@ def read_board() -> Subject:
                 rf.is_armed(answer.payload)
         said = datagram.decode("ascii", "replace")
         rf.find_refusal(said)
-        return len(answers) + len(
-            [rf.describe_change(name, value) for name, value in rf.find_settings(said).items()]
-        )
+        changes = [rf.describe_change(*setting) for setting in rf.find_settings(said).items()]
+        return len(answers) + len(changes)
 
     def repair(datagram: bytes) -> bytes:
-        return (
-            b"$M>"
-            + rf.encode_request(datagram[4] if len(datagram) > 4 else 0, datagram[5:-1][:255])[3:]
-        )
+        command = datagram[4] if len(datagram) > 4 else 0
+        return b"$M>" + rf.encode_request(command, datagram[5:-1][:255])[3:]
 
     def decode_stream(pieces: Sequence[bytes]) -> object:
         fresh = rf.MspReader()
@@ -465,9 +441,8 @@ def read_bridge() -> Subject:
     ups += [bridge_codec.Up(1.0, 1.0, 5.0, serve=(1, service, 2.0)) for service in rf.Service]
 
     def repair(datagram: bytes) -> bytes:
-        payload: Any = msgspec.Raw(
-            datagram[21 : -bridge_codec.TAG_BYTES]
-        )  # in the next datagram of the session
+        # In the next datagram of the session.
+        payload: Any = msgspec.Raw(datagram[21 : -bridge_codec.TAG_BYTES])
         return seal.close(payload)
 
     return Subject(

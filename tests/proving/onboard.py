@@ -1,5 +1,4 @@
-"""PX4's and ArduCopter's own firmware on our rotors, in a lab's own wiring:
-``groundstation-sim dev autopilots``.
+"""Flights of PX4's and ArduCopter's firmware, ``groundstation-sim dev autopilots``.
 
 The rotor-level plant of ``rotors_quad1kg`` is the firmware's simulator. Poses come from the
 simulated tracker alone, and go on to the autopilot by ``link.forward``; there is no GPS. Parameters
@@ -72,17 +71,13 @@ def set_up(
     overrides: Sequence[str], figure_s: float | None, source: str = "vicon"
 ) -> tuple[World, Config]:
     """The vehicle on the floor, and what is told of it."""
-    return from_floor(
-        *prepare(SCENARIOS["rotors_quad1kg"], [*WIRED, *overrides], source=source), figure_s
-    )
+    prepared = prepare(SCENARIOS["rotors_quad1kg"], [*WIRED, *overrides], source=source)
+    return from_floor(*prepared, figure_s)
 
 
 @in_virtual_time
 async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
-    """Have the doctor set what it finds wrong on one firmware, and switch it off.
-
-    Return the changes and its folder.
-    """
+    """Have the doctor mend one firmware, and switch it off; return the changes and its folder."""
     world, config = set_up((), 1.0)
     stage = Stage(world, config, 0, autopilot=airworthy)
     assert stage.onboard is not None, "real firmware"
@@ -96,9 +91,8 @@ async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
         if wrong:
             await run_doctor(config, orders._replace(fix=wrong), None, said.append)
             await asyncio.sleep(SAVED_S)
-        return [
-            Change(one["name"], one["old"], one["new"]) for one in json.loads(said[-1])["fixed"]
-        ], folder
+        fixed = json.loads(said[-1])["fixed"]
+        return [Change(one["name"], one["old"], one["new"]) for one in fixed], folder
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
@@ -106,9 +100,7 @@ async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
 
 @contextmanager
 def set_parameters(make: Make) -> Iterator[tuple[Airworthy, list[Change]]]:
-    """A firmware whose parameters are as the doctor wants them, and the doctor's changes in their
-    order.
-    """
+    """A firmware with the parameters that the doctor wants, and the doctor's changes in order."""
     changes, folder = list[Change](), None
     with ExitStack() as kept:
         for _ in range(VISITS):
@@ -153,8 +145,7 @@ TOLD: Mapping[str, tuple[str, ...]] = {
         "vehicle.rate_delay_s=0.0345",
     ),
 }
-"""Figures that `identify` found on one flight of `trajectory.kind=excitation` of each, 42 s, seed
-0."""
+"""Found by `identify` on one flight of each: `trajectory.kind=excitation`, 42 s, seed 0."""
 FLIGHTS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "hover": (HOLD, "0.3"),
     "eight, 0.5 m/s": (("sim.speed_m_s=0.5",), "0.5"),
@@ -189,8 +180,7 @@ class StrikeResult(msgspec.Struct, frozen=True):
     state: str
     """Last state of the flight; empty where its process was killed."""
     off_s: float | None
-    """When the rotors last turned faster than they idle [s since the strike]; None where they still
-    do."""
+    """When the rotors last turned faster than idling [s since the strike]; None: they still do."""
     up_m: float
     """Largest rise above the place of the strike [m]."""
     aside_m: float
@@ -261,9 +251,7 @@ def _loop() -> SuspendableLoop:
 
 
 async def take_over(scene: Scene) -> None:
-    """A pilot's ground station sets a mode in which the autopilot stops (PX4: hold, ArduCopter:
-    BRAKE).
-    """
+    """A pilot's ground station sets a mode that stops: hold of PX4, BRAKE of ArduCopter."""
     codec = MavlinkCodec(250, 190)
     firmware = _firmware(scene).firmware
     modes = (4.0, 3.0) if isinstance(firmware, Px4) else (17.0, 0.0)
@@ -295,11 +283,8 @@ async def strike_down(
 ) -> StrikeResult:
     """Fly the figure, have ``strike`` fall, and look on."""
     world, config = set_up((*told, *STRUCK_FIGURE), 60.0, SOURCES[seed % len(SOURCES)])
-    loop, path, motors = (
-        asyncio.get_running_loop(),
-        list[tuple[float, Vec3]](),
-        list[tuple[float, FourRotors]](),
-    )
+    loop, path = asyncio.get_running_loop(), list[tuple[float, Vec3]]()
+    motors = list[tuple[float, FourRotors]]()
     stage = Stage(
         world, config, seed, lambda time_s, at: path.append((time_s, at)), autopilot=airworthy
     )
@@ -316,9 +301,8 @@ async def strike_down(
     ):
         await asyncio.sleep(0.001)
         if flying.done() or turning.done():
-            raise AssertionError(
-                f"it never flew the figure: {flying if flying.done() else turning}"
-            )
+            ended = flying if flying.done() else turning
+            raise AssertionError(f"it never flew the figure: {ended}")
     struck_s, at = loop.time(), stage.plant.truth(loop.time()).position_ned
     stage.onboard.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
     path.clear()
@@ -330,20 +314,28 @@ async def strike_down(
     for task in (flying, turning):
         task.cancel()
     await asyncio.gather(flying, turning, return_exceptions=True)
+    return StrikeResult(
+        state="" if strike is kill else state,
+        off_s=_find_off_s(motors),
+        up_m=max(at[2] - place[2] for _, place in path),
+        aside_m=max(math.dist(at[:2], place[:2]) for _, place in path),
+        speed_m_s=_find_speed_m_s(path),
+        hit_m_s=stage.plant.floor.hardest_m_s,
+        height_m=world.floor_z_m - at[2],
+    )
+
+
+def _find_off_s(motors: Sequence[tuple[float, FourRotors]]) -> float | None:
+    """When rotors last lifted [s]; None where they still do at the end."""
     lifting = [time_s for time_s, signals in motors if sum(signals) > 4.0 * IDLES]
     last_s = max(lifting, default=0.0)
-    speeds = [
-        math.dist(a, b) / (t - s) for (s, a), (t, b) in zip(path, path[10:], strict=False) if t > s
-    ]
-    return StrikeResult(
-        "" if strike is kill else state,
-        None if last_s > motors[-1][0] - 0.5 else last_s,
-        max(at[2] - place[2] for _, place in path),
-        max(math.dist(at[:2], place[:2]) for _, place in path),
-        max(speeds),
-        stage.plant.floor.hardest_m_s,
-        world.floor_z_m - at[2],
-    )
+    return None if last_s > motors[-1][0] - 0.5 else last_s
+
+
+def _find_speed_m_s(path: Sequence[tuple[float, Vec3]]) -> float:
+    """The highest speed of a path, over ten of its steps each."""
+    pairs = zip(path, path[10:], strict=False)
+    return max(math.dist(a, b) / (t - s) for (s, a), (t, b) in pairs if t > s)
 
 
 class Facts(msgspec.Struct, frozen=True):
@@ -386,14 +378,10 @@ def tables(facts: Mapping[str, Facts]) -> str:
     for name, flown in facts.items():
         for figure, flights in flown.figures.items():
             rms = [one.rms_cm for one in flights if one.rms_cm is not None and one.landed]
-            largest = max(
-                (one.max_cm for one in flights if one.max_cm is not None), default=math.nan
-            )
-            lost = (
-                f", {len(flights) - len(rms)} of {len(flights)} lost"
-                if len(rms) < len(flights)
-                else ""
-            )
+            most_cm = [one.max_cm for one in flights if one.max_cm is not None]
+            largest = max(most_cm, default=math.nan)
+            lost_count = len(flights) - len(rms)
+            lost = f", {lost_count} of {len(flights)} lost" if lost_count else ""
             told = f"{median(rms):.2f} ({max(rms):.2f})" if rms else "–"
             lines.append(
                 f"| {name}, {figure} | {told}{lost} | {largest:.1f} | {FLIGHTS[figure][1]} |"
@@ -409,9 +397,8 @@ def tables(facts: Mapping[str, Facts]) -> str:
     ]
     for name, flown in facts.items():
         for strike, struck in flown.strikes.items():
-            beyond = sorted(
-                {limit for one in struck for limit in one.beyond(ends=STRIKES[strike][1])}
-            )
+            _, ends = STRIKES[strike]
+            beyond = sorted({limit for one in struck for limit in one.beyond(ends=ends)})
             hits = [one.hit_m_s for one in struck if one.hit_m_s is not None]
             offs = [one.off_s for one in struck if one.off_s is not None]
             lines.append(

@@ -1,7 +1,6 @@
-"""Pages of docs/reference from the code:
-``groundstation-sim dev reference --write docs/reference``.
+"""Pages of docs/reference, ``groundstation-sim dev reference --write docs/reference``.
 
-The words of a page stand in the page, and between its markers what is made here.
+The words of a page stand in the page, and between its markers what is made here from the code.
 """
 
 import argparse
@@ -10,7 +9,7 @@ import functools
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
-import groundstation
+import groundstation as gs
 from groundstation.__main__ import parser as flying
 from groundstation.analysis import Channel, Track
 from groundstation.config import describe_type, field_descriptions, refuse_io, structs
@@ -41,35 +40,32 @@ ROOT = Path(__file__).resolve().parents[2]
 HOUSES = ("sim", "groundstation", "links")
 
 
+def make_table(head: str, rows: Iterable[str], aligned: str = "") -> str:
+    """A table of Markdown from the lines of its head and of its ``rows``."""
+    return "\n".join([head, aligned or "|---" * (head.count("|") - 1) + "|", *rows])
+
+
 def describe_rooms() -> str:
     """Every folder of the three packages, and the first sentence of its face."""
-    lines = ["| room | what is in it |", "|---|---|"]
+    rows = []
     for face in (path for house in HOUSES for path in sorted((ROOT / house).rglob("__init__.py"))):
         text = ast.get_docstring(ast.parse(face.read_text("utf-8"))) or ""
         sentence = " ".join(text.partition("\n\n")[0].split())
-        lines.append(f"| `{face.parent.relative_to(ROOT).as_posix()}/` | {sentence} |")
-    return "\n".join(lines)
+        rows.append(f"| `{face.parent.relative_to(ROOT).as_posix()}/` | {sentence} |")
+    return make_table("| room | what is in it |", rows)
 
 
 ROLE = re.compile(r":\w+:`~?([^`]+)`")
 
 
 def remarks(cls: type[Any]) -> dict[str, str]:
-    """Field → its description, or the docstring below it, as one line.
-
-    A base class's where that only points there.
-    """
+    """Field → its description or the docstring below it, or below a base's, as one line."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         if base.__module__.split(".")[0] in HOUSES:
-            own = _below(base)
-            found.update(
-                {
-                    field: text
-                    for field, text in own.items()
-                    if field not in found or text[:4] != "See "
-                }
-            )
+            for field, text in _below(base).items():
+                if field not in found or text[:4] != "See ":
+                    found[field] = text
     if issubclass(cls, msgspec.Struct):
         found |= {key: one_line(text) for key, text in field_descriptions(cls).items()}
     return found
@@ -115,31 +111,22 @@ def _commands(parser: Program, help_: str = "", level: int = 2) -> Iterator[str]
     # argparse has no public way to ask what it knows.
     inner = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     yield f"{'#' * level} `{parser.prog}`\n\n{_sentence(parser.description or help_)}".rstrip()
-    rows = [
-        _argument_row(action)
-        for action in parser._actions
-        if action not in inner and action.dest != "help"
-    ]
-    rows = [row for row in rows if row]
+    arguments = [one for one in parser._actions if one not in inner and one.dest != "help"]
+    rows = [_argument_row(one) for one in arguments if one.help != argparse.SUPPRESS]
     if rows:
-        yield "\n".join(["| argument | |", "|---|---|", *rows])
-    commands = parser.below | {
-        name: one for action in inner for name, one in action.choices.items()
-    }
-    helps = {
-        choice.dest: choice.help or "" for action in inner for choice in action._choices_actions
-    }
+        yield make_table("| argument | |", rows)
+    commands, helps = dict(parser.below), dict[str, str]()
+    for action in inner:
+        commands |= action.choices
+        helps |= {choice.dest: choice.help or "" for choice in action._choices_actions}
     helps |= {name: does for group in parser.groups.values() for name, (does, _) in group.items()}
     for name, command in commands.items():
         yield from _commands(command, helps.get(name, ""), level + 1)
 
 
 def _argument_row(action: argparse.Action) -> str:
-    if action.help == argparse.SUPPRESS:
-        return ""
-    value: Any = action.metavar or (
-        f"{{{','.join(map(str, action.choices))}}}" if action.choices else ""
-    )
+    choices = f"{{{','.join(map(str, action.choices))}}}" if action.choices else ""
+    value: Any = action.metavar or choices
     if not value and action.nargs != 0:
         value = action.dest.upper()
     names = ", ".join(f"{name} {value}".strip() for name in action.option_strings) or str(value)
@@ -147,14 +134,9 @@ def _argument_row(action: argparse.Action) -> str:
 
 
 def _sentence(text: str) -> str:
-    return (
-        f"{text[0].upper()}{text[1:].removesuffix('.')}.".replace("|", "\\|").replace("%%", "%")
-        if text
-        else ""
-    )
+    text = text and f"{text[0].upper()}{text[1:].removesuffix('.')}."
+    return text.replace("|", "\\|").replace("%%", "%")
 
-
-TABLE = "| key | accepts | default | |\n|---|---|---|---|"
 
 Told = set[tuple[str, type[Any]]]
 """Tables that are on the page already: key and struct."""
@@ -170,13 +152,10 @@ def _tables(
 ) -> Iterator[str]:
     """The plain keys of the struct ``info`` as one table, then each of its sections."""
     fields = [field for field in info.fields if field.encode_name not in without]
-    rows = [
-        _row(path, field, _default(field, default), info.cls)
-        for field in fields
-        if not structs(field.type)
-    ]
-    if rows:
-        yield "\n".join([TABLE, *rows])
+    plain = [field for field in fields if not structs(field.type)]
+    if plain:
+        rows = [_row(path, field, _default(field, default), info.cls) for field in plain]
+        yield make_table("| key | accepts | default | |", rows)
     for field in fields:
         base, remark = _default(field, default), remarks(info.cls).get(field.name, "")
         for struct in structs(field.type):
@@ -204,27 +183,20 @@ def _default(field: mi.Field, of: Any) -> Any:
 
 def _row(path: str, field: mi.Field, default: Any, cls: type[Any]) -> str:
     accepts = describe_type(field.type).replace("|", "\\|")
-    return (
-        f"| `{path}{field.encode_name}` | {accepts} | {_show(default)} | "
-        f"{remarks(cls).get(field.name, '')} |"
-    )
+    remark = remarks(cls).get(field.name, "")
+    return f"| `{path}{field.encode_name}` | {accepts} | {_show(default)} | {remark} |"
 
 
 def _show(default: Any) -> str:
     if default is msgspec.NODEFAULT:
         return "required"
-    return (
-        "none"
-        if default is None
-        else f"`{msgspec.json.encode(msgspec.to_builtins(default)).decode()}`"
-    )
+    encoded = msgspec.json.encode(msgspec.to_builtins(default)).decode()
+    return "none" if default is None else f"`{encoded}`"
 
 
 def describe_channels() -> str:
     """Every channel of a recording."""
-    return "\n\n".join(
-        _channel(topic, name, message) for topic, (name, message) in CHANNELS.items()
-    )
+    return "\n\n".join(_channel(topic, *one) for topic, one in CHANNELS.items())
 
 
 def _channel(topic: str, name: str, message: type) -> str:
@@ -243,10 +215,8 @@ def describe_messages() -> str:
             f"| `{row.id}` | {row.severity} | {_cell(row.sentence)} | {_cell(row.remedy)} |"
             for row in rows
         ]
-        parts.append(
-            f"## {room}\n\n| id | severity | sentence | what to do |\n|---|---|---|---|\n"
-            + "\n".join(lines)
-        )
+        table = make_table("| id | severity | sentence | what to do |", lines)
+        parts.append(f"## {room}\n\n{table}")
     return "\n\n".join(parts)
 
 
@@ -258,9 +228,8 @@ def _cell(text: str) -> str:
 def describe_columns() -> str:
     """Every column of a campaign's table."""
     said = remarks(World) | remarks(CampaignRow)
-    return "\n".join(
-        ["| column | |", "|---|---|", *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)]
-    )
+    rows = (f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)
+    return make_table("| column | |", rows)
 
 
 def describe_guards() -> str:
@@ -271,32 +240,33 @@ def describe_guards() -> str:
         f"{one.lasts_s:g} | {one.step} | {one.most} | {_sentence(one.remedy)} |"
         for one in list_limits(config, config.guards)
     ]
-    head = [
-        "| guard | limit | for, s | what follows | at most | what to do |",
-        "|---|---|---:|---|---|---|",
-    ]
-    return "\n".join([*head, *rows])
+    head = "| guard | limit | for, s | what follows | at most | what to do |"
+    return make_table(head, rows, "|---|---|---:|---|---|---|")
 
 
-GIVEN = ("Vehicle", "Estimate", "Motion", "Reference", "ActuatorCommand", "Decision", "Diagnostics")
+CALLS: tuple[Any, ...] = (
+    gs.simulate, gs.compare, gs.load, gs.error_budget,
+    gs.Run, gs.FlightData, Track, Channel, gs.ControllerComparison, gs.ErrorBudget, Contribution,
+)  # fmt: skip
+"""The first calls of Python code, and their results."""
+GIVEN: tuple[Any, ...] = (
+    gs.Vehicle, gs.Estimate, gs.Motion, gs.Reference, gs.ActuatorCommand, gs.Decision,
+    gs.Diagnostics,
+)  # fmt: skip
 """Types that a controller gets and gives."""
+HELPERS: tuple[Any, ...] = (
+    gs.push, gs.half_angle_error, gs.sine_error, gs.turning, gs.clamp_command, gs.make_decision,
+    gs.Baseline, gs.InnerLoop,
+)  # fmt: skip
+"""Helpers of a controller."""
 SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.M)
 
 
-def describe_calls() -> str:
-    """Describe the first calls of Python code, and their results."""
-    gs = groundstation
-    calls: tuple[Callable[..., Any], ...] = (gs.simulate, gs.compare, gs.load, gs.error_budget)
-    results = (
-        gs.Run,
-        gs.FlightData,
-        Track,
-        Channel,
-        gs.ControllerComparison,
-        gs.ErrorBudget,
-        Contribution,
+def describe_python(things: Iterable[Any], level: int = 3) -> str:
+    """Describe functions and classes of Python code."""
+    return "\n\n".join(
+        _call(one, level) if inspect.isfunction(one) else _result(one, level) for one in things
     )
-    return "\n\n".join([*map(_call, calls), *map(_result, results)])
 
 
 def describe_structs(*classes: type[Any]) -> str:
@@ -304,34 +274,13 @@ def describe_structs(*classes: type[Any]) -> str:
     return "\n\n".join(_fields(one, 3) for one in classes)
 
 
-def describe_helpers() -> str:
-    """Describe the helpers of a controller."""
-    gs = groundstation
-    helpers = (
-        gs.push,
-        gs.half_angle_error,
-        gs.sine_error,
-        gs.turning,
-        gs.clamp_command,
-        gs.make_decision,
-    )
-    return "\n\n".join(
-        [
-            *(_call(one, 3) for one in helpers),
-            *(_result(one, 3) for one in (gs.Baseline, gs.InnerLoop)),
-        ]
-    )
-
-
 def describe_asking() -> str:
     """Describe requests to a vehicle in flight."""
-    gs = groundstation
-    return "\n\n".join(
-        [_call(gs.ask_station, 3), describe_structs(gs.Request, gs.Waypoint, gs.OrderAnswer)]
-    )
+    answers = describe_structs(gs.Request, gs.Waypoint, gs.OrderAnswer)
+    return f"{_call(gs.ask_station, 3)}\n\n{answers}"
 
 
-def _call(function: Callable[..., Any], level: int = 2) -> str:
+def _call(function: Callable[..., Any], level: int) -> str:
     node = _definition(function)
     lines = [f"    {line}," for line in re.split(r", (?![^\[]*\])", ast.unparse(node.args))]
     given = "" if node.returns is None else f" -> {ast.unparse(node.returns)}"
@@ -339,7 +288,7 @@ def _call(function: Callable[..., Any], level: int = 2) -> str:
     return f"{'#' * level} `{function.__name__}`\n\n```text\n{shown}\n```\n\n{_words(function)}"
 
 
-def _result(cls: type[Any], level: int = 2) -> str:
+def _result(cls: type[Any], level: int) -> str:
     """A class: its fields, then its properties and methods."""
     parts = [_fields(cls, level)]
     for name, member in vars(cls).items():
@@ -347,11 +296,8 @@ def _result(cls: type[Any], level: int = 2) -> str:
         if not callable(function) or (name.startswith("_") and name != "__getitem__"):
             continue
         told = ", ".join(map(str, list(inspect.signature(function).parameters)[1:]))
-        shown = (
-            f"[{told}]"
-            if name == "__getitem__"
-            else f".{name}" + (f"({told})" if function is member else "")
-        )
+        called = f"({told})" if function is member else ""
+        shown = f"[{told}]" if name == "__getitem__" else f".{name}{called}"
         parts.append(f"**`{shown}`** {_words(function)}")
     return "\n\n".join(parts)
 
@@ -383,7 +329,7 @@ def _fields(cls: type[Any], level: int) -> str:
         for name, kind in types.items()
         if name in said
     ]
-    table = "\n".join(["", "", "| field | type | |", "|---|---|---|", *rows]) if rows else ""
+    table = f"\n\n{make_table('| field | type | |', rows)}" if rows else ""
     return f"{'#' * level} `{cls.__name__}`\n\n{one_line(cls.__doc__ or '')}{table}"
 
 
@@ -392,11 +338,8 @@ def _words(function: Callable[..., Any]) -> str:
     first, *rest = SECTION.split(inspect.cleandoc(function.__doc__ or ""))
     parts = [one_line(paragraph) for paragraph in first.strip().split("\n\n")]
     for title, body in zip(rest[::2], rest[1::2], strict=True):
-        items = [
-            one_line(item)
-            for item in re.split(r"\n(?=    \S)", f"\n{body.rstrip()}")
-            if item.strip()
-        ]
+        parted = re.split(r"\n(?=    \S)", f"\n{body.rstrip()}")
+        items = [one_line(item) for item in parted if item.strip()]
         shown = [re.sub(r"^(\w[\w, ]*): ", r"`\1`: ", item) for item in items]
         parts.append(f"{title}:\n\n" + "\n".join(f"- {item}" for item in shown))
     return "\n\n".join(parts)
@@ -407,10 +350,7 @@ EVERYWHERE = (Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL, Event.TAKEN_OV
 
 
 def mermaid() -> str:
-    """The way of a flight as a Mermaid state diagram.
-
-    What works everywhere is left to :func:`everywhere`.
-    """
+    """The way of a flight as a Mermaid state diagram, but for what :func:`everywhere` shows."""
     lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE}"]
     arrows: dict[tuple[State, State], list[str]] = {}
     for (state, event), target in TRANSITIONS.items():
@@ -427,14 +367,14 @@ def mermaid() -> str:
 def everywhere() -> str:
     """One row a state: where the requests lead that work in every state, as a Markdown table."""
     heads = " | ".join(f"`{event}`" for event in EVERYWHERE)
-    lines = [f"| in | {heads} |", "|---|" + "---|" * len(EVERYWHERE)]
+    rows = []
     for state in State:
         targets = (TRANSITIONS.get((state, event)) for event in EVERYWHERE)
         cells = " | ".join(
             "" if target is None else "stays" if target is state else target for target in targets
         )
-        lines.append(f"| `{state}` | {cells} |")
-    return "\n".join(lines)
+        rows.append(f"| `{state}` | {cells} |")
+    return make_table(f"| in | {heads} |", rows)
 
 
 def states_page() -> str:
@@ -457,9 +397,9 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "messages.md": {"messages": describe_messages},
     "mqtt.md": {"mqtt-topics": topics_table},
     "python.md": {
-        "calls": describe_calls,
-        "given": lambda: describe_structs(*(getattr(groundstation, name) for name in GIVEN)),
-        "helpers": describe_helpers,
+        "calls": lambda: describe_python(CALLS, 2),
+        "given": lambda: describe_structs(*GIVEN),
+        "helpers": lambda: describe_python(HELPERS),
         "asking": describe_asking,
     },
     "rooms.md": {"rooms": describe_rooms},
@@ -478,8 +418,7 @@ def page(name: str) -> str:
 
 
 def reference_command(folder: Path | None) -> str:
-    """Write all pages and schemas into ``folder``, and the states beside it, or return the pages as
-    one text.
+    """Write pages and schemas into ``folder`` and the states beside it; None: return the text.
 
     Raises:
         ConfigError: a page can't be written.

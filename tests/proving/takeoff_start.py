@@ -86,10 +86,7 @@ def fly_take_off(
     autopilot: str | Airworthy,
     confirm_s: float = MISSION_CONFIRM_S,
 ) -> TakeOff:
-    """Fly a mission that begins on the floor of ``world``.
-
-    Arming is confirmed at ``confirm_s`` [s].
-    """
+    """Fly a mission from the floor of ``world``; arming is confirmed at ``confirm_s`` [s]."""
     start = TakeoffStart()
 
     async def script(flight: Flight, stage: Stage) -> None:
@@ -112,9 +109,7 @@ HEAD = (
 
 
 def describe(name: str, flown: Sequence[TakeOff]) -> str:
-    """The line of the table for ``flown``: how many landed and began smoothly, and the worst of
-    each figure.
-    """
+    """The line of the table for ``flown``: counts, and the worst of each figure."""
     missions, starts = [one.mission for one in flown], [one.start for one in flown]
     landed = f"| {name} | {sum(one.landed for one in missions)} of {len(missions)} "
     seen = [one for one in starts if one.thrust]

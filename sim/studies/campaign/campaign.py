@@ -578,15 +578,7 @@ def report(
             str(limit): sum(row.rms_cm is not None and row.rms_cm < limit for row in rows) / count
             for limit in LIMITS_CM
         },
-        "certificate": {
-            "lyapunov_floor": _middle([row.lyapunov_floor for row in rows]),
-            "b_hat_share_max": max(
-                _drop_unknown([row.b_hat_share_max for row in rows]), default=None
-            ),
-            "thrust_margin_n": min(
-                _drop_unknown([row.thrust_margin_n for row in rows]), default=None
-            ),
-        },
+        "certificate": _sum_up_certificate(rows),
         "worst": [
             {
                 "seed": row.seed,
@@ -599,6 +591,16 @@ def report(
         ],
         "workers": workers,
         "wall_s": wall_s,
+    }
+
+
+def _sum_up_certificate(rows: list[CampaignRow]) -> dict[str, float | None]:
+    shares = _drop_unknown([row.b_hat_share_max for row in rows])
+    margins_n = _drop_unknown([row.thrust_margin_n for row in rows])
+    return {
+        "lyapunov_floor": _middle([row.lyapunov_floor for row in rows]),
+        "b_hat_share_max": max(shares, default=None),
+        "thrust_margin_n": min(margins_n, default=None),
     }
 
 

@@ -57,8 +57,7 @@ class Answers(NamedTuple):
     latencies_s: list[float]
     sent: int
     overtaken: int = 0
-    """Poses that a newer one followed before a command left: what answered the newer one has
-    answered them, late."""
+    """Poses that were answered, late, by the command that answered a newer one."""
 
 
 class Waiting:
@@ -97,10 +96,7 @@ def find_percentiles(values: Sequence[float]) -> dict[str, float]:
 
 
 def figures_of(answers: Answers) -> dict[str, float]:
-    """Percentiles [µs] of all that were answered, overtaken ones too.
-
-    How many those were, and how many were not.
-    """
+    """Percentiles [µs] of all that were answered, overtaken ones too, and the counts."""
     found = answers.latencies_s
     if not found:
         raise LatencyFailed("nothing came back")
@@ -125,8 +121,7 @@ START_LIMIT_S = 20.0
 SETTLE_S = 1.0
 """Time at the beginning of each flight that is left out [s]."""
 MOST_FLIGHTS = 5
-"""Flights of one measurement: a flight ends where this machine stands still for 0.25 s, and the
-next one goes on."""
+"""Most flights of one measurement: one ends where this machine stands still for 0.25 s."""
 SLIDE = 1.001
 """The time between two poses, in nominal periods."""
 LAST_S = 0.1
@@ -140,12 +135,10 @@ class _Peer(AutopilotPeer):
     waiting: Waiting
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        if (
-            data[7:10] == _SET_POINT
-        ):  # its payload begins with time_boot_ms, by the clock that is ours too
-            self.waiting.command(
-                int.from_bytes(data[10:14], "little"), asyncio.get_running_loop().time()
-            )
+        if data[7:10] == _SET_POINT:
+            # Its payload begins with time_boot_ms, by the clock that is ours too.
+            boot_ms = int.from_bytes(data[10:14], "little")
+            self.waiting.command(boot_ms, asyncio.get_running_loop().time())
         super().datagram_received(data, addr)
 
 
@@ -163,9 +156,7 @@ class _Echoes(asyncio.DatagramProtocol):
 
 
 def measure_latency(seconds: float) -> dict[str, Any]:
-    """Fly ``seconds`` [s] at each rate.
-
-    Latencies in µs: see :func:`tests.proving.bench.links.figures_of`.
+    """Fly ``seconds`` [s] at each rate; see :func:`tests.proving.bench.links.figures_of`.
 
     Raises:
         LatencyFailed: nothing was armed, or flights ended again and again.
@@ -252,10 +243,9 @@ async def _measure_flight(
     loop = asyncio.get_running_loop()
     vehicle = _make_vehicle(loop.time())
     autopilot = Px4Autopilot(vehicle)
-    assert isinstance(config.link, MavlinkLinkConfig)
+    assert isinstance(config.link, MavlinkLinkConfig) and isinstance(config.pose, ViconConfig)
     peer = _Peer(autopilot, parse_address(config.link.endpoint))
     waiting = peer.waiting = Waiting()
-    assert isinstance(config.pose, ViconConfig)
     encode = vicon_encoder(config.pose)
     listener = parse_address(config.pose.listen)
     poses, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=listener)
@@ -271,29 +261,24 @@ async def _measure_flight(
             due = begun + frame * period
             await sleep_until(due)
             seen = vehicle.measure(loop.time())
-            data = encode(
-                frame,
-                due,
-                [TrackedBody(config.pose.object, seen.position_ned, seen.attitude, True)],
-            )
+            body = TrackedBody(config.pose.object, seen.position_ned, seen.attitude, True)
+            data = encode(frame, due, [body])
             counts = counts_from is not None and loop.time() >= counts_from
             if counts:
                 waiting.left(loop.time())
             poses.sendto(data)
             frame += 1
-            if counts_from is None:
-                if vehicle.plant.released_s is not None:
-                    counts_from = loop.time() + SETTLE_S
-                elif loop.time() > begun + START_LIMIT_S:
-                    raise LatencyFailed(f"the vehicle was not armed within {START_LIMIT_S:g} s")
+            if counts_from is None and vehicle.plant.released_s is not None:
+                counts_from = loop.time() + SETTLE_S
+            if counts_from is None and loop.time() > begun + START_LIMIT_S:
+                raise LatencyFailed(f"the vehicle was not armed within {START_LIMIT_S:g} s")
             await sleep_until(due + 0.5 * period)
             if counts:
                 sent += 1
                 echoes.left_s[data] = loop.time()
                 echo.sendto(data)
-            if (
-                frame * period < loop.time() - begun - 0.5
-            ):  # after a standstill of this machine: no burst
+            # After a standstill of this machine: no burst.
+            if frame * period < loop.time() - begun - 0.5:
                 begun += period
         await asyncio.sleep(LAST_S)
     finally:
@@ -311,13 +296,11 @@ HOGS_PER_CPU = 1.5
 
 
 async def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
-    """``{"pacer": {p50_us, p99_us, p999_us, lost}, "floor": {…}, "fifo": bool}`` of ``seconds`` [s]
-    at 22.5 ms.
+    """``{"pacer": {p50_us, p99_us, p999_us, lost}, "floor": {…}, "fifo": bool}`` in ``seconds``.
 
     The pacer is armed and gets a new command for each frame. Its lateness is taken when the frame
     is written, the floor's when it wakes up. Both have the same scheduling policy: real-time where
-    that is allowed, and ``fifo`` tells. With ``busy``, processes that never wait have every
-    processor meanwhile.
+    that is allowed, which ``fifo`` tells. ``busy``: every processor has more to do than it can.
     """
     count = max(10, round(seconds / MODULE.period_s))
     reports: list[PacerReport] = []
@@ -389,11 +372,7 @@ def _hogs(busy: bool) -> Iterator[None]:
 
 
 def measure_all(seconds: float) -> dict[str, Any]:
-    """Return the facts of the machine, and of its links.
-
-    The pacer is measured idle and with every processor busy, ``seconds`` [s] each; latencies as
-    long, all together.
-    """
+    """Return the facts of the machine, and of its links: ``seconds`` [s] for each measurement."""
     idle, busy = (asyncio.run(measure_pacer(seconds, busy=busy)) for busy in (False, True))
     latency = measure_latency(seconds / len(RATES_HZ))
     links = {
@@ -424,11 +403,8 @@ def _ratios(ours: dict[str, float], floor: dict[str, float]) -> dict[str, float]
 def text(facts: dict[str, Any]) -> str:
     """Return the facts as lines for people."""
     machine, links = facts["machine"], facts["links"]
-    policy = (
-        "real-time priority"
-        if links["fifo"]
-        else "ordinary priority: SCHED_FIFO is not allowed here"
-    )
+    ordinary = "ordinary priority: SCHED_FIFO is not allowed here"
+    policy = "real-time priority" if links["fifo"] else ordinary
     lines = [
         f"Python {machine['python']}, {machine['system']}, {machine['cpus']} CPUs, load "
         f"{machine['load']:.1f}",

@@ -152,9 +152,7 @@ async def fly_here(
     keep: Give | None = None,
     split: Callable[[], FlightCopy] | None = None,
 ) -> Row:
-    """Fly one cell on the running loop of virtual time, whatever its time is.
-
-    ``keep`` takes what is recorded.
+    """Fly one cell on the running loop of virtual time; ``keep`` takes what is recorded.
 
     ``split`` tells at the strike which copy it is, of a case that is set up as ``fault`` is.
 

@@ -1,5 +1,4 @@
-"""The cells of the fault deck, how several processes fly them, and
-``groundstation-sim dev faults``.
+"""Cells of the fault deck, flown by several processes: ``groundstation-sim dev faults``.
 
 Processes that die in real time are no part of it: tests/e2e kills and freezes each of them.
 """
@@ -118,11 +117,10 @@ def _fly_job(overrides: tuple[str, ...], job: Sequence[Planned]) -> list[Row]:
     """Return the rows of flights that are set up alike."""
     copies = [copy for planned in job for copy in planned.copies()]
     cell, scenario, seed, _ = msgspec.structs.astuple(job[0])
-    flown = iter(
-        fly_together(
-            copies, cell.state, link=cell.link, seed=seed, scenario=scenario, overrides=overrides
-        )
+    rows = fly_together(
+        copies, cell.state, link=cell.link, seed=seed, scenario=scenario, overrides=overrides
     )
+    flown = iter(rows)
     return [planned.row([next(flown) for _ in planned.copies()]) for planned in job]
 
 

@@ -1,7 +1,6 @@
 """Fault: how it strikes, at which moment of a mission, and what its judge must know of it.
 
-What can't be asked of a vehicle after a fault is a closed list of words; everything else is asked
-of all.
+A closed list of words says what is not asked of a vehicle after a fault; all else is.
 """
 
 import asyncio
@@ -19,9 +18,7 @@ from tests.proving.faults.pictures import Picture, Struck, Way
 
 
 class Meddler:
-    """Tracker around another one: stands between the cameras and the network, and spoils what they
-    say.
-    """
+    """Tracker around another one, between the cameras and the network: it spoils the poses."""
 
     def __init__(self, tracker: Tracker) -> None:
         self.picture: Picture | None = None
@@ -52,10 +49,7 @@ class Meddler:
 
 
 def stand_between(stage: Stage) -> Meddler | None:
-    """Return the meddler that stands behind the cameras of ``stage`` from now on.
-
-    None where there are none.
-    """
+    """Return the meddler behind the cameras of ``stage`` from now on; None without cameras."""
     return None if stage.mocap is None else stage.mocap.through(Meddler)
 
 
@@ -63,13 +57,11 @@ class Kind(StrEnum):
     """Rule by which the rows of a family are judged."""
 
     REQUIRED = "required"
-    """False or missing poses: at least :data:`judge.REQUIRED_SHARE` of the cells within the
-    limits."""
+    """False or missing poses: :data:`judge.REQUIRED_SHARE` of the cells are within the limits."""
     KNOWN_LIMIT = "known limit"
     """False poses that are found late or never: wider limits, and a smaller share of the cells."""
     HONEST = "honest"
-    """True poses of a vehicle that something moves: held against the same flight without any
-    guard."""
+    """True poses of a vehicle that something moves: compared with the same flight unguarded."""
     OTHER = "other"
     """Something else breaks: every cell within the limits."""
 
@@ -150,13 +142,9 @@ class Scene:
     @property
     def struck(self) -> Struck:
         """Return the state at which a wrong picture begins, now."""
-        truth, shown = self.stage.plant.truth(self.now_s), self.between.shown
-        place = (
-            (truth.position_ned, truth.attitude)
-            if shown is None
-            else (shown.position_ned, shown.attitude)
-        )
-        return Struck(self.now_s, *place, self.normals)
+        truth = self.stage.plant.truth(self.now_s)
+        seen = self.between.shown or truth
+        return Struck(self.now_s, seen.position_ned, seen.attitude, self.normals)
 
 
 Strike = Callable[[Scene], Coroutine[Any, Any, None]]
@@ -177,8 +165,7 @@ class Fault(NamedTuple):
     poses: Poses = Poses.TRUE
     """The poses from then on."""
     obeys: bool = False
-    """Whether the vehicle goes on doing what it is told, and the poses say so: then to convict them
-    is wrong."""
+    """Whether the vehicle goes on obeying, as the poses show: then to convict them is wrong."""
     exemption: Exemption = Exemption.NONE
     """Demands that can't be made in the air."""
     silences: bool = False
@@ -200,13 +187,12 @@ PLANNED = {
     (State.HOLD, State.RETURNING), (State.LANDING, State.DISARMING),
     (State.DESCENT, State.DISARMING), (State.DISARMING, State.LANDED),
 }  # fmt: skip
-"""Moves that a flight makes by itself, or as the deck asks; onto a landing it moves by itself for
-one reason only."""
+"""Moves that a flight makes by itself, or as the deck asks, whatever their reason."""
 PLANNED_REASONS = (
     "over the place of take-off",
     "the autopilot has detected touchdown and disarmed",
 )
-"""Reasons of moves that would have come without any fault."""
+"""Reasons of other moves that would have come without any fault."""
 
 
 class Moves:
@@ -265,5 +251,4 @@ MOMENTS = {
     "landing": Moment(State.LANDING, 0.7),
     "descent": Moment(State.DESCENT, 0.3),
 }
-"""Moments by the names in the deck: ``spool-up``, ``lift-off`` and ``take-off`` are parts of one
-state."""
+"""Moments by their names: ``spool-up``, ``lift-off`` and ``take-off`` are parts of one state."""

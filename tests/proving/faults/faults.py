@@ -1,9 +1,8 @@
 """The faults by name: how each strikes, and the states and links that it is flown on.
 
 Every one is flown in every state, but where it makes no difference or can't happen: a wrong mass is
-there from the *start*, before the first pose; a vehicle that stands can't be pushed; ground effect
-matters near the floor alone; in the air thrust and mass are known; a coordinate that stands still
-strikes where it is seen in time.
+there from the *start*; a vehicle that stands can't be pushed; ground effect matters near the floor
+alone; a coordinate that stands still strikes where it is seen in time.
 """
 
 import asyncio
@@ -144,10 +143,7 @@ async def partner(scene: Scene, more_m_s2: Vec3) -> None:
 
 @takes
 async def lead_astray(scene: Scene, heading_deg: float, within_s: float) -> None:
-    """The heading of the autopilot's estimator goes astray.
-
-    It finds that, turns it to what is true, and says so.
-    """
+    """The heading of the autopilot's estimator goes astray, and is then reset to the true one."""
     vehicle, steps = scene.stage.vehicle, round(within_s / STEP_S)
     for step in range(1, steps + 1):
         vehicle.lead_heading_astray(heading_deg * step / steps)
@@ -180,10 +176,7 @@ async def cut(scene: Scene, for_s: float, *, hears: bool = False, speaks: bool =
 
 
 async def keep_answers(scene: Scene) -> None:
-    """No answer to TIMESYNC comes any more.
-
-    The autopilot hears all, and all else that it says comes.
-    """
+    """The autopilot does not answer TIMESYNC any more, and does all else."""
     scene.stage.autopilot.answers_timesync = False
 
 
@@ -315,12 +308,8 @@ async def cushion(scene: Scene, on_floor: float) -> None:
     floor, mass = scene.stage.world.floor_z_m, scene.stage.world.mass_kg
 
     def pull(body: Body) -> Vec3:
-        more = (
-            on_floor
-            / (1.0 + (floor - body.position[2]) / (2.0 * ROTOR_M)) ** 2
-            * body.thrust
-            / mass
-        )
+        radii = 1.0 + (floor - body.position[2]) / (2.0 * ROTOR_M)
+        more = on_floor / radii**2 * body.thrust / mass
         x, y, z = so3.third_column(body.attitude)
         return -more * x, -more * y, -more * z
 
@@ -673,8 +662,7 @@ FAMILIES: tuple[tuple[str, Kind, tuple[str, ...]], ...] = (
     )),
     ("vehicle and air", Kind.OTHER, (
         "motors", "battery sag", "wind, up and down", "gust", "mass told wrong",
-        "thrust told wrong",
-        "load dropped", "ground effect", "taken out of the air", "late floor",
+        "thrust told wrong", "load dropped", "ground effect", "taken out of the air", "late floor",
     )),
     ("own estimate", Kind.OTHER, ("estimator reset", "wandering estimate")),
     ("link and autopilot", Kind.OTHER, (

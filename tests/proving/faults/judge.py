@@ -586,15 +586,14 @@ class WireJudge:
             self.last_s = time_s
             for m in self._codec.feed(data, source):
                 if m.get_type() == "SET_ATTITUDE_TARGET":
-                    self._frame(
-                        time_s, m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate, m.thrust
-                    )
+                    rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
+                    self._frame(time_s, rates, m.thrust)
         elif self._sticks is not None and target == MODULE:
             self._radio(time_s, data)
 
-    def _frame(self, time_s: float, p: float, q: float, r: float, thrust: float) -> None:
+    def _frame(self, time_s: float, rates: Vec3, thrust: float) -> None:
         """Take body rates [rad/s] and thrust (0..1) of a set-point."""
-        if not math.isfinite(thrust + p + q + r):
+        if not math.isfinite(thrust + sum(rates)):
             self._say(f"a number that is not finite left at {time_s:.3f} s")
         self._thrust.command(time_s, thrust)
         # At the very border of two parts either may be meant.
@@ -603,10 +602,8 @@ class WireJudge:
             if due is None:
                 continue
             share = signal(due.thrust_n / self._config.full_thrust_n, self._config.thrust_curve)
-            if all(
-                abs(a - b) < AGREES
-                for a, b in zip((thrust, p, q, r), (share, *due.rates_rad_s), strict=True)
-            ):
+            pairs = zip((thrust, *rates), (share, *due.rates_rad_s), strict=True)
+            if all(abs(a - b) < AGREES for a, b in pairs):
                 return
         if thrust > LIFTS:
             self._say(f"a command left at {time_s:.3f} s that was not due then")

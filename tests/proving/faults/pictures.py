@@ -1,7 +1,4 @@
-"""Pictures that cameras show and that are not so.
-
-Ways of frames: late, seldom, repeated, with wrong stamps.
-"""
+"""Wrong pictures of the cameras, and ways of frames: late, seldom, repeated, wrongly stamped."""
 
 import asyncio
 import math
@@ -117,9 +114,7 @@ def still_coordinate(struck: Struck, axis: int) -> Picture:
 
 
 def fading_coordinate(struck: Struck, axis: int, fades_s: float) -> Picture:
-    """One coordinate goes over from the true one to one that stands within so long [s]: 0 is north,
-    1 east, 2 down.
-    """
+    """One coordinate (0 is north, 1 east, 2 down) comes to a standstill within so long [s]."""
 
     def change(time_s: float, position: Vec3) -> Vec3:
         share = min(max((time_s - struck.time_s) / fades_s, 0.0), 1.0)
@@ -130,9 +125,7 @@ def fading_coordinate(struck: Struck, axis: int, fades_s: float) -> Picture:
 
 
 def still_along(struck: Struck, north: float, east: float) -> Picture:
-    """The position stands still along one horizontal direction, with noise, as along a camera's own
-    axis.
-    """
+    """The position stands still along one horizontal direction, with noise."""
     n, e = north / math.hypot(north, east), east / math.hypot(north, east)
 
     def change(time_s: float, position: Vec3) -> Vec3:
@@ -181,9 +174,7 @@ def resting(struck: Struck) -> Picture:
 
 
 def carry(struck: Struck) -> Picture:
-    """A body that a hand takes from beside ours, and carries around: up by 0.3 m, and to and fro at
-    0.5 m/s.
-    """
+    """A body beside ours that a hand carries around: up by 0.3 m, and to and fro at 0.5 m/s."""
     yaw = so3.euler_zyx(struck.attitude)[2]
 
     def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
@@ -191,11 +182,7 @@ def carry(struck: Struck) -> Picture:
         begun = 1.0 - math.exp(-t / CARRY_RAMP_S)
         each = begun * CARRY_M_S * math.sqrt(0.5)
         x, y, z = struck.position_ned
-        a, b, c = (
-            2.0 * math.pi * 0.25,
-            2.0 * math.pi * 0.19,
-            2.0 * math.pi * 0.12,
-        )  # no two alike [rad/s]
+        a, b, c = (2.0 * math.pi * hertz for hertz in (0.25, 0.19, 0.12))  # no two alike
         place = (
             x + NEAR_M + each / a * math.sin(a * t),
             y + each / b * math.sin(b * t),
@@ -245,10 +232,7 @@ def sinking_height(struck: Struck, speed_m_s: float, for_s: float) -> Picture:
 
 
 def map_positions(struck: Struck, rows: tuple[Vec3, Vec3, Vec3]) -> Picture:
-    """The world's axes are mixed up by a matrix, about the place where ours is.
-
-    Its attitude stays true.
-    """
+    """The world's axes are mixed up by a matrix, about the place of ours; attitudes are true."""
     at = struck.position_ned
 
     def change(time_s: float, position: Vec3) -> Vec3:
@@ -299,9 +283,7 @@ def smoothed_position(struck: Struck, tau_s: float) -> Picture:
 
 def turn_axes(struck: Struck, roll_deg: float, pitch_deg: float, yaw_deg: float) -> Picture:
     """The body's axes are found turned by these angles [deg]."""
-    turn = so3.from_euler_zyx(
-        math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg)
-    )
+    turn = so3.from_euler_zyx(*map(math.radians, (roll_deg, pitch_deg, yaw_deg)))
     return _attitudes(lambda time_s, attitude: so3.multiply(attitude, turn))
 
 
@@ -379,8 +361,8 @@ def every(nth: int) -> Way:
 def late(delay_s: Callable[[float], float], period_s: float, *, fresh: bool) -> Way:
     """Every frame comes later, by a function of the time since this began [s].
 
-    Stamps and numbers tell of it; or, ``fresh``, a relay puts its own there, as if each frame had
-    been exposed as much later. ``period_s`` is the time from frame to frame.
+    Stamps and numbers show it; or, ``fresh``, a relay puts its own there. ``period_s`` is the time
+    from frame to frame.
     """
     loop = asyncio.get_running_loop()
     begun_s = newest_s = loop.time()

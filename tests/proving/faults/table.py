@@ -86,9 +86,7 @@ def summarize(rows: Sequence[Row]) -> list[Summary]:
 
 
 def count_kinds(rows: Sequence[Row]) -> Iterator[tuple[Kind, int, int, int]]:
-    """For each kind among ``rows``: its cells, those within their limits, and those beyond
-    NEAR_LIMIT times them.
-    """
+    """Count for each kind its cells, those within the limits, and those beyond NEAR_LIMIT times."""
     for kind in Kind:
         some = [row for row in rows if row.kind == kind]
         if some:
