@@ -493,14 +493,16 @@ def _fly_filter(
             yield i, estimator
 
 
+ERRORS = ("rms_mm", "pvt_rms_mm", "ca_rms_mm")
+"""Errors of a prediction: ours, with constant velocity, with constant acceleration."""
+
+
 def _measure_errors(squares: Column) -> dict[str, float] | None:
     """RMS [mm] over all predictions (N, 3) [m²]; None where no pose judges them."""
     if not len(squares):
         return None
-    ours, velocity, acceleration = (
-        round(1e3 * math.sqrt(one), 3) for one in squares.mean(axis=0).tolist()
-    )
-    return {"rms_mm": ours, "pvt_rms_mm": velocity, "ca_rms_mm": acceleration}
+    rms_mm = (round(1e3 * math.sqrt(one), 3) for one in squares.mean(axis=0).tolist())
+    return dict(zip(ERRORS, rms_mm, strict=True))
 
 
 TOLD = (
@@ -698,10 +700,6 @@ def evidence_command(
         json.dumps({"flights": flights}) if as_json else "\n\n".join(map(describe_flight, flights))
     )
     return Exit.DONE
-
-
-ERRORS = ("rms_mm", "pvt_rms_mm", "ca_rms_mm")
-"""Errors of a prediction: ours, with constant velocity, with constant acceleration."""
 
 
 def describe_flight(facts: dict[str, Any]) -> str:

@@ -45,7 +45,7 @@ from groundstation.settings import Config
 from links.core import signal, thrust
 
 ROUNDS = 15
-"""Most steps of a fit, and most turns in which model and noise are fitted one after the other."""
+"""Most steps of the fit."""
 CLOSE = 0.01
 """Step, as a share of each deviation, below which the fit has converged [-]."""
 MEMORY_S = 1.0
@@ -737,6 +737,9 @@ GAP_S = 0.3
 ABOUT_THRUST = (0.0, 1e2, 1e5)
 """Where the search for the noises begins: white noise on acceleration [1/s³], and on the wind's
 change [1/s⁵], over the positions' variance."""
+THRUST_ROUNDS = 6
+"""Model and noise are fitted in turn, so often at most: the better the model, the weaker the noise
+that is left."""
 SAG_PER_MIN = 0.1
 """A battery's thrust falls by about so much in a minute, one deviation [-]."""
 
@@ -785,7 +788,7 @@ def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
     values = starts[int((news**2).sum(axis=(0, 1)).argmin())]
     fit, about = None, (ABOUT_THRUST, ABOUT_THRUST)
     powers: tuple[Column, ...] = (COARSE, FINE)
-    for _ in range(ROUNDS):
+    for _ in range(THRUST_ROUNDS):
         level, upright = scene.fit_noises(values, about, powers)
         # By what was seen before: a velocity that knows the gust to come would take it for drag.
         _, halfway = level[1].innovations(scene.position(values), scene.pushes(values))
