@@ -328,7 +328,8 @@ async def test_a_plug_pulled_at_the_bridge_is_told_at_the_station() -> None:
         it.wire.cut = True
         await it.stream(1.0, 0.5)
         assert it.link.status.state == "lost"
-        assert "on the bridge: cannot open the simulated port: it is un" in it.link.status.text
+        why = "on the bridge: cannot open the simulated port: it is unplugged"
+        assert why in it.link.status.text
         it.wire.cut = False
         await it.stream(1.0, 2.0)
         assert it.link.status.state == "connected"
