@@ -223,17 +223,13 @@ class GuardView:
 
     def __init__(
         self, config: GuardsConfig, fence: Fence | None, separation: Separation | None,
-        vehicle: Vehicle,
-        period_s: Callable[[], float], floor_z_m: float, gravity: float, coast_s: float,
+        vehicle: Vehicle, period_s: Callable[[], float],
+        floor_z_m: float, gravity: float, coast_s: float,
     ) -> None:  # fmt: skip
         """Take the limits and the vehicle; see :class:`Guards`."""
         self.config, self.fence, self.separation, self.vehicle = config, fence, separation, vehicle
-        self.period_s, self.floor_z_m, self.gravity, self.coast_s = (
-            period_s,
-            floor_z_m,
-            gravity,
-            coast_s,
-        )
+        self.period_s, self.coast_s = period_s, coast_s
+        self.floor_z_m, self.gravity = floor_z_m, gravity
         self.tick: Tick
         """Newest command."""
         self.link: LinkStatus | None = None
@@ -269,12 +265,8 @@ class GuardView:
         disturbance [deg].
         """
         estimate, k = self.tick.estimate, self.vehicle.drag_per_s
-        a, d, v = (
-            self.tick.reference.acceleration_ned,
-            estimate.disturbance,
-            estimate.motion.velocity,
-        )
-        x, y, z = subtract(add_scaled(d, -k, v), a)
+        dragged = add_scaled(estimate.disturbance, -k, estimate.motion.velocity)
+        x, y, z = subtract(dragged, self.tick.reference.acceleration_ned)
         z += self.gravity
         p, q, r = third_column(estimate.motion.attitude)
         return angle_deg((x * p + y * q + z * r) / (math.sqrt(x * x + y * y + z * z) or 1.0))
@@ -556,10 +548,9 @@ class Guards:
     """One flight's limits. Times are on the event loop's clock [s]."""
 
     def __init__(
-        self, config: GuardsConfig, fence: Fence | None, vehicle: Vehicle, period_s: Callable[[],
-            float],
-        separation: Separation | None = None, floor_z_m: float = 0.0, gravity: float = GRAVITY,
-        coast_s: float = math.inf,
+        self, config: GuardsConfig, fence: Fence | None, vehicle: Vehicle,
+        period_s: Callable[[], float], separation: Separation | None = None,
+        floor_z_m: float = 0.0, gravity: float = GRAVITY, coast_s: float = math.inf,
     ) -> None:  # fmt: skip
         """Take the limits; ``period_s`` returns the link's time between two commands [s], called
         with each command.
@@ -592,25 +583,19 @@ class Guards:
 
     def _check(self, guard: Guard, now_s: float) -> GuardFinding | None:
         numbers, view = guard.find(self._view), self._view
-        is_beyond, for_s, memory_s = (
-            numbers is not None,
-            _lasts_s(guard, view.config),
-            guard.memory_s,
-        )
+        is_beyond, memory_s = numbers is not None, guard.memory_s
+        for_s = _lasts_s(guard, view.config)
         if memory_s > 0.0:
             # Of time beyond the limit without a break, a part has been forgotten by then.
-            held_s, for_s = (
-                self._recent[guard.id].add(is_beyond, now_s),
-                -memory_s * math.expm1(-for_s / memory_s),
-            )
+            held_s = self._recent[guard.id].add(is_beyond, now_s)
+            for_s = -memory_s * math.expm1(-for_s / memory_s)
         else:
             held_s = self._since.held_s(guard.id, is_beyond, now_s)
         step, most = guard.step, guard.most
         if guard.id == "guard.unseen" and view.separation is not None:
             config = view.separation.config
-            is_long = (
-                self._since.held_s("unseen long", is_beyond, now_s) >= config.unknown_s - ROUNDING_S
-            )
+            unseen_s = self._since.held_s("unseen long", is_beyond, now_s)
+            is_long = unseen_s >= config.unknown_s - ROUNDING_S
             step = most = UNSEEN_STEPS[config.unknown] if is_long else GuardAction.WARN
         if guard.id == "guard.separation" and (near := view.nearest()) is not None and near.beneath:
             step = most = GuardAction.HOLD  # the lower one lands: down upon another would be worse
