@@ -173,10 +173,8 @@ class ChannelInput:
             case "RC_CHANNELS":
                 self._raw, self._time_s = getattr(message, self._field), arrival_s
             case "SYS_STATUS":
-                enabled, healthy = (
-                    message.onboard_control_sensors_enabled,
-                    message.onboard_control_sensors_health,
-                )
+                enabled = message.onboard_control_sensors_enabled
+                healthy = message.onboard_control_sensors_health
                 self._receives = not enabled & _RECEIVER or bool(healthy & _RECEIVER)
 
 

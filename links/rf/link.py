@@ -175,11 +175,9 @@ OBEY_LIMIT_S = 1.0
 
 _UNTIMELY = link_notice("module.untimely").text
 
-_CLOSED, _CLOSING, _ARMING = (
-    "on a link that is not connected",
-    "on a link that is being closed",
-    "while arm() streams",
-)
+_CLOSED = "on a link that is not connected"
+_CLOSING = "on a link that is being closed"
+_ARMING = "while arm() streams"
 
 
 class PacedLink:

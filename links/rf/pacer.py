@@ -395,11 +395,9 @@ class FramePacer:
         """
         self._heir = link_notice("module.heir", why=why).text
         self._port.fresh = False
-        self._arming.number, self._arming.obey_s, self._linger_s = (
-            held.arming,
-            held.obey_s,
-            held.linger_s,
-        )
+        self._arming.number = held.arming
+        self._arming.obey_s = held.obey_s
+        self._linger_s = held.linger_s
         if held.command is not None and now_s >= held.obey_s:
             self._deadman.arm()
             with contextlib.suppress(LinkMisuse):  # it was taken once: here nothing may fail

@@ -627,10 +627,8 @@ class SimulatedAutopilot(Dialect):
         return [self.codec.pack(answer) for answer in answers]
 
     def _is_for_us(self, message: Message) -> bool:
-        system, component = (
-            getattr(message, "target_system", -1),
-            getattr(message, "target_component", -1),
-        )
+        system = getattr(message, "target_system", -1)
+        component = getattr(message, "target_component", -1)
         return system in (0, self.codec.system_id) and component in (0, 1)
 
     # ---- flying

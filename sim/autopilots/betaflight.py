@@ -106,11 +106,9 @@ def describe_settings(half_us: float, order: str, rates_deg_s: Sequence[float]) 
     return lines
 
 
-_STATE, _CHANNELS, _STEP = (
-    struct.Struct("<18d"),
-    struct.Struct(f"<d{PULSES}H"),
-    struct.Struct("<2Q144s40s"),
-)
+_STATE = struct.Struct("<18d")
+_CHANNELS = struct.Struct(f"<d{PULSES}H")
+_STEP = struct.Struct("<2Q144s40s")
 _ANSWER = struct.Struct("<IHH4f")
 _USED = 5
 """Channels that ours moves."""

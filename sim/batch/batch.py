@@ -228,12 +228,10 @@ class BatchEstimator:
             new = who[first]
             self._state.stamp[new] = stamp[first]
             put(self._state.motion.attitude, new, pick(attitude, first))
-            who, stamp, position, attitude = (
-                who[~first],
-                stamp[~first],
-                pick(position, ~first),
-                pick(attitude, ~first),
-            )
+            who = who[~first]
+            stamp = stamp[~first]
+            position = pick(position, ~first)
+            attitude = pick(attitude, ~first)
         if who.size:
             with np.errstate(invalid="ignore"):  # -inf - -inf before the fifth pose
                 self._drive(stamp, who)
@@ -529,10 +527,8 @@ class ReceivedCommands:
     def __init__(self, worlds: Sequence[World], seeds: Sequence[int], duration_s: float) -> None:
         """No thrust and no rates, before the first frame of a flight of ``duration_s`` [s]."""
         first, n = worlds[0], len(worlds)
-        self._thrust_max, self._thrust_curve = (
-            column(worlds, "thrust_max_n"),
-            column(worlds, "thrust_curve"),
-        )
+        self._thrust_max = column(worlds, "thrust_max_n")
+        self._thrust_curve = column(worlds, "thrust_curve")
         self._gain, self._sag = column(worlds, "thrust_gain"), column(worlds, "thrust_sag")
         self._limits = np.radians(column(worlds, "rate_limits_deg_s"))
         losses = [
@@ -562,10 +558,8 @@ class ReceivedCommands:
         The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve``
         (links/core/deadman.py).
         """
-        told, straight = (
-            np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0),
-            1.0 - told_curve,
-        )
+        told = np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0)
+        straight = 1.0 - told_curve
         signal = 2.0 * told / (straight + np.sqrt(straight * straight + 4.0 * told_curve * told))
         # On the wire both are single-precision numbers.
         signal = signal.astype(np.float32).astype(np.float64)

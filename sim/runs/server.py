@@ -224,10 +224,8 @@ def place_fleet(world: World, labs: Sequence[Config]) -> list[World]:
         start = lab.trajectory.build().position_at(0.0)
         one = world
         if lab.flight.start == "floor":
-            start, one = (
-                (start[0], start[1], lab.flight.floor_z_m),
-                msgspec.structs.replace(world, start_thrust=0.0),
-            )
+            start = (start[0], start[1], lab.flight.floor_z_m)
+            one = msgspec.structs.replace(world, start_thrust=0.0)
         worlds.append(msgspec.structs.replace(one, start_ned=start, floor_z_m=lab.flight.floor_z_m))
     return worlds
 

@@ -88,11 +88,9 @@ def list_upsets() -> dict[str, list[tuple[str, ...]]]:
         scenario = SCENARIOS[name]
         for variant in scenario.variants:
             world = overridden(scenario.world, list(variant))
-            size, push_s, vertical = (
-                math.hypot(*world.wind_step),
-                world.wind_push_s,
-                world.wind_step[2] != 0.0,
-            )
+            size = math.hypot(*world.wind_step)
+            push_s = world.wind_push_s
+            vertical = world.wind_step[2] != 0.0
             what = (
                 f"push {size:.0f}, {push_s:g} s" if push_s else f"step {'±' * vertical}{size:.0f}"
             )
@@ -193,10 +191,8 @@ def fly_states(
         flights = fly_batch(worlds, config, list(range(states)), duration_s=STATES_S)
         lowest_starts = np.array([max(one.start_ned[2], reference[2]) for one in worlds])
         good = np.isfinite(flights.settle_s)
-        settled, sunk = (
-            flights.settle_s[good].tolist(),
-            (flights.lowest_m - lowest_starts)[good].tolist(),
-        )
+        settled = flights.settle_s[good].tolist()
+        sunk = (flights.lowest_m - lowest_starts)[good].tolist()
         found.append(
             StatesRow(
                 scenario,

@@ -33,10 +33,8 @@ def make_hand(
     It makes the ``moves``, some 8 degrees and a tenth beside what is shown.
     """
     draw = random.Random(seed)
-    place, attitude = (
-        start[0],
-        so3.multiply(start[1], so3.from_euler_zyx(0.0, 0.0, math.radians(nose_deg))),
-    )
+    place = start[0]
+    attitude = so3.multiply(start[1], so3.from_euler_zyx(0.0, 0.0, math.radians(nose_deg)))
     stops = [(place, attitude)]
     for move in moves:
         x, y, z = (part + draw.gauss(0.0, 0.08) for part in move.axis)

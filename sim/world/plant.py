@@ -311,11 +311,9 @@ def run_rate_loop(
     demand = add(multiply_each(gains.p, error), multiply_each(gains.i, loop.integral))
     torque = multiply_each(gains.inertia, subtract(demand, multiply_each(gains.d, derivative)))
     level, full = 0.25 * told, gains.full_n
-    a, b, c = (
-        0.25 * torque[0] / gains.lever_m,
-        0.25 * torque[1] / gains.lever_m,
-        0.25 * torque[2] / gains.torque_m,
-    )
+    a = 0.25 * torque[0] / gains.lever_m
+    b = 0.25 * torque[1] / gains.lever_m
+    c = 0.25 * torque[2] / gains.torque_m
     wanted = (level - a + b + c, level + a - b + c, level + a + b - c, level - a - b - c)
     given = [min(max(one / full, 0.0), 1.0) for one in wanted]
     over = [abs(one - full * share) for one, share in zip(wanted, given, strict=True)]

@@ -462,10 +462,8 @@ class Quadrotor:
         other.released_s, other._body = self.released_s, self._body
         other._chain.continue_from(self._chain)
         if other._rotors is not None and self._rotors is not None:
-            other._rotors.actuators, other._rotors.signals = (
-                self._rotors.actuators,
-                self._rotors.signals,
-            )
+            other._rotors.actuators = self._rotors.actuators
+            other._rotors.signals = self._rotors.signals
         other.floor.continue_from(self.floor)
         return other
 

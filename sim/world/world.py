@@ -315,11 +315,9 @@ def begin_eddies(normals: Vec3) -> Eddies:
 def stir(eddies: Eddies, normals: Vec3) -> Eddies:
     """One grid step later, from three standard normal numbers."""
     (x, y, z), twice_y, twice_z = eddies
-    x, y, z = (
-        KEEP[0] * x + SPREAD[0] * normals[0],
-        KEEP[1] * y + SPREAD[1] * normals[1],
-        KEEP[2] * z + SPREAD[2] * normals[2],
-    )
+    x = KEEP[0] * x + SPREAD[0] * normals[0]
+    y = KEEP[1] * y + SPREAD[1] * normals[1]
+    z = KEEP[2] * z + SPREAD[2] * normals[2]
     return Eddies(
         (x, y, z), KEEP[1] * twice_y + (1.0 - KEEP[1]) * y, KEEP[2] * twice_z + (1.0 - KEEP[2]) * z
     )

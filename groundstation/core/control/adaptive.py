@@ -316,11 +316,9 @@ class Adaptive:
         (x, y, z), (ux, uy, uz), (vx, vy, vz), attitude, thrust, b_hat, feed, jerk = state
         (dx, dy, dz), drag, f = estimate.disturbance, self._vehicle.drag_per_s, -thrust / mass
         rx, ry, rz = third_column(attitude)
-        ax, ay, az = (
-            f * rx + dx - drag * vx,
-            f * ry + dy - drag * vy,
-            f * rz + dz - drag * vz + self._gains.gravity,
-        )
+        ax = f * rx + dx - drag * vx
+        ay = f * ry + dy - drag * vy
+        az = f * rz + dz - drag * vz + self._gains.gravity
         (fx, fy, fz), (jx, jy, jz) = feed, jerk
         sx, sy, sz = self._find_snap(jerk, interval_s)
         ex, ey, ez = ax - fx, ay - fy, az - fz

@@ -127,10 +127,8 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
     @cached_property
     def shape(self) -> "Shape":
         """Gain and functions of one axis."""
-        sigma, rho = (
-            saturation(self.sigma_bound, self.sigma_slope),
-            saturation(self.rho_bound, self.rho_slope),
-        )
+        sigma = saturation(self.sigma_bound, self.sigma_slope)
+        rho = saturation(self.rho_bound, self.rho_slope)
         return Shape(self.k2, sigma, rho, self.velocity_scale)
 
 

@@ -431,10 +431,8 @@ class CertificateMonitor:
 
     def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
         self._noise: tuple[float, float] | None = None
-        self._above, self._suspension = (
-            ExcessWatch(vehicle.mass_kg),
-            SuspensionWatch(vehicle.mass_kg),
-        )
+        self._above = ExcessWatch(vehicle.mass_kg)
+        self._suspension = SuspensionWatch(vehicle.mass_kg)
         self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._disturbance, self._thrust = Lasting(), Lasting(PINNED_S)
         """Times of |b̂| above B, and of the commanded thrust at one of its limits."""
@@ -488,17 +486,13 @@ class CertificateMonitor:
 
     def _find_warnings(self, last: Look, now: Look) -> tuple[Sentence, ...]:
         """Show the frame from ``last`` to ``now`` to every watch that it concerns."""
-        dt, rise, saturated, bound = (
-            now.time_s - last.time_s,
-            now.v - last.v,
-            last.decision.saturated,
-            self._measure,
-        )
-        fallen, above, found = (
-            0.5 * dt * (now.fall + last.fall),
-            self._above,
-            list[Sentence | None](),
-        )
+        dt = now.time_s - last.time_s
+        rise = now.v - last.v
+        saturated = last.decision.saturated
+        bound = self._measure
+        fallen = 0.5 * dt * (now.fall + last.fall)
+        above = self._above
+        found = list[Sentence | None]()
         excess = above.excess + rise + bound.decrease.share * fallen - self._power * dt
         if saturated:  # nothing is promised: the bound begins anew from here
             excess = 0.0

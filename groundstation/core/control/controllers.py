@@ -257,10 +257,8 @@ class GeometricController(BaselineController[Geometric]):
         ki, c1, bound = gains.k_integral, gains.coupling, gains.integral_bound
         # The integral pauses while the command is clamped, so that it does not wind up.
         dt = 0.0 if self._saturated else interval_s
-        ex, ev = (
-            subtract(motion.position, reference.position_ned),
-            subtract(motion.velocity, reference.velocity_ned),
-        )
+        ex = subtract(motion.position, reference.position_ned)
+        ev = subtract(motion.velocity, reference.velocity_ned)
         error = add_scaled(ev, c1, ex)
         self._integral = clamp_each(FLOATS, add_scaled(self._integral, dt * ki, error), bound)
         decision = track_on_se3(
@@ -297,10 +295,8 @@ def track_on_se3(
     mass = vehicle.mass_kg / estimate.effectiveness
     now = acceleration(motion, estimate.disturbance, mass, gains.gravity, vehicle.drag_per_s)
     feed = reference.acceleration_ned
-    ex, ev = (
-        subtract(motion.position, reference.position_ned),
-        subtract(motion.velocity, reference.velocity_ned),
-    )
+    ex = subtract(motion.position, reference.position_ned)
+    ev = subtract(motion.velocity, reference.velocity_ned)
     ea = subtract(now, feed)
     feedback = subtract(add_scaled(add_scaled(feed, -kx, ex), -kv, ev), counteracted)
     slope = subtract(add_scaled(add_scaled(reference.jerk_ned, -kx, ev), -kv, ea), counteracted_dot)
@@ -534,12 +530,10 @@ class IndiController(BaselineController[Indi]):
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
         filtered, thrust = self._filter(estimate, interval_s)
-        kx, kv, ka, feed = (
-            gains.k_position,
-            gains.k_velocity,
-            gains.k_acceleration,
-            reference.acceleration_ned,
-        )
+        kx = gains.k_position
+        kv = gains.k_velocity
+        ka = gains.k_acceleration
+        feed = reference.acceleration_ned
         wanted = add_scaled(feed, kx, subtract(reference.position_ned, motion.position))
         wanted = add_scaled(wanted, kv, subtract(reference.velocity_ned, motion.velocity))
         wanted = add_scaled(wanted, ka, subtract(feed, filtered))

@@ -57,11 +57,9 @@ class Reckoning:
 
     def reckon(self, before: Trusted, until_s: float) -> Motion:
         """Return the motion at ``until_s`` [s] by the commands since ``before``."""
-        motion, now, mass = (
-            before.motion,
-            before.time_s,
-            self._vehicle.mass_kg / before.effectiveness,
-        )
+        motion = before.motion
+        now = before.time_s
+        mass = self._vehicle.mass_kg / before.effectiveness
         drives = list(self._drives)
         for i, (begins, drive) in enumerate(drives):
             ends = min(drives[i + 1][0] if i + 1 < len(drives) else until_s, until_s)

@@ -258,10 +258,8 @@ class DisturbanceReading(msgspec.Struct, frozen=True, kw_only=True):
 
     def describe_split(self) -> str:
         """Describe wind and thrust scale, each with its interval."""
-        wind, scale = (
-            f"wind down {self.wind_down_m_s2:+z.2f}",
-            f"thrust {to_percent(self.thrust_scale):.1f}",
-        )
+        wind = f"wind down {self.wind_down_m_s2:+z.2f}"
+        scale = f"thrust {to_percent(self.thrust_scale):.1f}"
         if self.wind_down_error_m_s2 is None or self.thrust_scale_error is None:
             return f"{wind} m/s², {scale} %, intervals not known"
         return (

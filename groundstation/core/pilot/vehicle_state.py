@@ -218,10 +218,8 @@ class VehicleState:
         assert motion is not None and self.descent is not None, "a descent on the model has both"
         h = pose.time_s - first.time_s
         u, v, w = ((p - q) / h for p, q in zip(pose.position_ned, first.position_ned, strict=True))
-        measured, before = (
-            motion._replace(position=pose.position_ned, velocity=(u, v, w)),
-            self.trusted_before(),
-        )
+        measured = motion._replace(position=pose.position_ned, velocity=(u, v, w))
+        before = self.trusted_before()
         self.estimator.reset_motion(measured)
         # If they fail once more, the model goes on from here: it does not know the forces since the
         # first failure.
@@ -282,10 +280,8 @@ class VehicleState:
         response, motion = estimator.actuator_response, estimator.motion
         if response is None or motion is None:
             return
-        height, reference_m = (
-            self._floor - pose.position_ned[2],
-            self._floor - self.reference_down_m,
-        )
+        height = self._floor - pose.position_ned[2]
+        reference_m = self._floor - self.reference_down_m
         is_high = height > NEAR_FLOOR_M or (
             self.descent is None and reference_m > 2.0 * NEAR_FLOOR_M
         )

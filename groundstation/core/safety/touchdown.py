@@ -147,11 +147,9 @@ class Touchdown:
             commanded_sink_m_s: commanded sink rate [m/s].
         """
         near, low, since = height_m < NEAR_M, thrust_n < self._low_n, self._since
-        speed_m_s, sinks, pushed_m_s = (
-            abs(sink_m_s),
-            commanded_sink_m_s > STILL_M_S,
-            self._push(time_s, lift_n, sink_m_s),
-        )
+        speed_m_s = abs(sink_m_s)
+        sinks = commanded_sink_m_s > STILL_M_S
+        pushed_m_s = self._push(time_s, lift_n, sink_m_s)
         limit_m_s = (
             STILL_M_S if low else FOLLOWING_SHARE * commanded_sink_m_s if near else -math.inf
         )

@@ -327,10 +327,8 @@ class _HandMoves:
     def add(self, measured: Vec3, reported: Vec3, dt: float) -> None:
         """Take one turn about each axis, by the poses and by the autopilot [rad]."""
         self._step_s += dt
-        self._measured, self._reported = (
-            add(self._measured, measured),
-            add(self._reported, reported),
-        )
+        self._measured = add(self._measured, measured)
+        self._reported = add(self._reported, reported)
         if self._step_s < STEP_S:
             return
         keep = math.exp(-self._step_s / MOVED_MEMORY_S)

@@ -207,10 +207,8 @@ class Course:
         """
         motion, commanded_m_s = tick.estimate.motion, tick.reference.velocity_ned[2]
         floor_z_m = self._config.flight.floor_z_m
-        height_m, pose_height_m = (
-            floor_z_m - motion.position[2],
-            floor_z_m - tick.pose.position_ned[2],
-        )
+        height_m = floor_z_m - motion.position[2]
+        pose_height_m = floor_z_m - tick.pose.position_ned[2]
         at_rest = self.touchdown.detect_rest(tick.pose, pose_height_m, commanded_m_s)
         thrust_n, sink_m_s = tick.command.thrust_n, motion.velocity[2]
         lift_n = motion.thrust * third_column(motion.attitude)[2]

@@ -467,10 +467,8 @@ class Checks:
     def _thrust_limit(self) -> Check:
         """Check the thrust limit on the floor, where the poses may be another body's."""
         vehicle, weight_n = self._config.vehicle, self._config.weight_n
-        limit, usual = (
-            limit_n(self._config.takeoff, vehicle, weight_n),
-            usual_limit_n(vehicle, weight_n),
-        )
+        limit = limit_n(self._config.takeoff, vehicle, weight_n)
+        usual = usual_limit_n(vehicle, weight_n)
         values = {"thrust_n": limit, "percent": to_percent(limit / self._config.weight_n)}
         if limit <= usual:
             return report("take-off thrust", Verdict.PASS, "check.thrust_limit", **values)

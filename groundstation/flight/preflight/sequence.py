@@ -199,10 +199,8 @@ class ArmingSequence:
 
     async def _operator(self) -> None:
         """Wait until the operator arms: at the terminal, or by a request."""
-        confirmed, asked = (
-            asyncio.ensure_future(self._confirm()),
-            asyncio.ensure_future(self.arm_asked.wait()),
-        )
+        confirmed = asyncio.ensure_future(self._confirm())
+        asked = asyncio.ensure_future(self.arm_asked.wait())
         try:
             while not (confirmed.done() or asked.done()):
                 if self._look is not None:

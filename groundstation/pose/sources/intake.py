@@ -876,10 +876,8 @@ class Gate:
 
         Of many moves in a row only the first ones are reported.
         """
-        turn, far = (
-            turned_deg(last.attitude, pose.attitude),
-            math.dist(last.position_ned, pose.position_ned),
-        )
+        turn = turned_deg(last.attitude, pose.attitude)
+        far = math.dist(last.position_ned, pose.position_ned)
         self._track, self._other = PoseTrack(pose, self._config), None
         self._moved_s.append(pose.arrival_s)
         moves, before = self.count_moves(pose.arrival_s), self._moves_again
@@ -930,10 +928,8 @@ class PoseTrack:
         away = self._away_m(pose)
         if away > limit:
             return "jump", (away, limit)
-        far, took_s = (
-            math.dist(pose.position_ned, self._anchor.position_ned),
-            pose.time_s - self._anchor.time_s,
-        )
+        far = math.dist(pose.position_ned, self._anchor.position_ned)
+        took_s = pose.time_s - self._anchor.time_s
         if far > config.jump_m + config.speed_m_s * took_s:
             return "too_fast", ((far - config.jump_m) / took_s, config.speed_m_s)
         # The floor levels a leaning vehicle at touchdown in less time than passes between two
@@ -1023,10 +1019,8 @@ class Outbreaks:
         for reason, outbreak in [*self._running.items()]:
             if now_s - outbreak.newest_s >= QUIET_S:
                 del self._running[reason]
-                count, lasted_s = (
-                    status.dropped[reason] - outbreak.before,
-                    outbreak.newest_s - outbreak.begun_s,
-                )
+                count = status.dropped[reason] - outbreak.before
+                lasted_s = outbreak.newest_s - outbreak.begun_s
                 news.append(notice("pose.passed", reason=reason, count=count, lasted_s=lasted_s))
         return news if newest is None else [*news, *self._find_loss(now_s, newest)]
 

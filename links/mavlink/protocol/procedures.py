@@ -361,12 +361,10 @@ class ReadVersion(Repeated):
 def version(message: Message) -> str:
     """Version by AUTOPILOT_VERSION: number, kind, and the first bytes of the commit."""
     number = int(message.flight_sw_version)
-    major, minor, patch, kind = (
-        number >> 24 & 0xFF,
-        number >> 16 & 0xFF,
-        number >> 8 & 0xFF,
-        number & 0xFF,
-    )
+    major = number >> 24 & 0xFF
+    minor = number >> 16 & 0xFF
+    patch = number >> 8 & 0xFF
+    kind = number & 0xFF
     commit = bytes(message.flight_custom_version).hex()
     return f"{major}.{minor}.{patch} {KINDS.get(kind, kind)} {commit}"
 
@@ -440,10 +438,8 @@ class Kill(Repeated):
         elif self._refused is None:
             self.failure = LinkLost(link_notice("kill.unanswered", count=self._sent))
         else:
-            name, because = (
-                self._autopilot.name,
-                self._autopilot.codec.describe_result(self._refused),
-            )
+            name = self._autopilot.name
+            because = self._autopilot.codec.describe_result(self._refused)
             reason = self._autopilot.complaints
             self.failure = LinkRejected(
                 link_notice("kill.refused", autopilot=name, because=because, reason=reason)
@@ -546,11 +542,9 @@ class ReadAll:
 
     def poll(self, now_s: float) -> list[bytes]:
         """The questions that are due."""
-        codec, system, component = (
-            self._autopilot.codec,
-            self._autopilot.system,
-            self._autopilot.component,
-        )
+        codec = self._autopilot.codec
+        system = self._autopilot.system
+        component = self._autopilot.component
         for name in [
             name for name, at_s in self._asked_s.items() if now_s >= at_s + Repeated.period_s
         ]:
