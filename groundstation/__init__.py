@@ -44,9 +44,8 @@ from groundstation.runtime.version import __version__ as __version__
 
 TYPE_CHECKING = False
 # Each as itself, as type checkers take no other name for one that is handed on.
-if (
-    TYPE_CHECKING
-):  # what stands in sim is handed on, too: the one exception to what stands above what
+# What stands in sim is handed on, too: the one exception to what stands above what.
+if TYPE_CHECKING:
     from groundstation.analysis.recordings import FlightData as FlightData, load as load
     from groundstation.config.errors import ConfigError as ConfigError
     from groundstation.config.user_code import UserCodeFault as UserCodeFault

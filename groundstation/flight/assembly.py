@@ -263,9 +263,8 @@ class FlightRecorder:
         match event:
             case PoseRecord(pose):
                 self.give(event)
-                if (
-                    pose.arrival_s - self._sent_s > STATUS_S
-                ):  # not while a pose waits for its command
+                # Not while a pose waits for its command.
+                if pose.arrival_s - self._sent_s > STATUS_S:
                     self._note_status()
             case CommandSent(tick):
                 self._sent_s = tick.time_s

@@ -54,9 +54,8 @@ class Pacing:
         if self._link.follows_poses:
             await self._wait(min(left_s + 0.5 * period, chance), min(left_s + 1.5 * period, chance))
             return
-        if (
-            left_s > self._frame_s - 0.5 * period
-        ):  # else it left early, and this frame is still to come
+        # Otherwise it left early, and this frame is still to come.
+        if left_s > self._frame_s - 0.5 * period:
             self._frame_s += period
         if self._frame_s < left_s:  # late frames are skipped; the others keep the link's phase
             self._frame_s += math.ceil((left_s - self._frame_s) / period) * period

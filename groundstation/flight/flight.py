@@ -314,9 +314,8 @@ class Flight:
 
     def _on_pose(self, pose: Pose) -> None:
         if self._commands.pass_pose(pose):
-            if (
-                not self._controller.is_dismissed
-            ):  # later the model, which the gate uses, gets no commands
+            # Later the model, which the gate uses, gets no commands.
+            if not self._controller.is_dismissed:
                 self.believes_poses = self._pilot.state.newest_pose is pose
             self._preflight.first_pose.set()
 

@@ -215,9 +215,8 @@ class Px4(Firmware):
         """Start it, take its connection, and let it run at rest until it has started up."""
         build = self._program.parents[1]
         told = {f"PX4_PARAM_{name}": value for name, value, _ in read_parameters("px4.params")}
-        told["PX4_PARAM_MAV_SYS_ID"] = (
-            "1"  # its start script counts it by the number of the process
-        )
+        # Its start script counts it by the number of the process.
+        told["PX4_PARAM_MAV_SYS_ID"] = "1"
         # Of its airframes the one that wants this interface, and nothing else of it is left as it
         # is.
         kept = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}

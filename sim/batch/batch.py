@@ -932,9 +932,8 @@ class Batch:
         seen, ends = fleet.fly(time_s), time_s + self._starts + self._step_s
         self._cameras.expose(ends, seen)
         self.marks.command(time_s, decision, estimate, fleet.felt[0])
-        ends = ends[
-            ends <= self._duration_s + 1e-9
-        ]  # the last frame is held beyond the end of the flight
+        # The last frame is held beyond the end of the flight.
+        ends = ends[ends <= self._duration_s + 1e-9]
         wanted = np.array([self._trajectory.position_at(end) for end in ends.tolist()]).reshape(
             -1, 3, 1
         )

@@ -34,9 +34,8 @@ class Workers(cf.ProcessPoolExecutor):
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> cf.Future[T]:
         """See :class:`concurrent.futures.Executor`; it may start a process."""
         if getattr(multiprocessing.current_process(), "_inheriting", False):
-            raise SystemExit(
-                1
-            )  # a worker reads the user's script, which asks for workers at once: who began says so
+            # A worker reads the user's script, which asks for workers at once: who began says so.
+            raise SystemExit(1)
         resource_tracker.ensure_running()  # it would let SIGINT through, half-way
         with _ctrl_c_later():
             return super().submit(fn, *args, **kwargs)

@@ -50,9 +50,8 @@ async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None
     if sys.platform != "linux":
         raise ConfigError("serve", notice("serve.linux_only"))
     with contextlib.ExitStack() as held:
-        names = {
-            f"\0groundstation-sim serve {end}": end for end in ends
-        }  # in no folder, gone with its process
+        # In no folder, gone with its process.
+        names = {f"\0groundstation-sim serve {end}": end for end in ends}
         for name, end in (names if room is None else {beacon(room): f"at {room.host}"}).items():
             try:
                 transport, _ = await loop.create_datagram_endpoint(

@@ -141,18 +141,16 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             ),
         )
         data: dict[str, Any] = msgspec.to_builtins(config)
-        del data[
-            "controller"
-        ]  # all default, and the defaults depend on the kind that ``overrides`` may choose
+        # All default, and the defaults depend on the kind that ``overrides`` may choose.
+        del data["controller"]
         data["pose"] = self._told_poses(source, world)
         if self.figure is not None:
             data["trajectory"] = self.figure()
         data["gate"]["drop_frozen"] = _is_noisy(world)
         for key in ("vehicle.preset", "vehicle.file", "trajectory.kind", "pose.kind"):
             if any(override.partition("=")[0].strip() == key for override in overrides):
-                data.pop(
-                    key.partition(".")[0], None
-                )  # another vehicle, another trajectory: nothing of this one
+                # Another vehicle, another trajectory: nothing of this one.
+                data.pop(key.partition(".")[0], None)
         overrides = [*self.told_more, *overrides]
         if link != "mavlink":
             from sim.radio import (

@@ -15,9 +15,8 @@ def generator(seed: int, purpose: str) -> np.random.Generator:
 
 def rows(draw: Callable[[], float], width: int) -> Iterator[tuple[float, ...]]:
     """Yield rows of ``width`` numbers from ``draw()``, without end."""
-    return zip(
-        *[iter(draw, None)] * width, strict=True
-    )  # one iterator, asked for each place of a row in turn
+    # One iterator, asked for each place of a row in turn.
+    return zip(*[iter(draw, None)] * width, strict=True)
 
 
 def normals(seed: int, purpose: str, width: int) -> Iterator[tuple[float, ...]]:

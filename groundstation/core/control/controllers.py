@@ -481,9 +481,8 @@ class PidController(BaselineController[Pid]):
         """The wanted velocity [m/s, NED], no faster than the limit."""
         error = subtract(reference.position_ned, position)
         goal = add_scaled(reference.velocity_ned, self._gains.p_position, error)
-        return scale(
-            min(1.0, self._gains.speed_limit_m_s / (length(goal) + 1e-9)), goal
-        )  # 1e-9: not 0
+        # 1e-9: not 0.
+        return scale(min(1.0, self._gains.speed_limit_m_s / (length(goal) + 1e-9)), goal)
 
 
 class Indi(
@@ -672,9 +671,8 @@ class Guarded:
             )
         try:
             command = (decision.drive.thrust, *decision.drive.rates)
-            is_finite = all(
-                map(math.isfinite, command)
-            )  # it refuses text, which float() would take for a number
+            # It refuses text, which float() would take for a number.
+            is_finite = all(map(math.isfinite, command))
             thrust, x, y, z = map(float, command)
         except (AttributeError, OverflowError, TypeError, ValueError):
             raise UserCodeFault(notice("controller.no_command", what=who)) from None

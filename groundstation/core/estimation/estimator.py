@@ -795,9 +795,8 @@ class ModelEstimator:
         value = 1.0
         if self._separates:
             by_thrust = (self._gains.effectiveness_deviation * self._gains.gravity) ** 2
-            weight = by_thrust / (
-                by_thrust + 1.0
-            )  # the disturbance has 1 m/s² by initial_covariance()
+            # The disturbance has 1 m/s² by initial_covariance().
+            weight = by_thrust / (by_thrust + 1.0)
             value = 1.0 / (1.0 + weight * (hover_share - 1.0))
             e = self._effectiveness
             moved = (0.0, 0.0, hover_share * self._gains.gravity)
@@ -1079,9 +1078,8 @@ class ModelEstimator:
         self._stamp_noise = (before + (along - before) / NOISE_MEMORY, speed2)
         last_s, newest_s = times[3] - times[2], times[4] - times[3]
         if max(last_s, newest_s) < LOST_INTERVALS * 0.25 * span_s:
-            uneven_s2 = (
-                newest_s - last_s
-            ) ** 2 / 6.0  # of three independent stamps, weights 1, -2 and 1
+            # Of three independent stamps, weights 1, -2 and 1.
+            uneven_s2 = (newest_s - last_s) ** 2 / 6.0
             self._uneven_s2 += (uneven_s2 - self._uneven_s2) / NOISE_MEMORY
 
     def _learn_bias(self, pose: Pose, measured: Vec3, dt: float) -> None:

@@ -216,9 +216,8 @@ class Pilot:
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         state.is_released = self._is_climbing = True
-        north, east, _ = (
-            disturbance  # the vehicle leans against it, and so needs more thrust to hover
-        )
+        # The vehicle leans against it, and so needs more thrust to hover.
+        north, east, _ = disturbance
         hover_n = hovers * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
         state.trust_from_here(disturbance)
         state.health.lift_off(hovers, climb_m_s)

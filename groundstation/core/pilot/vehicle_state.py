@@ -54,9 +54,8 @@ class MeanDisturbance:
         ``is_suspect``: whether the poses are suspect.
         """
         now, scale = estimate.disturbance, estimate.effectiveness
-        if (
-            self.value is not None
-        ):  # only the sum of disturbance and thrust error is observable: that sum is kept
+        # Only the sum of disturbance and thrust error is observable: that sum is kept.
+        if self.value is not None:
             north, east, down = self.value
             self.value = (north, east, down + (scale - self._effectiveness) * self._gravity)
         self._effectiveness = scale

@@ -310,9 +310,8 @@ class Response:
         commanded = along[..., 0, 0] + along[..., 0, 1]
         alone = along[..., 0, 2:] / np.maximum(commanded, RIDGE)[..., None]
         beyond = np.minimum(np.abs(found.slopes[..., 0, :]), np.abs(alone)) - LIMITS
-        counts = (errors <= MOST_ERROR) & (is_excited & (commanded > 0.0))[
-            ..., None
-        ]  # else v has undone the tones
+        # Otherwise v has undone the tones.
+        counts = (errors <= MOST_ERROR) & (is_excited & (commanded > 0.0))[..., None]
         excess = np.where(counts, np.maximum(beyond, 0.0) / (HIGHLY_SIGNIFICANT * errors), 0.0).max(
             axis=-1
         )

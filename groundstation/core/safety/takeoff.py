@@ -494,9 +494,8 @@ class Spool:
         """Thrust to command at ``time_s`` [N]."""
         if time_s < self.sure_s:
             x = max(time_s - self._start, 0.0) / (self.sure_s - self._start)
-            return self._idle + (self._sure - self._idle) * x * x * (
-                3.0 - 2.0 * x
-            )  # smooth at both ends
+            # Smooth at both ends.
+            return self._idle + (self._sure - self._idle) * x * x * (3.0 - 2.0 * x)
         if time_s < self.near_s:
             return self._sure + (self._near - self._sure) * (time_s - self.sure_s) / NEAR_S
         return min(
@@ -516,9 +515,8 @@ class StandingPoses:
 
     def add(self, pose: Pose) -> None:
         """Take a pose of the vehicle while its motors can't lift it."""
-        moved = (
-            bool(self.poses) and self.poses[-1].reset_count != pose.reset_count
-        )  # the source has moved its origin
+        # The source has moved its origin.
+        moved = bool(self.poses) and self.poses[-1].reset_count != pose.reset_count
         if moved:
             self.poses.clear()
         self.poses.append(pose)
@@ -730,7 +728,6 @@ class SpoolUp:
             and now_s - self._moved_s > lift.patience_s
         ):
             self._is_high = lift.is_high
-            return (
-                None if self._is_high else notice("takeoff.stuck")
-            )  # in the air, motors off would drop it
+            # In the air, motors off would drop it.
+            return None if self._is_high else notice("takeoff.stuck")
         return None

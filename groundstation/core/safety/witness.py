@@ -171,9 +171,8 @@ class Witness:
         Over a radio it arrives after poses of later instants.
         """
         if self._attitudes and reported.time_s <= self._attitudes[-1].time_s:
-            if (
-                reported.time_s < self._attitudes[-1].time_s - SILENT_S
-            ):  # the autopilot's clock has restarted
+            # The autopilot's clock has restarted.
+            if reported.time_s < self._attitudes[-1].time_s - SILENT_S:
                 self._attitudes.clear()
             return
         self._attitudes.append(reported)

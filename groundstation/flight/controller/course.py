@@ -192,9 +192,8 @@ class Course:
                 Reference((north, east, down + way), slow, yaw_rad=now.yaw_rad),
                 here.duration_s,
             )
-        on = Blend(
-            last.at(last.duration_s), last.at(last.duration_s + 1.0), 1.0
-        )  # continues at that speed
+        # Continues at that speed.
+        on = Blend(last.at(last.duration_s), last.at(last.duration_s + 1.0), 1.0)
         return _chain([*ways, last], on, time_s)
 
     def detect_touchdown(self, tick: Tick, behind_m: float, *, uplink_ok: bool) -> bool:

@@ -210,9 +210,8 @@ class FlightController:
         if self.state in IN_AIR:
             self._pilot.set_autopilot_agreement(witness.agrees(now_s))
         in_poses = witness.in_poses(attitude)
-        if (
-            attitude.rates_rad_s is not None
-        ):  # by radio, a stall of the telemetry does not concern commands
+        # By radio, a stall of the telemetry does not concern commands.
+        if attitude.rates_rad_s is not None:
             self._uplink.take_telemetry(now_s)
         if in_poses is not None:
             self._means.take_attitude(attitude, in_poses, now_s)

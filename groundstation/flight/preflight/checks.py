@@ -233,9 +233,8 @@ class Checks:
 
     def _props_off(self, link: LinkStatus) -> Check:
         """Check that the test with the propellers off was passed with the present configuration."""
-        if (
-            not self._real or self._config.rehearsal is not None
-        ):  # a rehearsal's pseudo-terminal looks like any port
+        # A rehearsal's pseudo-terminal looks like any port.
+        if not self._real or self._config.rehearsal is not None:
             return report("props-off test", Verdict.OFF, "check.props_off_simulated")
         why = explain_missing_proof(self._proof, self._config, link.firmware)
         if why is not None:

@@ -175,9 +175,8 @@ class SourceClock:
         self._scale = StampScale(
             self._configured, self._configured, math.inf if self._frames else MAX_DRIFT
         )
-        self._own_s = self._arrival_s = (
-            arrival_s  # of the newest message, with the least delay so far
-        )
+        # Of the newest message, with the least delay so far.
+        self._own_s = self._arrival_s = arrival_s
         self._seen = 0
         self._line = BlockLine()
         self._block = Block(StampedArrival(stamp, arrival_s))

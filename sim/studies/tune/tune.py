@@ -813,9 +813,8 @@ def _sampler(seed: int) -> "optuna.samplers.BaseSampler":
     from optuna.samplers import TPESampler
 
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # gains depend on each other, and it warns that looking at that is new
+        # Gains depend on each other, and it warns that looking at that is new.
+        warnings.simplefilter("ignore")
         return TPESampler(seed=seed, multivariate=True)
 
 
