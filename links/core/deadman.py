@@ -79,12 +79,10 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
 
 def from_euler_zyx(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Convert angles [rad], about z, then y, then x, to the body-to-world quaternion w, x, y, z."""
-    cr, sr, cp, sp = (
-        math.cos(0.5 * roll),
-        math.sin(0.5 * roll),
-        math.cos(0.5 * pitch),
-        math.sin(0.5 * pitch),
-    )
+    cr = math.cos(0.5 * roll)
+    sr = math.sin(0.5 * roll)
+    cp = math.cos(0.5 * pitch)
+    sp = math.sin(0.5 * pitch)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     return (
         cr * cp * cy + sr * sp * sy,
@@ -640,10 +638,8 @@ class Deadman:
 
 
 def _check(command: Command, now_s: float) -> None:
-    numbers, lasts = (
-        [command.thrust_n, *command.rates_rad_s, command.pose_time_s, command.deadline_s],
-        0.0,
-    )
+    numbers = [command.thrust_n, *command.rates_rad_s, command.pose_time_s, command.deadline_s]
+    lasts = 0.0
     for part in command.bring_down:
         numbers += (part.thrust_n, *part.rates_rad_s, part.duration_s)
         lasts += part.duration_s
