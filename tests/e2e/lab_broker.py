@@ -18,7 +18,7 @@ class LabBroker(Broker):
     """A mosquitto of our own, as the script has set it up."""
 
     def __init__(self, program: str, folder: Path, vehicles: str) -> None:
-        super().__init__(program, folder / "mosquitto.conf", asyncio.run(free_tcp_port()))
+        super().__init__(program, folder / "mosquitto.conf", free_tcp_port())
         self.folder = folder
         path = os.pathsep.join([str(Path(program).parent), os.environ.get("PATH", os.defpath)])
         environment = {**os.environ, "VEHICLES": vehicles, "PATH": path}

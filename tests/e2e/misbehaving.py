@@ -27,9 +27,5 @@ class Misbehaving:
 
 
 def make(vehicle: Vehicle, options: dict[str, object]) -> Controller:
-    return Misbehaving(
-        vehicle,
-        str(options["fault"]),
-        float(str(options["after_s"])),
-        float(str(options.get("for_s", 0.0))),
-    )
+    after_s, for_s = float(str(options["after_s"])), float(str(options.get("for_s", 0.0)))
+    return Misbehaving(vehicle, str(options["fault"]), after_s, for_s)

@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
@@ -12,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.known import known
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "loopback.toml"
 QUICK_LANDING = ["--set", "flight.descent_m_s=1.0", "--set", "trajectory.altitude_m=-0.3"]
@@ -36,10 +39,7 @@ def program(*words: str | Path) -> list[str]:
 
 
 def run_command(command: Sequence[str | Path], **more: Any) -> "subprocess.CompletedProcess[str]":
-    """Run a process of its own to its end, a minute at most, and return what it says.
-
-    Its standard input is empty.
-    """
+    """Run a process to its end, a minute at most, with an empty standard input."""
     usual = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.run(command, **usual | more, text=True, timeout=60, check=False)
 
@@ -56,8 +56,7 @@ def beside(command: Sequence[str | Path], **more: Any) -> Iterator["subprocess.P
 
 def line_of(process: "subprocess.Popen[str]") -> str:
     """The next line that it says."""
-    assert process.stdout is not None
-    return process.stdout.readline()
+    return known(process.stdout).readline()
 
 
 @contextmanager
@@ -65,6 +64,16 @@ def serving(*words: str | Path, **more: Any) -> Iterator[str]:
     """``groundstation-sim serve WORDS``; its first line, which says what it serves."""
     with beside(program("sim", "serve", *words), **more) as server:
         yield line_of(server)
+
+
+def wait_until(
+    true: Callable[[], object], says: Callable[[], object] = str, within_s: float = 60.0
+) -> None:
+    """Wait until it is true; after ``within_s`` [s] the test fails with what it ``says``."""
+    limit_s = time.monotonic() + within_s
+    while not true():
+        assert time.monotonic() < limit_s, says()
+        time.sleep(0.02)
 
 
 def free_udp_port() -> int:
@@ -76,10 +85,8 @@ def free_udp_port() -> int:
 
 def children_of(process: int) -> list[int]:
     """The processes that it has started."""
-    return [
-        int(child)
-        for child in Path(f"/proc/{process}/task/{process}/children").read_text("utf-8").split()
-    ]
+    children = Path(f"/proc/{process}/task/{process}/children").read_text("utf-8")
+    return [int(child) for child in children.split()]
 
 
 @dataclass
@@ -103,23 +110,14 @@ class Room:
     @property
     def wires(self) -> list[str]:
         """The overrides that make both ends meet."""
-        return [
-            *("--set", f"link.listen=127.0.0.1:{self.mavlink}"),
-            *("--set", f"pose.listen=127.0.0.1:{self.vicon}"),
-        ]
+        ends = (f"link.listen=127.0.0.1:{self.mavlink}", f"pose.listen=127.0.0.1:{self.vicon}")
+        return [word for end in ends for word in ("--set", end)]
 
     def station(self, command: str, *arguments: str) -> list[str]:
         """The command line of ``groundstation fly`` or ``daemon`` in this room."""
-        return [
-            *program("groundstation", command, EXAMPLE, *self.wires, *QUICK_LANDING),
-            *(
-                "--set",
-                f"status.path={self.status_socket}",
-                "--set",
-                f"recording.folder={self.recordings}",
-                *arguments,
-            ),
-        ]
+        folders = (f"status.path={self.status_socket}", f"recording.folder={self.recordings}")
+        sets = [*self.wires, *QUICK_LANDING, *(word for to in folders for word in ("--set", to))]
+        return program("groundstation", command, EXAMPLE, *sets, *arguments)
 
 
 @contextmanager

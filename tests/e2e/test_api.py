@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import Ask, Request
+from groundstation.core.messages import Ask, Request, Snapshot
 from groundstation.interfaces.api import Control, ask_station, server as api_server, snapshots
 from groundstation.interfaces.api.client import open_client
 from groundstation.machine import ApiError, StatusConfig, find_socket, socket_path
@@ -29,6 +29,11 @@ def station(tmp_path: Path) -> Stage:
     return Stage(tmp_path / "mqx.sock")
 
 
+async def watch(station: Stage, seen: list[Snapshot]) -> None:
+    async for snapshot in snapshots(station.path):
+        seen.append(snapshot)
+
+
 @pytest.fixture
 def runtime(short_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder in which a station that is told no path has its socket, and is looked for."""
@@ -38,9 +43,7 @@ def runtime(short_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @in_real_time
-async def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_the_newest(
-    station: Stage,
-) -> None:
+async def test_a_client_that_joins_late_gets_the_newest_snapshot(station: Stage) -> None:
     async with station.up():
         early = asyncio.create_task(station.first())
         await asyncio.sleep(0.05)
@@ -63,35 +66,23 @@ async def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(statio
 
 
 @in_real_time
-async def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_end_of_the_stream(
-    station: Stage,
-) -> None:
-    seen: list[str] = []
-
-    async def watch() -> None:
-        async for snapshot in snapshots(station.path):
-            seen.append(snapshot.state)
-
+async def test_clients_get_the_last_snapshot_and_the_end_of_the_stream(station: Stage) -> None:
+    seen: list[Snapshot] = []
     async with station.up(1.0):
         station.latest.put(sample(1.0))
-        watcher = asyncio.create_task(watch())
+        watcher = asyncio.create_task(watch(station, seen))
         while not seen:
             await asyncio.sleep(0.01)
         station.latest.put(sample(2.0, state="landed"))
     await watcher
-    assert seen == ["tracking", "landed"]
+    assert [snapshot.state for snapshot in seen] == ["tracking", "landed"]
 
 
 @in_real_time
 async def test_no_client_gets_more_than_the_configured_rate(station: Stage) -> None:
-    seen = []
-
-    async def watch() -> None:
-        async for snapshot in snapshots(station.path):
-            seen.append(snapshot)
-
+    seen: list[Snapshot] = []
     async with station.up(10.0):
-        watcher = asyncio.create_task(watch())
+        watcher = asyncio.create_task(watch(station, seen))
         loop = asyncio.get_running_loop()
         start = loop.time()
         for i in range(100):
@@ -129,9 +120,8 @@ async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_serv
         flood = asyncio.create_task(_flood(writer))
         await asyncio.sleep(0.3)
         assert not flood.done()
-        assert (
-            0 < len(station.core.asked) <= api_server.ORDERS.burst + api_server.ORDERS.rate_hz * 0.4
-        )
+        most = api_server.ORDERS.burst + api_server.ORDERS.rate_hz * 0.4
+        assert 0 < len(station.core.asked) <= most
         async with open_client(station.path) as client:
             answer = await client.ask(Request(Ask.LAND, "too windy"))
             assert answer.done
@@ -143,11 +133,8 @@ async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_serv
 
 async def _flood(writer: asyncio.StreamWriter) -> None:
     for start in range(0, 1_000_000, 1000):
-        writer.write(
-            b"".join(
-                b'{"id": %d, "ask": "land"}\n' % number for number in range(start, start + 1000)
-            )
-        )
+        numbers = range(start, start + 1000)
+        writer.write(b"".join(b'{"id": %d, "ask": "land"}\n' % number for number in numbers))
         await writer.drain()
 
 
@@ -200,17 +187,11 @@ async def test_what_is_no_order_does_nothing_but_one_log_line_and_one_refusal(
 async def test_an_order_that_is_played_again_does_nothing(station: Stage) -> None:
     async with station.up():
         reader, writer = await asyncio.open_unix_connection(station.path)
-        writer.write(
-            b'{"id": 5, "ask": "land"}\n{"id": 5, "ask": "kill"}\n{"id": 4, "ask": "kill"}\n'
-        )
+        land, again = b'{"id": 5, "ask": "land"}\n', b'{"id": 5, "ask": "kill"}\n'
+        writer.write(land + again + b'{"id": 4, "ask": "kill"}\n')
         says = [msgspec.json.decode(await reader.readline()) for _ in range(5)]
-        assert [next(iter(one)) for one in says] == [
-            "hello",
-            "control",
-            "answer",
-            "refused",
-            "refused",
-        ]
+        kinds = [next(iter(one)) for one in says]
+        assert kinds == ["hello", "control", "answer", "refused", "refused"]
         assert [request.ask for request in station.core.asked] == [Ask.LAND]
         writer.close()
 
@@ -265,9 +246,7 @@ async def test_arming_names_the_vehicle(station: Stage) -> None:
         ((Request(Ask.LAND), None, 7), "socket: expected text, got 7"),
     ],
 )
-def test_what_is_no_request_is_refused_in_one_sentence_before_anybody_is_looked_for(
-    asked: tuple[Any, ...], wrong: str
-) -> None:
+def test_a_wrong_request_is_refused_in_one_sentence(asked: tuple[Any, ...], wrong: str) -> None:
     with pytest.raises(ConfigError) as told:
         asyncio.run(ask_station(*asked))
     assert str(told.value).startswith(wrong) and "\n" not in str(told.value)
@@ -299,7 +278,7 @@ async def test_the_python_of_the_page_asks_the_station_to_fly_there(
 
 
 @in_real_time
-async def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are_two(
+async def test_a_request_wants_a_name_where_there_are_two_vehicles(
     runtime: Path, tmp_path: Path
 ) -> None:
     mine, service = Stage(runtime / "mqx.sock"), Stage(tmp_path / "lab" / "x500.sock")
@@ -349,9 +328,7 @@ async def test_the_socket_of_a_process_that_was_killed_is_replaced(station: Stag
 
 
 @in_real_time
-async def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_first_goes_on(
-    station: Stage,
-) -> None:
+async def test_a_second_station_is_refused_and_the_first_goes_on(station: Stage) -> None:
     station.latest.put(sample(1.0))
     async with station.up():
         with pytest.raises(ApiError, match="another ground station is serving this vehicle"):
@@ -379,9 +356,7 @@ async def test_a_place_that_can_not_be_or_is_not_ours_is_refused_and_left_as_it_
     assert path.read_text() == "precious"
 
 
-def test_the_socket_is_in_the_users_runtime_folder_unless_the_configuration_says_otherwise(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_socket_is_in_the_runtime_folder_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/7")
     assert socket_path(StatusConfig(), "mqx") == Path("/run/user/7/groundstation/mqx.sock")
     monkeypatch.setenv("XDG_RUNTIME_DIR", "relative")

@@ -4,13 +4,12 @@ import json
 import signal
 import socket
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
 
 from groundstation.__main__ import main
-from tests.e2e.stations import beside, free_udp_port, program, run_here
+from tests.e2e.stations import beside, free_udp_port, program, run_here, wait_until
 
 
 @pytest.fixture
@@ -45,17 +44,10 @@ def test_a_taken_port_makes_one_object_too(lab: Path) -> None:
     assert facts["error"] in done.stderr
 
 
-def await_listening(port: int) -> None:
-    """Wait until a program on this machine has that UDP port (proc(5))."""
-    until = time.monotonic() + 60.0
-    while f":{port:04X} " not in Path("/proc/net/udp").read_text():
-        assert time.monotonic() < until
-        time.sleep(0.05)
-
-
 def test_ctrl_c_ends_it_with_what_was_seen(lab: Path) -> None:
     with beside(program("groundstation", *watch(lab)), stderr=subprocess.PIPE) as process:
-        await_listening(port_of(lab))
+        listens = f":{port_of(lab):04X} "  # proc(5)
+        wait_until(lambda: listens in Path("/proc/net/udp").read_text())
         process.send_signal(signal.SIGINT)
         out, errors = process.communicate(timeout=60)
     assert process.returncode == 1, errors

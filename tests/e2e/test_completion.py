@@ -32,8 +32,7 @@ LINES = {
     "groundstation-sim dev intervals --fli": "--flights ",
     "groundstation config show roo": "room.toml",
 }
-"""What is typed → what a tab makes of it; no two alike in a row, as a shell may still draw the one
-before."""
+"""Lines and what a tab makes of them; no two alike in a row: a shell may still draw one."""
 ONLY_BASH = {"groundstation fleet relay --unt": "--until-eof "}
 """A command below one that has arguments of its own."""
 FORGET = "\x15"

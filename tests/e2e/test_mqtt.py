@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import signal
+import socket
 import subprocess
 import sys
 from collections import defaultdict
@@ -19,6 +20,7 @@ from groundstation.interfaces.mqtt import publish_forever
 from groundstation.interfaces.mqtt.messages import EventMessage
 from groundstation.machine import Latest
 from groundstation.settings import MqttConfig
+from tests.known import known
 from tests.loops import in_real_time
 from tests.sample_flight import sample
 
@@ -39,23 +41,15 @@ class Broker:
                 _, writer = await asyncio.open_connection("127.0.0.1", self.port)
                 writer.close()
                 return
-            assert self._process is not None and self._process.poll() is None, (
-                "mosquitto did not start"
-            )
+            assert known(self._process).poll() is None, "mosquitto did not start"
             await asyncio.sleep(0.01)
 
     def _launch(self) -> None:
-        self._process = subprocess.Popen(
-            [self._program, "-c", self._config], stderr=subprocess.DEVNULL
-        )
+        command = (self._program, "-c", self._config)
+        self._process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
 
-    def stand_still(self) -> None:
-        assert self._process is not None
-        self._process.send_signal(signal.SIGSTOP)
-
-    def go_on(self) -> None:
-        assert self._process is not None
-        self._process.send_signal(signal.SIGCONT)
+    def send_signal(self, number: signal.Signals) -> None:
+        known(self._process).send_signal(number)
 
     def kill(self) -> None:
         if self._process is not None:
@@ -67,22 +61,18 @@ class Broker:
 @pytest.fixture
 def broker(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[Broker]:
     """One that lets everybody in; it does not run yet."""
-    config, port = tmp_path / "mosquitto.conf", asyncio.run(free_tcp_port())
-    config.write_text(
-        f"listener {port} 127.0.0.1\npersistence false\nuser root\nallow_anonymous true\n"
-    )
+    config, port = tmp_path / "mosquitto.conf", free_tcp_port()
+    open_to_all = "persistence false\nuser root\nallow_anonymous true\n"
+    config.write_text(f"listener {port} 127.0.0.1\n{open_to_all}")
     made = Broker(needs_program("mosquitto"), config, port)
     yield made
     made.kill()
 
 
-async def free_tcp_port() -> int:
-    server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
-    port = server.sockets[0].getsockname()[1]
-    server.close()
-    await server.wait_closed()
-    assert isinstance(port, int)
-    return port
+def free_tcp_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 class Listener:
@@ -157,11 +147,8 @@ async def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(brok
             latest.put(sample(1.0, state="ready"))
             await listener.until(lambda to: bool(to.got[SNAPSHOT]))
             flying = sample(2.0)
-            latest.put(
-                msgspec.structs.replace(
-                    flying, events=(*flying.events, Notice(102.0, "tracking", "wind"))
-                )
-            )
+            more = (*flying.events, Notice(102.0, "tracking", "wind"))
+            latest.put(msgspec.structs.replace(flying, events=more))
             await listener.until(lambda to: len(to.got[SNAPSHOT]) == 2)
         await listener.until(lambda to: to.got[STATE][-1:] == ["offline"])
     assert listener.got[STATE] == ["ready", "tracking", "offline"]
@@ -178,19 +165,24 @@ async def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(brok
         assert late.retained[STATE] == "offline"
 
 
+PUBLISHER = """
+import asyncio, sys
+from groundstation.machine.outlets import Latest
+from groundstation.interfaces.mqtt.publisher import publish_forever
+from groundstation.settings.settings import MqttConfig
+from tests.sample_flight import sample
+latest = Latest(); latest.put(sample(1.0))
+asyncio.run(publish_forever(MqttConfig(port=int(sys.argv[1]), prefix="lab"), latest))
+"""
+"""A station that publishes until it is killed, by the broker's port."""
+
+
 @in_real_time
 async def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Broker) -> None:
     await broker.start()
-    code = (
-        "import asyncio\nfrom groundstation.machine.outlets import Latest\n"
-        "from groundstation.interfaces.mqtt.publisher import publish_forever\n"
-        "from groundstation.settings.settings import MqttConfig\n"
-        "from tests.sample_flight import sample\n"
-        f"latest = Latest(); latest.put(sample(1.0))\n"
-        f"asyncio.run(publish_forever(MqttConfig(port={broker.port}, prefix='lab'), latest))\n"
-    )
+    command = (sys.executable, "-c", PUBLISHER, str(broker.port))
     async with Listener(broker.port) as listener:
-        process = await asyncio.create_subprocess_exec(sys.executable, "-c", code)
+        process = await asyncio.create_subprocess_exec(*command)
         await listener.until(lambda to: bool(to.got[SNAPSHOT]))
         process.kill()
         await process.wait()
@@ -203,13 +195,13 @@ def told(listener: Listener) -> list[str]:
 
 
 @in_real_time
-async def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_event(
+async def test_a_broker_that_comes_back_misses_no_event(
     broker: Broker, caplog: pytest.LogCaptureFixture
 ) -> None:
     latest: Latest[Snapshot] = Latest()
     flying = sample(2.0)
     latest.put(flying)
-    port = await free_tcp_port()
+    port = free_tcp_port()
 
     async def carry(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         there, back = await asyncio.open_connection("127.0.0.1", broker.port)
@@ -258,7 +250,7 @@ async def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_afte
     latest.put(sample(0.0))
     async with Listener(broker.port) as listener, publishing(config_for(broker), latest) as task:
         await listener.until(lambda to: bool(to.got[SNAPSHOT]))
-        broker.stand_still()
+        broker.send_signal(signal.SIGSTOP)
         slowest = 0.0
         for number in range(300):
             before = loop.time()
@@ -266,7 +258,7 @@ async def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_afte
             await asyncio.sleep(0.005)
             slowest = max(slowest, loop.time() - before)
         assert not task.done()
-        broker.go_on()
+        broker.send_signal(signal.SIGCONT)
         await listener.until(
             lambda to: msgspec.json.decode(to.got[SNAPSHOT][-1], type=Snapshot) == sample(300.0)
         )

@@ -19,6 +19,7 @@ from groundstation import load
 from groundstation.machine import NonBlockingWriter
 from groundstation.recording import NoRecording, Recording
 from tests.e2e.stations import EXAMPLE, Room, beside, program, run_command, served
+from tests.known import known
 from tests.recordings import recorded
 
 
@@ -31,10 +32,8 @@ def test_a_full_pipe_loses_lines_and_tells_how_many_once_it_is_read() -> None:
     held = os.read(reading, 1 << 20).decode().splitlines()
     assert [line.split()[0] for line in held] == [str(number) for number in range(len(held))]
     outlet.say("after")
-    assert (
-        os.read(reading, 1 << 20).decode()
-        == f"{100 - len(held)} lines were lost: nobody read them\nafter\n"
-    )
+    said = f"{100 - len(held)} lines were lost: nobody read them\nafter\n"
+    assert os.read(reading, 1 << 20).decode() == said
 
 
 def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
@@ -58,26 +57,19 @@ def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
     assert shown.startswith("before\n")
     assert "lines were lost" in shown
     for line in shown.splitlines():
-        assert line in ("before", "after", "^S", "^Q") or line.endswith(
-            ("stands still", "nobody read them")
-        )
+        sentences = ("stands still", "nobody read them")
+        assert line in ("before", "after", "^S", "^Q") or line.endswith(sentences)
     assert os.get_blocking(theirs)  # whoever shares it waits as before
 
 
+QUERIES = ("groundstation config show", "groundstation mqtt topics", "sim scenarios --json")
+
+
 @pytest.mark.tried(2)  # commands
-@pytest.mark.parametrize(
-    "line",
-    [
-        "groundstation config show",
-        "groundstation mqtt topics",
-        "sim scenarios --json",
-        "sim fly --duration 1",
-    ],
-)
+@pytest.mark.parametrize("line", [*QUERIES, "sim fly --duration 1"])
 def test_a_reader_that_has_gone_ends_a_command_without_a_traceback(line: str) -> None:
     with beside(program(*line.split()), stderr=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        process.stdout.close()
+        known(process.stdout).close()
         _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (1, "")
 
@@ -85,15 +77,11 @@ def test_a_reader_that_has_gone_ends_a_command_without_a_traceback(line: str) ->
 def test_a_full_disk_is_told_of_in_one_line() -> None:
     with open("/dev/full", "w") as full:  # noqa: PTH123  # a device
         done = run_command(program("groundstation", "config", "show"), stdout=full)
-    assert (done.returncode, done.stderr) == (
-        1,
-        "the output cannot be written: No space left on device\n",
-    )
+    assert done.returncode == 1
+    assert done.stderr == "the output cannot be written: No space left on device\n"
 
 
-def test_a_dashboard_whose_station_can_not_write_its_log_says_so_before_anything_flies(
-    tmp_path: Path,
-) -> None:
+def test_a_log_that_can_not_be_written_is_told_before_anything_flies(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("no folder", "utf-8")
     folder = tmp_path / "taken" / "flights"
     main, side = pty.openpty()
@@ -107,39 +95,26 @@ def test_a_dashboard_whose_station_can_not_write_its_log_says_so_before_anything
     assert said.endswith("Not a directory\r\n")
 
 
-FULL = [
-    (
-        ("export", "{log}", "--format", "npz", "--out", "{out}.npz"),
-        "--out: cannot write {out}.npz: File too large",
-    ),
-    (
-        ("export", "{log}", "--format", "mcap", "--out", "{out}.mcap"),
-        "--out: cannot write {out}.mcap: File too large",
-    ),
-    (
-        ("logs", "import", "{poses}", "--map", "tum", "--out", "{out}.mcap"),
-        "--out: cannot write {out}.mcap: File too",
-    ),
-    (("mqtt", "make-key", "{out}.key"), "mqtt make-key: cannot write {out}.key: File too large"),
-]
+FULL = {
+    "export {log} --format npz --out {out}.npz": "--out: cannot write {out}.npz",
+    "export {log} --format mcap --out {out}.mcap": "--out: cannot write {out}.mcap",
+    "logs import {poses} --map tum --out {out}.mcap": "--out: cannot write {out}.mcap",
+    "mqtt make-key {out}.key": "mqtt make-key: cannot write {out}.key",
+}
 
 
-@pytest.mark.parametrize(("words", "says"), FULL, ids=["npz", "mcap", "import", "key"])
-def test_what_a_full_disk_does_not_hold_is_not_begun(
-    words: tuple[str, ...], says: str, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("words", FULL)
+def test_what_a_full_disk_does_not_hold_is_not_begun(words: str, tmp_path: Path) -> None:
     """As on a full disk, no file may grow beyond 16 bytes."""
     poses = tmp_path / "poses.txt"
     poses.write_text("".join(f"{0.01 * n} {0.001 * n} 0 1 0 0 0 1\n" for n in range(200)), "utf-8")
     names = {"log": recorded()[0], "poses": poses, "out": tmp_path / "made"}
     limit = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (16, 16)); "
-    command = [word.format(**names) for word in words]
-    code = (
-        f"{limit}sys.argv = ['groundstation', *{command!r}]; runpy.run_module('groundstation', "
-        "run_name='__main__')"
-    )
-    done = run_command([sys.executable, "-B", "-c", code])
-    assert done.stderr.startswith(f"groundstation: {says.format(**names)}")
+    command = ["groundstation", *words.format(**names).split()]
+    begin = "runpy.run_module('groundstation', run_name='__main__')"
+    done = run_command([sys.executable, "-B", "-c", f"{limit}sys.argv = {command!r}; {begin}"])
+    says = f"groundstation: {FULL[words].format(**names)}: File too large"
+    assert done.stderr.startswith(says)
     assert done.returncode == 2
     assert [file.name for file in tmp_path.iterdir()] == ["poses.txt"]
 

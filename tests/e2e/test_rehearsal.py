@@ -24,32 +24,16 @@ ROOM: dict[str, Any] = {
     "fence": {"kind": "box", "north_m": [-2, 2], "east_m": [-2, 2], "height_m": 2.5},
     "limits": {"max_speed_m_s": 1.0},
 }
-UDP = {
-    "pose": {"kind": "vicon", "listen": "192.0.2.2:51001"},
-    "link": {"listen": "192.0.2.3:14540"},
-}
-SERIAL = {
-    "pose": {
-        "kind": "natnet",
-        "server": "192.0.2.1:1510",
-        "interface": "192.0.2.2",
-        "multicast": True,
-    },
-    "link": {
-        "kind": "mavlink",
-        "serial": "/dev/serial/by-id/usb-telemetry",
-        "baud": 57600,
-        "period_s": 0.04,
-    },
-}
+VICON = {"kind": "vicon", "listen": "192.0.2.2:51001"}
+UDP = {"pose": VICON, "link": {"listen": "192.0.2.3:14540"}}
+SERVER = {"server": "192.0.2.1:1510", "interface": "192.0.2.2", "multicast": True}
+PORT = {"serial": "/dev/serial/by-id/usb-telemetry", "baud": 57600, "period_s": 0.04}
+SERIAL = {"pose": {"kind": "natnet", **SERVER}, "link": {"kind": "mavlink", **PORT}}
 TCP = {
     "pose": {"kind": "qualisys", "server": "192.0.2.1:22223"},
     "link": {"kind": "mavlink", "tcp": "192.0.2.3:5760"},
 }
-RADIO = {
-    "pose": {"kind": "vicon", "listen": "192.0.2.2:51001"},
-    "link": {"kind": "dsm", "port": "/dev/ttyUSB0"},
-}
+RADIO = {"pose": VICON, "link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -111,9 +95,8 @@ def test_every_line_of_a_rehearsed_fleet_says_that_it_is_one(short_path: Path) -
             if "staying on the ground" in line and "staying on the ground" in "".join(said[:-1]):
                 flying.terminate()  # both cores have spoken
         assert flying.wait(60) == 0, "".join(said)
-    assert {
-        name for name in ("ant", "bee") if any(f"rehearsal-{name} | " in line for line in said)
-    } == {"ant", "bee"}
+    for name in ("ant", "bee"):
+        assert any(f"rehearsal-{name} | " in line for line in said)
     assert [line for line in said if not line.startswith("REHEARSAL ")] == []
 
 

@@ -21,18 +21,13 @@ def test_json_is_one_object_with_the_figures() -> None:
     done = replay(ARDUPILOT, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     (found,) = json.loads(done.stdout)["flights"]
-    assert (found["name"], found["source"], found["poses"]) == (
-        "ardupilot_landing",
-        "autopilot",
-        1750,
-    )
+    assert (found["name"], found["source"]) == ("ardupilot_landing", "autopilot")
+    assert found["poses"] == 1750
     assert found["pose_hz"] == pytest.approx(50.0, rel=0.01)
     assert found["flown_s"] > 28.0
 
 
-def test_the_text_is_the_page_of_evidence_and_a_configuration_may_describe_the_vehicle(
-    tmp_path: Path,
-) -> None:
+def test_the_text_is_the_page_of_evidence_with_a_configuration_too(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     config.write_text(
         '[vehicle]\nname = "x"\nmass_kg = 1.0\nthrust_max_n = 19.6\n[link]\nkind = "mavlink"\n'

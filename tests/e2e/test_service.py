@@ -38,12 +38,8 @@ def test_the_manager_is_told_on_a_path_and_on_an_abstract_name(
         notify.send("WATCHDOG=1")
         notify.send("STOPPING=1")
         assert notify.feed_s == pytest.approx(1.0)
-        assert [manager.recv(200) for _ in range(4)] == [
-            b"READY=1",
-            b"STATUS=landing: now",
-            b"WATCHDOG=1",
-            b"STOPPING=1",
-        ]
+        told = [manager.recv(200) for _ in range(4)]
+        assert told == [b"READY=1", b"STATUS=landing: now", b"WATCHDOG=1", b"STOPPING=1"]
 
 
 def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path) -> None:
@@ -58,24 +54,18 @@ def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path) -> N
 
 def test_the_unit_waits_longer_than_the_longest_landing() -> None:
     low = load(EXAMPLE, Config)
-    high = msgspec.structs.replace(
-        low, fence=BoxFence(height_m=12.0, north_m=(-2.0, 2.0), east_m=(-2.0, 2.0))
-    )
+    fence = BoxFence(height_m=12.0, north_m=(-2.0, 2.0), east_m=(-2.0, 2.0))
+    high = msgspec.structs.replace(low, fence=fence)
     assert longest_landing_s(high) > longest_landing_s(low) + 12.0 / low.flight.descent_m_s * 0.7
     assert longest_landing_s(low) > 8.0 + 1.0 / low.flight.descent_m_s
 
 
 def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
     text = unit_file(load(EXAMPLE, Config), EXAMPLE, ["flight.duration_s=5"], user="root")
-    assert "--arm" not in [
-        word for line in text.splitlines() if line.startswith("ExecStart") for word in line.split()
-    ]
-    for line in (
-        "Type=notify",
-        "KillMode=mixed",
-        "Restart=on-failure",
-        "RestartPreventExitStatus=2 3",
-    ):
+    starts = [line for line in text.splitlines() if line.startswith("ExecStart")]
+    assert "--arm" not in " ".join(starts).split()
+    restart = ("Restart=on-failure", "RestartPreventExitStatus=2 3")
+    for line in ("Type=notify", "KillMode=mixed", *restart):
         assert line in text.splitlines()
     assert "$" not in "\n".join(line for line in text.splitlines() if not line.startswith("#"))
     program = shutil.which("systemd-analyze")
@@ -91,10 +81,8 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
 
 
 def test_json_log_lines_are_json() -> None:
-    assert (
-        json.loads(line_of(logging.INFO, 'x "y" \x1b', Format.JSON, journal=False))["msg"]
-        == 'x "y" \x1b'
-    )
+    line = line_of(logging.INFO, 'x "y" \x1b', Format.JSON, journal=False)
+    assert json.loads(line)["msg"] == 'x "y" \x1b'
     event = Notice(12.5, "landing", "asked to", "state")
     told = json.loads(line_of(logging.INFO, event.line, Format.JSON, event, journal=False))["event"]
     assert msgspec.convert(told, Notice) == event

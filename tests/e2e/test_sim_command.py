@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from groundstation.__main__ import main as export
 from groundstation.pose import TlogReader
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS
-from tests.e2e.stations import program, run_command, run_here
+from tests.e2e.stations import beside, program, run_command, run_here
 
 ROOT = Path(__file__).parents[2]
 
@@ -54,22 +53,19 @@ def test_a_crash_exits_1_and_says_why() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "expected"),
+    ("words", "expected"),
     [
-        (["fly", "hurricane"], "expected one of"),
-        (["fly", "--set", "sim.mass=3"], "sim.mass: unknown key; did you mean mass_kg?"),
-        (["fly", "--set", "nonsense"], "--set"),
-        (["dev", "check-vectors", "absent.json"], "cannot read absent.json: No such file"),
-        (["fly", "--out", "/dev/null/nowhere"], "cannot write"),
-        (["dev", "firmware", "--write", "absent.md"], "cannot read absent.md: No such file"),
-        (
-            ["serve", "--carried", "--duration", "1"],
-            "--carried: expected --config FILE.toml beside it",
-        ),
+        ("fly hurricane", "expected one of"),
+        ("fly --set sim.mass=3", "sim.mass: unknown key; did you mean mass_kg?"),
+        ("fly --set nonsense", "--set"),
+        ("dev check-vectors absent.json", "cannot read absent.json: No such file"),
+        ("fly --out /dev/null/nowhere", "cannot write"),
+        ("dev firmware --write absent.md", "cannot read absent.md: No such file"),
+        ("serve --carried --duration 1", "--carried: expected --config FILE.toml beside it"),
     ],
 )
-def test_bad_usage_exits_2_with_a_clear_last_line(arguments: list[str], expected: str) -> None:
-    done = sim(*arguments)
+def test_bad_usage_exits_2_with_a_clear_last_line(words: str, expected: str) -> None:
+    done = sim(*words.split())
     assert done.returncode == 2
     assert expected in done.stderr.strip().splitlines()[-1]
     assert "Traceback" not in done.stderr
@@ -83,9 +79,8 @@ def test_without_a_command_the_list_of_them_is_shown(start: Callable[[], int]) -
 
 
 def test_a_flight_too_short_for_its_error_says_so() -> None:
-    assert (
-        "errors count from 15 s on: this flight was shorter" in sim("fly", "--duration", "3").stdout
-    )
+    said = sim("fly", "--duration", "3").stdout
+    assert "errors count from 15 s on: this flight was shorter" in said
 
 
 def test_scenarios_lists_every_scenario_with_every_value() -> None:
@@ -112,9 +107,8 @@ def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path)
     assert len(errors) == len(lyapunov) == pytest.approx(4.0 / 0.0225, abs=2)
     assert all(float(value) == float(value) for value in errors[-1].values())
     assert lyapunov[-1]["state"] in ("holds", "suspended", "none")
-    names = [
-        record.message.get_type() for record in TlogReader((folder / "flight.tlog").read_bytes())
-    ]
+    records = TlogReader((folder / "flight.tlog").read_bytes())
+    names = [record.message.get_type() for record in records]
     assert names.count("SET_ATTITUDE_TARGET") >= len(errors)
     assert "COMMAND_ACK" in names
     assert json.loads((folder / "summary.json").read_text())["sim"]["mass_kg"] == 0.08
@@ -128,19 +122,14 @@ def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path)
 @pytest.mark.parametrize("children", [1, 2, 3])
 def test_ctrl_c_while_worker_processes_start_is_told_in_one_line(children: int) -> None:
     words = ["compare", "--scenarios", "paper", "--controllers", "pid,indi", "--workers", "2"]
-    with subprocess.Popen(
-        [sys.executable, "-m", "sim", *words],
-        start_new_session=True,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as program:
-        children_of = Path(f"/proc/{program.pid}/task/{program.pid}/children")
+    with beside(program("sim", *words), start_new_session=True, stderr=subprocess.PIPE) as process:
+        children_of = Path(f"/proc/{process.pid}/task/{process.pid}/children")
         # The first is not a worker: it tracks what they share.
         while len(children_of.read_text().split()) < children:
-            assert program.poll() is None
-        os.killpg(program.pid, signal.SIGINT)
-        _, told = program.communicate(timeout=60)
-    assert (program.returncode, told) == (130, "groundstation-sim: interrupted\n")
+            assert process.poll() is None
+        os.killpg(process.pid, signal.SIGINT)
+        _, told = process.communicate(timeout=60)
+    assert (process.returncode, told) == (130, "groundstation-sim: interrupted\n")
 
 
 ELSEWHERE = """
@@ -155,49 +144,39 @@ for module, names in ((os, "memfd_create pidfd_open sched_setscheduler sched_get
 
 
 @pytest.mark.tried(3)  # commands
-@pytest.mark.parametrize(("words", "code", "says"), [
-    (["sim", "fly", "--duration", "5"], 0, "wall time"),
-    (["sim", "fly", "--link", "dsm", "--duration", "5"], 0, "wall time"),
-    (["sim", "serve"], 2, "serve: needs Linux"),
-    (["groundstation", "trajectory", "examples/loopback.toml"], 0, "PASS"),
-    (["groundstation", "radio", "idle", "examples/rf-dsm.toml"], 1,
-        "only Linux can pace an RF module"),
-    (["groundstation", "stop-all"], 0, "nothing flies here"),
-])  # fmt: skip
-def test_where_linux_is_not_what_computes_works_and_the_rest_ends_with_a_sentence(
-    words: list[str], code: int, says: str, tmp_path: Path
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        ("sim fly --duration 5", 0, "wall time"),
+        ("sim fly --link dsm --duration 5", 0, "wall time"),
+        ("sim serve", 2, "serve: needs Linux"),
+        ("groundstation trajectory examples/loopback.toml", 0, "PASS"),
+        ("groundstation radio idle examples/rf-dsm.toml", 1, "only Linux can pace an RF module"),
+        ("groundstation stop-all", 0, "nothing flies here"),
+    ],
+)
+def test_without_linux_what_computes_works_and_the_rest_says_why(
+    words: str, code: int, says: str, tmp_path: Path
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text(ELSEWHERE)
     elsewhere = os.environ | {"PYTHONPATH": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
-    done = run_command(program(*words), env=elsewhere, cwd=ROOT, stderr=subprocess.STDOUT)
-    assert (done.returncode, says in done.stdout, "Traceback" in done.stdout) == (
-        code,
-        True,
-        False,
-    ), done.stdout
+    done = run_command(program(*words.split()), env=elsewhere, cwd=ROOT, stderr=subprocess.STDOUT)
+    assert done.returncode == code, done.stdout
+    assert says in done.stdout
+    assert "Traceback" not in done.stdout
 
 
 def test_what_takes_long_shows_on_a_terminal_how_far_it_is() -> None:
-    words = [
-        "compare",
-        "--scenarios",
-        "ideal",
-        "--controllers",
-        "adaptive",
-        "--seeds",
-        "1",
-        "--duration",
-        "17",
-    ]
+    words = "compare --scenarios ideal --controllers adaptive --seeds 1 --duration 17"
     reader, writer = os.openpty()
     shown = b""
-    with subprocess.Popen(
-        [sys.executable, "-m", "sim", *words], stdout=subprocess.DEVNULL, stderr=writer
-    ) as program:
+    with beside(
+        program("sim", *words.split()), stdout=subprocess.DEVNULL, stderr=writer
+    ) as process:
         os.close(writer)
         with contextlib.suppress(OSError):  # nobody has its other end open any more
             while part := os.read(reader, 65536):
                 shown += part
+        assert process.wait(60) == 0
     os.close(reader)
-    assert program.returncode == 0
     assert re.search(rb"flights.*\d+/\d+", shown), shown

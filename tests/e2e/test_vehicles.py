@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import tomli_w
 
-from tests.e2e.stations import beside, children_of, free_udp_port, program, serving
+from tests.e2e.stations import beside, children_of, free_udp_port, program, serving, wait_until
 
 LAB: dict[str, Any] = {
     "pose": {"kind": "vicon"},
@@ -37,10 +37,8 @@ def fleet_file(folder: Path, names: Sequence[str] = ("ant", "bee")) -> Path:
         for number, name in enumerate(names)
     ]
     relay_port = 20000 + free_udp_port() % 10000
-    (folder / "fleet.toml").write_text(
-        tomli_w.dumps({"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles}),
-        "utf-8",
-    )
+    plan = {"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles}
+    (folder / "fleet.toml").write_text(tomli_w.dumps(plan), "utf-8")
     return folder / "fleet.toml"
 
 
@@ -54,17 +52,13 @@ def core_of(supervisor: int, name: str) -> int:
 
 def passes_on(process: int) -> bool:
     """Whether it passes signals on to its cores yet: SIGHUP is the last that it takes."""
-    caught = re.search(
-        r"^SigCgt:\s*(\w+)$", Path(f"/proc/{process}/status").read_text("utf-8"), re.M
-    )
+    status = Path(f"/proc/{process}/status").read_text("utf-8")
+    caught = re.search(r"^SigCgt:\s*(\w+)$", status, re.M)
     return caught is not None and bool(int(caught[1], 16) >> (signal.SIGHUP - 1) & 1)
 
 
-def until(log: Path, pattern: str, within_s: float = 60.0) -> None:
-    limit = time.monotonic() + within_s
-    while not re.search(pattern, log.read_text("utf-8")):
-        assert time.monotonic() < limit, log.read_text("utf-8")
-        time.sleep(0.05)
+def until(log: Path, pattern: str) -> None:
+    wait_until(lambda: re.search(pattern, log.read_text("utf-8")), log.read_text)
 
 
 @contextmanager
@@ -73,9 +67,8 @@ def fleet(
 ) -> Iterator[tuple["subprocess.Popen[str]", Path]]:
     """A simulated fleet, and the station that flies it: its process, and its log."""
     file, log = fleet_file(folder, names), folder / "log"
-    words = program(
-        "groundstation", "fleet", file, *(word for name in armed for word in ("--arm", name))
-    )
+    arm = (word for name in armed for word in ("--arm", name))
+    words = program("groundstation", "fleet", file, *arm)
     with serving("--fleet", file, "--duration", "110"), started(words, log) as station:
         yield station, log
 
@@ -90,9 +83,7 @@ def started(words: Sequence[str], log: Path) -> Iterator["subprocess.Popen[str]"
         yield station
 
 
-def test_a_core_that_is_killed_takes_nothing_with_it_and_a_signal_lands_the_other(
-    tmp_path: Path,
-) -> None:
+def test_a_killed_core_takes_nothing_with_it_and_a_signal_lands_the_other(tmp_path: Path) -> None:
     with fleet(tmp_path, "ant", "bee") as (station, log):
         for name in ("ant", "bee"):
             until(log, rf"{name} +\| .* tracking: ")
@@ -117,11 +108,8 @@ def test_a_fleet_that_is_ended_while_its_cores_start_ends_well(
 ) -> None:
     log, words = tmp_path / "log", program("groundstation", "fleet", fleet_file(tmp_path))
     with started(words, log) as station:
-        limit = time.monotonic() + 60.0
         # From when its cores were started on, which takes them a while.
-        while not passes_on(station.pid):
-            assert time.monotonic() < limit
-            time.sleep(0.005)
+        wait_until(lambda: passes_on(station.pid))
         station.send_signal(number)
         code = station.wait(60)
     text = log.read_text("utf-8")
@@ -137,8 +125,5 @@ def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) ->
         assert len(children) == 3
         station.kill()
         station.wait(60)
-        limit = time.monotonic() + 60.0
-        while left := [child for child in children if Path(f"/proc/{child}").exists()]:
-            assert time.monotonic() < limit, f"{left} outlive their supervisor"
-            time.sleep(0.1)
+        wait_until(lambda: not any(Path(f"/proc/{child}").exists() for child in children))
     assert not list(tmp_path.glob("*.sock"))
