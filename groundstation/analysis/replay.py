@@ -173,7 +173,7 @@ def text_of(facts: dict[str, Any]) -> str:
 
 
 def _describe_recording(facts: dict[str, Any]) -> Iterator[str]:
-    """What the recording holds, and what is missing of it."""
+    """Describe what the recording holds, and what is missing of it."""
     cut_off = not facts["whole"] and facts["damaged_at"] is None
     yield (
         f"{facts['file']}: {facts['commands']} commands, {facts['idle_commands']} idle ones, "

@@ -205,9 +205,8 @@ def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) ->
     if missing:
         kind = next(field.type for field in struct.fields if field.encode_name == missing)
         return Problem((*path, missing), f"missing; expected {describe_type(kind)}")
-    name, colon, rest = text.partition(
-        ": "
-    )  # of a __post_init__: the key comes first if several are possible
+    # Of a __post_init__: the key comes first if several are possible.
+    name, colon, rest = text.partition(": ")
     return Problem((*path, name), rest) if colon and name in value else Problem(path, text)
 
 

@@ -515,7 +515,7 @@ def _check_orders(orders: DoctorOrders, ask: Ask | None) -> None:
 
 
 def _choose_visit(config: Config, orders: DoctorOrders) -> Visit:
-    """By MAVLink where the link has an autopilot, else by the board's own port."""
+    """Choose MAVLink where the link has an autopilot, else the board's own port."""
     if not config.link.has_autopilot:
         return BoardVisit(config, orders.board)
     if orders.board is not None:

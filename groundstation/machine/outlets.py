@@ -106,9 +106,8 @@ class Latest(Generic[T]):
         while self.newest is None or self.newest[0] <= number:
             if self._waiting is None:
                 self._waiting = asyncio.get_running_loop().create_future()
-            await asyncio.shield(
-                self._waiting
-            )  # all readers share it: one that is cancelled must not cancel it
+            # All readers share it: one that is cancelled must not cancel it.
+            await asyncio.shield(self._waiting)
         return self.newest
 
     async def values(self, period_s: float = 0.0) -> AsyncIterator[T]:

@@ -353,9 +353,8 @@ def follow_parent(parent: int, number: signal.Signals) -> bool:
     """
     import ctypes  # only children need it
 
-    prctl = getattr(
-        ctypes.CDLL(None), "prctl", None
-    )  # Linux has it; elsewhere a child outlives its parent
+    # Linux has it; elsewhere a child outlives its parent.
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
         prctl(PR_SET_PDEATHSIG, int(number))
     return os.getppid() == parent

@@ -27,9 +27,8 @@ from groundstation.recording.writer import FLUSH_S, FlightLog
 def stand_back() -> None:
     """Let the flight go first, as far as the system has means for it."""
     os.nice(NICE)
-    with contextlib.suppress(
-        OSError
-    ):  # woken up by the flight's writing, it must not take the processor from it
+    # Woken up by the flight's writing, it must not take the processor from it.
+    with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
@@ -60,9 +59,8 @@ def main() -> None:
             else:
                 log.write(decoder.decode(message))
             if log is not None and syncing.done() and time.monotonic() - synced_s > SYNC_S:
-                syncing = beside.submit(
-                    log.sync
-                )  # a busy disk takes seconds: what comes meanwhile is written on
+                # A busy disk takes seconds: what comes meanwhile is written on.
+                syncing = beside.submit(log.sync)
                 synced_s = time.monotonic()
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "

@@ -416,9 +416,8 @@ def _inline_refs(part: Any, parts: dict[str, Any]) -> Any:
     if "properties" in part:
         always = [key for key in part.get("required", ()) if "anyOf" not in part["properties"][key]]
         whole["required"] = always
-    return (
-        {"title": "time", **whole} if part.get("title") == "Time" else whole
-    )  # by this Foxglove knows a time
+    # By this Foxglove knows a time.
+    return {"title": "time", **whole} if part.get("title") == "Time" else whole
 
 
 Message = tuple[str, float, msgspec.Struct]
@@ -568,7 +567,7 @@ def _make_reference(time_s: float, reference: Reference) -> ReferenceMessage:
 
 
 def _make_law(tick: Tick) -> Iterator[Message]:
-    """What the law went by in a tick: its errors, its adaptation, and its Lyapunov function."""
+    """Quantities of the law in a tick: its errors, its adaptation, and its Lyapunov function."""
     t, estimate, d = tick.time_s, tick.estimate, tick.decision.diagnostics
     error = math.dist(estimate.motion.position, tick.reference.position_ned)
     z1, z2, z3, u_star = (Vector3(*v) for v in (d.z1, d.z2, d.z3, d.u_star))

@@ -65,9 +65,8 @@ class HeadlineCounter:
             case MeasuredMessage():
                 self._poses += 1
             case MissionMessage():
-                if (
-                    message.state != self._state
-                ):  # the first line of a state says why it was entered
+                # The first line of a state says why it was entered.
+                if message.state != self._state:
                     self.end_flight(message.state, message.text)
             case LostMessage():
                 self._lost += message.count

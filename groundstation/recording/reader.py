@@ -250,9 +250,8 @@ def tabulate(
     import numpy as np  # the recorder needs none
 
     def column(values: list[Any]) -> "NDArray[Any]":
-        return np.array(
-            values, dtype=object if str in set(map(type, values)) else float
-        )  # None is NaN as a float
+        # None is NaN as a float.
+        return np.array(values, dtype=object if str in set(map(type, values)) else float)
 
     rows: dict[str, list[dict[str, Any]]] = {topic: [] for topic in topics}
     names: dict[str, dict[str, None]] = {topic: {} for topic in topics}

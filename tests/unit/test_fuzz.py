@@ -19,9 +19,8 @@ def test_no_bytes_make_a_decoder_raise_or_say_something_else_in_pieces(name: str
 
 def test_every_source_and_every_link_is_fuzzed() -> None:
     assert FLIGHTS.keys() <= SOURCES.keys()
-    assert LINKS.keys() == links.make.LINKS.keys() | {
-        "betaflight"
-    }  # a board's own port, for the doctor
+    # A board's own port, for the doctor.
+    assert LINKS.keys() == links.make.LINKS.keys() | {"betaflight"}
 
 
 def test_what_raises_or_differs_is_found() -> None:

@@ -412,9 +412,8 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
         found = identify(FlightStretch(flight.path, driven.config, *parts))
     except (StretchTooShort, np.linalg.LinAlgError, ValueError, ZeroDivisionError) as error:
         return {"note": f"not identifiable: {error}"}
-    own_rates = (
-        flight.sent[0].attitude is msgspec.UNSET
-    )  # else they are ours, made of set-points of the attitude
+    # Otherwise they are ours, made of set-points of the attitude.
+    own_rates = flight.sent[0].attitude is msgspec.UNSET
     return {
         one.name: {"value": one.value, "interval": one.interval, "unit": one.unit, "note": one.note}
         for one in found.parameters.values()

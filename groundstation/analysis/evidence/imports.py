@@ -681,9 +681,8 @@ class _MappingReader:
         good = np.isfinite(signal) & np.isfinite(time)
         for more in (rates, attitude):
             if more is not None:
-                good &= (np.abs(more) <= FASTEST_RAD_S).all(
-                    axis=1
-                )  # no NaN either; of an attitude each is 1 at most
+                # No NaN either; of an attitude each is 1 at most.
+                good &= (np.abs(more) <= FASTEST_RAD_S).all(axis=1)
         if not good.any():
             return None
         asked = signal[good] if attitude is None else np.ptp(attitude[good], axis=0)
@@ -716,9 +715,8 @@ class _MappingReader:
         if self._mapping.time_ns:
             time = time + 1e-9 * table[self._mapping.time_ns]
         far = np.abs(time) >= LATEST_S
-        return (
-            time if far.mean() > 0.5 else np.where(far, np.nan, time)
-        )  # all of them: of another unit
+        # All of them: of another unit.
+        return time if far.mean() > 0.5 else np.where(far, np.nan, time)
 
     def _attitudes(self, part: MappedPose | MappedCommand, table: Table, rows: Any) -> Column:
         """Body FRD to world NED, (N, 4); NaN where there is none."""

@@ -165,6 +165,7 @@ def _is_rates_and_thrust(message: Message) -> bool:
     )
     # Where the attitude is not left out, it wins over the rates.
     parts = message.type_mask & AttitudeTargetMask.IGNORE_EVERYTHING
+    # No NaN either.
     return parts == AttitudeTargetMask.IGNORE_ATTITUDE and all(
         abs(number) <= FASTEST_RAD_S for number in numbers
-    )  # no NaN either
+    )

@@ -159,9 +159,8 @@ class _OwnAttitude:
         found, trip = self.latency.estimate, min(self._trips, default=None)
         if found is None:
             return None
-        unknown_s = (
-            0.0 if trip is None else trip.rtt_s / math.sqrt(12.0)
-        )  # deviation of a uniform number in that width
+        # Deviation of a uniform number in that width.
+        unknown_s = 0.0 if trip is None else trip.rtt_s / math.sqrt(12.0)
         return found[0], math.hypot(found[1], unknown_s)
 
     def receive(self, time_s: float, wire: int, peer: str | None, data: bytes) -> None:

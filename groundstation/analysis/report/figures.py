@@ -223,9 +223,8 @@ def _linear_near_zero(panel: Any, values: Column) -> None:
     if usual > 0.0 and known.max() > 10.0 * usual:
         threshold = 10.0 ** np.ceil(np.log10(usual))
         panel.set_yscale("symlog", linthresh=threshold, linscale=2.0)
-        panel.yaxis.get_major_locator().set_params(
-            numticks=4
-        )  # more would write one number over the other
+        # More would write one number over the other.
+        panel.yaxis.get_major_locator().set_params(numticks=4)
         panel.yaxis.set_major_formatter(_format_tick)
 
 
@@ -502,9 +501,8 @@ def overlay_position(panels: Sequence[Any], flights: Sequence[FlightColumns]) ->
                 flown.vectors["true_position_ned" if truth else "position_ned"][:, i],
                 **line,
             )
-        reference = flights[0].vectors["reference_ned"][
-            :, i
-        ]  # drawn below the flights, which lie on it
+        # Drawn below the flights, which lie on it.
+        reference = flights[0].vectors["reference_ned"][:, i]
         panel.plot(
             flights[0].t, reference, color="0.75", linewidth=2.5, zorder=1.0, label="reference"
         )

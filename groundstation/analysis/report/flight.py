@@ -146,9 +146,8 @@ class FlightColumns:
     def name(self) -> str:
         """As a legend has it: its controller and where it flew, or its file."""
         about = self.recording.about
-        controller = about.get("controller", "").removeprefix(
-            "__main__:"
-        )  # of a script's or a notebook's own
+        # Of a script's or a notebook's own.
+        controller = about.get("controller", "").removeprefix("__main__:")
         return ", ".join(filter(None, (controller, about.get("scenario")))) or self.path.stem
 
     @property
@@ -357,9 +356,8 @@ def _read_disturbance(flown: FlightColumns) -> dict[str, Any]:
     if not len(away) or mass_kg is None:
         return {}
     meter, vectors = DisturbanceMeter(mass_kg), flown.vectors
-    for i in away[
-        at_s[away] > at_s[away[-1]] - MEAN_S
-    ].tolist():  # the reading is a mean over so long
+    # The reading is a mean over so long.
+    for i in away[at_s[away] > at_s[away[-1]] - MEAN_S].tolist():
         attitude, disturbance = (
             tuple(vectors["attitude"][i].tolist()),
             tuple(vectors["d_hat_m_s2"][i].tolist()),

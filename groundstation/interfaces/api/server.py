@@ -72,9 +72,8 @@ class Server:
         self._quiet = quiet or IdleSlots()
         self._hello = encode(StationHello(VERSION, vehicle, pid, version, config_text))
         self._log = log
-        self._clients: dict[
-            _AttachedClient, int
-        ] = {}  # to the number of the snapshot that it got last
+        # To the number of the snapshot that it got last.
+        self._clients: dict[_AttachedClient, int] = {}
         self._attached = asyncio.Event()
         self._line = (0, b"")
         self._server: asyncio.Server | None = None

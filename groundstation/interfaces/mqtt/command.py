@@ -268,9 +268,8 @@ def _schema(topic: Topic) -> dict[str, Any]:
     )
     for component in components.values():
         for field in component.get("properties", {}).values():
-            if (
-                "pattern" in field
-            ):  # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends
+            # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends.
+            if "pattern" in field:
                 field["pattern"] = f"^{describe_pattern(field['pattern'])}$"
     made = _with_null(components)
     root = made.pop(topic.message.__name__)

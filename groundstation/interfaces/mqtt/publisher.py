@@ -308,9 +308,8 @@ class _Publisher:
         try:
             await _together(work)
         except asyncio.CancelledError:
-            with contextlib.suppress(
-                aiomqtt.MqttError
-            ):  # a clean end does not trigger the last will
+            # A clean end does not trigger the last will.
+            with contextlib.suppress(aiomqtt.MqttError):
                 await self._send(client, STATE, OFFLINE.encode(), timeout_s=1.0)
                 if self.requests is not None:
                     await self._send(client, SESSION, b"", timeout_s=1.0)
@@ -330,9 +329,8 @@ class _Publisher:
             while self._events:
                 event = self._events[0]
                 await self._put(client, EVENT, msgspec.json.encode(event))
-                if (
-                    self._events and self._events[0] is event
-                ):  # else the newest have pushed it out meanwhile
+                # Otherwise the newest have pushed it out meanwhile.
+                if self._events and self._events[0] is event:
                     self._events.popleft()
             self._more.clear()
             await self._more.wait()

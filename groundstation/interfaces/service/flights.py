@@ -267,9 +267,8 @@ class Notify:
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         """Read where to, and how often the watchdog wants to be fed."""
         address = environment.get("NOTIFY_SOCKET", "")
-        self._address = (
-            "\0" + address[1:] if address.startswith("@") else address
-        )  # @: an abstract name
+        # @: an abstract name.
+        self._address = "\0" + address[1:] if address.startswith("@") else address
         usec = environment.get("WATCHDOG_USEC", "")
         ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.feed_s = (
@@ -563,9 +562,8 @@ def obey(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT):
         timer.interrupt_by(number)  # the loop hears of it as before, by its descriptor
     loop.add_signal_handler(signal.SIGTSTP, say, notice("key.no_pause"))
-    signal.signal(
-        signal.SIGTTOU, signal.SIG_IGN
-    )  # one in the background would be stopped as it prints
+    # One in the background would be stopped as it prints.
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)
 
 
 def fly_command(

@@ -70,16 +70,14 @@ class VehicleView:
 
     def hear(self, topic: str, payload: bytes, now_s: float) -> None:
         """Take what came on ``topic``, below the vehicle's; what is not understood is dropped."""
-        with suppress(
-            ValueError, msgspec.MsgspecError, RecursionError
-        ):  # UnicodeError is a ValueError
+        # UnicodeError is a ValueError.
+        with suppress(ValueError, msgspec.MsgspecError, RecursionError):
             if topic == STATE.name:
                 self.offline = payload == OFFLINE.encode()
             elif topic == SNAPSHOT.name:
                 snapshot = decode(b'{"snapshot":%s}' % payload)
-                if isinstance(
-                    snapshot, Snapshot
-                ):  # a station's end before its `offline`: this one is another's will
+                # A station's end before its `offline`: this one is another's will.
+                if isinstance(snapshot, Snapshot):
                     self.snapshot, self._arrived_s, self.offline = snapshot, now_s, False
 
     def age_s(self, now_s: float) -> float:

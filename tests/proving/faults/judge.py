@@ -134,7 +134,8 @@ class Truth:
 
 
 OVER = 1.03
-"""Up to 3 % more than the true thrust in the wind counts as hovering: it is known so well [-]."""
+"""Share of the true thrust in the wind up to which a thrust counts as hovering [-]: it is known so
+well."""
 LIFTS = 0.01
 """A smaller share of the thrust lifts nothing."""
 
@@ -340,13 +341,13 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Evidence(NamedTuple):
-    """What was noted of one flight."""
+    """Observations of one flight."""
 
     truth: Truth
     answers: Sequence[Answer] = ()
     """Answers to the fault, the first one first."""
     wrong: str = ""
-    """What broke a rule that has no figure; empty where nothing did."""
+    """Broken rule that has no figure; empty where nothing did."""
     exemption: Exemption = Exemption.NONE
     begun_s: float = 0.0
     """When the flight began [s]."""

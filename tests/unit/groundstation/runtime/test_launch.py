@@ -19,9 +19,8 @@ def test_ctrl_c_while_a_program_is_loaded_is_one_line(
     def interrupt(module: str) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(
-        sys, "meta_path", [*sys.meta_path]
-    )  # the launcher puts a finder there, for good
+    # The launcher puts a finder there, for good.
+    monkeypatch.setattr(sys, "meta_path", [*sys.meta_path])
     launch = import_module("groundstation.runtime.launch")
     monkeypatch.setattr(launch, "import_module", interrupt)
     assert getattr(launch, f"run_{program.replace('-', '_')}")() == Exit.INTERRUPTED

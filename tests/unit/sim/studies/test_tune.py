@@ -195,9 +195,8 @@ def test_gains_without_the_proof_are_never_flown() -> None:
     for sortie in judges.flights:
         assert isinstance(sortie.stage.config.controller, Gains)
         assert bound_decrease(sortie.stage.config.controller).startswith("composite")
-    assert (
-        max(trial.gains["kb"] for trial in trials) > 1.0
-    )  # so the bounds do not keep it by themselves
+    # So the bounds do not keep it by themselves.
+    assert max(trial.gains["kb"] for trial in trials) > 1.0
 
 
 def test_what_a_search_found_is_judged_once_more_by_the_floors_on_seeds_that_it_has_not_seen() -> (

@@ -30,9 +30,8 @@ def test_thrust_rises_without_a_step_and_never_above_its_limit(
     assert told[0] == pytest.approx(10.0 * idle)
     assert all(0.0 <= b - a < 0.1 for a, b in zip(told, told[1:], strict=False))
     assert told[-1] == 13.0
-    assert (
-        0.001 * sum(9.0 < thrust < 13.0 for thrust in told) <= 0.3
-    )  # from 0.9x the weight to the limit
+    # From 0.9x the weight to the limit.
+    assert 0.001 * sum(9.0 < thrust < 13.0 for thrust in told) <= 0.3
 
 
 def test_thrust_before_lift_off_is_bounded_by_the_told_weight_or_by_a_measured_hover_thrust() -> (

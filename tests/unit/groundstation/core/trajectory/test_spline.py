@@ -109,9 +109,8 @@ def test_samples_of_a_known_motion_give_its_derivatives_back(
         if with_velocity
         else None,
     ).build()
-    for i in range(
-        100, 900
-    ):  # away from the ends, where nothing is known of what comes before and after
+    # Away from the ends, where nothing is known of what comes before and after.
+    for i in range(100, 900):
         t = 0.01 * i
         there = course.at(t)
         assert math.dist(there.position_ned, (math.sin(t), math.cos(t), -1.0)) < 1e-9
