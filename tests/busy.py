@@ -4,9 +4,9 @@ A machine that could not keep time is told apart.
 
 What is kept waiting for a processor is late, and says nothing about the code. A floor tells: on
 each processor, a process that does nothing but keep a plain timer of a radio frame's period. Where
-it was late by half a period and more for over a twentieth of the second attempt's own time, nothing
-could have kept time there, and the test is left out, loudly. Anything less excuses nothing: what
-fails twice has failed.
+it was late by half a period and more for over a twentieth of the second attempt's own time, or for
+a fifth of a second without a break, nothing could have kept time there, and the test is left out,
+loudly. Anything less excuses nothing: what fails twice has failed.
 """
 
 import gc
@@ -28,6 +28,9 @@ PERIOD_S = 0.0225
 """Of the timer: DSM's, the slowest that we keep [s]."""
 GROSS = 0.05
 """Share of moments late by half a period above which nothing could keep time [-]."""
+STALL_S = 0.2
+"""Time without a moment on time, after which nothing could have kept time [s]: a flight ends by
+itself after 0.25 s without a pose."""
 LEAST_S = 1.0
 """No share is taken of less: a single late moment is no excuse for a short test [s]."""
 PATIENCE_S = 20.0
@@ -71,8 +74,12 @@ class Sleeper:
         with suppress(BlockingIOError):
             while found := os.read(out.fileno(), 1 << 20):
                 self._late_at_s += map(float, found.split())
-        asked_s = max(LEAST_S, time.monotonic() - since_s)
-        return PERIOD_S * sum(due_s >= since_s for due_s in self._late_at_s) / asked_s
+        late_s = [due_s for due_s in self._late_at_s if due_s >= since_s]
+        in_a_row = round(STALL_S / PERIOD_S)
+        for first_s, last_s in zip(late_s, late_s[in_a_row:], strict=False):
+            if last_s - first_s < STALL_S + PERIOD_S:
+                return 1.0
+        return PERIOD_S * len(late_s) / max(LEAST_S, time.monotonic() - since_s)
 
     def end(self) -> None:
         """End it."""
