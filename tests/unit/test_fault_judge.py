@@ -27,7 +27,7 @@ from tests.proving.faults import (
     is_within,
 )
 from tests.proving.faults.faults import FAMILIES, FROM_START, OBEYING, dropout
-from tests.proving.faults.judge import Answer, Evidence, Thrust, Truth, judge, judge_honest
+from tests.proving.faults.judge import Answer, Observations, Thrust, Truth, judge, judge_honest
 
 FALSE = Fault(dropout, poses=Poses.FALSE)
 TRUE = Fault(dropout)
@@ -74,7 +74,7 @@ def verdict(
 ) -> Row:
     """The row of a made-up flight; of one that stood still where nothing else is told."""
     truth = moved(along()) if truth is None else truth
-    return judge("made up", fault, state, Evidence(truth, answers, **noted))
+    return judge("made up", fault, state, Observations(truth, answers, **noted))
 
 
 def told(*signals: tuple[float, float], held_s: float = 0.3) -> Thrust:

@@ -343,7 +343,7 @@ def find_noise(at_s: Column, left: Column, *, wanders: bool) -> Ratios:
     ``wanders``: their errors may last from pose to pose. Returns densities of what drives position
     [m/√s], acceleration [m/s² per √Hz] and its change [m/s³ per √Hz].
     """
-    noise, _ = fit_noise(at_s, left, (float(wanders), *ABOUT_THRUST[1:]), GAP_S)
+    noise, _ = fit_noise(at_s, left, ABOUT_POSES if wanders else ABOUT_THRUST, GAP_S)
     a, b, c = (math.sqrt(noise.variance * ratio) for ratio in noise.ratios)
     return a, b, c
 
@@ -734,6 +734,9 @@ def smooth(values: Column, reach: int) -> Column:
 
 GAP_S = 0.3
 """After a longer gap between poses the positions begin anew [s]."""
+ABOUT_POSES = (1.0, 1e2, 1e5)
+"""Where the search for the noises of a source begins: its wander [1/s], and the next two, over its
+variance."""
 ABOUT_THRUST = (0.0, 1e2, 1e5)
 """Where the search for the noises begins: white noise on acceleration [1/s³], and on the wind's
 change [1/s⁵], over the positions' variance."""

@@ -151,7 +151,7 @@ class Witness:
         self._is_armed = True
 
     def add_pose(self, pose: Pose) -> None:
-        """Take one pose; it is compared as the next attitude comes, which delays no command."""
+        """Take one pose; :meth:`pair_up` compares it."""
         poses = self._poses
         last = poses[-1] if poses else None
         if (
@@ -176,9 +176,9 @@ class Witness:
                 self._attitudes.clear()
             return
         self._attitudes.append(reported)
-        self._pair_up()
+        self.pair_up()
 
-    def _pair_up(self) -> None:
+    def pair_up(self) -> None:
         """Compare each attitude whose instant is between two poses with the pose interpolated at
         it.
         """

@@ -191,6 +191,8 @@ class FlightController:
         elif self.tick is None:
             self.standing.add(pose)
         self.witness.add_pose(pose)
+        if self.tick is None:  # no command waits for it; later it is compared once that has left
+            self.witness.pair_up()
         self._pose_latency.add_pose(pose)
         news = (
             None
@@ -248,6 +250,7 @@ class FlightController:
         The response of the newest pose is checked now, unless it was before.
         """
         self._pilot.state.check_response()
+        self.witness.pair_up()
         if self._made is not None:
             self._listener.on_tick(self._made)
             self._judge(self._made)

@@ -50,7 +50,7 @@ from tests.proving.faults.judge import (
     AUTOPILOT_LANDS,
     JUDGED_S,
     Answer,
-    Evidence,
+    Observations,
     Row,
     Thrust,
     Truth,
@@ -134,7 +134,7 @@ def fly_cell(
 
 def not_struck(case: str, fault: Fault, state: str, why: str, scenario: str = "paper") -> Row:
     """Return the row of a flight that never came to its strike."""
-    return judge(case, fault, state, Evidence(Truth(0.0), wrong=why), scenario)
+    return judge(case, fault, state, Observations(Truth(0.0), wrong=why), scenario)
 
 
 class _Broken(Exception):
@@ -231,7 +231,7 @@ class DeckFlight:
             raise NotReached(f"the flight ended before {state}: {moves.state}: {moves.reason}")
         reaching.result()
 
-    async def strike(self, state: str) -> Evidence:
+    async def strike(self, state: str) -> Observations:
         """Let the fault happen in ``state``, and fly on until it can be judged."""
         plant, exemption = self._stage.plant, exemption_of(self.fault, state)
         autopilot = _Autopilot(self._note_open_loop)
@@ -261,7 +261,7 @@ class DeckFlight:
         self._loop.tap = None
         # The rotors at their fullest can't hold it.
         is_weak = plant.most_n(self._loop.time()) <= hover_n(self._stage.world)
-        return Evidence(
+        return Observations(
             truth=self.truth,
             answers=sorted([*answers, *autopilot.answers]),
             wrong=wrong,

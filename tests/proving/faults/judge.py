@@ -340,7 +340,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """Why it is not; else what the flight said of it."""
 
 
-class Evidence(NamedTuple):
+class Observations(NamedTuple):
     """Observations of one flight."""
 
     truth: Truth
@@ -372,7 +372,7 @@ def exemption_of(fault: Fault, state: str) -> Exemption:
     return fault.exemption if flying else Exemption.NONE
 
 
-def measure(fault: Fault, state: str, seen: Evidence) -> list[Measure]:
+def measure(fault: Fault, state: str, seen: Observations) -> list[Measure]:
     """Return the figures of a flight against their limits."""
     truth, exemption = seen.truth, seen.exemption
     known = fault.kind is Kind.KNOWN_LIMIT
@@ -397,7 +397,7 @@ def measure(fault: Fault, state: str, seen: Evidence) -> list[Measure]:
     return found
 
 
-def judge(name: str, fault: Fault, state: str, seen: Evidence, scenario: str = "paper") -> Row:
+def judge(name: str, fault: Fault, state: str, seen: Observations, scenario: str = "paper") -> Row:
     """Return the row of ``fault`` in ``state``: safe where nothing is wrong, no limit broken."""
     truth, answers, thrust = seen.truth, seen.answers, seen.thrust
     measured = measure(fault, state, seen)
@@ -443,7 +443,7 @@ ENDS = {
 """Ending by the states that answers lead to; the first one counts that is among the answers."""
 
 
-def name_end(seen: Evidence) -> str:
+def name_end(seen: Observations) -> str:
     """Return how a flight ended, by its answers."""
     states = [after for _, after, _ in seen.answers]
     if not states:
@@ -488,7 +488,9 @@ def _unseen(state: str, truth: Truth) -> bool:
     return not MOMENTS[state].flying and not truth.led
 
 
-def _measure_touchdown(fault: Fault, state: str, seen: Evidence, touchdown_m_s: float) -> Measure:
+def _measure_touchdown(
+    fault: Fault, state: str, seen: Observations, touchdown_m_s: float
+) -> Measure:
     """Return the touchdown: harder where neither height nor an attitude loop is left."""
     doubted = any(after in NO_HEIGHT for _, after, _ in seen.answers)
     most = TOUCHDOWN_M_S
@@ -509,7 +511,7 @@ def _measure_lift(thrust: Thrust) -> list[Measure]:
     return [Measure(lifted_s / most_s, says)]
 
 
-def _find_wrong(fault: Fault, seen: Evidence, measured: Sequence[Measure]) -> str:
+def _find_wrong(fault: Fault, seen: Observations, measured: Sequence[Measure]) -> str:
     """Find the first limit or rule that a flight broke; empty where it kept all."""
     for one in measured:
         if not one.share <= 1.0:
