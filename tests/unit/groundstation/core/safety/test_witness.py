@@ -123,3 +123,14 @@ def test_a_vehicle_that_is_moved_by_hand_shows_which_axes_go_the_same_way() -> N
         lambda t: tipped(t, -1.0), lambda t: tipped(t, 1.0), armed_s=math.inf, lasts_s=6.0
     )
     assert "roll" in verdict.alike and "pitch" in verdict.unlike
+
+
+def test_slow_attitudes_are_compared_as_soon_as_a_later_pose_is_there() -> None:
+    witness = Witness()
+    for n in range(200):
+        time_s = n * POSE_S
+        witness.add_pose(Pose(n, time_s, time_s, ZERO, IDENTITY))
+        witness.pair_up()
+        assert time_s < 1.0 or witness.verdict(time_s) is not None
+        if n % 25 == 0:  # 2 Hz
+            witness.add_attitude(told(time_s, ZERO))
