@@ -132,5 +132,5 @@ def test_slow_attitudes_are_compared_as_soon_as_a_later_pose_is_there() -> None:
         witness.add_pose(Pose(n, time_s, time_s, ZERO, IDENTITY))
         witness.pair_up()
         assert time_s < 1.0 or witness.verdict(time_s) is not None
-        if n % 25 == 0:  # 2 Hz
-            witness.add_attitude(told(time_s, ZERO))
+        if n % 25 == 0:  # 2 Hz, between two poses
+            witness.add_attitude(told(time_s + 0.5 * POSE_S, ZERO))
