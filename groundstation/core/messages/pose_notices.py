@@ -71,7 +71,7 @@ _MEASURED_DROPS = {
     "frozen": "the same to the last bit for {value:.2f} s, limit {limit:g} s (gate.frozen_s): the "
     "body is hidden, or the tracker rounds (gate.drop_frozen)",
     "late": "{value:.0f} ms old when it came, limit {limit:.0f} ms (flight.coast_s): look for a "
-    "queue in the network or the tracking computer",
+    "queue in the network or the tracking computer, or a pose.rate_hz above the cameras' rate",
 }
 """Sentences of those reasons for which the newest drop has a number and a limit."""
 
