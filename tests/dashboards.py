@@ -102,6 +102,7 @@ class Stage:
         self.latest: Latest[Snapshot] = Latest()
         self.core = Sampled()
         self.log: list[str] = []
+        self.config_text = dump(Config())
 
     @property
     def asked(self) -> list[Ask]:
@@ -115,8 +116,7 @@ class Stage:
         def log(told: Sentence) -> None:
             self.log.append(told.text)
 
-        text = dump(Config())
-        return Server(config, "mqx", self.latest, self.core, config_text=text, log=log)
+        return Server(config, "mqx", self.latest, self.core, config_text=self.config_text, log=log)
 
     @contextlib.asynccontextmanager
     async def up(self, rate_hz: float = 50.0) -> AsyncIterator[None]:

@@ -112,6 +112,15 @@ async def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(station:
 
 
 @in_real_time
+async def test_a_client_gets_a_configuration_as_long_as_a_line_may_be(station: Stage) -> None:
+    """A course of thousands of points is part of the greeting, beyond what the kernel holds."""
+    station.config_text = "#" * 900_000
+    async with station.up():
+        station.latest.put(sample(1.0))
+        assert await station.first() == sample(1.0)
+
+
+@in_real_time
 async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(
     station: Stage,
 ) -> None:

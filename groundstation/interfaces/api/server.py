@@ -10,6 +10,7 @@ from typing import cast
 
 from groundstation.core.messages import Say, Snapshot, notice
 from groundstation.interfaces.api.messages import (
+    LINE_MAX_BYTES,
     ORDER_MAX_BYTES,
     VERSION,
     Allowance,
@@ -38,8 +39,6 @@ CLIENTS_MAX = 16
 GUESTS_MAX = 4
 """At most this many more may attach; the next takes the place of one of them, so that an order
 always gets in."""
-BACKLOG_MAX_BYTES = 65536
-"""A client that leaves more than this unread, beyond what the kernel holds for it, is dropped."""
 ORDERS = Allowance(rate_hz=20.0, burst=20.0)
 """Lines read of a client; more wait in its own socket."""
 
@@ -224,10 +223,13 @@ class _AttachedClient:
         """Whether it has ever sent an order, and does not only read."""
 
     def write(self, line: bytes) -> None:
-        """Send ``line``, unless it left too much unread."""
+        """Send ``line``; drop a client that leaves more than the longest line unread.
+
+        What the kernel holds for it comes in addition.
+        """
         if self.transport.is_closing():
             return
-        if self.transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
+        if self.transport.get_write_buffer_size() > LINE_MAX_BYTES:
             self.transport.abort()
             return
         self.transport.write(line)
