@@ -1,6 +1,8 @@
 """Common parts of all links, sans-IO: the port, the dead man's switch, the thrust curve."""
 
 from links.core.deadman import (
+    BRING_DOWN_LIMIT_S,
+    DEADLINE_LIMIT_S,
     Arrival,
     Attitude,
     Command,

@@ -5,6 +5,7 @@ a USB port: it is opened again when it is back.
 """
 
 import asyncio
+from io import DEFAULT_BUFFER_SIZE
 from typing import Any, Self
 
 from links.core import LinkError, LinkLost, LinkRejected
@@ -35,8 +36,6 @@ TRIES = 3
 """Attempts at each question."""
 APART_S = 0.2
 """Between the two questions whether it is armed [s]."""
-READ_BYTES = 4096
-"""Most bytes read at once."""
 AGAIN_S = 0.25
 """Wait before a port that is not there is tried again [s]."""
 
@@ -226,7 +225,7 @@ class Board:
         """
         try:
             async with asyncio.timeout_at(until_s):
-                return await self._reader.read(READ_BYTES)
+                return await self._reader.read(DEFAULT_BUFFER_SIZE)
         except (TimeoutError, OSError):
             return b""
 

@@ -12,6 +12,8 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 
 from links.core import (
+    BRING_DOWN_LIMIT_S,
+    DEADLINE_LIMIT_S,
     Attitude,
     Command,
     Deadman,
@@ -26,12 +28,12 @@ from links.rf.codec import Manner, RfLinkConfig, RfTelemetry, Service
 from links.rf.pacer import Arm, End, Give, Hear, OpenPacer, Order, Pacer, PacerReport, Serve, Stop
 from links.text import link_notice
 
-END_LIMIT_S = 4.0
-"""Longest wait for a pacer to end [s]: the longest command, its bring-down, and then some."""
 ANEW_S = 0.01
 """An attitude that is not so much newer than the last is the same one, reported again [s]."""
 SILENT_S = 1.0
-"""A pacer that reports nothing for so long stands still, or can't be heard [s]."""
+"""An end that tells nothing for so long stands still, or can't be heard [s]."""
+END_LIMIT_S = DEADLINE_LIMIT_S + BRING_DOWN_LIMIT_S + SILENT_S
+"""Longest wait for a pacer to end [s]: the longest command, its bring-down, and its word of it."""
 
 
 class HeardPacer:
@@ -169,9 +171,6 @@ async def end(pacer: Pacer, linger_s: float) -> None:
     finally:
         pacer.forget()
 
-
-OBEY_LIMIT_S = 1.0
-"""An arming that the pacer has not taken so long after its end has failed [s]."""
 
 _UNTIMELY = link_notice("module.untimely").text
 
@@ -313,7 +312,7 @@ class PacedLink:
             while due < obeys_s or heard.newest.arming != self._arming:
                 if not self._send(idle(), loop.time()) and not self._stopped:
                     raise LinkError(link_notice("arming.idle_expired"))
-                if due > obeys_s + OBEY_LIMIT_S:
+                if due > obeys_s + SILENT_S:
                     raise LinkLost(link_notice("arming.not_taken"))
                 due += manner.period_s
                 if due < loop.time():

@@ -212,20 +212,22 @@ class CrsfCommand(IntEnum):
     THIS_SYSTEM = 0x10
 
 
+class CrsfCount(IntEnum):
+    """Counts of a CRSF channel."""
+
+    LOW = 172
+    """Of the position -1."""
+    HIGH = 1811
+    """Of the position 1."""
+    LARGEST = 1984
+
+
 _ADDRESSES = frozenset(CrsfAddress)
 """First bytes that a CRSF frame may have."""
 _TIMING = 0x10
 """CRSF sub-type of RADIO: period and offset of our frames."""
-_LOW = 172
-"""CRSF count of the position -1."""
-_HIGH = 1811
-"""CRSF count of the position 1."""
-_LARGEST = 1984
-"""Largest CRSF count."""
-_SHORTEST = 2
-"""Least value of a CRSF frame's length byte."""
-_LONGEST = 62
-"""Largest value of a CRSF frame's length byte."""
+_LENGTHS = range(2, 63)
+"""Values of a CRSF frame's length byte."""
 _CHANNEL_BYTES = 22
 """Length of the packed channels [bytes]."""
 
@@ -318,7 +320,7 @@ class CrsfCodec:
             return _command(CrsfCommand.BIND)
         packed = 0
         for i, at in enumerate(positions):
-            packed |= counts(at, _LOW, _HIGH, _LARGEST) << (11 * i)
+            packed |= counts(at, CrsfCount.LOW, CrsfCount.HIGH, CrsfCount.LARGEST) << (11 * i)
         return _frame(
             self._address, CrsfFrame.RC_CHANNELS, packed.to_bytes(_CHANNEL_BYTES, "little")
         )
@@ -340,7 +342,7 @@ class CrsfDecoder(FrameReader[RfFrame]):
         if at + 2 > len(data):
             return at + 2
         size = data[at + 1]
-        if data[at] not in _ADDRESSES or not _SHORTEST <= size <= _LONGEST:
+        if data[at] not in _ADDRESSES or size not in _LENGTHS:
             return "not_a_frame"
         end = at + 2 + size
         if end <= len(data) and crc8.dvb_s2(data[at + 2 : end - 1]) != data[end - 1]:
@@ -352,7 +354,7 @@ class CrsfDecoder(FrameReader[RfFrame]):
         if kind == CrsfFrame.RC_CHANNELS and len(payload) >= _CHANNEL_BYTES:
             packed = int.from_bytes(payload[:_CHANNEL_BYTES], "little")
             found = (packed >> (11 * i) & 0x7FF for i in range(CrsfCodec.channels))
-            return RfFrame(tuple(position(count, _LOW, _HIGH) for count in found))
+            return RfFrame(tuple(position(count, CrsfCount.LOW, CrsfCount.HIGH) for count in found))
         is_order = (
             kind == CrsfFrame.COMMAND
             and len(payload) >= 5

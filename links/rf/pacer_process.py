@@ -11,7 +11,7 @@ from collections.abc import Callable
 import msgspec
 
 from links.core import LinkError, LinkLost
-from links.io import start_child
+from links.io import OURS_S, start_child
 from links.rf.codec import Manner, RfLinkConfig
 from links.rf.pacer import MESSAGE_BYTES, Arm, End, Give, Order, PacerReport, PacerSetup, Stop
 from links.rf.shared_memory import CAPACITY_BYTES, Mailbox
@@ -21,8 +21,6 @@ START_LIMIT_S = 30.0
 """Longest wait for the first report [s]."""
 GIVE_BYTES = CAPACITY_BYTES - 256
 """Longest command in its message [bytes]: the stand-by's mailbox holds the pacer's state, too."""
-CLOCK_TOLERANCE_S = 0.05
-"""The child's clock must show an instant between our two looks, or this close to them [s]."""
 
 
 class PacerProcess:
@@ -147,7 +145,7 @@ async def open_process(
         hello = await asyncio.wait_for(asyncio.shield(first), START_LIMIT_S)
         if hello is None:
             raise LinkLost(link_notice("module.ended_at_once", code=process.wait()))
-        if not started - CLOCK_TOLERANCE_S <= hello.now_s <= loop.time() + CLOCK_TOLERANCE_S:
+        if not started - OURS_S <= hello.now_s <= loop.time() + OURS_S:
             raise LinkError(link_notice("module.other_clock"))
     except BaseException as error:
         pacer.forget()

@@ -37,6 +37,7 @@ import fcntl
 import mmap
 import os
 import socket
+import struct
 import termios
 import time
 from binascii import crc32
@@ -47,13 +48,11 @@ from links.text import link_notice
 
 CAPACITY_BYTES = 16384
 """Largest value."""
-_HEAD = 24
-"""Bytes before a slot's value: number, length and checksum."""
-_SLOT = _HEAD + CAPACITY_BYTES
+_HEAD = struct.Struct("=QQQ")
+"""Before a slot's value: its number, length and checksum."""
+_SLOT = _HEAD.size + CAPACITY_BYTES
 _SIZE = 64 + 2 * _SLOT
 """Length of the memory [bytes]: signs of life, then two slots."""
-_WORD = 8
-"""Length of one word [bytes]."""
 
 
 def _make_memory(name: str, size: int) -> int:
@@ -90,10 +89,8 @@ class Mailbox:
             raise ValueError(f"{len(value)} bytes are too many for a mailbox of {CAPACITY_BYTES}")
         number = self.newest + 1
         at = 64 + number % 2 * _SLOT
-        self._words[at // _WORD] = number
-        self._words[at // _WORD + 1] = len(value)
-        self._words[at // _WORD + 2] = _checksum(number, value)
-        self._bytes[at + _HEAD : at + _HEAD + len(value)] = value
+        _HEAD.pack_into(self._bytes, at, number, len(value), _checksum(number, value))
+        self._bytes[at + _HEAD.size : at + _HEAD.size + len(value)] = value
         self._words[0] = self.newest = number
 
     def get(self) -> bytes | None:
@@ -103,12 +100,11 @@ class Mailbox:
         """
         number = self._words[0]
         at = 64 + number % 2 * _SLOT
-        size = self._words[at // _WORD + 1]
+        _, size, _ = _HEAD.unpack_from(self._bytes, at)
         if number == self.newest or size > CAPACITY_BYTES:
             return None
-        value = bytes(self._bytes[at + _HEAD : at + _HEAD + size])
-        written, checksum = self._words[at // _WORD], self._words[at // _WORD + 2]
-        if written != number or checksum != _checksum(number, value):
+        value = bytes(self._bytes[at + _HEAD.size : at + _HEAD.size + size])
+        if _HEAD.unpack_from(self._bytes, at) != (number, size, _checksum(number, value)):
             return None
         self.newest = number
         return value

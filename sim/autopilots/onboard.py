@@ -15,6 +15,7 @@ import socket
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
+from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path
 from subprocess import DEVNULL, STDOUT, Popen
 from typing import Any, NamedTuple, Self, TypeAlias
@@ -39,8 +40,6 @@ LEGS_M_S2 = 40.0
 
 Landing legs that yield by 8 mm stop a vehicle from 0.8 m/s within 20 ms: v²/(2 · 8 mm) = 40 m/s².
 """
-DATAGRAM_BYTES = 4096
-"""Size of the buffer for a datagram [bytes]. Chosen: MAVLink 2 packets have at most 280."""
 
 
 class FirmwareParameter(NamedTuple):
@@ -172,7 +171,7 @@ class Firmware(ABC):
         heard = list[bytes]()
         while True:
             try:
-                data, self._theirs = self.mavlink.recvfrom(DATAGRAM_BYTES)
+                data, self._theirs = self.mavlink.recvfrom(DEFAULT_BUFFER_SIZE)
             except (BlockingIOError, ConnectionRefusedError):
                 return heard
             heard.append(data)

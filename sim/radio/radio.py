@@ -31,7 +31,7 @@ from groundstation.core.vehicle import Vehicle
 from groundstation.machine import sleep_until
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
-from links.io import NETWORK, read_key
+from links.io import KEY_BYTES, NETWORK, read_key
 from links.rf import (
     LOOK_S,
     RF_CODECS,
@@ -294,7 +294,7 @@ BEHIND_BRIDGE = "dsm"
 """The module that a simulated bridge has."""
 FASTEST_STICK_DEG_S = 720.0
 """Body rate at full stick where the vehicle has no limit [deg/s]: a stick has few steps."""
-KEY = bytes(range(32))
+KEY = bytes(range(KEY_BYTES))
 """Key shared by a simulated station and bridge."""
 
 

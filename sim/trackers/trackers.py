@@ -336,8 +336,6 @@ def _circling(number: int, when: float) -> tuple[Vec3, Quat]:
 
 NEWEST_MINOR = 25
 """The simulated QTM speaks versions 1.8 to 1.25 of the protocol, as QTM of 2024 does."""
-MOST_UNREAD = 1 << 18
-"""A client that leaves more than this unread gets no frames until it has caught up [bytes]."""
 
 
 class QtmServer:
@@ -429,13 +427,8 @@ class Client(asyncio.Protocol):
 
     def stream(self, data: bytes) -> None:
         """Send one frame to whoever asked for frames."""
-        transport = self._transport
-        if (
-            self._streaming
-            and transport is not None
-            and transport.get_write_buffer_size() < MOST_UNREAD
-        ):
-            transport.write(data)
+        if self._streaming and self._transport is not None:
+            self._transport.write(data)
 
     def close(self) -> None:
         """Hang up."""

@@ -92,7 +92,7 @@ def test_a_child_that_dies_and_one_that_hangs_are_started_again(
 def test_a_server_that_does_not_answer_is_a_sentence_though_the_library_waits_for_ever(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(libmotioncapture, "CONNECT_S", 1.0)
+    monkeypatch.setattr(libmotioncapture, "ANSWER_S", 1.0)
 
     async def work(source: Any, poses: list[Pose]) -> None:
         raise AssertionError("nobody serves there")
@@ -145,6 +145,6 @@ def test_what_the_library_prints_is_no_frame_and_no_connection(
         await until(lambda: len(poses) > 20)
 
     assert run(work, LibmotioncaptureConfig(backend="optitrack")).status.dropped == {}
-    monkeypatch.setattr(libmotioncapture, "CONNECT_S", 3.0)
+    monkeypatch.setattr(libmotioncapture, "ANSWER_S", 3.0)
     with pytest.raises(SourceError, match=r"the optitrack server at 127\.0\.0\.9 does not answer"):
         run(work, LibmotioncaptureConfig(backend="optitrack", hostname="127.0.0.9"))

@@ -60,11 +60,10 @@ SLACK_S = 0.02
 BLOCK_S = 0.5
 """Duration of a block, of which the least delayed message is kept [s]."""
 BLOCKS = 40
-"""Number of newest blocks that the slope is fitted to [-]."""
+"""Number of newest blocks that the slope is fitted to [-]; half of them distinguish it from
+jitter."""
 FIRST_BLOCKS = 5
 """Least number of blocks for a slope while the rate is not known [-]."""
-SETTLED_BLOCKS = 20
-"""Least number of blocks that distinguish a slope from jitter [-]."""
 ROUGH = MAX_DRIFT + SLACK_S / (FIRST_BLOCKS * BLOCK_S)
 """Largest error of a rate that was measured over so few blocks [-]."""
 RATES = 100.0
@@ -83,9 +82,7 @@ UNSTEADY_S = 30.0
 FAST = 1.2
 """Rate of stamps above which they are no seconds [-]: no queue drains so fast for so long."""
 RATE_S = 2.0
-"""Time over which the rate of the stamps is measured [s]."""
-RATE_LEAST_S = 1.0
-"""Shortest time over which it is given [s]."""
+"""Time over which the rate of the stamps is measured [s]; it is given from half of it on."""
 AVERAGED = 20
 """Number of messages over which the usual interval is averaged [-]."""
 GAP_INTERVALS = 2.5
@@ -208,7 +205,7 @@ class SourceClock:
             return None
         (first, begun_s), (last, ended_s) = self._recent[0], self._recent[-1]
         elapsed_s = ended_s - begun_s
-        return (last - first) * self._configured / elapsed_s if elapsed_s >= RATE_LEAST_S else None
+        return (last - first) * self._configured / elapsed_s if elapsed_s >= RATE_S / 2 else None
 
     def mark_alive(self, arrival_s: float) -> None:
         """Note that any message of the source arrived at ``arrival_s`` [s, our clock]."""
@@ -376,7 +373,7 @@ class SourceClock:
     def _measure(self) -> None:
         """Measure the slope, if there are enough blocks."""
         line, scale = self._line, self._scale
-        if len(line.best) < (SETTLED_BLOCKS if scale.is_known else FIRST_BLOCKS):
+        if len(line.best) < (BLOCKS // 2 if scale.is_known else FIRST_BLOCKS):
             return
         slope = median([(d - b) / (c - a) for (a, b), (c, d) in combinations(line.best, 2)])
         off = slope / scale.nominal
@@ -637,6 +634,12 @@ class PoseReader:
     def read_pose(self, data: bytes, arrival_s: float) -> Pose | None:
         """Return the pose in ``data``; None if it holds none, which is counted."""
         raise NotImplementedError
+
+
+ANSWER_S = 5.0
+"""Timeout of a tracking system's answer [s]; some would be waited for for ever."""
+AGAIN_S = 1.0
+"""Pause before a tracking system that was lost is connected again [s]."""
 
 
 class ReaderSource:

@@ -22,8 +22,6 @@ from groundstation.pose.sources.intake import Intake, PoseReader
 
 MAX_DATAGRAM = 4096
 """Longest datagram that is read [bytes]."""
-MAX_BODIES = 32
-"""Most bodies in one datagram."""
 MAX_NAME = 64
 """Longest name [characters]."""
 ROUNDING = 0.01
@@ -71,7 +69,7 @@ class JsonPose(
             raise ValueError("a visible body needs a position and a quaternion")
 
 
-_MESSAGE: Any = JsonPose | Annotated[list[Any], msgspec.Meta(max_length=MAX_BODIES)]
+_MESSAGE: Any = JsonPose | list[Any]
 """A datagram: one body, or a list of bodies, each decoded by itself."""
 _DECODER = msgspec.json.Decoder(_MESSAGE)
 _ENCODER = msgspec.json.Encoder()

@@ -18,17 +18,13 @@ import msgspec
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, Sentence, SourceError, notice
 from groundstation.machine import cancel_task
-from groundstation.pose.sources.intake import Intake, ReaderSource
+from groundstation.pose.sources.intake import AGAIN_S, ANSWER_S, Intake, ReaderSource
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from groundstation.runtime import describe_install
 from links.io import is_loopback, open_child
 
-CONNECT_S = 5.0
-"""Timeout for a server's answer [s]; some back ends would wait for ever."""
 SILENT_S = 2.0
 """Silence after which the child is ended and restarted [s]."""
-AGAIN_S = 1.0
-"""Pause before the restart [s]."""
 
 
 class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotioncapture"):
@@ -149,7 +145,7 @@ class LibmotioncaptureSource(ReaderSource):
         words = (str(os.getpid()), config.backend, options, json.dumps(self._names))
         module = "groundstation.pose.sources.motioncapture_child"
         self._child = await open_child(module, *words, stderr=asyncio.subprocess.DEVNULL)
-        return bool(await self._line(CONNECT_S))
+        return bool(await self._line(ANSWER_S))
 
     async def _line(self, within_s: float) -> bytes:
         """Return the child's next line; empty if it has ended, or is silent for a time [s]."""

@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 from groundstation.machine import follow_parent
-from groundstation.pose.sources.json_codec import MAX_BODIES, MAX_DATAGRAM, MAX_NAME
+from groundstation.pose.sources.json_codec import MAX_DATAGRAM, MAX_NAME
 from groundstation.runtime import Exit
 
 
@@ -53,7 +53,7 @@ def main() -> Exit:
         for name, body in sorted(
             tracker.rigidBodies.items(), key=lambda one: wanted.get(one[0], len(wanted))
         ):
-            if len(name) <= MAX_NAME and len(bodies) < MAX_BODIES:
+            if len(name) <= MAX_NAME:
                 bodies.append({"name": name, "t": now_s, **describe_body(body)})
         line = json.dumps(bodies).encode()
         while len(line) > MAX_DATAGRAM:

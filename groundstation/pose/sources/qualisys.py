@@ -12,7 +12,7 @@ from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAx
 from groundstation.core.messages import Others, Pose, SourceError, notice
 from groundstation.machine import cancel_task
 from groundstation.pose.sources.datagram import AtAddress
-from groundstation.pose.sources.intake import Intake, ReaderSource
+from groundstation.pose.sources.intake import AGAIN_S, ANSWER_S, Intake, ReaderSource
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
 from groundstation.runtime import describe_install
 from links.io import parse_address
@@ -21,14 +21,10 @@ from links.text import printable
 if TYPE_CHECKING:
     from groundstation.pose.sources.qualisys_connection import QtmConnection
 
-ANSWER_S = 5.0
-"""Timeout for QTM's answer [s]."""
 BEAT_S = 0.1
 """Period at which the number of streamed bodies is compared with the names [s]."""
 LOOK_BEATS = 10
 """Periods between questions for names [-]: one body may have replaced another."""
-AGAIN_S = 1.0
-"""Pause before a lost connection is reopened [s]."""
 
 
 class QualisysConfig(AtAddress, frozen=True, kw_only=True, tag="qualisys"):

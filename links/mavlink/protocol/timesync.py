@@ -18,7 +18,8 @@ from links.mavlink.protocol.codec import Message
 NEWEST = 16
 """Round trips remembered."""
 LONGEST_S = 1.0
-"""An answer that takes longer answers nothing any more [s]."""
+"""A message takes no longer [s]: a later answer answers nothing, and an older stamp is of another
+clock than TIMESYNC's."""
 
 
 class Trip(NamedTuple):
@@ -74,8 +75,6 @@ SLOW_HZ = 12.5
 """Requested attitude rate on such a port [1/s]."""
 EARLY_S = 0.1
 """A stamp further ahead of its arrival comes from another clock than TIMESYNC's [s]."""
-LATE_S = 1.0
-"""A stamp older than this at its arrival comes from another clock than TIMESYNC's [s]."""
 _UNIT = 0.01
 """A quaternion whose squared length is farther from one is none."""
 
@@ -101,6 +100,6 @@ def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attit
     time_s = arrival_s
     if clock is not None:
         stamp_s = message.time_boot_ms * 1e-3 - clock.offset_s
-        if -EARLY_S < arrival_s - stamp_s < LATE_S:
+        if -EARLY_S < arrival_s - stamp_s < LONGEST_S:
             time_s = stamp_s
     return Attitude(time_s, q, rates)
