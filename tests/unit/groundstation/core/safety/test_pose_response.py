@@ -52,15 +52,20 @@ def feed(poses: Iterable[Seen], plane: Response | None = None) -> list[Alarm]:
     return alarms
 
 
-def asked(share: tuple[Pair, Pair], *, seed: int = 0, for_s: float = 3.0) -> Alarm:
-    """Largest alarm of poses that show ``share`` of what is asked, a 2 x 2 matrix, in noise."""
-    draw = random.Random(seed)
+def asked(share: tuple[Pair, Pair], *, seed: int = 0, own_m: float = 0.0) -> Alarm:
+    """Largest alarm of poses that show ``share`` of what is asked, a 2 x 2 matrix, in noise.
+
+    ``own_m`` is the RMS of the law's own motion along each axis, at its 5 rad/s [m].
+    """
+    draw, peak_m = random.Random(seed), math.sqrt(2.0) * own_m
 
     def poses() -> Iterator[Seen]:
-        for n in range(round(for_s / DT_S)):
-            u, v = swing(n * DT_S)
+        for n in range(300):
+            time_s = n * DT_S
+            u, v = swing(time_s)
             x, y = (a * u + b * v + draw.gauss(0.0, NOISE_M) for a, b in share)
-            yield (x - u, y - v), (u, v), (0.0, 0.0)
+            own = peak_m * math.sin(5.0 * time_s), peak_m * math.cos(5.0 * time_s)
+            yield (x - u, y - v), (u, v), own
 
     found = feed(poses())
     largest = max(alarm.tones for alarm in found), max(alarm.own for alarm in found)
@@ -96,6 +101,13 @@ def test_a_scale_that_is_configured_wrong_by_less_than_half_is_accepted(
 )
 def test_poses_that_show_something_else_are_accused(share: tuple[Pair, Pair]) -> None:
     assert asked(share).tones >= 1.0
+
+
+@pytest.mark.parametrize(("own_m", "is_accused"), [(0.02, True), (0.04, False)])
+def test_the_model_may_be_wrong_by_a_fortieth_of_the_laws_own_motion(
+    own_m: float, is_accused: bool
+) -> None:
+    assert (asked(((0.0, 0.0), (0.0, 0.0)), own_m=own_m).tones >= 1.0) is is_accused
 
 
 def blown() -> Iterator[Seen]:

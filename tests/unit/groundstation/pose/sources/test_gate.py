@@ -174,6 +174,15 @@ def test_what_the_source_itself_has_moved_is_believed_at_once() -> None:
     assert not gate.dropped
 
 
+@pytest.mark.parametrize(("apart_s", "third"), [(2.4, "origin_moves"), (2.6, "elsewhere")])
+def test_the_third_move_within_five_seconds_is_told_as_a_fault_of_its_own(
+    apart_s: float, third: str
+) -> None:
+    moved = (pose(20 + round(k * apart_s / DT), reset_count=k) for k in (1, 2, 3))
+    _, told = flown(gate_in_flight(), moved)
+    assert [one.id for one in told] == ["pose.elsewhere", "pose.elsewhere", f"pose.{third}"]
+
+
 @given(
     st.lists(
         st.builds(
