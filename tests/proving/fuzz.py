@@ -7,7 +7,7 @@ import random
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -15,159 +15,16 @@ import msgspec
 from fastcrc.crc8 import dvb_s2
 from fastcrc.crc16 import mcrf4xx
 
-from groundstation.core.geometry import frames_of, so3
-from groundstation.core.messages import Pose
 from groundstation.pose import TlogReader, sources
 from links import rf
 from links.bridge import codec as bridge_codec
 from links.core import Command
-from links.mavlink.protocol import MavlinkCodec, Message, load_dialect
-from sim.trackers import (
-    NatNetServer,
-    QtmServer,
-    TrackedBody,
-    json_encoder,
-    vicon_encoder,
-    vision_encoder,
-)
+from links.mavlink.protocol import MavlinkCodec, load_dialect
+from tests.mavlink_table import FRAMES
+from tests.pose_tables import GOLDEN, OURS, TABLES, VICON, fresh_reader
 
 PERIOD_S = 0.01
 """Time from one datagram to the next [s]."""
-
-
-class PoseFlight(NamedTuple):
-    """One source's reader and what it is to read."""
-
-    reader: sources.PoseReader
-    datagrams: list[bytes]
-    """One every ``PERIOD_S``; handshakes come before."""
-
-
-def _bodies(frame: int) -> list[TrackedBody]:
-    """Ours among two others; it moves, and turns a little."""
-    t = frame * PERIOD_S
-    turned = so3.from_euler_zyx(0.1, -0.05, 0.3 + 0.01 * t)
-    return [
-        TrackedBody("quad", (0.5 * t, 1.0, -1.0), turned, True),
-        *(TrackedBody(f"other{n}", (2.0, float(n), -1.0), so3.IDENTITY, True) for n in range(2)),
-    ]
-
-
-def vicon(frames: int) -> PoseFlight:
-    """Vicon's UDP Object Stream."""
-    config = sources.ViconConfig()
-    encode = vicon_encoder(config)
-    reader = sources.ViconReader(
-        config.object, sources.Intake(0.0, frames_of(config), frame_s=PERIOD_S)
-    )
-    return PoseFlight(reader, [encode(n, 0.0, _bodies(n)) for n in range(frames)])
-
-
-def natnet(frames: int, version: sources.natnet_codec.Version = (4, 1)) -> PoseFlight:
-    """OptiTrack's NatNet, from the server's description on."""
-    config = sources.NatNetConfig()
-    server = NatNetServer(config, version)
-    data = [server.encode(n, n * PERIOD_S, n * PERIOD_S + 0.005, _bodies(n)) for n in range(frames)]
-    reader = sources.NatNetReader(config.name, sources.Intake(0.0, frames_of(config)))
-    for message in natnet_handshake(version):
-        reader.read(message, 0.0)
-    return PoseFlight(reader, data)
-
-
-def natnet_handshake(version: sources.natnet_codec.Version) -> list[bytes]:
-    """Return a server's messages before its first usable frame."""
-    server = NatNetServer(sources.NatNetConfig(), version)
-    server.encode(0, 0.0, 0.0, _bodies(0))
-    return [sources.natnet_codec.encode_server_info(server.info), server.models()]
-
-
-def qualisys(frames: int) -> PoseFlight:
-    """The contents of QTM's data packets, as qtm-rt hands them over."""
-    config = sources.QualisysConfig()
-    server = QtmServer(config)
-    reader = sources.QualisysReader(config.name, sources.Intake(0.0, frames_of(config)))
-    reader.names = tuple(seen.name for seen in _bodies(0))
-    return PoseFlight(
-        reader, [server.encode(n, n * PERIOD_S, _bodies(n))[8:] for n in range(frames)]
-    )
-
-
-def json(frames: int) -> PoseFlight:
-    """JSON poses."""
-    config = sources.JsonConfig()
-    encode = json_encoder(config)
-    intakes = [sources.Intake(0.0, frames_of(config), frame_s=s) for s in (None, PERIOD_S)]
-    reader = sources.JsonReader(config.name, *intakes)
-    return PoseFlight(reader, [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
-
-
-def vision(frames: int) -> PoseFlight:
-    """VISION_POSITION_ESTIMATE."""
-    encode = vision_encoder(sources.VisionConfig())
-    reader = sources.VisionReader(sources.Intake(0.0))
-    return PoseFlight(reader, [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
-
-
-class MessageReader(sources.PoseReader):
-    """A decoder of MAVLink messages behind the link's codec, as a reader of datagrams."""
-
-    def __init__(self, decoder: sources.PoseDecoder) -> None:
-        """Count frames that are none beside what ``decoder`` drops."""
-        super().__init__(decoder.intake)
-        self._decoder = decoder
-        self._codec = MavlinkCodec(255, 190)
-        self._codec.dropped = decoder.intake.dropped
-
-    def read(self, data: bytes, arrival_s: float) -> Sequence[Pose]:
-        """Return the poses that ``data`` completes."""
-        made = (
-            self._decoder.decode(message, arrival_s) for message in self._codec.feed(data, "sender")
-        )
-        return [pose for pose in made if pose is not None]
-
-
-def odometry(frames: int) -> PoseFlight:
-    """ODOMETRY, as PX4 sends it."""
-    codec = MavlinkCodec(1, 1)
-
-    def message(n: int) -> Message:
-        position, attitude = _bodies(n)[0][1:3]
-        motion, nothing = (0.5, *[0.0] * 5), [float("nan")] * 21
-        stamp_us = round(n * PERIOD_S * 1e6)
-        return codec.dialect.MAVLink_odometry_message(
-            stamp_us, 1, 1, *position, attitude, *motion, nothing, nothing, 0, 8, 0
-        )
-
-    return PoseFlight(
-        MessageReader(sources.OdometryDecoder(0.0)), [codec.pack(message(n)) for n in range(frames)]
-    )
-
-
-def local_position(frames: int) -> PoseFlight:
-    """ATTITUDE_QUATERNION and LOCAL_POSITION_NED in one datagram, as ArduPilot may send them."""
-    codec = MavlinkCodec(1, 1)
-    d = codec.dialect
-    datagrams = []
-    for n in range(frames):
-        position, attitude = _bodies(n)[0][1:3]
-        stamp_ms = round(n * PERIOD_S * 1e3)
-        turned = d.MAVLink_attitude_quaternion_message(stamp_ms, *attitude, 0.0, 0.0, 0.0)
-        placed = d.MAVLink_local_position_ned_message(stamp_ms, *position, 0.5, 0.0, 0.0)
-        datagrams.append(codec.pack(turned) + codec.pack(placed))
-    return PoseFlight(MessageReader(sources.LocalPositionDecoder(0.0)), datagrams)
-
-
-FLIGHTS: dict[str, Callable[[int], PoseFlight]] = {
-    "vicon": vicon,
-    "natnet": natnet,
-    "natnet 3.0": lambda frames: natnet(frames, (3, 0)),
-    "qualisys": qualisys,
-    "odometry": odometry,
-    "local_position": local_position,
-    "vision": vision,
-    "json": json,
-}
-"""Streams by name; a new source adds its own here."""
 
 
 class Subject(NamedTuple):
@@ -184,23 +41,28 @@ class Subject(NamedTuple):
     """Decoding of a stream in these pieces; None for a decoder of datagrams."""
 
 
-def read_poses(
-    name: str,
-    repair: Callable[[bytes], bytes] = bytes,
-    decode_stream: Callable[[Sequence[bytes]], object] | None = None,
-) -> Subject:
-    """The reader and the datagrams of the source ``name``."""
-    reader, seeds = FLIGHTS[name](50)
+def read_poses(name: str, repair: Callable[[bytes], bytes] = bytes) -> Subject:
+    """The reader of the table ``name``, which has heard the prelude."""
+    reader, table = fresh_reader(name), TABLES[name]
     return Subject(
-        seeds,
+        [row.datagram for row in table.rows],
         lambda data, now: len(reader.read(data, now)),
         lambda: reader.status.dropped,
         repair,
-        decode_stream,
     )
 
 
-def read_natnet(name: str, version: sources.natnet_codec.Version) -> Subject:
+def read_vicon() -> Subject:
+    """Vicon's UDP Object Stream."""
+    reader = sources.ViconReader(OURS, sources.Intake(0.0))
+    return Subject(
+        [row.datagram for row in (*VICON.readable, *VICON.dropped)],
+        lambda data, now: len(reader.read(data, now)),
+        lambda: reader.status.dropped,
+    )
+
+
+def read_natnet(name: str) -> Subject:
     """Messages of the handshake are among the frames, as damaged ones are believed."""
 
     def repair(datagram: bytes) -> bytes:
@@ -208,17 +70,44 @@ def read_natnet(name: str, version: sources.natnet_codec.Version) -> Subject:
         return datagram[:2] + struct.pack("<H", size) + datagram[4:]
 
     subject = read_poses(name, repair)
-    return subject._replace(seeds=[*natnet_handshake(version) * 5, *subject.seeds])
+    return subject._replace(seeds=[*map(bytes.fromhex, TABLES[name].prelude), *subject.seeds])
 
 
-def _frame(pieces: Sequence[bytes]) -> tuple[list[bytes], bool]:
-    """The packets of QTM's stream."""
-    framer = sources.Framer()
-    return [packet for piece in pieces for packet in framer.feed(piece)], framer.broken
+def read_qualisys() -> Subject:
+    """The contents of QTM's data packets, and the packets of its stream."""
+
+    def frame(pieces: Sequence[bytes]) -> tuple[list[bytes], bool]:
+        framer = sources.Framer()
+        return [packet for piece in pieces for packet in framer.feed(piece)], framer.broken
+
+    return read_poses("qualisys")._replace(decode_stream=frame)
+
+
+@cache
+def _load_pairs(tlog: str, names: tuple[str, ...]) -> list[bytes]:
+    messages = [record.message for record in TlogReader((GOLDEN / tlog).read_bytes())]
+    frames = [bytes(m.get_msgbuf()) for m in messages if m.get_type() in names]
+    return list(map(bytes.__add__, frames, frames[1:]))
+
+
+def read_flown(decoder: sources.PoseDecoder, tlog: str) -> Subject:
+    """Poses of a real autopilot: two messages of its recording in one datagram, as it may be."""
+    codec = MavlinkCodec(255, 190)
+
+    def feed(data: bytes, now_s: float) -> int:
+        made = [decoder.decode(message, now_s) for message in codec.feed(data, "sender")]
+        return len(made) - made.count(None)
+
+    return Subject(
+        _load_pairs(tlog, decoder.messages),
+        feed,
+        lambda: codec.dropped + decoder.intake.dropped,
+        repair_mavlink,
+    )
 
 
 def read_tlog() -> Subject:
-    """Records of a .tlog: ODOMETRY behind its time."""
+    """Records of a .tlog: a message behind its time."""
     drops: Counter[str] = Counter()
 
     def feed(datagram: bytes, now_s: float) -> int:
@@ -227,9 +116,7 @@ def read_tlog() -> Subject:
         drops.update(reader.dropped)
         return count
 
-    seeds = [
-        (n * 10_000).to_bytes(8, "big") + data for n, data in enumerate(FLIGHTS["odometry"](50)[1])
-    ]
+    seeds = [(n * 10_000).to_bytes(8, "big") + row.frame for n, row in enumerate(FRAMES)]
     return Subject(seeds, feed, lambda: drops, lambda data: data[:8] + repair_mavlink(data[8:]))
 
 
@@ -246,20 +133,24 @@ def repair_mavlink(frame: bytes) -> bytes:
 
 
 SOURCES: dict[str, Callable[[], Subject]] = {
-    **{name: partial(read_poses, name) for name in ("vicon", "json")},
-    **{
-        name: partial(read_poses, name, repair_mavlink)
-        for name in ("odometry", "local_position", "vision")
-    },
-    "natnet": partial(read_natnet, "natnet", (4, 1)),
-    "natnet 3.0": partial(read_natnet, "natnet 3.0", (3, 0)),
-    "qualisys": partial(read_poses, "qualisys", decode_stream=_frame),
+    "vicon": read_vicon,
+    "natnet 3.0": partial(read_natnet, "natnet 3.0"),
+    "natnet 4.1": partial(read_natnet, "natnet 4.1"),
+    "qualisys": read_qualisys,
+    "json": partial(read_poses, "json"),
+    "vision": partial(read_poses, "vision", repair_mavlink),
+    "odometry": lambda: read_flown(sources.OdometryDecoder(0.0), "px4_takeoff.tlog"),
+    "local_position": lambda: read_flown(
+        sources.LocalPositionDecoder(0.0), "ardupilot_landing.tlog"
+    ),
     "tlog": read_tlog,
 }
 """Decoders of pose sources; a new source adds its own here."""
 
 LONGEST = 2000
 """Longest random datagram [bytes]."""
+LIFE = 50
+"""Datagrams that one decoder is fed: after a stamp of the far future it takes no other any more."""
 STREAM_PACKETS = 6
 """Datagrams in one stream, which is fed whole and in pieces."""
 _AWKWARD = (
@@ -272,36 +163,38 @@ _AWKWARD = (
 def try_damaged(
     make: Callable[[], Subject], count: int, seed: int = 0
 ) -> tuple[int, Mapping[str, int]]:
-    """Feed ``count`` damaged datagrams to one decoder; return its count of events and its drops.
+    """Feed ``count`` damaged datagrams to a decoder; return its count of events and its drops.
 
     Raises:
         Exception: what the decoder raises, with the datagram as a note.
         AssertionError: a stream says something else in pieces.
     """
-    subject = make()
-    chance, events = random.Random(seed), 0
-    batch: list[bytes] = []
-    for n, datagram in enumerate(_damage_some(subject, chance, count)):
-        try:
-            events += subject.feed(datagram, n * PERIOD_S)
-        except Exception as error:
-            error.add_note(f"fed {datagram.hex()}")
-            raise
-        batch.append(datagram)
-        if len(batch) == STREAM_PACKETS and (decode := subject.decode_stream) is not None:
-            stream = b"".join(batch)
-            cuts = sorted(chance.randrange(len(stream) + 1) for _ in range(chance.randrange(1, 12)))
-            pieces = [stream[begin:end] for begin, end in pairwise([0, *cuts, len(stream)])]
-            assert decode([stream]) == decode(pieces), (stream.hex(), cuts)
-        if len(batch) == STREAM_PACKETS:
-            batch = []
-    return events, subject.drops()
+    chance, events, drops = random.Random(seed), 0, Counter[str]()
+    for _ in range(count // LIFE):
+        subject = make()
+        batch: list[bytes] = []
+        for n, datagram in enumerate(_damage_some(subject, chance)):
+            try:
+                events += subject.feed(datagram, n * PERIOD_S)
+            except Exception as error:
+                error.add_note(f"fed {datagram.hex()}")
+                raise
+            batch.append(datagram)
+            if len(batch) == STREAM_PACKETS and (decode := subject.decode_stream) is not None:
+                stream = b"".join(batch)
+                cuts = sorted(chance.choices(range(len(stream) + 1), k=chance.randrange(1, 12)))
+                pieces = [stream[begin:end] for begin, end in pairwise([0, *cuts, len(stream)])]
+                assert decode([stream]) == decode(pieces), (stream.hex(), cuts)
+            if len(batch) == STREAM_PACKETS:
+                batch = []
+        drops.update(subject.drops())
+    return events, drops
 
 
-def _damage_some(subject: Subject, chance: random.Random, count: int) -> Iterator[bytes]:
+def _damage_some(subject: Subject, chance: random.Random) -> Iterator[bytes]:
     """Random bytes, good datagrams, and damaged ones, some with their checksums put right."""
     seeds = subject.seeds
-    for _ in range(count):
+    for _ in range(LIFE):
         draw = chance.random()
         if draw < 0.1:
             yield chance.randbytes(chance.randrange(LONGEST if draw < 0.05 else 40))
@@ -336,16 +229,10 @@ def _damage(data: bytearray, chance: random.Random, seeds: Sequence[bytes]) -> N
 
 
 def read_mavlink() -> Subject:
-    """The link's own codec, on every message of the simulated autopilot."""
-    codec, theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
-    seeds = [
-        datagram
-        for name in ("odometry", "local_position", "vision")
-        for datagram in FLIGHTS[name](15)[1]
-    ]
-    seeds += [theirs.heartbeat(), theirs.command(1, 1, 400, 1.0)]
+    """The link's own codec, on messages of real autopilots."""
+    codec = MavlinkCodec(245, 190)
     return Subject(
-        seeds,
+        [row.frame for row in FRAMES],
         lambda data, now: len(codec.feed(data, "sender")),
         lambda: codec.dropped,
         repair_mavlink,

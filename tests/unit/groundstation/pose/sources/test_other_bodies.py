@@ -11,11 +11,12 @@ from groundstation.config import from_dict
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Others, Pose
 from groundstation.pose import make_source
+from groundstation.pose.sources import Intake, ViconReader
 from groundstation.settings import Config
 from links import make_link
 from sim.trackers import TrackedBody, make_tracker
 from tests.loops import in_virtual_time
-from tests.proving.fuzz import FLIGHTS, natnet_handshake
+from tests.pose_tables import OURS, TABLES, VICON, fresh_reader
 
 ASIDE = {"lab_origin_m": [1.0, -2.0, 0.5], "centre_of_mass_m": [0.1, 0.0, 0.0]}
 KINDS: list[dict[str, Any]] = [
@@ -80,21 +81,30 @@ async def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(
     tracker.close()
 
 
-@pytest.mark.parametrize("name", ["vicon", "natnet", "qualisys", "json"])
+TWO_BODIES = {
+    **{
+        name: next(row for row in TABLES[name].rows if "two bodies, ours" in row.about)
+        for name in ("natnet 3.0", "natnet 4.1", "qualisys", "json")
+    },
+    "vicon": next(row for row in VICON.readable if "two objects" in row.about),
+}
+"""Golden datagrams in which the body ``wand`` is beside ours."""
+
+
+@pytest.mark.parametrize("name", TWO_BODIES)
 @given(st.data())
 def test_damaged_bytes_put_no_other_body_nowhere(name: str, data: st.DataObject) -> None:
-    reader, datagrams = FLIGHTS[name](3)  # the first one whole
-    others = Others(("other0", "other1"))
-    reader.intake.others = others
-    for message in natnet_handshake((4, 1)) if name == "natnet" else ():
-        reader.read(message, 0.0)
-    reader.read(datagrams[0], 0.0)
-    assert all(others.sighting(other) is not None for other in others.names)
+    reader = ViconReader(OURS, Intake(0.0)) if name == "vicon" else fresh_reader(name)
+    reader.intake.others = others = Others(("wand",))
+    whole = TWO_BODIES[name].datagram
+    for message in TABLES[name].prelude if name.startswith("natnet") else ():
+        reader.read(bytes.fromhex(message), 0.0)
+    reader.read(whole, 0.0)
+    assert others.sighting("wand") is not None
     for number in range(3):
-        damaged = bytearray(datagrams[data.draw(st.integers(0, len(datagrams) - 1))])
-        for at in data.draw(st.lists(st.integers(0, len(damaged) - 1), max_size=8)):
-            damaged[at] = data.draw(st.sampled_from((0x00, 0x7F, 0x80, 0xF0, 0xFF)))
+        damaged = bytearray(whole)
+        for at in data.draw(st.lists(st.integers(0, len(damaged) - 8), max_size=4)):
+            damaged[at : at + 8] = 8 * bytes([data.draw(st.sampled_from((0x00, 0x7F, 0x80, 0xFF)))])
         reader.read(bytes(damaged), 0.01 * number + 0.01)
-    for other in others.names:
-        sight = others.sighting(other)
+        sight = others.sighting("wand")
         assert sight is None or all(map(math.isfinite, (*sight.position_ned, *sight.velocity_ned)))
