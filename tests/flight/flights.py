@@ -38,7 +38,7 @@ from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.flown_once import once
 from tests.known import known
 from tests.loops import until
-from tests.proving.faults import Fault, Row, fly_here
+from tests.proving.faults import DeckFlight, Fault, Row
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -216,8 +216,14 @@ def rms_cm(scenario: str, *overrides: str, duration_s: float, **options: Any) ->
 
 def fly_fault(case: str, fault: Fault, state: str, **options: Any) -> Row:
     """A flight in ``paper`` that a fault of one's own strikes, as the fault deck judges it."""
+
+    async def fly() -> Row:
+        flight = DeckFlight(fault, 0, "paper", **options)
+        await flight.reach(state)
+        return await flight.strike(case, state)
+
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        return runner.run(fly_here(case, fault, state, seed=0, scenario="paper", **options))
+        return runner.run(fly())
 
 
 def ticks_to(keep: Callable[[Tick], object]) -> Subscriber:

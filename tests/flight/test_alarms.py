@@ -9,7 +9,7 @@ import pytest
 from groundstation.analysis.evidence import drive_flight, load_flight
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import WANDERING_M
-from tests.proving.alarms import WRONGS, Alarms, Watch, WatchedHealth, plan_floors, watch_all
+from tests.proving.alarms import WRONGS, Watch, WatchedHealth, plan_floors, watch_all
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 BEFORE_S = 10.0
@@ -18,16 +18,12 @@ STOOD_S = 1.0
 """Time before a recorded flight in which it stands where its floor is [s]."""
 
 
-def ended(found: Alarms) -> list[tuple[int, str]]:
-    return [(one.seed, one.failed) for one in found.ended]
-
-
 @pytest.mark.tried(1)  # the worst air
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("scenario", ["storm", "adverse", "gust_front"])
 def test_no_flight_in_bad_air_ends_by_its_poses(scenario: str, seed: int) -> None:
     (found,) = watch_all([Watch(scenario, figure_s=5.0)], (seed,), workers=1)
-    assert ended(found) == []
+    assert not found.ended_by_poses
     assert found.alarm < 1.0
     assert all(one.windows > 200 for one in found.flights), "it looked all the way"
     assert found.alarm > 0.0, "and it saw something"
@@ -46,7 +42,7 @@ def test_no_flight_in_bad_air_ends_by_its_poses(scenario: str, seed: int) -> Non
 )
 def test_flights_that_a_monitor_ended_once_are_flown(scenario: str, seed: int, what: str) -> None:
     (found,) = watch_all([Watch(scenario)], (seed,), workers=1)
-    assert ended(found) == [], what
+    assert not found.ended_by_poses, what
     assert found.alarm < 0.75, what
 
 
@@ -55,9 +51,9 @@ def test_flights_that_a_monitor_ended_once_are_flown(scenario: str, seed: int, w
 def test_no_flight_ends_by_its_poses_where_something_is_configured_wrong(floor: object) -> None:
     (*_, watch) = [one for one in plan_floors(Watch("", figure_s=5.0)) if one.floor == floor]
     (found,) = watch_all([watch], (0,), workers=1)
-    assert ended(found) == []
+    assert not found.ended_by_poses
     # Of what it was told it would weigh 174 % at full thrust, and stays on the floor.
-    assert found.grounded == (1 if watch.floor is not None and "0.62" in watch.floor.name else 0)
+    assert found.not_flown == (1 if watch.floor is not None and "0.62" in watch.floor.name else 0)
 
 
 @pytest.mark.tried(1)  # the one whose height is wrong on the floor
@@ -71,7 +67,7 @@ def test_an_estimate_that_wanders_and_turns_its_heading_fails_not_and_lands(
     own = ("sim.own_estimate=true",) if scenario == "quad1kg" else ()
     watch = Watch(scenario, overrides=own + wanders, source="odometry")
     (found,) = watch_all([watch], (seed,), workers=1)
-    assert ended(found) == []
+    assert not found.ended_by_poses
     assert [one.why for one in found.flights if not one.landed] == []
 
 

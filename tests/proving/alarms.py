@@ -5,7 +5,6 @@ bad air, at the floors where vehicle or delay is configured wrong, and with nois
 """
 
 import argparse
-import json
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -53,32 +52,34 @@ class WatchedFlight(msgspec.Struct, frozen=True, kw_only=True):
     why: str
     """Why it came down early, or how it ended."""
 
-    @property
-    def ended_by_poses(self) -> bool:
-        """Whether its poses ended it."""
-        return self.failed.startswith("pose.")
-
 
 class Alarms(msgspec.Struct, frozen=True, kw_only=True):
-    """Flights of one scenario, as it is or at one floor."""
+    """Flights of one scenario, as it is or at one floor, and their figures."""
 
     name: str
+    windows: int
+    """Evaluations of the monitor in all."""
+    alarm: float
+    """Largest test statistic of all, as a share of its threshold [-]."""
+    not_flown: int
+    """Flights that were refused, or did not lift off."""
+    suspected: int
+    """Flights whose poses were suspected."""
+    ended_by_poses: int
     flights: tuple[WatchedFlight, ...]
 
-    @property
-    def alarm(self) -> float:
-        """Largest test statistic of all, as a share of its threshold [-]."""
-        return max((one.alarm for one in self.flights), default=0.0)
 
-    @property
-    def ended(self) -> tuple[WatchedFlight, ...]:
-        """Flights that their poses ended."""
-        return tuple(one for one in self.flights if one.ended_by_poses)
-
-    @property
-    def grounded(self) -> int:
-        """Flights that were refused, or did not lift off."""
-        return sum(one.windows == 0 for one in self.flights)
+def count_alarms(name: str, flights: Sequence[WatchedFlight]) -> Alarms:
+    """Return the figures of ``flights``."""
+    return Alarms(
+        name=name,
+        windows=sum(one.windows for one in flights),
+        alarm=max(one.alarm for one in flights),
+        not_flown=sum(one.windows == 0 for one in flights),
+        suspected=sum(one.suspected > 0 for one in flights),
+        ended_by_poses=sum(one.failed.startswith("pose.") for one in flights),
+        flights=tuple(flights),
+    )
 
 
 class WatchedHealth(PoseHealth):
@@ -167,7 +168,7 @@ def watch_all(
         flown = flyers.each(watch_flight, work, on_done)
     each = len(seeds)
     return [
-        Alarms(name=watch.name, flights=tuple(flown[i * each : (i + 1) * each]))
+        count_alarms(watch.name, flown[i * each : (i + 1) * each])
         for i, watch in enumerate(watches)
     ]
 
@@ -197,34 +198,20 @@ def alarms(args: argparse.Namespace) -> Exit:
         found = watch_all(
             watches, seeds, workers=args.workers or os.cpu_count() or 1, on_done=counter.at
         )
-    print(json.dumps([facts(one) for one in found]) if args.json else "\n".join(map(text, found)))
-    bad = any(one.ended or one.grounded for one in found)
+    print(msgspec.json.encode(found).decode() if args.json else "\n".join(map(text, found)))
+    bad = any(one.ended_by_poses or one.not_flown for one in found)
     return Exit.FAILED if bad else Exit.DONE
 
 
-def facts(found: Alarms) -> dict[str, object]:
-    """Return the figures of ``found``; ``flights`` has every one of them."""
-    return {
-        "name": found.name,
-        "windows": sum(one.windows for one in found.flights),
-        "alarm": found.alarm,
-        "not_flown": found.grounded,
-        "suspected": sum(one.suspected > 0 for one in found.flights),
-        "ended_by_poses": len(found.ended),
-        "flights": msgspec.to_builtins(found.flights),
-    }
-
-
 def text(found: Alarms) -> str:
-    """Return the same as lines of text."""
-    told = facts(found)
+    """Return ``found`` as lines of text."""
     lines = [
-        f"{found.name}: {len(found.flights)} flights, {len(found.ended)} ended by their poses, "
-        f"{told['suspected']} suspected; largest alarm {found.alarm:.2f}; "
-        f"{told['windows']} windows" + (f"; {found.grounded} NOT FLOWN" if found.grounded else "")
+        f"{found.name}: {len(found.flights)} flights, {found.ended_by_poses} ended by their poses, "
+        f"{found.suspected} suspected; largest alarm {found.alarm:.2f}; {found.windows} windows"
+        + (f"; {found.not_flown} NOT FLOWN" if found.not_flown else "")
     ]
     for one in found.flights:
-        if one.ended_by_poses:
+        if one.failed.startswith("pose."):
             lines.append(f"  seed {one.seed}: {one.failed}: {one.why}")
         elif not one.landed:
             lines.append(f"  seed {one.seed}: did not land as planned: {one.why}")

@@ -8,7 +8,7 @@ that has flown it; the rows are those of flights of their own. That process has 
 import asyncio
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
@@ -49,7 +49,6 @@ from tests.proving.faults.faults import CASES, find_fault
 from tests.proving.faults.judge import (
     AUTOPILOT_LANDS,
     JUDGED_S,
-    Answer,
     Observations,
     Row,
     Thrust,
@@ -116,59 +115,75 @@ def fly_cell(
     seed: int = 0,
     scenario: str = "paper",
     overrides: tuple[str, ...] = (),
-    split: Callable[[], FlightCopy] | None = None,
 ) -> Row:
-    """Fly one cell in virtual time; ``split`` tells at the strike which copy it is."""
-    fault = find_fault(case, state, link or CASES[case].link)
+    """Fly one cell in virtual time."""
+    (row,) = fly_together(
+        [FlightCopy(case)], state, link=link or CASES[case].link, seed=seed, scenario=scenario,
+        overrides=overrides, finish=DeckFlight.finish,
+    )  # fmt: skip
+    return row
+
+
+def fly_together(
+    copies: Sequence[FlightCopy],
+    state: str,
+    *,
+    link: str,
+    seed: int,
+    scenario: str,
+    overrides: tuple[str, ...] = (),
+    finish: "Finish | None" = None,
+) -> list[Row]:
+    """Return the rows of ``copies``, whose cases are set up alike: they strike one flight.
+
+    Each is flown on by ``finish``; without it, by a copy of this process.
+    """
     if not any(override.startswith("trajectory.") for override in overrides):
         overrides = (*NEAR, *overrides)
+
+    async def fly() -> list[Row]:
+        fault = find_fault(copies[0].case, state, link)
+        flight = DeckFlight(fault, seed, scenario, overrides)
+        await flight.reach(state)
+        return [await (finish or _finish_copy)(flight, copy, state) for copy in copies]
+
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        flight = fly_here(
-            case, fault, state, seed=seed, scenario=scenario, overrides=overrides, split=split
-        )
         try:
-            return runner.run(flight)
+            return runner.run(fly())
         except NotReached as error:
-            return not_struck(case, fault, state, str(error), scenario)
+            never = Observations(Truth(0.0), wrong=str(error))
+            cases = [copy.case for copy in copies]
+            return [
+                judge(case, find_fault(case, state, link), state, never, scenario) for case in cases
+            ]
 
 
-def not_struck(case: str, fault: Fault, state: str, why: str, scenario: str = "paper") -> Row:
-    """Return the row of a flight that never came to its strike."""
-    return judge(case, fault, state, Observations(Truth(0.0), wrong=why), scenario)
+async def _finish_copy(flight: "DeckFlight", copy: FlightCopy, state: str) -> Row:
+    """Return the row of ``copy``, which a copy of this process flies."""
+    loop = asyncio.get_running_loop()
+    far, near = os.pipe()
+    number = os.fork()
+    if number == 0:
+        asyncio._set_running_loop(loop)  # it is told by the process's number
+        found: Row | str
+        try:
+            found = await flight.finish(copy, state)
+        except BaseException as error:  # noqa: BLE001  # its original raises it
+            found = f"{type(error).__name__}: {error}"
+        os.write(near, msgspec.msgpack.encode(found))
+        # What comes next is its original's to do.
+        os._exit(0)
+    os.close(near)
+    with os.fdopen(far, "rb") as told:
+        row = msgspec.msgpack.decode(told.read() or b"\xc0", type=Row | str | None)
+    os.waitpid(number, 0)  # noqa: ASYNC222  # virtual time stands still
+    if not isinstance(row, Row):
+        raise RuntimeError(f"{copy.case}: {row or 'its process was killed'}")
+    return row
 
 
 class _Broken(Exception):
     """Failure of the controller."""
-
-
-async def fly_here(
-    name: str,
-    fault: Fault,
-    state: str,
-    *,
-    seed: int,
-    scenario: str,
-    overrides: tuple[str, ...] = (),
-    keep: Give | None = None,
-    split: Callable[[], FlightCopy] | None = None,
-) -> Row:
-    """Fly one cell on the running loop of virtual time; ``keep`` takes what is recorded.
-
-    ``split`` tells at the strike which copy it is, of a case that is set up as ``fault`` is.
-
-    Raises:
-        NotReached: the flight ended before the state in which it was to be struck.
-    """
-    cell = DeckFlight(fault, seed, scenario, overrides, keep)
-    await cell.reach(state)
-    watch = ""
-    if split is not None:
-        name, watch = split()
-        cell.fault = fault = find_fault(name, state, fault.link)
-    forced_s = generator(seed, f"doubt {name}").random() * FORCED_WITHIN_S
-    go_on(cell.flight, watch, cell.truth.struck_s + float(forced_s))
-    row = judge(name, fault, state, await cell.strike(state), scenario)
-    return replace(row, seed=seed, forced="" if watch == UNGUARDED else watch)
 
 
 class DeckFlight:
@@ -179,17 +194,22 @@ class DeckFlight:
         fault: Fault,
         seed: int,
         scenario: str,
-        overrides: tuple[str, ...],
-        keep: Give | None,
+        overrides: tuple[str, ...] = (),
+        keep: Give | None = None,
     ) -> None:
         """Set up both sides on the running loop of virtual time, beginning now."""
         loop = asyncio.get_running_loop()
         assert isinstance(loop, VirtualTimeLoop), "in virtual time only"
-        self.fault, self._keep, self._loop, self._begun_s = fault, keep, loop, loop.time()
+        self._fault, self._scenario, self._keep = fault, scenario, keep
+        self._loop, self._begun_s = loop, loop.time()
         self._blind = False
         """Whether it came down without poses."""
         self._aborted_m = math.inf
         """Height above the floor at which commands ended [m]."""
+        self._failsafe_s = math.inf
+        """When the autopilot began to act by itself [s]."""
+        self._land_s: float | None = None
+        """When it took over landing, as it was asked to [s]."""
         asked = [*(LANDS if fault.link == "mavlink" else ()), *fault.overrides, *overrides]
         world, config = prepare(SCENARIOS[scenario], asked, source=fault.source, link=fault.link)
         self._figure_s = HONEST_FIGURE_S if fault.kind is Kind.HONEST else FIGURE_S
@@ -198,9 +218,9 @@ class DeckFlight:
         self._thrust = Thrust(hover_n(world), self._find_thrust, held_s)
         self._wire = WireJudge(self._config, self._thrust)
         loop.tap = self._wire.tap
-        self.truth, self._moves = Truth(world.floor_z_m), Moves(loop.time)
-        self._stage = Stage(world, self._config, seed, self.truth.step, parameters=AUTOPILOT)
-        self.truth.plant = self._stage.plant
+        self._truth, self._moves = Truth(world.floor_z_m), Moves(loop.time)
+        self._stage = Stage(world, self._config, seed, self._truth.step, parameters=AUTOPILOT)
+        self._truth.plant = self._stage.plant
         self._stage.plant.advance(self._begun_s)
         meddler = stand_between(self._stage)
         self.flight = make_flight(
@@ -231,11 +251,18 @@ class DeckFlight:
             raise NotReached(f"the flight ended before {state}: {moves.state}: {moves.reason}")
         reaching.result()
 
-    async def strike(self, state: str) -> Observations:
-        """Let the fault happen in ``state``, and fly on until it can be judged."""
-        plant, exemption = self._stage.plant, exemption_of(self.fault, state)
-        autopilot = _Autopilot(self._note_open_loop)
-        beside = [self.fault.strike(self._scene), autopilot.watch(self._stage)]
+    async def finish(self, copy: FlightCopy, state: str) -> Row:
+        """Go on as ``copy`` in ``state``, and return its row."""
+        self._fault = find_fault(copy.case, state, self._fault.link)
+        chance = generator(self._scene.seed, f"doubt {copy.case}").random()
+        go_on(self.flight, copy.watch, self._truth.struck_s + float(chance * FORCED_WITHIN_S))
+        row = await self.strike(copy.case, state)
+        return replace(row, forced="" if copy.watch == UNGUARDED else copy.watch)
+
+    async def strike(self, name: str, state: str) -> Row:
+        """Let the fault ``name`` happen in ``state``, and fly on until it can be judged."""
+        plant, exemption = self._stage.plant, exemption_of(self._fault, state)
+        beside = [self._fault.strike(self._scene), self._watch_autopilot()]
         if state == "moving":
             beside.append(self._return())
         tasks = [*self._running, *map(asyncio.ensure_future, beside)]
@@ -250,10 +277,13 @@ class DeckFlight:
         restless = "it does not come to rest" if has_ended else "it does not end"
         wrong = "" if rests or over.done() else restless
         # How a flight is ended that is cut short is no part of it.
-        self.truth.end()
+        self._truth.end()
         self._thrust.end(self._loop.time())
         answers = [(time_s, str(after), why) for time_s, after, why in self._moves.answers]
-        drift_m = math.dist(self.truth.struck_ned[:2], self._find_place()[:2])
+        if self._failsafe_s < math.inf:
+            why = "set-points stopped: the autopilot's own failsafe"
+            answers.append((self._failsafe_s, AUTOPILOT_LANDS, why))
+        drift_m = math.dist(self._truth.struck_ned[:2], self._find_place()[:2])
         wrong = wrong or self._find_wrong_command(state)
         for result in await _cancel([*tasks, over]):
             if isinstance(result, Exception) and not isinstance(result, _Broken):
@@ -261,20 +291,35 @@ class DeckFlight:
         self._loop.tap = None
         # The rotors at their fullest can't hold it.
         is_weak = plant.most_n(self._loop.time()) <= hover_n(self._stage.world)
-        return Observations(
-            truth=self.truth,
-            answers=sorted([*answers, *autopilot.answers]),
+        seen = Observations(
+            truth=self._truth,
+            answers=sorted(answers),
             wrong=wrong,
             exemption=exemption or (Exemption.WEAK if is_weak else Exemption.NONE),
             begun_s=self._begun_s,
             drift_m=drift_m,
             touchdown_m_s=plant.floor.hardest_m_s,
             thrust=self._thrust,
-            land_s=autopilot.land_s,
+            land_s=self._land_s,
             failure=self.flight.failure,
             blind=self._blind,
             aborted_m=self._aborted_m,
         )
+        row = judge(name, self._fault, state, seen, self._scenario)
+        return replace(row, seed=self._scene.seed)
+
+    async def _watch_autopilot(self) -> None:
+        """Note when the autopilot acts beside obeying, until cancelled."""
+        while self._stage.radio is None:
+            autopilot, now_s = self._stage.autopilot, self._loop.time()
+            assert isinstance(autopilot, Px4Autopilot), "the deck flies with a PX4"
+            if autopilot.failsafe:
+                if self._failsafe_s == math.inf:
+                    self._failsafe_s = now_s
+                    self._note_open_loop(now_s)
+            elif self._land_s is None and autopilot.armed and autopilot.mode == autopilot.land_mode:
+                self._land_s = now_s
+            await asyncio.sleep(2.0 * LOOK_S)
 
     def _hear(self, event: FlightEvent) -> None:
         if isinstance(event, Notice) and event.kind == "state":
@@ -292,7 +337,7 @@ class DeckFlight:
         if state is State.ABORTED:
             self._aborted_m = min(self._aborted_m, self._find_height_m())
         # Without poses a failsafe descent follows none, too.
-        if state is State.ABORTED or (state is State.DESCENT and self.fault.poses is Poses.GONE):
+        if state is State.ABORTED or (state is State.DESCENT and self._fault.poses is Poses.GONE):
             self._note_open_loop(self._loop.time())
         if self._thrust.decided_s == math.inf:
             self._thrust.decided_s = self._loop.time()
@@ -305,10 +350,10 @@ class DeckFlight:
             moves.struck and pilot.state.is_blind and not pilot.state.health.has_failed
         )
         # What false poses led to is no course any more: it may run away with them.
-        misled = self.fault.poses is not Poses.TRUE and bool(moves.answers)
+        misled = self._fault.poses is not Poses.TRUE and bool(moves.answers)
         if not misled and moves.state not in (State.DESCENT, State.ABORTED, State.DISARMING):
             reference = tick.reference
-            self.truth.refer(
+            self._truth.refer(
                 tick.time_s, reference.position_ned, reference.velocity_ned, tick.estimate.time_s
             )
 
@@ -336,14 +381,14 @@ class DeckFlight:
 
     def _find_wrong_command(self, state: str) -> str:
         """Describe a command that must not have left; empty where there is none."""
-        wire, config, struck_s = self._wire, self._config, self.truth.struck_s
+        wire, config, struck_s = self._wire, self._config, self._truth.struck_s
         if wire.wrong:
             return wire.wrong
         most_s = config.flight.coast_s + config.guards.level_s + 2.0 + BLIND_S
         lifted_s = self._thrust.last_lift_s - struck_s
-        if self.fault.poses is Poses.GONE and self._thrust.last_lift_s > struck_s + most_s:
+        if self._fault.poses is Poses.GONE and self._thrust.last_lift_s > struck_s + most_s:
             return f"a command that lifts left {lifted_s:.2f} s after the last true pose"
-        if self.fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
+        if self._fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
             return f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
         return ""
 
@@ -364,7 +409,7 @@ class DeckFlight:
                 flight.ask(Request(Ask.GOTO, "the deck", (point,)))
             if moment.is_now(moves, self._find_height_m()):
                 moves.struck = True
-                self.truth.strike(self._loop.time())
+                self._truth.strike(self._loop.time())
                 return
             await asyncio.sleep(LOOK_S)
 
@@ -378,7 +423,7 @@ class DeckFlight:
 
     def _see(self, exemption: Exemption) -> "asyncio.Future[None]":
         """Return what is done once a flight that may go on for ever has been seen."""
-        if self.fault.kind is Kind.HONEST:
+        if self._fault.kind is Kind.HONEST:
             return asyncio.ensure_future(self._see_honest())
         if exemption is Exemption.NOT_OBSERVABLE:
             return asyncio.ensure_future(self._fly_for(JUDGED_S))
@@ -417,102 +462,11 @@ async def _cancel(tasks: Sequence["asyncio.Future[Any]"]) -> list[Any]:
     return await asyncio.gather(*tasks, return_exceptions=True)
 
 
-class _Autopilot:
-    """Reactions of the autopilot beside obeying."""
-
-    def __init__(self, on_act: Callable[[float], None]) -> None:
-        """Nothing yet; ``on_act(time_s)`` hears once when it acts by itself."""
-        self.answers: list[Answer] = []
-        """When it began to act by itself [s], and how."""
-        self.land_s: float | None = None
-        """When it took over landing, as it was asked to [s]."""
-        self._on_act = on_act
-
-    async def watch(self, stage: Stage) -> None:
-        """Look until cancelled."""
-        loop = asyncio.get_running_loop()
-        while stage.radio is None:
-            told, now_s = stage.autopilot, loop.time()
-            assert isinstance(told, Px4Autopilot), "the deck flies with a PX4"
-            if told.failsafe:
-                if not self.answers:
-                    why = "set-points stopped: the autopilot's own failsafe"
-                    self.answers.append((now_s, AUTOPILOT_LANDS, why))
-                    self._on_act(now_s)
-            elif self.land_s is None and told.armed and told.mode == told.land_mode:
-                self.land_s = now_s
-            await asyncio.sleep(2.0 * LOOK_S)
+Finish = Callable[[DeckFlight, FlightCopy, str], Awaitable[Row]]
+"""Makes the row of one copy of a flight in a state."""
 
 
 def hover_n(world: World) -> float:
     """The thrust that holds it against weight and wind [N]."""
     north, east, down = world.wind_mean
     return world.mass_kg * math.hypot(north, east, world.gravity + down)
-
-
-class _CopiesFlown(Exception):
-    """All copies have flown on."""
-
-
-class _Copies:
-    """Processes that fly on from the same instant, one after the other."""
-
-    def __init__(self, copies: Sequence[FlightCopy]) -> None:
-        self.rows: list[Row] = []
-        self.out: int | None = None
-        """Where a copy writes its row; None in the process that is none."""
-        self._copies = copies
-
-    def split(self) -> FlightCopy:
-        """Fork a process for each copy; return in each of them which it is."""
-        loop = asyncio.get_running_loop()
-        for copy in self._copies:
-            far, near = os.pipe()
-            number = os.fork()
-            if number == 0:
-                os.close(far)
-                asyncio._set_running_loop(loop)  # it is told by the process's number
-                self.out = near
-                return copy
-            os.close(near)
-            with os.fdopen(far, "rb") as told:
-                row = msgspec.msgpack.decode(told.read() or b"\xc0", type=Row | str | None)
-            os.waitpid(number, 0)
-            if not isinstance(row, Row):
-                raise RuntimeError(f"{copy.case}: {row or 'its process was killed'}")
-            self.rows.append(row)
-        raise _CopiesFlown
-
-
-def fly_together(
-    copies: Sequence[FlightCopy],
-    state: str,
-    *,
-    link: str,
-    seed: int,
-    scenario: str,
-    overrides: tuple[str, ...] = (),
-) -> list[Row]:
-    """Return the rows of ``copies``, whose cases are set up alike: they strike one flight."""
-    processes = _Copies(copies)
-    found: Row | str
-    try:
-        found = fly_cell(
-            copies[0].case, state, link=link, seed=seed, scenario=scenario, overrides=overrides,
-            split=processes.split,
-        )  # fmt: skip
-    except _CopiesFlown:
-        return processes.rows
-    except BaseException as error:
-        if processes.out is None:
-            raise
-        found = f"{type(error).__name__}: {error}"
-    if processes.out is not None:  # a copy ends here: what comes next is its original's to do
-        os.write(processes.out, msgspec.msgpack.encode(found))
-        os._exit(0)
-    assert isinstance(found, Row), "told by whoever has failed"
-    never = found.why
-    return [
-        not_struck(copy.case, find_fault(copy.case, state, link), state, never, scenario)
-        for copy in copies
-    ]
