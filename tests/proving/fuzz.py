@@ -56,7 +56,7 @@ def read_vicon() -> Subject:
     """Vicon's UDP Object Stream."""
     reader = sources.ViconReader(OURS, sources.Intake(0.0))
     return Subject(
-        [row.datagram for row in (*VICON.readable, *VICON.dropped)],
+        [*(row.datagram for row in VICON.readable), *(row.datagram for row in VICON.dropped)],
         lambda data, now: len(reader.read(data, now)),
         lambda: reader.status.dropped,
     )

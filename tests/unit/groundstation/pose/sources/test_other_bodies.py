@@ -83,10 +83,10 @@ async def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(
 
 TWO_BODIES = {
     **{
-        name: next(row for row in TABLES[name].rows if "two bodies, ours" in row.about)
+        name: next(row.datagram for row in TABLES[name].rows if "two bodies, ours" in row.about)
         for name in ("natnet 3.0", "natnet 4.1", "qualisys", "json")
     },
-    "vicon": next(row for row in VICON.readable if "two objects" in row.about),
+    "vicon": next(row.datagram for row in VICON.readable if "two objects" in row.about),
 }
 """Golden datagrams in which the body ``wand`` is beside ours."""
 
@@ -96,7 +96,7 @@ TWO_BODIES = {
 def test_damaged_bytes_put_no_other_body_nowhere(name: str, data: st.DataObject) -> None:
     reader = ViconReader(OURS, Intake(0.0)) if name == "vicon" else fresh_reader(name)
     reader.intake.others = others = Others(("wand",))
-    whole = TWO_BODIES[name].datagram
+    whole = TWO_BODIES[name]
     for message in TABLES[name].prelude if name.startswith("natnet") else ():
         reader.read(bytes.fromhex(message), 0.0)
     reader.read(whole, 0.0)
