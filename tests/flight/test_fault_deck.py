@@ -16,7 +16,6 @@ from tests.proving.faults import (
     Fault,
     FlightCopy,
     Kind,
-    Planned,
     Poses,
     Scene,
     fly_all,
@@ -113,7 +112,7 @@ def test_cells_beyond_the_limits_stay_within_what_was_measured(
 def test_a_vehicle_that_something_moves_flies_on_by_true_poses(
     case: str, state: str, link: str, seed: int
 ) -> None:
-    (row,) = fly_all([Planned(Cell(case, state, link), "paper", seed)], overrides=(), workers=1)
+    (row,) = fly_all([Cell(case, state, link, seed=seed)], overrides=(), workers=1)
     assert row.safe, row.why
     assert row.ended == "flies on"
     assert known(row.unguarded_m_s) > 0.0
@@ -121,8 +120,8 @@ def test_a_vehicle_that_something_moves_flies_on_by_true_poses(
 
 @pytest.mark.parametrize(("doubt", "ended"), FORCED)
 def test_no_doubt_is_worse_than_what_it_doubts(doubt: str, ended: str) -> None:
-    cell = Cell("push: 6 for 1 s", "hold", "mavlink")
-    (row,) = fly_all([Planned(cell, "paper", 0, doubt)], overrides=(), workers=1)
+    cell = Cell("push: 6 for 1 s", "hold", "mavlink", forced=doubt)
+    (row,) = fly_all([cell], overrides=(), workers=1)
     assert row.safe, row.why
     assert (row.forced, row.ended) == (doubt, ended)
 

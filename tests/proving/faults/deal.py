@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import msgspec
+from msgspec.structs import replace
 
 from groundstation.config import ConfigError
 from groundstation.runtime import Exit
@@ -34,35 +35,28 @@ class Cell(msgspec.Struct, frozen=True):
     case: str
     state: str
     link: str
+    scenario: str = "paper"
+    seed: int = 0
+    forced: str = ""
+    """Doubt that is forced upon it, as :func:`monitors.go_on` has it; empty for none."""
 
     @property
     def fault(self) -> Fault:
         """Fault of this case as it is flown here."""
         return find_fault(self.case, self.state, self.link)
 
-
-class Planned(msgspec.Struct, frozen=True):
-    """One flight of a cell."""
-
-    cell: Cell
-    scenario: str
-    seed: int
-    forced: str = ""
-    """Doubt that is forced upon it, as :func:`monitors.go_on` has it; empty for none."""
-
     def copies(self) -> tuple[FlightCopy, ...]:
         """Return what is flown for its row: honest rows have the same flight without guards."""
-        copy = FlightCopy(self.cell.case, self.forced)
-        if self.cell.fault.kind is not Kind.HONEST:
+        copy = FlightCopy(self.case, self.forced)
+        if self.fault.kind is not Kind.HONEST:
             return (copy,)
-        return copy, FlightCopy(self.cell.case, UNGUARDED)
+        return copy, FlightCopy(self.case, UNGUARDED)
 
     def row(self, flown: Sequence[Row]) -> Row:
         """Return its row, of those of its copies."""
         if len(flown) == 1:
             return flown[0]
-        fault, state = self.cell.fault, self.cell.state
-        must = state in fault.flies_on and not self.forced.startswith(FAILED)
+        must = self.state in self.fault.flies_on and not self.forced.startswith(FAILED)
         return judge_honest(flown[0], flown[1], must_fly_on=must)
 
 
@@ -88,19 +82,19 @@ def pick_worst(flown: Sequence[Sequence[Row]]) -> list[Row]:
 
 
 def fly_all(
-    work: Sequence[Planned],
+    cells: Sequence[Cell],
     *,
     overrides: Sequence[str],
     workers: int,
     on_done: Callable[[int], None] = lambda count: None,
 ) -> list[Row]:
-    """Return the rows of ``work``, in its order; ``on_done`` hears how many are flown."""
-    rows: dict[Planned, Row] = {}
-    alike: dict[object, list[Planned]] = {}
-    for planned in work:
-        cell, told = planned.cell, planned.cell.fault
+    """Return the rows of ``cells``, in their order; ``on_done`` hears how many are flown."""
+    rows: dict[Cell, Row] = {}
+    alike: dict[object, list[Cell]] = {}
+    for cell in cells:
+        told = cell.fault
         setting = (cell.state, cell.link, told.source, told.overrides, told.kind is Kind.HONEST)
-        alike.setdefault((planned.scenario, planned.seed, *setting), []).append(planned)
+        alike.setdefault((cell.scenario, cell.seed, *setting), []).append(cell)
     jobs = [
         some[i : i + TOGETHER] for some in alike.values() for i in range(0, len(some), TOGETHER)
     ]
@@ -110,18 +104,18 @@ def fly_all(
         for number, found in pool.as_done(partial(_fly_job, tuple(overrides)), jobs):
             rows |= zip(jobs[number], found, strict=True)
             on_done(len(rows))
-    return [rows[planned] for planned in work]
+    return [rows[cell] for cell in cells]
 
 
-def _fly_job(overrides: tuple[str, ...], job: Sequence[Planned]) -> list[Row]:
-    """Return the rows of flights that are set up alike."""
-    copies = [copy for planned in job for copy in planned.copies()]
-    cell, scenario, seed, _ = msgspec.structs.astuple(job[0])
+def _fly_job(overrides: tuple[str, ...], job: Sequence[Cell]) -> list[Row]:
+    """Return the rows of cells that are set up alike."""
+    copies, (first, *_) = [copy for cell in job for copy in cell.copies()], job
     rows = fly_together(
-        copies, cell.state, link=cell.link, seed=seed, scenario=scenario, overrides=overrides
-    )
+        copies, first.state, link=first.link, seed=first.seed, scenario=first.scenario,
+        overrides=overrides,
+    )  # fmt: skip
     flown = iter(rows)
-    return [planned.row([next(flown) for _ in planned.copies()]) for planned in job]
+    return [cell.row([next(flown) for _ in cell.copies()]) for cell in job]
 
 
 def faults(args: argparse.Namespace) -> Exit:
@@ -142,7 +136,11 @@ def faults(args: argparse.Namespace) -> Exit:
     if not work:
         raise ConfigError("--state", notice("dev.state", fault=args.fault or "nothing"))
     seeds = range(args.seed, args.seed + args.seeds)
-    plan = [Planned(cell, args.scenario, seed, args.forced) for seed in seeds for cell in work]
+    plan = [
+        replace(cell, scenario=args.scenario, seed=seed, forced=args.forced)
+        for seed in seeds
+        for cell in work
+    ]
     with ProgressBar("flights", len(plan), quiet=args.json) as counter:
         workers = args.workers or os.cpu_count() or 1
         flown = fly_all(plan, overrides=args.overrides, workers=workers, on_done=counter.at)

@@ -133,13 +133,7 @@ def text(rows: Sequence[Row]) -> str:
         )
         if row.why and not row.safe:
             lines.append(f"       {row.why}")
-    for one in summarize(rows):
-        lines.append(
-            f"{one.kind:12} {one.family:22} {one.within:4} of {one.cells:4} within, "
-            f"{one.near:4} within {NEAR_LIMIT:g}x, up {one.up_m:5.2f} m, "
-            f"aside {one.aside_m:6.2f} m, {one.fastest_m_s:5.2f} m/s, "
-            f"floor {one.hardest_m_s:5.2f} m/s"
-        )
+    lines += ["", HEAD, *map(_line, summarize(rows)), ""]
     bad = sum(not row.safe for row in rows)
     return "\n".join([*lines, *tell_kinds(rows), f"{len(rows)} cells, {bad} unsafe"])
 
