@@ -266,7 +266,7 @@ class DeckFlight:
         if state == "moving":
             beside.append(self._return())
         tasks = [*self._running, *map(asyncio.ensure_future, beside)]
-        over = self._see(exemption)
+        over = asyncio.ensure_future(self._see(exemption))
         await asyncio.wait(
             {*self._running, over},
             timeout=LIMIT_S + self._figure_s,
@@ -421,27 +421,20 @@ class DeckFlight:
                 self.flight.ask(Request(Ask.RETURN, "the deck"))
                 return
 
-    def _see(self, exemption: Exemption) -> "asyncio.Future[None]":
-        """Return what is done once a flight that may go on for ever has been seen."""
-        if self._fault.kind is Kind.HONEST:
-            return asyncio.ensure_future(self._see_honest())
-        if exemption is Exemption.NOT_OBSERVABLE:
-            return asyncio.ensure_future(self._fly_for(JUDGED_S))
-        return self._loop.create_future()
+    async def _see(self, exemption: Exemption) -> None:
+        """Return once a flight that may go on for ever has been seen.
 
-    async def _see_honest(self) -> None:
-        """Return when an honest flight has been seen: one that ends early is seen to its end."""
-        await self._fly_for(HONEST_S)
-        if self._moves.answers:
-            await asyncio.sleep(HONEST_MORE_S)
-
-    async def _fly_for(self, seconds: float) -> None:
-        """Return ``seconds`` [s] from now, or from when it leaves the floor."""
-        plant, flown_s = self._stage.plant, 0.0
-        while flown_s < seconds:
+        An honest one that ends early is seen to its end.
+        """
+        plant, is_honest, flown_s = self._stage.plant, self._fault.kind is Kind.HONEST, 0.0
+        if not is_honest and exemption is not Exemption.NOT_OBSERVABLE:
+            await self._loop.create_future()
+        while flown_s < (HONEST_S if is_honest else JUDGED_S):
             await asyncio.sleep(LOOK_S)
             flies = plant.released_s is not None and not plant.truth(self._loop.time()).on_ground
             flown_s += LOOK_S if flies or flown_s else 0.0
+        if is_honest and self._moves.answers:
+            await asyncio.sleep(HONEST_MORE_S)
 
     async def _rests(self, over: "asyncio.Future[None]") -> bool:
         """Whether it comes to stand with its motors off, before all is ``over``."""

@@ -341,21 +341,14 @@ def reorder() -> Way:
 
 def shift_stamps(by_s: Callable[[], float]) -> Way:
     """Stamps are off by what ``by_s`` returns for each frame [s]; frames come when they should."""
-
-    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        send(frame, exposure_s + by_s(), bodies)
-
-    return way
+    return lambda send, frame, exposure_s, bodies: send(frame, exposure_s + by_s(), bodies)
 
 
 def every(nth: int) -> Way:
     """Only every ``nth`` frame comes."""
-
-    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        if frame % nth == 0:
-            send(frame, exposure_s, bodies)
-
-    return way
+    return lambda send, frame, exposure_s, bodies: (
+        None if frame % nth else send(frame, exposure_s, bodies)
+    )
 
 
 def late(delay_s: Callable[[float], float], period_s: float, *, fresh: bool) -> Way:
