@@ -22,7 +22,7 @@ ROOMS = {
     "groundstation/core": "unit/groundstation/core property contract/test_controllers.py "
     "contract/test_trajectories.py",
     "groundstation/pose": "unit/groundstation/pose property/test_vicon_codec.py "
-    "property/test_source_clock.py contract/test_poses.py",
+    "property/test_source_clock.py contract/test_poses.py flight/test_forward.py",
     "links/core": "unit/links/core contract/test_links.py",
     "links/mavlink": "unit/links/mavlink property/test_mavlink_codec.py contract/test_links.py",
     "links/rf": "unit/links/rf property/test_rf_codecs.py property/test_mailbox.py "

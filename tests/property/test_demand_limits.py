@@ -76,6 +76,11 @@ def test_a_climb_moves_the_limit_by_half_of_what_is_left_at_most(
     least = LIMITS.find_least_cosine(attitude, 0.8, 1.0, share * MOST, vertical)
     assert 0.5 * level - 1e-12 <= least <= 0.5 * (1.0 + level) + 1e-12
     assert (least - level) * vertical <= 1e-12
+    fall, climb = (
+        LIMITS.find_least_cosine(attitude, 0.8, 1.0, share * MOST, sign * 1e3) for sign in (1, -1)
+    )
+    assert fall == max(0.5 * level, LEAST_COSINE)
+    assert climb == 0.5 * (1.0 + level)
 
 
 @given(leaning, turning, st.tuples(rate, rate), cosine)

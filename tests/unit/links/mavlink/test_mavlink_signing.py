@@ -84,6 +84,9 @@ def test_a_frame_with_any_bit_changed_is_not_believed(_: int, data: st.DataObjec
     assert ours.received == 0
 
 
+ATTITUDE = mavlink.MAVLink_attitude_message(7, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
+
+
 def unsigned(**form: Any) -> bytes:
     return bytes(heartbeat().pack(mavlink.MAVLink(None, 1, 1), **form))
 
@@ -94,10 +97,18 @@ def unsigned(**form: Any) -> bytes:
         (golden("HEARTBEAT").frame + unsigned(force_mavlink1=True), KEY, 0, {"unsigned": 2}),
         (heartbeat().pack(theirs()), bytes(31) + b"\1", 0, {"bad_signature": 1}),
         (2 * heartbeat().pack(theirs()), KEY, 1, {"replayed": 1}),
+        (heartbeat().pack(theirs()) + ATTITUDE.pack(theirs(NOW - 1)), KEY, 1, {"replayed": 1}),
         (heartbeat().pack(theirs(NOW - MINUTE)), KEY, 1, {}),
         (heartbeat().pack(theirs(NOW - MINUTE - 1)), KEY, 0, {"replayed": 1}),
     ],
-    ids=["not signed", "another key", "twice", "a minute behind", "more than a minute behind"],
+    ids=[
+        "not signed",
+        "another key",
+        "twice",
+        "older than another message",
+        "a minute behind",
+        "more than a minute behind",
+    ],
 )
 def test_what_is_not_believed_is_counted_by_its_reason(
     frames: bytes, key: bytes, accepted: int, dropped: dict[str, int]

@@ -2,6 +2,7 @@
 
 import math
 import random
+from statistics import fmean
 
 import pytest
 from hypothesis import given, strategies as st
@@ -96,6 +97,15 @@ def test_nothing_that_holds_the_vehicle_fails_true_poses(
 ) -> None:
     """A cable that springs gives a little more than it takes."""
     assert largest_share(scale(-share, commanded), commanded, noise_m, period_s) < 1.0
+
+
+def test_noise_widens_the_limit_to_five_times_its_own_scatter() -> None:
+    draws, monitor, noise_m, shares = random.Random(1), PushMonitor(), 10.0, list[float]()
+    for n in range(4000):
+        north, east, down = (draws.gauss(0.0, noise_m) for _ in range(3))
+        shares.append(monitor.add(n * PERIOD_S, (north, east, down), AT_REST, noise_m))
+    scatter = math.sqrt(fmean(share * share for share in shares[100:]) / 3.0)
+    assert scatter == pytest.approx(1.0 / 5.0, rel=0.05)
 
 
 @pytest.mark.parametrize("tilt_deg", [38.0, 45.0, 60.0])

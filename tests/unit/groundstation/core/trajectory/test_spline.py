@@ -97,6 +97,25 @@ def test_times_that_are_found_keep_both_limits_and_reach_one(
         assert math.dist(course.position_at(knot), point) < 1e-8
 
 
+FAR: Vec3 = (3.0, 0.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("points", "duration_s"),
+    [
+        ([(0.0, 0.0, -1.0), (1.0, 0.0, -1.0), (1.0, 2.0, -1.5), (-1.0, 2.0, -1.0)], 6.34),
+        ([(0.0, 0.0, -1.0), (0.3, 0.0, -1.0), FAR, (3.0, 0.4, -1.0), (0.0, 0.5, -2.0)], 8.01),
+    ],
+)
+def test_uneven_legs_share_the_time_so_that_the_course_is_short(
+    points: list[Vec3], duration_s: float
+) -> None:
+    course = WaypointsConfig(
+        points_ned=tuple(points), max_speed_m_s=1.5, max_acceleration_m_s2=2.0
+    ).build()
+    assert course.joints_s[-1] == pytest.approx(duration_s, abs=0.02)
+
+
 @pytest.mark.parametrize(("with_velocity", "worst"), [(False, 2e-3), (True, 5e-4)])
 def test_samples_of_a_known_motion_give_its_derivatives_back(
     with_velocity: bool, worst: float
