@@ -10,5 +10,4 @@ from sim.trackers.trackers import (
     json_encoder,
     make_tracker,
     vicon_encoder,
-    vision_encoder,
 )

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from groundstation.analysis.evidence import import_command
+from groundstation.analysis.evidence.flight import MEASURED
 from groundstation.analysis.evidence.imports import load_mapping, read_flight
 from groundstation.analysis.evidence.text_tables import CsvLayout, read_csv_table, read_qtm_tables
 from groundstation.config import ConfigError
@@ -341,3 +342,30 @@ def test_rows_in_no_order_of_time_are_refused(rows: list[str], tmp_path: Path) -
 def test_a_restart_is_no_disorder(tmp_path: Path) -> None:
     twice = write(tmp_path, "twice.csv", "\n".join(["t,x,y,z", *ORDERED, *ORDERED]) + "\n")
     assert len(poses(tmp_path, twice, str(write(tmp_path, "map.toml", MAPPING)))) == 200
+
+
+def test_attitudes_of_a_table_of_their_own_stand_between_quaternions_of_either_sign(
+    tmp_path: Path,
+) -> None:
+    """A quaternion and its opposite are the same turn."""
+    places = [f"{0.01 * n},{0.001 * n},0,-1" for n in range(1, 100)]
+    turns = ["t,w,x,y,z"]
+    for n in range(51):
+        w, x, y, z = so3.from_euler_zyx(0.0, 0.0, 0.02 * n)
+        sign = -1.0 if n % 3 == 0 else 1.0
+        turns.append(",".join(map(str, (0.02 * n, sign * w, sign * x, sign * y, sign * z))))
+    files = [
+        write(tmp_path, "places.csv", "\n".join(["t,px,py,pz", *places])),
+        write(tmp_path, "turns.csv", "\n".join(turns)),
+    ]
+    mapping = write(
+        tmp_path,
+        "two.toml",
+        'title = "two tables"\nformat = "csv"\nsource = "autopilot"\n[[pose]]\n'
+        'table = "places*"\nposition = ["px", "py", "pz"]\nattitude_table = "turns*"\n'
+        'attitude = ["w", "x", "y", "z"]\n',
+    )
+    for pose in read_flight(load_mapping(str(mapping)), files).of(MEASURED):
+        q = pose.attitude
+        yaw_rad = so3.euler_zyx((q.w, q.x, q.y, q.z))[2]
+        assert yaw_rad == pytest.approx(pose.time_s + 0.01, abs=1e-4)
