@@ -24,6 +24,9 @@ from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
+TILT_LIMIT_RAD = math.radians(45.0)
+"""Largest tilt of F where the caller names none [rad]: enough to hold and brake against a wind of
+8 m/s²."""
 LEAST_DOWN_M_S2 = 1.0
 """Least downward part of F [m/s²]: the vehicle stays upright, and falls by g - 1 m/s² at most.
 Chosen."""
@@ -33,7 +36,7 @@ Rounding."""
 
 
 def push(
-    wanted: Vec3, disturbance: Vec3, gravity: float, tilt_limit: float = math.radians(45.0)
+    wanted: Vec3, disturbance: Vec3, gravity: float, tilt_limit: float = TILT_LIMIT_RAD
 ) -> tuple[Vec3, bool]:
     """F for a wanted acceleration [m/s², NED], tilted by ``tilt_limit`` [rad] at most.
 

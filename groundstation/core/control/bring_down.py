@@ -10,7 +10,7 @@ ideas:
   the present rate ω into τ ω more. So the turn to level is a pulse whose area is the angle that
   remains after τ ω.
 - Level means the attitude in which thrust cancels the estimated disturbance, leaning by
-  ``WIND_TILT`` at most.
+  ``LARGEST_LEAN`` at most.
 - The lagged vehicle is a double integrator: with x down, acceleration A, τ A˙ + A = a, the
   variables w = v + τ A and ζ = x + τ v have ζ˙ = w, w˙ = a. It falls at a = +pull, sinks at
   constant speed, and brakes at a = -brake. Braking is weak and short, as no pose shows its effect.
@@ -33,10 +33,10 @@ MARGIN_M = 0.15
 SINK_S = 1.45
 """Longest time for falling, sinking and braking together [s].
 
-This value and those down to ``BIAS`` were chosen by flights cut short at 1 and 2 m: smallest worst
-touchdown over a vehicle as modelled, one with other thrust, lags and gusts, and one with strong
-drag (`groundstation-sim dev faults SCENARIO --fault dropout --set link.bring_down=rates` flies
-them).
+This value and those down to ``HOVER_BIAS`` have the slowest worst touchdown of flights that were
+cut short at 1 and 2 m: by a vehicle as modelled, one with other thrust, lags and gusts, and one
+with strong drag (`groundstation-sim dev faults SCENARIO --fault dropout --set
+link.bring_down=rates` flies them).
 """
 SETTLE_S = 0.4
 """Time of further sinking after the braking, in case the floor is not reached yet [s]."""
@@ -47,34 +47,33 @@ OFF_S = 0.15
 TOUCHDOWN_M_S = 0.8
 """Speed at the end of the braking [m/s]: not zero, as a vehicle that stops above the floor falls
 the rest."""
-SOFTEST = 0.08
+LEAST_FALL_SHARE = 0.08
 """Smallest acceleration of the fall, as a share of gravity [-]."""
-HARDEST = 0.45
+LARGEST_FALL_SHARE = 0.45
 """Largest acceleration of the fall, as a share of gravity [-]."""
-BRAKES = 0.22
+LARGEST_BRAKING_SHARE = 0.22
 """Largest deceleration of the braking, as a share of gravity [-]: without poses, thrust stays
 little above hover."""
-BRAKE_S = 0.45
+LONGEST_BRAKING_S = 0.45
 """Longest braking [s], for the same reason."""
-PULSE_S = 0.15
+SHORTEST_TURN_S = 0.15
 """Shortest turn to level [s]."""
-WIND_TILT = 0.18
-"""Largest lean into the wind, as a tangent [-]: 10 degrees."""
-BIAS = 0.96
+LARGEST_LEAN = 0.18
+"""Tangent of the largest lean into the wind [-]: 10 degrees."""
+HOVER_BIAS = 0.96
 """Share of the estimated hover thrust that is taken as hover thrust [-]: to meet the floor early
 and a little fast is better than to stop above it."""
 WEIGHT_RANGE = (0.5, 1.5)
-"""Range of the estimated gravity (see ``weight``), as shares of gravity [-]. Chosen: beyond any
+"""Range of gravity and vertical disturbance together, as shares of gravity [-]. Chosen: beyond any
 plausible estimate."""
 LIFTING_COSINE = 0.3
-"""Cosine of the mean tilt of the turn below which thrust is the least one [-]: it would push
-sideways. Chosen."""
+"""Cosine of a tilt below which thrust is the least one [-]: it would push sideways. Chosen."""
 SPARE_SHARE = 0.85
 """Share of the thrust above hover that braking may use [-]: the rest is reserve. Chosen."""
-LEAST_PULL = 0.02
+WEAK_VEHICLE_SHARE = 0.02
 """Acceleration of fall and braking of a vehicle without spare thrust, as a share of gravity [-].
 Chosen."""
-ALIGNED = 1e-9
+LEAST_SINE = 1e-9
 """Sine of the angle to level below which its axis is undefined [-]: the vehicle is level, or
 exactly upside down."""
 OFF = (Segment(OFF_S, 0.0, ZERO),)
@@ -115,7 +114,7 @@ def plan_bring_down(
     fall_s, hold_s, brake_s, pull, brake = _descent(
         motion, vehicle, mass_kg, gravity, weight, height_m
     )
-    hover = mass_kg * weight * BIAS
+    hover = mass_kg * weight * HOVER_BIAS
     thrusts = (
         (fall_s, hover * (1.0 - pull / gravity)),
         (hold_s, hover),
@@ -173,13 +172,13 @@ def _turn(
     coasted = rotate(motion.attitude, (lag * a, lag * b, lag * c))
     x, y = disturbance[0] / weight, disturbance[1] / weight
     lean = math.sqrt(x * x + y * y)
-    share = min(1.0, WIND_TILT / lean) if lean > 0.0 else 0.0
+    share = min(1.0, LARGEST_LEAN / lean) if lean > 0.0 else 0.0
     cos_lean = 1.0 / math.sqrt(1.0 + (share * lean) ** 2)
     # Wanted direction of the body's z axis, in the body's axes.
     u, v, w = to_body(coasted, (cos_lean * share * x, cos_lean * share * y, cos_lean))
     sine = math.sqrt(u * u + v * v)
     angle = math.atan2(sine, w)
-    if sine > ALIGNED:
+    if sine > LEAST_SINE:
         turn_x, turn_y = -v * (angle / sine), u * (angle / sine)
     elif w > 0.0:  # level already: zeros with the signs of v and u
         turn_x, turn_y = -v * 0.0, u * 0.0
@@ -187,7 +186,7 @@ def _turn(
         turn_x, turn_y = -v * math.pi, math.pi
     limit_x, limit_y, _ = vehicle.rate_limits_deg_s
     duration = max(
-        PULSE_S, abs(turn_x) / math.radians(limit_x), abs(turn_y) / math.radians(limit_y)
+        SHORTEST_TURN_S, abs(turn_x) / math.radians(limit_x), abs(turn_y) / math.radians(limit_y)
     )
     duration = min(duration, SINK_S)
     rates = (turn_x / duration, turn_y / duration, 0.0)
@@ -209,21 +208,21 @@ def _descent(
     lift = gravity * motion.thrust / (mass * weight)
     now = gravity - lift * max(third_column(motion.attitude)[2], 0.0)
     spare = SPARE_SHARE * gravity * (vehicle.thrust_max_n / (mass * weight) - 1.0)
-    hardest = max(min(HARDEST * gravity, spare), LEAST_PULL * gravity)
-    softest = min(SOFTEST * gravity, hardest)
+    hardest = max(min(LARGEST_FALL_SHARE * gravity, spare), WEAK_VEHICLE_SHARE * gravity)
+    softest = min(LEAST_FALL_SHARE * gravity, hardest)
     # Half of the height at +a and half at -a takes the time √(4 height/a).
     pull = min(max(4.0 * height / SINK_S**2, softest), hardest)
-    brake = min(pull, BRAKES * gravity, spare) if spare > softest else hardest
+    brake = min(pull, LARGEST_BRAKING_SHARE * gravity, spare) if spare > softest else hardest
     # w and ζ of the double integrator: w at the beginning and at the end, and the way of ζ between.
     w0, w1 = speed + lag * now, TOUCHDOWN_M_S - lag * brake
     way = max(height - MARGIN_M, 0.0) + lag * (TOUCHDOWN_M_S - speed)
     if w0 > w1 and w0 * w0 - w1 * w1 >= 2.0 * brake * way:  # too fast already: brake at once
-        return 0.0, 0.0, min((w0 - w1) / brake, BRAKE_S), pull, brake
+        return 0.0, 0.0, min((w0 - w1) / brake, LONGEST_BRAKING_S), pull, brake
     # Fall at +pull to the peak, brake at -brake to w1, and keep the peak speed over the rest of the
     # way.
     square = 2.0 * (way + 0.5 * w0 * w0 / pull + 0.5 * w1 * w1 / brake) / (1.0 / pull + 1.0 / brake)
-    peak = max(min(math.sqrt(max(square, 0.0)), w1 + brake * BRAKE_S), w0, w1)
-    fall_s, brake_s = (peak - w0) / pull, min((peak - w1) / brake, BRAKE_S)
+    peak = max(min(math.sqrt(max(square, 0.0)), w1 + brake * LONGEST_BRAKING_S), w0, w1)
+    fall_s, brake_s = (peak - w0) / pull, min((peak - w1) / brake, LONGEST_BRAKING_S)
     left = way - 0.5 * (peak * peak - w0 * w0) / pull - 0.5 * (peak * peak - w1 * w1) / brake
     fall_s = min(fall_s, SINK_S)
     hold_s = min(max(left, 0.0) / peak if peak > 0.0 else 0.0, max(SINK_S - fall_s - brake_s, 0.0))

@@ -23,20 +23,16 @@ from groundstation.core.geometry import Ops, Quat, Real, Vec3, third_column
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
 
 RESERVE = 1.03
-"""Vertical part of the full thrust at the tilt limit, over the hover thrust, at rest [-]: true
-thrust may be as low as 0.62 of the configured one on a vehicle that then has 1.08 times its
-weight."""
+"""Vertical part of the full thrust at the tilt limit as a share of the hover thrust, at rest [-]:
+less than 1.08, the weakest vehicle that is flown (rotors with 0.62 of the configured thrust)."""
 LEAST_COSINE = math.cos(math.radians(80.0))
 """Cosine of the largest tilt of any vehicle [-]: beyond it the heading loop loses its axis."""
 LEAST_SINE_SQUARED = 0.04
 """Squared sine of the tilt below which a rate changes c too little to divide by it [-]: near level,
 where nothing is limited, and upside down, where the rate limits act."""
-
-
 YAW_RAD_S2 = 2.5
-"""Largest change of the commanded yaw rate [rad/s²]: on `rotors_quad1kg` that takes a fifth of the
-rotors' thrust in hover. Rotors turn a vehicle about z by their drag, ten times weaker than by their
-arms."""
+"""Largest yaw acceleration [rad/s²]: on `rotors_quad1kg` that takes a fifth of the rotors' thrust
+in hover. Rotors turn a vehicle about z by their drag, ten times weaker than by their arms."""
 
 
 class DemandLimits:
@@ -57,13 +53,13 @@ class DemandLimits:
         Args:
             attitude: body to world.
             thrust: T, present thrust [N].
-            effectiveness: λ̂ [-].
-            weight: g + d̂_z, downward acceleration beside the thrust scaled by λ̂ [m/s²].
+            effectiveness: λ̂, estimated thrust scale [-].
+            weight: g + d̂_z, downward acceleration of everything but thrust [m/s²].
             vertical: further acceleration demanded downwards, p¨d + u* + c v [m/s²].
         """
         clamp, vehicle = self._ops.clamp, self._vehicle
         up = third_column(attitude)[2] * thrust / vehicle.mass_kg
-        # Only the sum is observable: missing thrust counts as weight.
+        # λ̂ and d̂_z are not observable apart: missing thrust counts as weight.
         hover = RESERVE * (weight + (1.0 - effectiveness) * up)
         most = vehicle.thrust_max_n / vehicle.mass_kg
         level = clamp(hover / most, LEAST_COSINE, 1.0)
@@ -82,24 +78,32 @@ class DemandLimits:
         """Return roll and pitch rate [rad/s] that keep c above ``least_cosine``, and whether they
         were limited.
 
-        ``rates`` are the body rates now [rad/s]; an error of them decays with ``k_omega`` [1/s].
+        Args:
+            attitude: body to world.
+            rates: present body rates [rad/s].
+            wanted: roll and pitch rate of the law [rad/s].
+            least_cosine: c_min [-].
+            k_omega: decay of an error of the rates [1/s].
         """
-        ops, (w, x, y, z), (rate_x, rate_y) = self._ops, attitude, wanted
+        ops, (w, x, y, z), (roll_rate, pitch_rate) = self._ops, attitude, wanted
         r31, r32 = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
         cosine = 1.0 - 2.0 * (x * x + y * y)
         stopped = cosine + (r31 * rates[1] - r32 * rates[0]) / k_omega
         approach = max(1.0 / self._vehicle.frame_period_s - k_omega, k_omega) * (
             stopped - least_cosine
         )
-        spare = r31 * rate_y - r32 * rate_x + approach
+        spare = r31 * pitch_rate - r32 * roll_rate + approach
         limited = spare < 0.0
         k = spare / ops.clamp(r31 * r31 + r32 * r32, LEAST_SINE_SQUARED, 1.0)
-        x, y = rate_x + k * r32, rate_y - k * r31
-        return ops.where(limited, x, rate_x), ops.where(limited, y, rate_y), limited
+        return (
+            ops.where(limited, roll_rate + k * r32, roll_rate),
+            ops.where(limited, pitch_rate - k * r31, pitch_rate),
+            limited,
+        )
 
     def limit_yaw(self, rate: Real, wanted: Real) -> Real:
-        """Return the yaw rate [rad/s] towards ``wanted`` for which the rotors have torque, from the
-        present ``rate``.
+        """Return the yaw rate [rad/s] nearest to ``wanted`` that the vehicle takes on from the
+        present ``rate`` by ``YAW_RAD_S2``.
 
         At the rotors' limits, more would reduce the torque for roll and pitch.
         """

@@ -13,7 +13,7 @@ import math
 from operator import mul
 
 from groundstation.core.control.attitude import make_decision, push, sine_error
-from groundstation.core.geometry import Quat, Vec3, third_column
+from groundstation.core.geometry import ZERO, Quat, Vec3, third_column
 from groundstation.core.messages import Decision, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Vehicle
@@ -21,58 +21,62 @@ from groundstation.core.vehicle import Vehicle
 SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""
 BLIND_SPEED_GAIN = 2.5
-"""Acceleration per error of the model's speed, which has no noise [1/s]: 4 m/s are braked within
-1 m."""
+"""Acceleration per horizontal speed of the model, which has no noise [1/s]: 4 m/s are braked by g,
+the most that ``attitude.TILT_LIMIT_RAD`` gives."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no
 more."""
 BLIND_ATTITUDE_GAIN = 8.0
 """Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a
 vehicle that leans along its velocity is turned within .4 s."""
-LEAN = math.radians(45.0)
-"""Largest commanded tilt [rad]: enough to hold and brake against a wind of 8 m/s²."""
 WIND_LIMIT_M_S2 = 8.0
 """Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8."""
-WIND_DOWN_M_S2 = 4.0
-"""Largest downward disturbance that is compensated [m/s²]: rotors at 0.7 of their thrust have the
-effect of 4.2."""
-MOST = 0.24
+WIND_DOWN_LIMIT_M_S2 = 4.0
+"""Largest vertical disturbance that is compensated, down or up [m/s²]: rotors at 0.7 of their
+thrust have the effect of 4.2."""
+LARGEST_RISE_SHARE = 0.24
 """Largest commanded upward acceleration, as a share of gravity [-]: late or false poses lead to
 more."""
+LARGEST_FALL_SHARE = 0.3
+"""Largest commanded downward acceleration by the error of the sink rate, as a share of gravity
+[-]."""
 INTEGRAL_GAIN = 1.0
 """Acceleration per integral of the sink rate's error [1/s²]."""
 INTEGRAL_LIMIT_M_S2 = 6.0
-"""Largest acceleration of that integral [m/s²]: more than any disturbance that is compensated."""
-HEAVIER_M_S2 = 3.0
-"""Largest downward disturbance that is lifted against with valid poses [m/s²]: rotors at 0.7 of
-their thrust have the effect of 4.2."""
+"""Largest acceleration of that integral [m/s²]: more than ``WIND_DOWN_LIMIT_M_S2``, so that it
+outweighs a wrong estimate."""
+THRUST_LIMIT_DOWN_M_S2 = 3.0
+"""Largest downward disturbance that raises the limit of the thrust, with valid poses [m/s²]: that
+limit is 15.9 m/s² then, and rotors at 0.7 of their thrust hover at 14.0."""
 WIND_S = 0.3
 """Time constant of the mean horizontal disturbance [s]: late or false poses make the estimate
 oscillate."""
-HEAVIER_S = 1.0
-"""Time constant of the mean downward disturbance [s]; as above."""
-LIGHTER_M_S2 = 1.5
-"""Drop of the downward disturbance below its mean that is not compensated at once [m/s²]: a frozen
-height makes one."""
+WIND_DOWN_S = 1.0
+"""Time constant of the mean vertical disturbance [s]; as above."""
+WIND_DOWN_DROP_M_S2 = 1.5
+"""Largest drop of the vertical disturbance below its mean that is compensated at once [m/s²]: a
+frozen height makes a larger one."""
 BLIND_PULL_M_S2 = 0.5
 """Downward acceleration of a blind descent [m/s²]: 1.4 m/s after 2 m."""
 BLIND_S = 3.0
 """Time after which a blind descent should be over [s]: then its downward acceleration grows."""
-BLIND_MORE_M_S3 = 0.3
+BLIND_PULL_GROWTH_M_S3 = 0.3
 """Growth of that acceleration afterwards [m/s³]: the configured hover thrust is too large."""
-BLIND_BRAKE_GAIN = 2.0
-"""Acceleration down per climb rate of the model [1/s]."""
-BLIND_BRAKE_M_S2 = 2.0
-"""Largest acceleration down that brakes a climb in a blind descent [m/s²]."""
+BLIND_CLIMB_GAIN = 2.0
+"""Downward acceleration per climb rate of the model [1/s]."""
+BLIND_CLIMB_BRAKE_M_S2 = 2.0
+"""Largest downward acceleration that brakes a climb in a blind descent [m/s²]."""
 BLIND_LIFT_GAIN = 4.0
 """Upward acceleration per sink rate of the model beyond the planned one [1/s]: a large tilt costs
 height."""
-BLIND_BRAKES_M_S = 0.7
-"""Largest total braking of a blind descent [m/s]: the model has no floor and falls on."""
 BLIND_LIFT_M_S2 = 1.8
 """Largest upward acceleration of that braking [m/s²]."""
-BLIND_WIND_M_S2 = 1.5
-"""Largest downward disturbance that is compensated in a blind descent [m/s²]."""
+BLIND_LIFT_M_S = 0.7
+"""Integral of that acceleration over a blind descent [m/s]: the model has no floor and falls on."""
+BLIND_WIND_DOWN_M_S2 = 1.5
+"""Largest vertical disturbance that is compensated in a blind descent, down or up [m/s²]."""
+LEAST_SINE = 1e-6
+"""Sine of the angle to upside down below which the turn to level has no axis [-]. Rounding."""
 
 
 def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
@@ -80,97 +84,134 @@ def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
 
     ``gravity`` is g [m/s²].
     """
-    return *_lean(attitude, push((0.0, 0.0, 0.0), wind, gravity, LEAN)[0]), 0.0
+    along, _ = push(ZERO, wind, gravity)
+    return *_turn(attitude, along, ATTITUDE_GAIN), 0.0
 
 
-def _lean(attitude: Quat, along: Vec3, gain: float = ATTITUDE_GAIN) -> tuple[float, float]:
-    """Return roll and pitch rate [rad/s] that turn the thrust ``along`` [m/s², NED]."""
+def _turn(attitude: Quat, along: Vec3, gain: float) -> tuple[float, float]:
+    """Return roll and pitch rate [rad/s] that turn the thrust ``along`` [m/s², NED].
+
+    ``gain`` is the body rate per sine of the attitude error [1/s].
+    """
     roll, pitch = sine_error(attitude, along)
     if third_column(attitude)[2] < 0.0:  # beyond 90° the sine decreases: turn as fast as at 90°
-        n = 1.0 / max(math.hypot(roll, pitch), 1e-6)
-        roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
+        sine = math.hypot(roll, pitch)
+        if sine > LEAST_SINE:
+            n = 1.0 / sine
+            roll, pitch = roll * n, pitch * n
+        else:
+            roll, pitch = 1.0, 0.0
     return gain * roll, gain * pitch
 
 
 class Descent:
     """Controller of a failsafe descent (:class:`groundstation.core.messages.Controller`).
 
-    Only velocity and heading of the reference are used.
+    Only the velocity of the reference is used.
     """
 
     def __init__(
-        self, vehicle: Vehicle, gravity: float, wind: Vec3, effectiveness: float,
-        sink_m_s: float = 0.0,
-        sinks_m_s: float = 0.0,
-    ) -> None:  # fmt: skip
-        """Take the configured vehicle and g [m/s²].
+        self,
+        vehicle: Vehicle,
+        gravity: float,
+        wind: Vec3,
+        effectiveness: float,
+        commanded_sink_m_s: float = 0.0,
+        present_sink_m_s: float = 0.0,
+    ) -> None:
+        """Begin the descent.
 
         Args:
             vehicle: as configured.
             gravity: g [m/s²].
             wind: recent mean disturbance [m/s², NED].
             effectiveness: thrust scale before the poses were suspect [-].
-            sink_m_s: commanded sink rate [m/s].
-            sinks_m_s: present sink rate by the model [m/s].
+            commanded_sink_m_s: commanded sink rate [m/s].
+            present_sink_m_s: present sink rate by the model [m/s].
         """
         self._vehicle = vehicle
         self._gravity = gravity
         self._effectiveness = effectiveness
         self.wind = wind
         """Mean disturbance [m/s², NED]; in a blind descent that at its beginning."""
-        self.sink_m_s = sink_m_s
+        self.sink_m_s = commanded_sink_m_s
         """Commanded sink rate of a descent that is not blind [m/s]."""
         self.blind = False
         """Whether the velocity of the poses is not believed."""
-        self._integral = self._blind_s = 0.0
-        self._planned_m_s = max(0.0, min(sinks_m_s, sink_m_s))
-        self._brakes_m_s = BLIND_BRAKES_M_S
+        self._integral_m_s2 = 0.0
+        self._blind_s = 0.0
+        self._planned_m_s = max(0.0, min(present_sink_m_s, commanded_sink_m_s))
+        """Planned sink rate of a blind descent [m/s]."""
+        self._lift_left_m_s = BLIND_LIFT_M_S
+        """Rest of ``BLIND_LIFT_M_S`` [m/s]."""
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """Compute one command."""
-        motion, g = estimate.motion, self._gravity
-        (a, b, c), k, m = (
-            self.wind,
-            interval_s / (interval_s + WIND_S),
-            interval_s / (interval_s + HEAVIER_S),
-        )
-        x, y, z = estimate.disturbance
-        if not self.blind:
-            self.wind = a, b, c = a + k * (x - a), b + k * (y - b), c + m * (z - c)
-        down = BLIND_WIND_M_S2 if self.blind else WIND_DOWN_M_S2
-        x, y = (max(-WIND_LIMIT_M_S2, min(WIND_LIMIT_M_S2, d)) for d in (a, b))
-        z = max(-down, min(c if self.blind else max(c - LIGHTER_M_S2, z), down))
+        motion, vehicle, g = estimate.motion, self._vehicle, self._gravity
         if self.blind:
-            self._blind_s += interval_s
-            pull = BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0)
-            u, v, w = motion.velocity  # the model's, which takes no position from the poses
-            self._planned_m_s += pull * interval_s
-            too_fast = max(0.0, min(w - self._planned_m_s, self._brakes_m_s))
-            lift = min(BLIND_LIFT_GAIN * too_fast, BLIND_LIFT_M_S2)
-            self._brakes_m_s -= lift * interval_s
-            brake = min(-BLIND_BRAKE_GAIN * w, BLIND_BRAKE_M_S2) if w < 0.0 else -lift
-            wanted: Vec3 = (-BLIND_SPEED_GAIN * u, -BLIND_SPEED_GAIN * v, pull + brake)
+            wind = self._limit_wind(self.wind[2], BLIND_WIND_DOWN_M_S2)
+            wanted = self._accelerate_blind(motion.velocity, interval_s)
+            gain, limit = BLIND_ATTITUDE_GAIN, BLIND_WIND_DOWN_M_S2
+            effectiveness = self._effectiveness
         else:
-            (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned
-            k, limit = SPEED_GAIN, INTEGRAL_LIMIT_M_S2
-            self._integral = max(
-                -limit, min(limit, self._integral + INTEGRAL_GAIN * (w - c) * interval_s)
-            )
-            down = max(-MOST * g, min(0.3 * g, k * (w - c)) + self._integral)
-            wanted = (k * (u - a), k * (v - b), down)
-        along, _ = push(wanted, (x, y, z), g, LEAN)
-        roll, pitch = _lean(
-            motion.attitude, along, BLIND_ATTITUDE_GAIN if self.blind else ATTITUDE_GAIN
-        )
-        mass = self._vehicle.mass_kg / (
-            self._effectiveness if self.blind else estimate.effectiveness
-        )
-        limit = BLIND_WIND_M_S2 if self.blind else HEAVIER_M_S2
-        heavier = max(-limit, min(self.wind[2], limit))
+            self._average_wind(estimate.disturbance, interval_s)
+            down = max(self.wind[2] - WIND_DOWN_DROP_M_S2, estimate.disturbance[2])
+            wind = self._limit_wind(down, WIND_DOWN_LIMIT_M_S2)
+            wanted = self._accelerate(motion.velocity, reference.velocity_ned, interval_s)
+            gain, limit = ATTITUDE_GAIN, THRUST_LIMIT_DOWN_M_S2
+            effectiveness = estimate.effectiveness
+        along, _ = push(wanted, wind, g)
+        roll, pitch = _turn(motion.attitude, along, gain)
         # The part of the acceleration along the body's axis: no thrust while the vehicle leans the
         # other way.
         lift = max(0.0, sum(map(mul, along, third_column(motion.attitude))))
-        lift = min(lift, (1.0 + MOST) * (g + heavier))
+        lift = min(lift, (1.0 + LARGEST_RISE_SHARE) * (g + max(-limit, min(self.wind[2], limit))))
+        thrust_n = vehicle.mass_kg / effectiveness * lift
         return make_decision(
-            self._vehicle, estimate, reference, mass * lift, (roll, pitch, 0.0), wanted=wanted
+            vehicle, estimate, reference, thrust_n, (roll, pitch, 0.0), wanted=wanted
         )
+
+    def _average_wind(self, disturbance: Vec3, interval_s: float) -> None:
+        """Take the estimated disturbance [m/s², NED] into its mean."""
+        (north, east, down), (x, y, z) = self.wind, disturbance
+        aside = interval_s / (interval_s + WIND_S)
+        vertical = interval_s / (interval_s + WIND_DOWN_S)
+        self.wind = (
+            north + aside * (x - north),
+            east + aside * (y - east),
+            down + vertical * (z - down),
+        )
+
+    def _limit_wind(self, down_m_s2: float, limit_m_s2: float) -> Vec3:
+        """Return the disturbance that is compensated [m/s², NED], ``down_m_s2`` of it within
+        ±``limit_m_s2``.
+        """
+        north, east = (max(-WIND_LIMIT_M_S2, min(WIND_LIMIT_M_S2, d)) for d in self.wind[:2])
+        return north, east, max(-limit_m_s2, min(down_m_s2, limit_m_s2))
+
+    def _accelerate(self, velocity: Vec3, wanted: Vec3, interval_s: float) -> Vec3:
+        """Return the acceleration [m/s², NED] from ``velocity`` towards ``wanted`` [m/s, NED]."""
+        (x, y, z), (north, east, down) = velocity, wanted
+        limit, g = INTEGRAL_LIMIT_M_S2, self._gravity
+        step = INTEGRAL_GAIN * (down - z) * interval_s
+        self._integral_m_s2 = max(-limit, min(limit, self._integral_m_s2 + step))
+        falls = min(LARGEST_FALL_SHARE * g, SPEED_GAIN * (down - z)) + self._integral_m_s2
+        return (
+            SPEED_GAIN * (north - x),
+            SPEED_GAIN * (east - y),
+            max(-LARGEST_RISE_SHARE * g, falls),
+        )
+
+    def _accelerate_blind(self, velocity: Vec3, interval_s: float) -> Vec3:
+        """Return the acceleration [m/s², NED] of a blind descent, by the model's ``velocity``
+        [m/s, NED].
+        """
+        self._blind_s += interval_s
+        pull = BLIND_PULL_M_S2 + BLIND_PULL_GROWTH_M_S3 * max(self._blind_s - BLIND_S, 0.0)
+        north, east, down = velocity
+        self._planned_m_s += pull * interval_s
+        too_fast = max(0.0, min(down - self._planned_m_s, self._lift_left_m_s))
+        lift = min(BLIND_LIFT_GAIN * too_fast, BLIND_LIFT_M_S2)
+        self._lift_left_m_s -= lift * interval_s
+        brake = min(-BLIND_CLIMB_GAIN * down, BLIND_CLIMB_BRAKE_M_S2) if down < 0.0 else -lift
+        return -BLIND_SPEED_GAIN * north, -BLIND_SPEED_GAIN * east, pull + brake

@@ -19,21 +19,23 @@ from groundstation.core.messages import Estimate
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 TILT_TONES_RAD_S = (10.5, 14.0, 18.5)
-"""Frequencies of the tones in roll and pitch [rad/s]: between the loop (6) and the lag of the
-smallest vehicle. No two are multiples of one another, so that no latency below 1 s hides all of
-them."""
+"""Frequencies of the tones in roll and pitch [rad/s]: above the loop's bandwidth (6), but not far,
+as the motion decreases with their square. No two are multiples of one another, so that no latency
+below 1 s hides all of them."""
 TILT_RATE_RAD_S = 0.19
-"""Body rate of each tone, after the lag [rad/s]: 1.0, .8 and .6 degrees of tilt, 1.8 mm RMS of
-motion, by the limit of 3 mm RMS in a hold."""
+"""Amplitude of the body rate of each tone, after the lag [rad/s]: 1.0, .8 and .6 degrees of tilt,
+1.8 mm RMS of horizontal motion, of the 3 mm RMS that a hold may have."""
 THRUST_TONE_RAD_S = 12.0
 """Frequency of the tone in thrust [rad/s]; as for the tilt."""
 THRUST_SHARE = 0.03
-"""Amplitude of the tone in thrust, after the lag, as a share of the thrust [-]: 2 mm of height."""
+"""Amplitude of the tone in thrust, after the lag, as a share of the thrust [-]: 2 mm of height,
+which is THRUST_SHARE g / THRUST_TONE_RAD_S²."""
 FADE_IN_S = 0.3
-"""Time in which the tones fade in and out [s]: a step would be a jerk."""
+"""Time in which the tones fade in and out [s]: a step would add a transient to the settled motion.
+Chosen."""
 SUSPECT_LEVEL = 3.0
-"""Level of the tones while the poses are suspect [-]: the response is known after .6 s instead of
-1.2, for 5 mm RMS."""
+"""Factor on all amplitudes while the poses are suspect [-]: the response is known after .6 s, not
+1.2 s, at the cost of 5 mm RMS."""
 
 
 class ToneMotion(NamedTuple):
@@ -71,19 +73,21 @@ class ExcitationTones:
         lag = vehicle.rate_lag_s
         self._rate_scale = math.hypot(1.0, TILT_TONES_RAD_S[1] * lag)
         self._thrust_scale = math.hypot(1.0, THRUST_TONE_RAD_S * vehicle.thrust_lag_s)
+        # Frequency [rad/s], the same times i, and complex amplitude of the tilt [rad].
         self._tilts = [
             (w, 1j * w, self._rate_scale * TILT_RATE_RAD_S / (1j * w * (1.0 + 1j * w * lag)))
             for w in TILT_TONES_RAD_S
         ]
         lift_lag = 1.0 + 1j * THRUST_TONE_RAD_S * vehicle.thrust_lag_s
+        # Complex amplitude of the downward acceleration [m/s²].
         self._lift = -gravity * THRUST_SHARE * self._thrust_scale / lift_lag
         self._since_s, self._level, self._target = -math.inf, 0.0, 0.0
         self._last = NO_MOTION
 
     def set_level(self, time_s: float, target: float) -> None:
-        """Fade the tones to a multiple of their amplitude, from ``time_s`` on."""
+        """Fade the factor on all amplitudes to ``target`` [-], from ``time_s`` on."""
         if target != self._target:
-            self._level = self.share(time_s)
+            self._level = self.level_at(time_s)
             self._since_s, self._target = time_s, target
 
     def has_room(self, drive: ActuatorCommand) -> bool:
@@ -97,8 +101,8 @@ class ExcitationTones:
         most_roll, most_pitch, _ = self._most_rates
         return abs(roll) < most_roll and abs(pitch) < most_pitch
 
-    def share(self, time_s: float) -> float:
-        """Level of the tones at ``time_s`` [-]."""
+    def level_at(self, time_s: float) -> float:
+        """Return the factor on all amplitudes at ``time_s`` [-]."""
         done = min(max((time_s - self._since_s) / FADE_IN_S, 0.0), 1.0)
         return self._level + (self._target - self._level) * done
 
@@ -107,13 +111,13 @@ class ExcitationTones:
 
         Limits are not applied.
         """
-        share = self.share(time_s)
-        if share == 0.0:
+        level = self.level_at(time_s)
+        if level == 0.0:
             return drive
         thrust, (roll, pitch, yaw) = drive
-        k = share * self._rate_scale * TILT_RATE_RAD_S
+        k = level * self._rate_scale * TILT_RATE_RAD_S
         phases = [w * time_s for w in TILT_TONES_RAD_S]
-        swing = share * self._thrust_scale * THRUST_SHARE * math.cos(THRUST_TONE_RAD_S * time_s)
+        swing = level * self._thrust_scale * THRUST_SHARE * math.cos(THRUST_TONE_RAD_S * time_s)
         rates = (roll + k * sum(map(math.cos, phases)), pitch + k * sum(map(math.sin, phases)), yaw)
         return ActuatorCommand(thrust * (1.0 + swing), rates)
 
@@ -121,32 +125,33 @@ class ExcitationTones:
         """Return the settled motion by the tones at ``time_s`` of a vehicle with heading
         ``yaw_rad``.
 
-        Roll is the real part and pitch the imaginary part of one rotating number: north + i east =
-        i g (roll + i pitch).
+        Roll + i pitch is one rotating complex number. At heading 0 the acceleration north + i east
+        is i g (roll + i pitch).
         """
-        share = self.share(time_s)
-        if share == 0.0:
+        level = self.level_at(time_s)
+        if level == 0.0:
             return NO_MOTION
         g, commanded_s = self._gravity, time_s - self._rate_delay
-        place = speed = tilt = rate = 0j
+        position = velocity = tilt = rate = 0j
         for w, turning, amplitude in self._tilts:
             now = amplitude * cmath.exp(turning * commanded_s)
             tilt, rate = tilt + now, rate + turning * now
-            place, speed = place - 1j * g * now / (w * w), speed + g * now / w
-        heading, w = share * cmath.exp(1j * yaw_rad), THRUST_TONE_RAD_S
-        place, speed, tilt, rate = heading * place, heading * speed, share * tilt, share * rate
-        lift = share * self._lift * cmath.exp(1j * w * (time_s - self._thrust_delay))
+            position, velocity = position - 1j * g * now / (w * w), velocity + g * now / w
+        heading, w = level * cmath.exp(1j * yaw_rad), THRUST_TONE_RAD_S
+        position, velocity = heading * position, heading * velocity
+        tilt, rate = level * tilt, level * rate
+        lift = level * self._lift * cmath.exp(1j * w * (time_s - self._thrust_delay))
         return ToneMotion(
-            (place.real, place.imag, -lift.real / (w * w)),
-            (speed.real, speed.imag, (lift / (1j * w)).real),
+            (position.real, position.imag, -lift.real / (w * w)),
+            (velocity.real, velocity.imag, (lift / (1j * w)).real),
             (tilt.real, tilt.imag),
             (rate.real, rate.imag),
             -lift.real / g,
         )
 
     def advance(self, time_s: float, yaw_rad: float) -> tuple[Vec3, tuple[float, float]]:
-        """Return displacement [m, NED] and turn [rad] by the tones from the last call to
-        ``time_s``.
+        """Return displacement [m, NED] and turn in roll and pitch [rad] by the tones since the last
+        call.
         """
         last, self._last = self._last, self.motion(time_s, yaw_rad)
         (a, b), (c, d) = self._last.tilt, last.tilt

@@ -24,33 +24,35 @@ FIRST_CLIMB_SHARE = 1.2
 height has responded."""
 FIRST_CLIMB_S = 1.0
 """Time after which that limit begins to grow [s]."""
-FIRST_CLIMB_GROWS = 0.5
-"""Growth of that limit [1/s]."""
+FIRST_CLIMB_GROWTH_PER_S = 0.5
+"""Growth of that limit, as a share of the hover thrust [1/s]."""
 FIRST_CLIMB_M = 0.25
 """Height at which the first climb is over [m]: until then the height is compared with the thrust
 directly, as the state at lift-off is known."""
 FIRST_CLIMB_COSINE = math.cos(math.radians(30.0))
 """Cosine of the largest tilt in the first second of a climb, whose response is not known yet [-]:
 it holds against a wind of 5.7 m/s²."""
-LOW_SHARE = 0.7
+LEAST_THRUST_SHARE = 0.7
 """Least thrust in transit, climb and landing as a share of the hover thrust [-]: the vehicle falls
-at .3 g at most, and touchdown.LOW_SHARE still detects the floor."""
+at .3 g at most, and thrust may still become low enough for touchdown.LOW_SHARE."""
 TRANSIT_COSINE = math.cos(math.radians(40.0))
 """Cosine of the largest tilt in transit, climb and landing [-]: it holds against a wind of 8 m/s²,
 and follows a mirrored position at .84 g at most."""
-RATE_GAIN_PER_S = 14.0
+RATE_GAIN_PER_S = Gains().k_omega
 """Decay of body rates under another controller than ours [1/s]: our own k_ω."""
-SMALL = 1e-3
-"""Least sine of a tilt that divides [-]."""
+LEAST_SINE = 1e-3
+"""Least sine of the tilt that the thrust limit is divided by [-]: below it no thrust reaches it."""
 UPLINK_LOST_SHARE = 0.95
-"""Largest thrust while the uplink is lost, as a share of the hover thrust [-]."""
+"""Largest thrust while the uplink is lost, as a share of the hover thrust [-]: the vehicle sinks at
+``UPLINK_LOST_SINK_M_S`` after 0.8 s."""
 UPLINK_LOST_M_S2 = 1.5
 """Largest vertical disturbance that is compensated while the uplink is lost [m/s²]."""
 UPLINK_LOST_GAIN = 0.15
 """Factor on the law's rates while the uplink is lost [-]: a loop of 4 1/s that is 1.5 s late is
 stable with it."""
 UPLINK_LOST_SINK_M_S = 0.4
-"""Sink rate above which the full hover thrust is commanded while the uplink is lost [m/s]."""
+"""Sink rate from which thrust is limited to the hover thrust instead, while the uplink is lost
+[m/s]."""
 
 
 class LimitInput(NamedTuple):
@@ -121,7 +123,7 @@ class FirstClimbLimit(Limit):
         if self._lifted_down_m - now.pose_down_m > FIRST_CLIMB_M:
             self._climbed_s = now.time_s
             return drive
-        grows = FIRST_CLIMB_GROWS * max(now.time_s - self.lifted_s - FIRST_CLIMB_S, 0.0)
+        grows = FIRST_CLIMB_GROWTH_PER_S * max(now.time_s - self.lifted_s - FIRST_CLIMB_S, 0.0)
         return drive._replace(thrust=min(drive.thrust, self._hover_n * (FIRST_CLIMB_SHARE + grows)))
 
 
@@ -153,12 +155,13 @@ class ThrustLimit(Limit):
         per_m_s2 = self._vehicle.mass_kg / now.estimate.effectiveness
         # A downward gust may be over by now: its mean would hold the vehicle up.
         least = min(
-            LOW_SHARE * per_m_s2 * (self._gravity + min(down_m_s2, 0.0)), self._vehicle.thrust_max_n
+            LEAST_THRUST_SHARE * per_m_s2 * (self._gravity + min(down_m_s2, 0.0)),
+            self._vehicle.thrust_max_n,
         )
         # The horizontal acceleration is no larger than at the tilt limit in level flight.
         across = math.hypot(*third_column(now.estimate.motion.attitude)[:2]) * cosine
         hover_n = per_m_s2 * (self._gravity + down_m_s2)
-        most = hover_n * math.sqrt(1.0 - cosine * cosine) / max(across, SMALL)
+        most = hover_n * math.sqrt(1.0 - cosine * cosine) / max(across, LEAST_SINE)
         return drive._replace(thrust=max(min(drive.thrust, most), least))
 
 
@@ -189,7 +192,7 @@ class UplinkLostLimit(Limit):
         return self._vehicle.mass_kg / estimate.effectiveness * (self._gravity + down)
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
-        """Return ``drive`` with less thrust than hover and small rates; see :class:`Limit`."""
+        """Return ``drive`` with hover thrust at most, and small rates; see :class:`Limit`."""
         if not now.is_uplink_lost:
             return drive
         thrust, (roll, pitch, yaw) = drive

@@ -14,7 +14,7 @@ from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Motion, Vehicle
 
 # By their numbers: a limit that the test took from the code would bear out any value.
-BLIND_BRAKES_M_S = 0.7
+BLIND_LIFT_M_S = 0.7
 
 G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.02
 VEHICLE = Vehicle(mass_kg=MASS_KG, thrust_max_n=4.0 * MASS_KG * G)
@@ -100,9 +100,7 @@ def test_blind_it_brakes_what_the_model_sinks_faster_than_its_pull_gives_but_no_
         shares.append(lifts(descent, estimate(PERIOD_S * n, sinks_m_s=sinks_m_s)))
         sinks_m_s += PERIOD_S * G * (1.0 - shares[-1])
     pulled_m_s = told_m_s + 150 * PERIOD_S * BLIND_PULL_M_S2
-    assert sinks_m_s == pytest.approx(
-        pulled_m_s + max(faster_m_s - BLIND_BRAKES_M_S, 0.0), abs=0.05
-    )
+    assert sinks_m_s == pytest.approx(pulled_m_s + max(faster_m_s - BLIND_LIFT_M_S, 0.0), abs=0.05)
     assert max(shares) < 1.16
     assert PERIOD_S * sum(share > 1.03 for share in shares) < 0.5
 

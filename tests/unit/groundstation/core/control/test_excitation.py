@@ -96,11 +96,11 @@ def test_tones_come_and_go_without_a_step() -> None:
     tones, hover = ExcitationTones(VEHICLES[0], G), ActuatorCommand(0.8, ZERO)
     assert tones.add_to(hover, 1.0) == hover
     tones.set_level(1.0, 1.0)
-    assert tones.share(1.0) == 0.0
-    assert tones.share(1.15) == pytest.approx(0.5)
-    assert tones.share(9.0) == 1.0
+    assert tones.level_at(1.0) == 0.0
+    assert tones.level_at(1.15) == pytest.approx(0.5)
+    assert tones.level_at(9.0) == 1.0
     tones.set_level(9.0, 0.0)
-    assert tones.share(9.0) == 1.0
+    assert tones.level_at(9.0) == 1.0
     assert tones.add_to(hover, 9.6) == hover
 
 

@@ -20,7 +20,7 @@ from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 # By their numbers: a limit that the test took from the code would bear out any value.
 FIRST_CLIMB_M = 0.25
 FIRST_CLIMB_SHARE = 1.2
-LOW_SHARE = 0.7
+LEAST_THRUST_SHARE = 0.7
 UPLINK_LOST_SHARE = 0.95
 
 VEHICLE = Vehicle()
@@ -83,7 +83,9 @@ def test_rates_beyond_the_tilt_limit_are_turned_back(
 def test_thrust_in_transit_neither_drops_the_vehicle_nor_drives_it_aside() -> None:
     limits = FlightLimits(VEHICLE, GAINS)
     low, high = MODERATE._replace(thrust=0.0), MODERATE._replace(thrust=VEHICLE.thrust_max_n)
-    assert limits.apply((ThrustLimit,), low, at()).thrust == pytest.approx(LOW_SHARE * HOVER_N)
+    assert limits.apply((ThrustLimit,), low, at()).thrust == pytest.approx(
+        LEAST_THRUST_SHARE * HOVER_N
+    )
     assert limits.apply((ThrustLimit,), high, at()) == high, "level, it drives nothing aside"
     leaning = limits.apply((ThrustLimit,), high, at(attitude=tilted(60.0)))
     assert leaning.thrust * math.sin(math.radians(60.0)) == pytest.approx(
