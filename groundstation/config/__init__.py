@@ -12,19 +12,18 @@ from groundstation.config.errors import (
 from groundstation.config.loader import convert, from_dict, load
 from groundstation.config.retired import RETIRED_KEYS, RetiredKeyWarning
 from groundstation.config.schema import (
-    CLIENT_LETTERS,
     FACTORY,
     NAME,
-    VEHICLE_LETTERS,
+    NAME_FORM,
+    NAME_LETTERS,
+    WHOLE_NAME,
     OpenFactory,
-    describe_name,
     describe_pattern,
     describe_type,
     field_descriptions,
     is_name,
     is_within_bounds,
     keys_of,
-    name_pattern,
     strip_metadata,
     structs,
     texts_of,

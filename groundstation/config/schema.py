@@ -17,23 +17,10 @@ NAME = f"{_FIRST}{_NEXT}*"
 """A name within a longer pattern."""
 FACTORY = r"\A[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*\Z"
 """``package.module:factory``."""
-VEHICLE_LETTERS = 24
-"""Longest name of a vehicle [letters]."""
-CLIENT_LETTERS = 32
-"""Longest name of a client [letters]."""
-
-
-def name_pattern(most: int) -> str:
-    """Return the pattern of a whole name of at most ``most`` letters.
-
-    ``$`` would let a line end pass.
-    """
-    return rf"\A{_FIRST}{_NEXT}{{0,{most - 1}}}\Z"
-
-
-def describe_name(most: int) -> str:
-    """Describe the pattern of a name of at most ``most`` letters in words."""
-    return f"a name matching {describe_pattern(name_pattern(most))}"
+NAME_LETTERS = 32
+"""Longest name of a vehicle or a client [letters]."""
+WHOLE_NAME = rf"\A{_FIRST}{_NEXT}{{0,{NAME_LETTERS - 1}}}\Z"
+"""The pattern of a name alone. ``$`` would let a line end pass."""
 
 
 def describe_pattern(pattern: str) -> str:
@@ -41,9 +28,12 @@ def describe_pattern(pattern: str) -> str:
     return pattern.removeprefix(r"\A").removesuffix(r"\Z")
 
 
-def is_name(text: str, most: int) -> bool:
-    """Whether ``text`` is one of at most ``most`` letters."""
-    return re.search(name_pattern(most), text) is not None
+NAME_FORM = f"a name matching {describe_pattern(WHOLE_NAME)}"
+
+
+def is_name(text: str) -> bool:
+    """Whether ``text`` is a name of a vehicle or a client."""
+    return re.search(WHOLE_NAME, text) is not None
 
 
 def describe_type(info: mi.Type) -> str:

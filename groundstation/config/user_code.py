@@ -44,7 +44,7 @@ class StepWatch:
     """
 
     slow: Sentence | None = None
-    """The slowest step that was too slow, for the operator; None without one."""
+    """The first step that was too slow, for the operator; None without one."""
 
     def find_recent(self) -> Sentence | None:
         """Return the newest step that was too slow, if it ended within the last second.

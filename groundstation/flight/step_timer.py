@@ -22,14 +22,9 @@ from links.text import to_ms
 
 AGAIN_S = 0.05
 """Period of repeated interrupts [s]: code that catches every exception may go on."""
-SLOW_S = 0.1
-"""A step that takes longer is reported [s]: a command must leave within 0.25 s of its pose
-(flight.coast_s), and the pose's own latency and the link take their share."""
-STALLING_S = 0.05
-"""A step that takes longer may end the flight [s]: with what else one frame needs, poses wait for
-more than 0.06 s, as in a program that was stalled, and are not used."""
-SLOWER = 1.5
-"""A step that is slower by this factor is reported again [-]."""
+SLOW_S = 0.05
+"""A step that takes longer is reported, once a flight [s]: with what else one frame needs, poses
+wait for more than 0.06 s, as in a program that was stalled, and are not used."""
 RECENT_S = 1.0
 """Steps that ended within this time are a possible cause of a late command [s]."""
 
@@ -59,7 +54,6 @@ class StepTimer(StepWatch):
         """Number of interrupts of the present step [-]."""
         self._interrupted_s = 0.0
         """Time of the newest interrupt [s]."""
-        self._slowest_s = SLOW_S
         self._newest: Sentence | None = None
         self._newest_s = 0.0
         self._ours_until_s = 0.0
@@ -113,17 +107,12 @@ class StepTimer(StepWatch):
         took_s = now_s - self._begun_s
         if took_s > self._limit_s - AGAIN_S:
             self._ours_until_s = now_s + 2.0 * AGAIN_S
-        if took_s <= STALLING_S or self._limit_s > STEP_LIMIT_S:
-            return
-        self._newest_s = now_s
-        if took_s <= SLOW_S:
+        if took_s > SLOW_S and self._limit_s <= STEP_LIMIT_S:
+            self._newest_s = now_s
             self._newest = notice(
-                "code.stalls", what=what, took_ms=to_ms(took_s), limit_ms=to_ms(STALLING_S)
+                "code.slow", what=what, took_ms=to_ms(took_s), limit_ms=to_ms(SLOW_S)
             )
-            return
-        self._newest = notice("code.slow", what=what, took_ms=to_ms(took_s), limit_ms=to_ms(SLOW_S))
-        if took_s > SLOWER * self._slowest_s or self.slow is None:
-            self.slow, self._slowest_s = self._newest, took_s
+            self.slow = self.slow or self._newest
 
     def find_recent(self) -> Sentence | None:
         """Return the newest step that was too slow, if it ended within the last second.

@@ -9,10 +9,9 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 
 from groundstation.config import (
-    VEHICLE_LETTERS,
+    WHOLE_NAME,
     ConfigError,
     from_dict,
-    name_pattern,
     read_toml,
     resolve_files,
 )
@@ -21,7 +20,7 @@ from groundstation.pose import PoseConfig
 from groundstation.settings import Config, rehearse
 from links.io import parse_address
 
-Name = Annotated[str, msgspec.Meta(pattern=name_pattern(VEHICLE_LETTERS))]
+Name = Annotated[str, msgspec.Meta(pattern=WHOLE_NAME)]
 MOST = 64
 """Most vehicles of one fleet."""
 

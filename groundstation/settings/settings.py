@@ -19,11 +19,10 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 
 from groundstation.config import (
-    CLIENT_LETTERS,
     NAME,
-    VEHICLE_LETTERS,
+    NAME_FORM,
+    NAME_LETTERS,
     ConfigError,
-    describe_name,
     is_name,
     texts_of,
 )
@@ -77,7 +76,7 @@ class RehearsalConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         str,
         msgspec.Meta(
             pattern=rf"\A{REHEARSAL}(-[A-Za-z0-9_.-]+)?\Z",
-            max_length=VEHICLE_LETTERS,
+            max_length=NAME_LETTERS,
             description="What the vehicle is called meanwhile: `rehearsal`; in a fleet "
             "`rehearsal-` and its own name.",
         ),
@@ -243,7 +242,7 @@ def rehearse(config: "Config", file: Path, *, fleet: bool = False) -> "Config":
         host=f"127.{64 + a % 64}.{b}.{1 + c % 254}",
         ports=str(socket_folder()),
         vehicle=name,
-        name=f"{REHEARSAL}-{name}"[:VEHICLE_LETTERS] if fleet else REHEARSAL,
+        name=f"{REHEARSAL}-{name}"[:NAME_LETTERS] if fleet else REHEARSAL,
     )
     turned = turn_sections(config, room)
     link, pose = (getattr(turned[section], "listen", None) for section in ("link", "pose"))
@@ -369,10 +368,8 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         for name, client in self.clients.items():
             if "goto" in client.may and self.authority != "move":
                 raise ValueError(notice("keys.authority", client=name, found=self.authority))
-            if not is_name(name, CLIENT_LETTERS):
-                raise ValueError(
-                    notice("keys.client", form=describe_name(CLIENT_LETTERS), found=name)
-                )
+            if not is_name(name):
+                raise ValueError(notice("keys.client", form=NAME_FORM, found=name))
 
 
 class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -66,7 +66,7 @@ def test_every_key_takes_a_name(name: str) -> None:
 
 @pytest.mark.parametrize("name", NO_NAMES)
 def test_no_file_topic_or_message_takes_it_either(name: str) -> None:
-    assert not is_name(name, 24)
+    assert not is_name(name)
     assert RECORDING.fullmatch(f"20260102-030405-{name}.mcap") is None
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(name, Name)

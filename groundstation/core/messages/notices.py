@@ -58,11 +58,6 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "code.slow",
-            "{what} took {took_ms:.0f} ms, limit {limit_ms:.0f} ms",
-            "make its step faster",
-        ),
-        NoticeTemplate(
-            "code.stalls",
             "{what} took {took_ms:.0f} ms, and poses that came meanwhile are not used, limit "
             "{limit_ms:.0f} ms",
             "make its step faster",

@@ -17,13 +17,12 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import msgspec
 
 from groundstation.config import (
-    VEHICLE_LETTERS,
+    WHOLE_NAME,
     FromFile,
     Problem,
     config_notice,
     convert,
     dotted_key,
-    name_pattern,
     parse_toml,
     presets,
 )
@@ -97,7 +96,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     name: Annotated[
         str,
         msgspec.Meta(
-            pattern=name_pattern(VEHICLE_LETTERS),
+            pattern=WHOLE_NAME,
             description="Name for the operator, who types it before arming.",
         ),
     ] = "mqx"

@@ -34,10 +34,8 @@ from groundstation.machine import (
     socket_path,
 )
 
-CLIENTS_MAX = 16
-"""At most this many clients stay for as long as they like."""
-GUESTS_MAX = 4
-"""At most this many more may attach; the next takes the place of one of them, so that an order
+CLIENTS_MAX = 20
+"""At most this many clients; the next takes the place of one that only reads, so that an order
 always gets in."""
 ORDERS = Allowance(rate_hz=20.0, burst=20.0)
 """Lines read of a client; more wait in its own socket."""
@@ -145,7 +143,7 @@ class Server:
 
         Where there are too many, another one goes.
         """
-        if len(self._clients) >= CLIENTS_MAX + GUESTS_MAX:
+        if len(self._clients) >= CLIENTS_MAX:
             self._make_room()
         self._clients[client] = 0
         self._attached.set()
@@ -153,14 +151,9 @@ class Server:
         client.write(encode(self.desk.control(client.party)))
 
     def _make_room(self) -> None:
-        """Drop the guest that came first of those that only read.
-
-        Else who only reads, else who lacks control.
-        """
-        there = list(self._clients)
-        guests = there[CLIENTS_MAX:]
-        reading = [client for client in (*guests, *there) if not client.orders]
-        free = [client for client in (*guests, *there) if not self.desk.control(client.party).yours]
+        """Drop the client that came first of those that only read, else who lacks control."""
+        reading = [client for client in self._clients if not client.orders]
+        free = [client for client in self._clients if not self.desk.control(client.party).yours]
         dropped = next(iter(reading or free))
         self._detach(dropped)
         dropped.transport.abort()

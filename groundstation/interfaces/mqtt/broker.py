@@ -28,8 +28,6 @@ KEEPALIVE_S = 5
 """The broker declares us lost after one and a half times this [s]."""
 TIMEOUT_S = 3.0
 """Timeout for the broker's answer, and for its taking what we send [s]."""
-HEARD_MAX_BYTES = 4096
-"""The broker keeps a longer packet from a station: nothing that it asks for is as long."""
 SEND_BUFFER_BYTES = 16384
 """Send buffer for a broker that reads slowly [bytes]: some snapshots, not some minutes of them."""
 

@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from groundstation.config import (
-    CLIENT_LETTERS,
-    VEHICLE_LETTERS,
+    NAME_FORM,
     ConfigError,
-    describe_name,
     describe_pattern,
     is_name,
 )
@@ -72,12 +70,9 @@ def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> 
             raise ConfigError(name, notice("mqtt.missing_option"))
     if args.ask == "arm":
         raise ConfigError("arm", notice("order.arm_from_afar"))
-    for name, value, letters in (
-        ("--vehicle", args.vehicle, VEHICLE_LETTERS),
-        ("--client", args.client, CLIENT_LETTERS),
-    ):
-        if not is_name(value, letters):
-            raise ConfigError(name, notice("value.form", form=describe_name(letters), found=value))
+    for name, value in (("--vehicle", args.vehicle), ("--client", args.client)):
+        if not is_name(value):
+            raise ConfigError(name, notice("value.form", form=NAME_FORM, found=value))
     broker = from_url(args.mqtt, ca=args.ca, user=args.user, password_file=args.password_file)
     key = _key(args.key)
     try:

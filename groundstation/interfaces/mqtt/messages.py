@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from groundstation.config import CLIENT_LETTERS, name_pattern
+from groundstation.config import WHOLE_NAME
 from groundstation.core.messages import Numbers, RemoteAsk, Snapshot, Waypoints, ensure_points
 
 OFFLINE = "offline"
@@ -13,7 +13,7 @@ OFFLINE = "offline"
 Session = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{32}\Z")]
 Seal = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{64}\Z")]
 """HMAC-SHA256 in hex; see requests.py."""
-Client = Annotated[str, msgspec.Meta(pattern=name_pattern(CLIENT_LETTERS))]
+Client = Annotated[str, msgspec.Meta(pattern=WHOLE_NAME)]
 Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 
 

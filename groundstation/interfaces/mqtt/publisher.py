@@ -22,7 +22,6 @@ from groundstation.config import ConfigError
 from groundstation.core.messages import Ask, Notice, Reply, Request, Say, Sentence, Snapshot, notice
 from groundstation.interfaces.api import new_events
 from groundstation.interfaces.mqtt.broker import (
-    HEARD_MAX_BYTES,
     TIMEOUT_S,
     MqttBroker,
     describe_error,
@@ -44,7 +43,7 @@ from groundstation.interfaces.mqtt.messages import (
     Topic,
     properties,
 )
-from groundstation.interfaces.mqtt.requests import ClientKey, Gatekeeper, Place
+from groundstation.interfaces.mqtt.requests import REQUEST_MAX_BYTES, ClientKey, Gatekeeper, Place
 from groundstation.machine import Latest, wall_ms
 from groundstation.runtime import __version__
 from groundstation.settings import MqttConfig
@@ -242,7 +241,7 @@ async def _publish_once(
         async with broker.client(
             identifier=name,
             will=will,
-            heard_max_bytes=HEARD_MAX_BYTES,
+            heard_max_bytes=REQUEST_MAX_BYTES,
             max_queued_incoming_messages=HEARD_QUEUE,
         ) as client:
             level = logging.INFO if was_reachable else logging.WARNING

@@ -32,8 +32,8 @@ from groundstation.interfaces.api import Allowance, TokenBucket
 from groundstation.interfaces.mqtt.messages import SealedAnswer, SealedRequest
 from links.text import printable
 
-REQUEST_MAX_BYTES = 3072
-"""No request is longer; with its topic it stays within the 4096 bytes that a station takes."""
+REQUEST_MAX_BYTES = 4096
+"""No request is longer, and the broker keeps a longer packet from a station."""
 
 
 class Place(msgspec.Struct, frozen=True):

@@ -16,7 +16,7 @@ from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import DataTable, Footer, Static
 
-from groundstation.config import VEHICLE_LETTERS, is_name
+from groundstation.config import is_name
 from groundstation.core.messages import Snapshot
 from groundstation.interfaces.api import decode
 from groundstation.interfaces.mqtt import (
@@ -105,7 +105,7 @@ class FleetMonitor:
         """Take one message of the broker; whatever is not for us is dropped."""
         name, _, rest = topic.removeprefix(self._prefix).partition("/")
         known = topic.startswith(self._prefix) and rest in (STATE.name, SNAPSHOT.name)
-        if known and is_name(name, VEHICLE_LETTERS):
+        if known and is_name(name):
             self._seen.setdefault(name, VehicleView(name)).hear(rest, payload, now_s)
 
 
