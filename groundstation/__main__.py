@@ -100,7 +100,7 @@ DAEMON: Arguments = {
     **ARM,
     "--once": {"action": "store_true", "help": "end with the first flight"},
     "--log-format": {
-        "choices": ["text", "logfmt", "json"],
+        "choices": ["text", "json"],
         "default": "text",
         "help": "default: text",
     },
@@ -320,11 +320,6 @@ LOGS_IMPORT: Arguments = {
         "metavar": "FLIGHT.mcap",
         "help": "the recording to write",
     },
-    "--body": {
-        "default": "",
-        "metavar": "NAME",
-        "help": "the vehicle, where a tracker's file has several bodies",
-    },
 }
 REPLAY_EVIDENCE: Arguments = {
     **_recording("files", "FLIGHT.mcap", f"imported, or our own; {RECORDING_HELP}", "*"),
@@ -461,10 +456,8 @@ COMMANDS: Groups = {
             "send the commands of another computer by an RF module here",
             RADIO_BRIDGE,
         ),
-        "mqtt": ("make keys of clients; list topics and schemas", None),
+        "mqtt": ("make keys of clients that may ask", None),
         "mqtt make-key": ("write the new key of a client that may ask by MQTT", MAKE_KEY),
-        "mqtt topics": ("list the topics", {}),
-        "mqtt schemas": ("print the JSON Schemas of the messages", {}),
     },
 }
 
@@ -494,6 +487,9 @@ GONE = {
     "view --in": "`groundstation view` shows it in Foxglove, the only viewer",
     "report --format tex": "`--format csv` has the table",
     "report --format png": "`--format pdf` and `svg` are for print; the figures of a page are PNGs",
+    "logs import --body": "name the columns of the body in a mapping (docs/how-to/recordings.md)",
+    "mqtt topics": "docs/reference/mqtt.md lists them",
+    "mqtt schemas": "they are in docs/reference/mqtt-schemas",
     "replay evidence --write": "`--json` has the figures",
     "replay evidence --part": "`--json` has the figures",
 }

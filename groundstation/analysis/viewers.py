@@ -36,8 +36,6 @@ SAMPLE_S = 0.2
 """Interval between points of a trail, which is drawn at each, and of polling for records [s]."""
 TRAILS = ("estimate", "reference", "truth")
 """Channels whose positions leave a trail."""
-LEVEL = ch.Quaternion(0.0, 0.0, 0.0, 1.0)
-"""Attitude of a trail's points, which have none."""
 
 
 class PosesInFrame(msgspec.Struct, frozen=True, gc=False):
@@ -75,7 +73,7 @@ class FoxgloveScene:
         time_s, trail = 1e-9 * entry.stamp_ns, self._trails.get(entry.topic)
         if trail is None or (trail and time_s - trail[-1][0] < SAMPLE_S):
             return
-        trail.append((time_s, ch.FoxglovePose(entry.message().position_ned, LEVEL)))
+        trail.append((time_s, ch.FoxglovePose(entry.message().position_ned)))
         while time_s - trail[0][0] > TRAIL_S:
             trail.popleft()
         stamp = ch.Time.of(entry.stamp_ns)

@@ -8,6 +8,7 @@ import asyncio
 import json
 import os
 import shlex
+import shutil
 import sys
 import textwrap
 from collections.abc import Awaitable, Callable, Iterable, Sequence
@@ -382,8 +383,6 @@ class MavlinkVisit:
 Visit = BoardVisit | MavlinkVisit
 """Changes nothing by itself. All methods but ``close`` raise LinkError if the other end leaves."""
 _MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
-WIDTH = 100
-"""Width of the printed text [columns]."""
 
 
 def doctor_report(title: str, findings: Sequence[ParameterFinding], command: str) -> str:
@@ -413,9 +412,8 @@ def doctor_report(title: str, findings: Sequence[ParameterFinding], command: str
 
 
 def _wrap(begin: str, text: str) -> list[str]:
-    return textwrap.wrap(
-        text, WIDTH, initial_indent=begin, subsequent_indent=" " * max(len(begin), 12)
-    )
+    width, indent = shutil.get_terminal_size().columns, " " * max(len(begin), 12)
+    return textwrap.wrap(text, width, initial_indent=begin, subsequent_indent=indent)
 
 
 def _summary(findings: Sequence[ParameterFinding]) -> str:

@@ -8,21 +8,13 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
-from groundstation.config import (
-    WHOLE_NAME,
-    ConfigError,
-    from_dict,
-    read_toml,
-    resolve_files,
-)
+from groundstation.config import WHOLE_NAME, ConfigError, from_dict, read_toml, resolve_files
 from groundstation.core.messages import notice
 from groundstation.pose import PoseConfig
 from groundstation.settings import Config, rehearse
 from links.io import parse_address
 
 Name = Annotated[str, msgspec.Meta(pattern=WHOLE_NAME)]
-MOST = 64
-"""Most vehicles of one fleet."""
 
 
 class FleetFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -47,7 +39,6 @@ class FleetFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         tuple[dict[str, Any], ...],
         msgspec.Meta(
             min_length=1,
-            max_length=MOST,
             description="For each its `name`, its `object` in the capture system where that is "
             "another, and what else differs.",
         ),

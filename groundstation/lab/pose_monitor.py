@@ -34,6 +34,7 @@ from groundstation.core.messages import (
 from groundstation.flight.preflight import explain_drops
 from groundstation.lab.pose_stream import (
     MOVES,
+    WINDOW_S,
     AxisCalibration,
     Carry,
     CarryFailure,
@@ -113,8 +114,6 @@ async def open_ears(
         await asyncio.sleep(0)  # sockets are released in the loop's next turn
 
 
-JSON_S = 5.0
-"""Duration of a look for a program, where it gives none [s]."""
 REFRESH_S = 0.25
 """Period at which a summary is shown, and a move's progress looked at [s]."""
 
@@ -130,7 +129,7 @@ def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit
     kind = config.pose.kind
     try:
         if as_json:
-            seen = asyncio.run(listen(config, seconds or JSON_S))
+            seen = asyncio.run(listen(config, seconds or WINDOW_S))
             print(json.dumps({"source": kind, "ok": seen.ok, **msgspec.to_builtins(seen)}))
         else:
             seen = asyncio.run(

@@ -92,7 +92,7 @@ class FoxglovePose(msgspec.Struct, frozen=True, gc=False):
     """foxglove.Pose."""
 
     position: Vector3
-    orientation: Quaternion
+    orientation: Quaternion = Quaternion(0.0, 0.0, 0.0, 1.0)
 
 
 class PoseInFrame(msgspec.Struct, frozen=True, gc=False):

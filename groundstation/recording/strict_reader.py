@@ -13,8 +13,6 @@ from mcap.records import Channel, Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from zstandard import ZstdError
 
-_RECORD_BYTES = 1 << 28
-"""No record of ours is longer: a length beyond it is damage."""
 _DATA = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)
 """Records before the index. mcap passes over other records; here they are damaged chunks."""
 DAMAGE: tuple[type[Exception], ...] = (
@@ -35,9 +33,7 @@ class StrictReader(StreamReader):
 
     def __init__(self, file: BinaryIO) -> None:
         """Read ``file`` from its beginning, and give its chunks whole."""
-        super().__init__(
-            file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_BYTES
-        )
+        super().__init__(file, emit_chunks=True, validate_crcs=True)
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
         if not self._in_index and opcode not in _DATA:

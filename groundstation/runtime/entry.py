@@ -124,9 +124,7 @@ class _GuardedStream:
         shown = text
         if not text.replace("\n", "").replace("\t", "").isprintable():
             # Only now: it brings msgspec, for a third of the time that --help takes.
-            from links.text import (
-                printable,
-            )
+            from links.text import printable
 
             shown = printable(text, keep="\n\t")
         self.bare.write(shown)

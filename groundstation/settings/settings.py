@@ -18,14 +18,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 
-from groundstation.config import (
-    NAME,
-    NAME_FORM,
-    NAME_LETTERS,
-    ConfigError,
-    is_name,
-    texts_of,
-)
+from groundstation.config import NAME, NAME_FORM, NAME_LETTERS, ConfigError, is_name, texts_of
 from groundstation.core.control import ControllerConfig, Gains, Law
 from groundstation.core.geometry import Coordinate
 from groundstation.core.messages import RemoteAsk, notice

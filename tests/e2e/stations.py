@@ -17,7 +17,7 @@ import pytest
 from tests.known import known
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "loopback.toml"
-QUICK_LANDING = ["--set", "flight.descent_m_s=1.0", "--set", "trajectory.altitude_m=-0.3"]
+QUICK_LANDING = ["--set=flight.descent_m_s=1.0", "--set=trajectory.altitude_m=-0.3"]
 
 
 def run_here(main: Callable[[], int], *words: str | Path) -> "subprocess.CompletedProcess[str]":
@@ -111,12 +111,12 @@ class Room:
     def wires(self) -> list[str]:
         """The overrides that make both ends meet."""
         ends = (f"link.listen=127.0.0.1:{self.mavlink}", f"pose.listen=127.0.0.1:{self.vicon}")
-        return [word for end in ends for word in ("--set", end)]
+        return [f"--set={end}" for end in ends]
 
     def station(self, command: str, *arguments: str) -> list[str]:
         """The command line of ``groundstation fly`` or ``daemon`` in this room."""
         folders = (f"status.path={self.status_socket}", f"recording.folder={self.recordings}")
-        sets = [*self.wires, *QUICK_LANDING, *(word for to in folders for word in ("--set", to))]
+        sets = [*self.wires, *QUICK_LANDING, *(f"--set={to}" for to in folders)]
         return program("groundstation", command, EXAMPLE, *sets, *arguments)
 
 

@@ -67,10 +67,10 @@ class Lab:
 async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterator[Lab]:
     """A station that flies ``paper``; with ``mute`` the autopilot says nothing."""
     room = Room(folder)
-    world, config = prepare(SCENARIOS["paper"], [o for o in room.wires if o != "--set"])
+    world, config = prepare(SCENARIOS["paper"], [o.removeprefix("--set=") for o in room.wires])
     station = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "groundstation", "daemon", str(EXAMPLE), *room.wires, "--once"),
-        *("--set", f"status.path={folder}.sock", "--set", "flight.duration_s=30.0", *arguments),
+        *(f"--set=status.path={folder}.sock", "--set=flight.duration_s=30.0", *arguments),
         stdin=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
         cwd=ROOT,

@@ -106,12 +106,7 @@ async def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_al
         topic, place = "groundstation/mqx/request", Place("groundstation", "mqx")
         now = wall_ms()
         good = seal_request(secret, place, session.session, "tablet", now, "kill", now + 3000)
-        for data in (
-            b"{}",
-            good[:-5],
-            good.replace(b'"kill"', b'"hold"'),
-            b" " * 60000,
-        ):
+        for data in (b"{}", good[:-5], good.replace(b'"kill"', b'"hold"'), b" " * 60000):
             await client.publish(topic, data, qos=1)
         await client.publish(
             topic, seal_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1
@@ -122,12 +117,7 @@ async def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_al
         await client.publish(topic, good, qos=1)
         counts = await counted(client, 8)
         # Of 60 kB the broker has told nobody: a station says that it takes no such packet.
-        assert counts == {
-            "done": 2,
-            "malformed": 2,
-            "replayed": 3,
-            "unauthenticated": 1,
-        }
+        assert counts == {"done": 2, "malformed": 2, "replayed": 3, "unauthenticated": 1}
         assert [request.ask for request in station.core.asked] == [Ask.LAND, Ask.KILL]
     async with station.serving(config_of(lab, key)):  # another session, in which nothing old counts
         await client_published(lab, topic, good)
@@ -194,12 +184,7 @@ async def test_a_kill_is_heard_in_a_flood_and_all_else_once_it_is_over(
         await asyncio.sleep(1.0)
         assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "land")).done
         assert (await counted(client, 1))["flooded"] >= 1
-    assert [request.ask for request in station.core.asked] == [
-        Ask.KILL,
-        Ask.KILL,
-        Ask.KILL,
-        Ask.LAND,
-    ]
+    assert [request.ask for request in station.core.asked] == [*3 * [Ask.KILL], Ask.LAND]
 
 
 # paho leaves a failed handshake's socket to Python.

@@ -62,7 +62,7 @@ def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
     assert os.get_blocking(theirs)  # whoever shares it waits as before
 
 
-QUERIES = ("groundstation config show", "groundstation mqtt topics", "sim scenarios --json")
+QUERIES = ("groundstation config show", "groundstation config vehicles", "sim scenarios --json")
 
 
 @pytest.mark.tried(2)  # commands

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from links.mavlink.protocol import ARMED, MavlinkCodec
-from tests.e2e.stations import Room, run_command, served
+from tests.e2e.stations import Room, run_command, served, wait_until
 
 
 class Terminal:
@@ -23,7 +23,7 @@ class Terminal:
     def __init__(self, room: Room, state: Path) -> None:
         self._ours, theirs = pty.openpty()
         self.process = subprocess.Popen(
-            room.station("props-off", "--set", "link.connect_timeout_s=5"),
+            room.station("props-off", "--set=link.connect_timeout_s=5"),
             stdin=theirs, stdout=theirs, stderr=theirs,
             start_new_session=True,
             env=os.environ | {"XDG_STATE_HOME": str(state)},
@@ -32,11 +32,11 @@ class Terminal:
         self.seen = ""
         self._read = 0
 
-    def wait_for(self, words: str, within_s: float = 60.0) -> None:
-        until = time.monotonic() + within_s
-        while words not in self.seen[self._read :]:
-            assert time.monotonic() < until, f"no {words!r} in: {self.seen}"
-            self.listen()
+    def wait_for(self, words: str) -> None:
+        wait_until(
+            lambda: self.listen() or words in self.seen[self._read :],
+            lambda: f"no {words!r} in: {self.seen}",
+        )
         self._read = self.seen.index(words, self._read) + len(words)
 
     def listen(self) -> None:
@@ -47,13 +47,10 @@ class Terminal:
     def types(self, line: str) -> None:
         os.write(self._ours, f"{line}\n".encode())
 
-    def exit_code(self, within_s: float = 60.0) -> int:
-        until = time.monotonic() + within_s
-        while (code := self.process.poll()) is None:
-            assert time.monotonic() < until, self.seen
-            self.listen()
+    def exit_code(self) -> int:
+        wait_until(lambda: self.listen() or self.process.poll() is not None, lambda: self.seen)
         self.listen()
-        return code
+        return self.process.returncode
 
     def close(self) -> None:
         if self.process.poll() is None:

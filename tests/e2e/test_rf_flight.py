@@ -21,11 +21,8 @@ async def flown(duration_s: float) -> list[tuple[float, float]]:
     """The true distance to the reference at every step of the plant [s, m]."""
     loop = asyncio.get_running_loop()
     wire = PtyWire()
-    told = [
-        f"link.port={wire.path}",
-        "link.simulated=true",
-        f"pose.listen=127.0.0.1:{free_udp_port()}",
-    ]
+    poses = f"pose.listen=127.0.0.1:{free_udp_port()}"
+    told = [f"link.port={wire.path}", "link.simulated=true", poses]
     world, config = prepare(SCENARIOS["paper"], told, link="dsm")
     assert isinstance(config.link, DsmLinkConfig)
     path: list[tuple[float, Vec3]] = []
@@ -89,14 +86,7 @@ def test_the_radio_command_serves_a_module_and_arms_nothing(
         wire = PtyWire()
         came: list[bytes] = []
         wire.listen(came.append)
-        config_ = (
-            "--set",
-            f"link.kind={kind}",
-            "--set",
-            f"link.port={wire.path}",
-            "--seconds",
-            "0.3",
-        )
+        config_ = (f"--set=link.kind={kind}", f"--set=link.port={wire.path}", "--seconds=0.3")
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "groundstation", "radio", what, os.devnull, *config_),
             stdout=subprocess.PIPE,

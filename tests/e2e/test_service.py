@@ -14,7 +14,7 @@ import pytest
 from groundstation.config import load
 from groundstation.core.messages import Notice
 from groundstation.core.safety.geofence import BoxFence
-from groundstation.interfaces.service import Format, unit_file
+from groundstation.interfaces.service import unit_file
 from groundstation.interfaces.service.flights import Notify, line_of, longest_landing_s
 from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
@@ -81,8 +81,10 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
 
 
 def test_json_log_lines_are_json() -> None:
-    line = line_of(logging.INFO, 'x "y" \x1b', Format.JSON, journal=False)
+    line = line_of(logging.INFO, 'x "y" \x1b', as_json=True, journal=False)
     assert json.loads(line)["msg"] == 'x "y" \x1b'
     event = Notice(12.5, "landing", "asked to", "state")
-    told = json.loads(line_of(logging.INFO, event.line, Format.JSON, event, journal=False))["event"]
+    told = json.loads(line_of(logging.INFO, event.line, event, as_json=True, journal=False))[
+        "event"
+    ]
     assert msgspec.convert(told, Notice) == event

@@ -48,8 +48,7 @@ def test_what_the_operator_was_warned_of_stands_on_it() -> None:
     late = r"warning: poses are [12]\d ms later than configured"
     assert re.search(rf"^told in flight, at \[s\] +\d+\.\d\d {late}", screen(*LATE), re.MULTILINE)
     assert "told in flight" not in screen()
-    words = [word for one in LATE for word in ("--set", one)]
-    done = run_here(main, "mission", "--duration", "5", *words)
+    done = run_here(main, "mission", "--duration", "5", *(f"--set={one}" for one in LATE))
     assert done.returncode == 0
     assert re.search(rf"^ +\d+\.\d\d s +{late}", done.stdout, re.MULTILINE)
 

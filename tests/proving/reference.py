@@ -7,6 +7,7 @@ import argparse
 import ast
 import functools
 import inspect
+import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -20,11 +21,17 @@ from msgspec import inspect as mi
 import groundstation as gs
 from groundstation.__main__ import parser as flying
 from groundstation.analysis import Channel, Track
-from groundstation.config import describe_type, field_descriptions, refuse_io, structs
+from groundstation.config import (
+    describe_pattern,
+    describe_type,
+    field_descriptions,
+    refuse_io,
+    structs,
+)
 from groundstation.core.messages import NOTICES
 from groundstation.core.mission import FINAL, TABLE as TRANSITIONS, Event, State
 from groundstation.core.safety import list_limits
-from groundstation.interfaces.mqtt import schema_text, schemas, topics_table
+from groundstation.interfaces.mqtt.messages import TOPICS, Topic
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.recording import CHANNELS
 from groundstation.runtime import Program
@@ -384,6 +391,64 @@ def states_page() -> str:
     return f"```mermaid\n{mermaid()}\n```\n\n{everywhere()}\n\n{made}"
 
 
+def make_schemas() -> dict[str, dict[str, Any]]:
+    """File name -> JSON Schema (draft 2020-12), one for each topic with JSON."""
+    return {_schema_file(topic): _schema_of(topic) for topic in TOPICS if topic.message is not None}
+
+
+def _schema_file(topic: Topic) -> str:
+    return topic.name.replace("/", "-") + ".json"
+
+
+def schema_text(schema: dict[str, Any]) -> str:
+    """``schema`` as it stands in a file."""
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def describe_topics() -> str:
+    """The topics of MQTT."""
+    rows = []
+    for topic in TOPICS:
+        schema = f" ([schema](mqtt-schemas/{_schema_file(topic)}))" if topic.message else ""
+        says = f"{'**in**: ' * topic.inward}{topic.says}{schema}"
+        expires = "" if topic.expires_s is None else f"{topic.expires_s} s"
+        told = (f"`{topic.name}`", says, "yes" * topic.retained, str(topic.quality), expires)
+        rows.append(f"| {' | '.join(told)} |")
+    return make_table("| topic | holds | retained | QoS | expires |", rows)
+
+
+def _schema_of(topic: Topic) -> dict[str, Any]:
+    assert topic.message is not None, "the caller has looked"
+    (_,), components = msgspec.json.schema_components(
+        [topic.message], ref_template="#/$defs/{name}"
+    )
+    for component in components.values():
+        for field in component.get("properties", {}).values():
+            # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends.
+            if "pattern" in field:
+                field["pattern"] = f"^{describe_pattern(field['pattern'])}$"
+    made = _with_null(components)
+    root = made.pop(topic.message.__name__)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$comment": f"PREFIX/VEHICLE/{topic.name}; made by: groundstation-sim dev reference",
+        **root,
+        **({"$defs": made} if made else {}),
+    }
+
+
+def _with_null(schema: Any) -> Any:
+    """JSON has no NaN and no infinity: wherever a number is, ``null`` may be."""
+    if isinstance(schema, list):
+        return [_with_null(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    made = {key: _with_null(value) for key, value in schema.items()}
+    if made.get("type") == "number":
+        made["type"] = ["number", "null"]
+    return made
+
+
 PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "configuration.md": {
         "keys": lambda: describe_keys(Config),
@@ -395,7 +460,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "campaign-columns.md": {"columns": describe_columns},
     "guards.md": {"guards": describe_guards},
     "messages.md": {"messages": describe_messages},
-    "mqtt.md": {"mqtt-topics": topics_table},
+    "mqtt.md": {"mqtt-topics": describe_topics},
     "python.md": {
         "calls": lambda: describe_python(CALLS, 2),
         "given": lambda: describe_structs(*GIVEN),
@@ -430,10 +495,10 @@ def reference_command(folder: Path | None) -> str:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(page(name), "utf-8")
     (folder / SCHEMAS).mkdir(exist_ok=True)
-    for name, schema in schemas().items():
+    for name, schema in make_schemas().items():
         (folder / SCHEMAS / name).write_text(schema_text(schema), "utf-8")
     safety = folder.parent / "explanation" / "safety.md"
     if safety.exists():
         replace_between_markers(safety, states_page(), "states")
-    written = [*PAGES, *(f"{SCHEMAS}/{name}" for name in schemas())]
+    written = [*PAGES, *(f"{SCHEMAS}/{name}" for name in make_schemas())]
     return "\n".join(f"{folder / name} written" for name in written)

@@ -61,8 +61,6 @@ from links.core import signal, thrust
 
 HORIZONS_MS = (20, 40, 60, 100)
 """Times ahead at which predictions are judged [ms]."""
-AT_MS = 60
-"""Horizon of the page's table, and of the filter that is told nothing [ms]."""
 NEAR = 0.25
 """The pose that judges a prediction lies within this share of its horizon."""
 BASE_S = 0.05
@@ -428,17 +426,15 @@ class Judged(NamedTuple):
     prediction: dict[str, dict[str, float] | None]
 
 
-def judge_filter(
-    driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[int] = HORIZONS_MS
-) -> Judged:
+def judge_filter(driven: DrivenFlight, gains: Estimation) -> Judged:
     """Fly the filter over the part that flies, and judge its predictions by the measured poses."""
     air, at_s, place = driven.air, driven.at_s, driven.place
     resets = [pose.reset_count for pose in driven.poses]
     period_s = float(np.median(np.diff(at_s[air])))
     base = max(1, round(BASE_S / period_s))
-    ahead = {h: max(1, round(1e-3 * h / period_s)) for h in horizons_ms}
+    ahead = {h: max(1, round(1e-3 * h / period_s)) for h in HORIZONS_MS}
     # A flight may have a million poses.
-    errors: dict[int, array[float]] = {h: array("d") for h in horizons_ms}
+    errors: dict[int, array[float]] = {h: array("d") for h in HORIZONS_MS}
     consistency: list[float] = []
     for i, estimator in _fly_filter(driven, gains, consistency):
         now, older = float(at_s[i]), i - 2 * base
@@ -663,7 +659,7 @@ def examine_flight(
     )
     facts |= {"doubt": doubt_attitude(driven), "told": {key: getattr(gains, key) for key in TOLD}}
     facts |= judged._asdict()
-    facts["untold"] = judge_filter(driven, driven.config.controller, (AT_MS,))._asdict()
+    facts["untold"] = judge_filter(driven, driven.config.controller)._asdict()
     if flight.sent:
         facts["identified"] = identify_vehicle(driven)
     return facts
@@ -719,7 +715,10 @@ def describe_flight(facts: dict[str, Any]) -> str:
     if not facts["note"]:
         lines.append(f"  {'prediction, RMS mm':22}{'ours':>9}{'p + v t':>9}{'const. a':>9}")
         rows = {f"{horizon} ms": row for horizon, row in facts["prediction"].items()}
-        rows[f"{AT_MS} ms, told nothing"] = facts["untold"]["prediction"][str(AT_MS)]
+        rows |= {
+            f"{horizon} ms, told nothing": row
+            for horizon, row in facts["untold"]["prediction"].items()
+        }
         for name, row in rows.items():
             cells = (
                 "".join(f"{row[key]:>9.2f}" for key in ERRORS) if row else "  no pose to judge by"

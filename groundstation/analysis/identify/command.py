@@ -800,8 +800,6 @@ BESIDE = (
     "pose_latency",
 )
 """Parameters that are no keys of a vehicle."""
-DIGITS = 5
-"""Number of written digits [-]; no vehicle needs more."""
 
 
 def file_text(found: IdentifiedVehicle) -> str:
@@ -900,4 +898,4 @@ def describe_parameter(one: IdentifiedParameter) -> str:
 
 
 def _round(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}")
+    return float(number(value))

@@ -467,10 +467,7 @@ def _print_budgets(flights: Sequence[FlightColumns], *, as_json: bool) -> Exit:
 
 
 def _write_all(
-    formats: Sequence[str],
-    folder: Path,
-    flights: list[FlightColumns],
-    facts: list[dict[str, Any]],
+    formats: Sequence[str], folder: Path, flights: list[FlightColumns], facts: list[dict[str, Any]]
 ) -> list[Path]:
     """Write the report in ``formats`` into ``folder``; returns the files."""
     with refuse_io("--out", "file.unwritten", folder):

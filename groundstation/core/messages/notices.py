@@ -74,15 +74,9 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "trajectory.derivative",
             "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} is "
-            "{found:.3g} {unit}",
-            "correct the {name} that it returns: limits and fence are checked by it",
-        ),
-        NoticeTemplate(
-            "trajectory.direction",
-            "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} has "
-            "another direction",
-            "correct the signs and axes of the {name} that it returns: limits and fence are "
-            "checked by it",
+            "{found:.3g} {unit}, or has another direction",
+            "correct the {name} that it returns, its signs and axes: limits and fence are checked "
+            "by it",
         ),
         NoticeTemplate(
             "trajectory.fence",

@@ -27,11 +27,6 @@ def examine_trajectory(config: Config) -> FeasibilityReport:
     )
 
 
-ALIKE = 0.1
-"""Relative difference up to which a declared and a computed derivative count as equally long [-]:
-then their directions differ, and the sentence says so. Chosen."""
-
-
 def explain_refusal(config: Config, report: FeasibilityReport) -> Sentence | None:
     """Return why the trajectory must not be flown, with the time, the limit and the remedy.
 
@@ -41,9 +36,8 @@ def explain_refusal(config: Config, report: FeasibilityReport) -> Sentence | Non
     if odd is not None and odd.name == "period":
         return notice("trajectory.period", at_s=odd.time_s, span_s=odd.declared, far_m=odd.found)
     if odd is not None:
-        alike = math.isclose(odd.declared, odd.found, rel_tol=ALIKE)
         return notice(
-            "trajectory.direction" if alike else "trajectory.derivative",
+            "trajectory.derivative",
             at_s=odd.time_s,
             name=odd.name,
             declared=odd.declared,

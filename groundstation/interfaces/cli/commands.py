@@ -134,13 +134,13 @@ def daemon(args: argparse.Namespace) -> Exit:
     """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
     from groundstation.flight import StepTimer
     from groundstation.flight.preflight import ensure_named
-    from groundstation.interfaces.service import Format, daemon_command, require_flyable
+    from groundstation.interfaces.service import daemon_command, require_flyable
 
     StepTimer.start()
     config = _load(args, require_flyable)
     ensure_named(args.arm, config)
     return daemon_command(
-        config, arm=args.arm is not None, once=args.once, style=Format(args.log_format)
+        config, arm=args.arm is not None, once=args.once, as_json=args.log_format == "json"
     )
 
 
@@ -323,22 +323,6 @@ def _make_key(told: str, file: Path) -> None:
         raise ConfigError(told, str(error)) from None
 
 
-def mqtt_topics(args: argparse.Namespace) -> Exit:
-    """List the topics of MQTT."""
-    from groundstation.interfaces.mqtt import topics_table
-
-    print(topics_table())
-    return Exit.DONE
-
-
-def mqtt_schemas(args: argparse.Namespace) -> Exit:
-    """Print the JSON Schemas of MQTT's messages."""
-    from groundstation.interfaces.mqtt import schemas
-
-    print(json.dumps(schemas(), indent=2, ensure_ascii=False))
-    return Exit.DONE
-
-
 def replay(args: argparse.Namespace) -> Exit:
     """Compute a recording of ours again, exactly as in flight.
 
@@ -441,7 +425,7 @@ def logs_import(args: argparse.Namespace) -> Exit:
     """A flight that others recorded, as a recording."""
     from groundstation.analysis.evidence import import_command
 
-    return import_command(args.files, args.map, args.out, args.body)
+    return import_command(args.files, args.map, args.out)
 
 
 def replay_evidence(args: argparse.Namespace) -> Exit:

@@ -6,6 +6,6 @@ from groundstation.interfaces.mqtt.broker import (
     from_url,
     heed_cancellation,
 )
-from groundstation.interfaces.mqtt.command import ask_command, schema_text, schemas, topics_table
+from groundstation.interfaces.mqtt.command import ask_command
 from groundstation.interfaces.mqtt.messages import OFFLINE, SNAPSHOT, STATE
 from groundstation.interfaces.mqtt.publisher import ensure_mqtt, publish_forever

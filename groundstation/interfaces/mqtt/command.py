@@ -1,20 +1,14 @@
-"""``groundstation request --mqtt``, and the topics and JSON Schemas of MQTT."""
+"""``groundstation request --mqtt``."""
 
 import argparse
 import asyncio
-import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from groundstation.config import (
-    NAME_FORM,
-    ConfigError,
-    describe_pattern,
-    is_name,
-)
+from groundstation.config import NAME_FORM, ConfigError, is_name
 from groundstation.core.messages import RemoteAsk, Waypoint, notice
 from groundstation.interfaces.mqtt.broker import (
     MqttBroker,
@@ -28,10 +22,8 @@ from groundstation.interfaces.mqtt.messages import (
     REQUEST,
     SESSION,
     STATE,
-    TOPICS,
     SealedAnswer,
     SessionMessage,
-    Topic,
     properties,
 )
 from groundstation.interfaces.mqtt.requests import Place, open_answer, seal_request
@@ -224,65 +216,3 @@ def _key(file: Path) -> bytes:
         return read_key(file)
     except ValueError as error:
         raise ConfigError("--key", str(error)) from None
-
-
-def schemas() -> dict[str, dict[str, Any]]:
-    """File name -> JSON Schema (draft 2020-12), one for each topic with JSON."""
-    return {file_of(topic): _schema(topic) for topic in TOPICS if topic.message is not None}
-
-
-def file_of(topic: Topic) -> str:
-    """The name of a topic's schema."""
-    return topic.name.replace("/", "-") + ".json"
-
-
-def schema_text(schema: dict[str, Any]) -> str:
-    """``schema`` as it stands in a file."""
-    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
-
-
-def topics_table() -> str:
-    """The topics as a table in Markdown."""
-    lines = ["| topic | holds | retained | QoS | expires |", "|---|---|---|---|---|"]
-    for topic in TOPICS:
-        schema = f" ([schema](mqtt-schemas/{file_of(topic)}))" if topic.message else ""
-        way = "**in**: " if topic.inward else ""
-        expires = "" if topic.expires_s is None else f"{topic.expires_s} s"
-        retained = "yes" if topic.retained else ""
-        lines.append(
-            f"| `{topic.name}` | {way}{topic.says}{schema} | {retained} | {topic.quality} | "
-            f"{expires} |"
-        )
-    return "\n".join(lines)
-
-
-def _schema(topic: Topic) -> dict[str, Any]:
-    assert topic.message is not None, "the caller has looked"
-    (_,), components = msgspec.json.schema_components(
-        [topic.message], ref_template="#/$defs/{name}"
-    )
-    for component in components.values():
-        for field in component.get("properties", {}).values():
-            # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends.
-            if "pattern" in field:
-                field["pattern"] = f"^{describe_pattern(field['pattern'])}$"
-    made = _with_null(components)
-    root = made.pop(topic.message.__name__)
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$comment": f"PREFIX/VEHICLE/{topic.name}; made by: groundstation-sim dev reference",
-        **root,
-        **({"$defs": made} if made else {}),
-    }
-
-
-def _with_null(schema: Any) -> Any:
-    """JSON has no NaN and no infinity: wherever a number is, ``null`` may be."""
-    if isinstance(schema, list):
-        return [_with_null(item) for item in schema]
-    if not isinstance(schema, dict):
-        return schema
-    made = {key: _with_null(value) for key, value in schema.items()}
-    if made.get("type") == "number":
-        made["type"] = ["number", "null"]
-    return made

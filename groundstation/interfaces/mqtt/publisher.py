@@ -43,7 +43,13 @@ from groundstation.interfaces.mqtt.messages import (
     Topic,
     properties,
 )
-from groundstation.interfaces.mqtt.requests import REQUEST_MAX_BYTES, ClientKey, Gatekeeper, Place
+from groundstation.interfaces.mqtt.requests import (
+    MOST_MESSAGES,
+    REQUEST_MAX_BYTES,
+    ClientKey,
+    Gatekeeper,
+    Place,
+)
 from groundstation.machine import Latest, wall_ms
 from groundstation.runtime import __version__
 from groundstation.settings import MqttConfig
@@ -186,8 +192,6 @@ class RequestListener:
 
 EVENTS_KEPT = 100
 """At most this many events wait for a broker that is away; older ones are lost, and counted."""
-HEARD_QUEUE = 256
-"""Messages that wait for us; more of them are dropped by the library."""
 
 log = logging.getLogger("groundstation.mqtt")
 
@@ -242,7 +246,7 @@ async def _publish_once(
             identifier=name,
             will=will,
             heard_max_bytes=REQUEST_MAX_BYTES,
-            max_queued_incoming_messages=HEARD_QUEUE,
+            max_queued_incoming_messages=int(MOST_MESSAGES.burst),
         ) as client:
             level = logging.INFO if was_reachable else logging.WARNING
             log.log(level, "%s", notice("mqtt.publishing", broker=broker))

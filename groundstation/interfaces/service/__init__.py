@@ -2,7 +2,6 @@
 
 from groundstation.interfaces.service.fleet import fleet_command, relay_command, require_flyable
 from groundstation.interfaces.service.flights import (
-    Format,
     daemon_command,
     fly_command,
     health_command,

@@ -19,7 +19,6 @@ import socket
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager, suppress
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from string import Template
@@ -114,24 +113,14 @@ async def _look(vehicle: str | None, socket: Path | None) -> tuple[str, dict[str
     return f"{path}: it has just ended", {}
 
 
-class Format(StrEnum):
-    """Format of a line."""
-
-    TEXT = "text"
-    LOGFMT = "logfmt"
-    """``level=info msg="..."``."""
-    JSON = "json"
-    """With the event of the flight that the line tells of, as the status socket sends it."""
-
-
 class LogHandler(logging.Handler):
     """Writes to a file descriptor only what it takes at once."""
 
-    def __init__(self, number: int, style: Format, *, journal: bool) -> None:
+    def __init__(self, number: int, *, as_json: bool, journal: bool) -> None:
         """``journal``: begin each line with its priority, ``<6>``, as sd-daemon(3) has it."""
         super().__init__()
         self._writer = NonBlockingWriter(number)
-        self._style = style
+        self._as_json = as_json
         self._journal = journal
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -147,39 +136,28 @@ class LogHandler(logging.Handler):
 
     def _write(self, level: int, message: str, event: Notice | Sentence | None = None) -> bool:
         return self._writer.write(
-            line_of(level, message, self._style, event, journal=self._journal)
+            line_of(level, message, event, as_json=self._as_json, journal=self._journal)
         )
 
 
 def line_of(
     level: int,
     message: str,
-    style: Format,
     event: Notice | Sentence | None = None,
     *,
+    as_json: bool,
     journal: bool,
 ) -> str:
-    """One line: ``level`` is logging's, ``event`` what it tells of."""
+    """One line: ``level`` is logging's, ``event`` what it tells of, which JSON has as the status
+    socket sends it.
+    """
     message = " ".join(message.split("\n"))
     prefix = f"<{_PRIORITY.get(level, 6)}>" if journal else ""
     name = logging.getLevelName(level)
-    match style:
-        case Format.TEXT:
-            return prefix + (message if journal else f"{name} {message}")
-        case Format.LOGFMT:
-            line = f"{prefix}level={name.lower()} msg={json.dumps(message, ensure_ascii=False)}"
-            if event is None or not event.id:
-                return line
-            numbers = [
-                f"{key}={json.dumps(value, ensure_ascii=False)}"
-                for key, value in event.numbers.items()
-            ]
-            return " ".join([line, f"id={event.id}", *numbers])
-        case Format.JSON:
-            told = {} if event is None else {"event": msgspec.to_builtins(event)}
-            return prefix + json.dumps(
-                {"level": name.lower(), "msg": message, **told}, ensure_ascii=False
-            )
+    if not as_json:
+        return prefix + (message if journal else f"{name} {message}")
+    told = {} if event is None else {"event": msgspec.to_builtins(event)}
+    return prefix + json.dumps({"level": name.lower(), "msg": message, **told}, ensure_ascii=False)
 
 
 _PRIORITY = {
@@ -206,12 +184,8 @@ def _log(told: Notice | Sentence, /) -> None:
     logging.getLogger("groundstation").log(level, "%s", said, extra={"event": told})
 
 
-STOPPING_S = 5.0
-"""To come to rest, from the fastest that a flight goes [s]."""
-RESERVE = 1.5
-"""The longest landing is reckoned so much longer than its figures say."""
-BRING_DOWN_S = 15.0
-"""Should the landing fail, the link's bring-down follows [s]."""
+SPARE_S = 40.0
+"""To come to rest before the landing, and for the link's bring-down should it fail [s]; chosen."""
 
 
 def longest_landing_s(config: Config) -> float:
@@ -226,7 +200,7 @@ def longest_landing_s(config: Config) -> float:
     landing = config.landing
     slow = min(landing.touchdown_m_s, config.flight.descent_m_s)
     sinking_s = top / config.flight.descent_m_s + landing.approach_m / slow
-    return RESERVE * (STOPPING_S + sinking_s + CERTAIN_S) + DISARM_WAIT_S + BRING_DOWN_S + END_S
+    return sinking_s + CERTAIN_S + DISARM_WAIT_S + END_S + SPARE_S
 
 
 def unit_file(config: Config, path: Path, overrides: list[str], *, user: str) -> str:
@@ -235,7 +209,7 @@ def unit_file(config: Config, path: Path, overrides: list[str], *, user: str) ->
     ``path`` is the configuration's, ``overrides`` as on the command line.
     """
     sets = [word for override in overrides for word in ("--set", override)]
-    words = [*_program(), "daemon", str(path.resolve()), *sets, "--log-format", "logfmt"]
+    words = [*_program(), "daemon", str(path.resolve()), *sets]
     command = shlex.join(words).replace("%", "%%").replace("$", "$$")
     landing_s = longest_landing_s(config)
     text = Template((Path(__file__).parent / "groundstation.service").read_text("utf-8"))
@@ -572,7 +546,7 @@ def fly_command(
     """One flight, with the lock of its vehicle held."""
     try:
         with hold_lock(socket_path(config.status, config.vehicle.name), config.vehicle.name):
-            logging.getLogger().addHandler(LogHandler(2, Format.TEXT, journal=False))
+            logging.getLogger().addHandler(LogHandler(2, as_json=False, journal=False))
             with registration(entry_of(config, "fly", os.getpid())):
                 return _run_precisely(_fly(config, confirm, write))
     except Taken as error:
@@ -617,7 +591,7 @@ async def _fly(
         return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAILED
 
 
-def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> Exit:
+def daemon_command(config: Config, *, arm: bool, once: bool, as_json: bool) -> Exit:
     """Flights until a signal comes, with the lock of the vehicle held; log lines to stderr.
 
     Raises:
@@ -629,7 +603,7 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
     log = logging.getLogger("groundstation")
     log.setLevel(logging.INFO)
     number = sys.stderr.fileno()
-    logging.getLogger().addHandler(LogHandler(number, style, journal=is_journal(number)))
+    logging.getLogger().addHandler(LogHandler(number, as_json=as_json, journal=is_journal(number)))
 
     try:
         with (

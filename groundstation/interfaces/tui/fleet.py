@@ -184,7 +184,7 @@ def run_fleet(broker: MqttBroker, theme: str) -> int:
     Raises:
         ConfigError: there is no terminal.
     """
-    require_terminal("`groundstation mqtt topics` says what other programs can read there")
+    require_terminal("docs/reference/mqtt.md says what other programs can read there")
     screen = FleetScreen(broker)
     screen.theme = theme
     screen.run()

@@ -165,7 +165,7 @@ def test_stamps_that_repeat_or_run_back_are_counted(
 def test_a_jump_with_a_reset_is_not_taken_for_motion(tmp_path: Path) -> None:
     def judged(flight: Flight) -> float:
         driven = drive_flight(load_flight(written(flight, tmp_path)), NO_LAG)
-        row = judge_filter(driven, driven.config.controller, (60,)).prediction["60"]
+        row = judge_filter(driven, driven.config.controller).prediction["60"]
         assert row is not None
         return row["rms_mm"]
 

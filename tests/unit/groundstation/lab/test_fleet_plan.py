@@ -130,7 +130,7 @@ WRONG_FLEETS: list[tuple[list[dict[str, Any]], dict[str, Any], tuple[str, ...]]]
     ([{"link": {}}], {}, ("vehicles[0].name", "missing")),
     ([{"name": "a b"}], {}, ("vehicles[0].name", "matching")),
     ([{"name": 7}], {}, ("vehicles[0].name", "expected a string")),
-    ([], {}, ("vehicles", "an array of 1 to 64 values")),
+    ([], {}, ("vehicles", "an array of at least 1 value")),
     ([ANT, BEE], {"relay_port": 51000}, ("relay_port", "51000 to 51001 take pose.listen")),
     ([ANT, BEE], {"relay_port": 80}, ("relay_port", ">= 1024")),
     ([ANT], {"speed": 3}, ("speed", "unknown key")),

@@ -23,11 +23,7 @@ from groundstation.settings.settings import ADDRESSES, TEXTS
 from links.io import is_loopback, parse_address
 
 FILE = Path("my_room.toml")
-MULTICAST = {
-    "server": "192.168.10.1:1510",
-    "interface": "192.168.10.2",
-    "multicast": True,
-}
+MULTICAST = {"server": "192.168.10.1:1510", "interface": "192.168.10.2", "multicast": True}
 WAYS = (
     {"link": {"kind": "mavlink"}},
     {"link": {"kind": "mavlink", "listen": "192.168.20.2:14540"}},

@@ -7,7 +7,6 @@ import msgspec
 import pytest
 from jsonschema import Draft202012Validator
 
-from groundstation.interfaces.mqtt.command import schema_text as text, schemas
 from groundstation.interfaces.mqtt.messages import (
     EventMessage,
     HealthMessage,
@@ -15,6 +14,7 @@ from groundstation.interfaces.mqtt.messages import (
     SessionMessage,
 )
 from groundstation.interfaces.mqtt.requests import Place, seal_answer, seal_request
+from tests.proving.reference import make_schemas, schema_text
 from tests.sample_flight import sample
 
 DOCS = Path(__file__).parents[5] / "docs" / "reference"
@@ -37,12 +37,12 @@ PUBLISHED: dict[str, list[bytes]] = {
 def test_the_files_are_what_the_command_writes() -> None:
     """Else: ``groundstation-sim dev reference --write docs/reference``."""
     files = {path.name: path.read_text("utf-8") for path in (DOCS / "mqtt-schemas").iterdir()}
-    assert files == {name: text(schema) for name, schema in schemas().items()}
+    assert files == {name: schema_text(schema) for name, schema in make_schemas().items()}
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_what_is_published_keeps_to_its_schema(name: str) -> None:
-    schema = schemas()[name]
+    schema = make_schemas()[name]
     Draft202012Validator.check_schema(schema)
     for payload in PUBLISHED[name]:
         Draft202012Validator(schema).validate(msgspec.json.decode(payload))
