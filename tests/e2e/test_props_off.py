@@ -34,21 +34,23 @@ class Terminal:
 
     def wait_for(self, words: str) -> None:
         wait_until(
-            lambda: self.listen() or words in self.seen[self._read :],
+            lambda: words in self.listen()[self._read :],
             lambda: f"no {words!r} in: {self.seen}",
         )
         self._read = self.seen.index(words, self._read) + len(words)
 
-    def listen(self) -> None:
+    def listen(self) -> str:
+        """All that it has said until a tenth of a second from now."""
         if select.select([self._ours], [], [], 0.1)[0]:
             with contextlib.suppress(OSError):  # its end
                 self.seen += os.read(self._ours, 4096).decode()
+        return self.seen
 
     def types(self, line: str) -> None:
         os.write(self._ours, f"{line}\n".encode())
 
     def exit_code(self) -> int:
-        wait_until(lambda: self.listen() or self.process.poll() is not None, lambda: self.seen)
+        wait_until(lambda: self.listen() and self.process.poll() is not None, lambda: self.seen)
         self.listen()
         return self.process.returncode
 

@@ -56,7 +56,7 @@ def test_a_station_flies_the_vehicle_by_the_module_of_a_bridge(tmp_path: Path) -
             program("groundstation", "radio", "bridge", tmp_path / "bridge.toml", *simulated)
         ) as bridge:
             assert f"dsm module on {module}" in line_of(bridge)
-            words = ("fly", tmp_path / "station.toml", "--arm", "mqx", poses, *QUICK_LANDING)
+            words = ("fly", f"{tmp_path}/station.toml", "--arm", "mqx", poses, *QUICK_LANDING)
             flown = run_command(program("groundstation", *words))
             assert flown.returncode == 0, flown.stdout + flown.stderr
             assert "landed and disarmed" in flown.stdout

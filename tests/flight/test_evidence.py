@@ -72,11 +72,6 @@ def attitude_of(value: dict[str, Any]) -> Quat:
     return (w, x, y, z)
 
 
-def turn_between(one: Quat, other: Quat) -> Vec3:
-    """Rotation vector from ``one`` to ``other`` [rad]."""
-    return so3.rotation_vector(so3.multiply(so3.conjugate(one), other))
-
-
 def wanted(attitude: Quat, rates: Vec3, gain: float) -> Quat:
     """The set-point that an attitude loop of this gain turns into ``rates``."""
     x, y, z = rates
@@ -221,10 +216,10 @@ def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(
         t, place, attitude, share, rates = row
         assert abs(seen["time_s"] - (t - begun)) < 2e-6
         assert math.dist(place_of(seen), place) < 1e-6
-        assert math.hypot(*turn_between(attitude, attitude_of(seen))) < 1e-5
+        assert math.hypot(*so3.turn_between(attitude, attitude_of(seen))) < 1e-5
         assert abs(curve * told["thrust"] ** 2 + (1.0 - curve) * told["thrust"] - share) < 1e-6
         if "attitude" in told:
-            turn = turn_between(attitude, attitude_of(told))
+            turn = so3.turn_between(attitude, attitude_of(told))
             assert math.dist([ATTITUDE_P[name] * x for x in turn], rates) < 1e-4
         else:
             assert math.dist(told["rates_rad_s"].values(), rates) < 1e-5
@@ -297,6 +292,7 @@ CAPTURES = [
 ]
 
 
+@pytest.mark.tried(1)  # autopilots
 @pytest.mark.parametrize(("name", "velocity_off_m_s", "flown_s"), CAPTURES)
 def test_prediction_of_an_autopilots_flight_is_no_worse_than_constant_velocity(
     name: str, velocity_off_m_s: tuple[float, float], flown_s: float, tmp_path: Path
