@@ -320,6 +320,11 @@ LOGS_IMPORT: Arguments = {
         "metavar": "FLIGHT.mcap",
         "help": "the recording to write",
     },
+    "--body": {
+        "default": "",
+        "metavar": "NAME",
+        "help": "the vehicle, where a tracker's file has several bodies",
+    },
 }
 REPLAY_EVIDENCE: Arguments = {
     **_recording("files", "FLIGHT.mcap", f"imported, or our own; {RECORDING_HELP}", "*"),
@@ -487,7 +492,6 @@ GONE = {
     "view --in": "`groundstation view` shows it in Foxglove, the only viewer",
     "report --format tex": "`--format csv` has the table",
     "report --format png": "`--format pdf` and `svg` are for print; the figures of a page are PNGs",
-    "logs import --body": "name the columns of the body in a mapping (docs/how-to/recordings.md)",
     "mqtt topics": "docs/reference/mqtt.md lists them",
     "mqtt schemas": "they are in docs/reference/mqtt-schemas",
     "replay evidence --write": "`--json` has the figures",

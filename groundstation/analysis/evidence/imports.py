@@ -38,7 +38,14 @@ from groundstation.analysis.evidence.flight import (
     ImportedState,
     MappedVehicle,
 )
-from groundstation.analysis.evidence.text_tables import CsvLayout, Table, list_few, read_csv_table
+from groundstation.analysis.evidence.text_tables import (
+    CsvLayout,
+    Table,
+    list_few,
+    read_csv_table,
+    read_motive_tables,
+    read_qtm_tables,
+)
 from groundstation.analysis.evidence.tlog import read_tlog
 from groundstation.config import ConfigError, from_dict, parse_toml, refuse_io, shipped_texts
 from groundstation.core.geometry import Body, Frames, Quat, World, axes, so3
@@ -123,7 +130,7 @@ class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     title: str
     """Title of the mapping: kind of file, and its origin."""
-    format: Literal["csv", "ulog", "bin", "tlog"]
+    format: Literal["csv", "motive", "qtm", "ulog", "bin", "tlog"]
     source: Literal["motion capture", "autopilot"]
     """Origin of the poses."""
     time: str = "t"
@@ -187,6 +194,8 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
     times = list(dict.fromkeys([mapping.time, *filter(None, (part.time for part in parts))]))
     read: dict[str, Callable[[Path], Iterator[tuple[str, Table]]]] = {
         "csv": lambda path: read_csv_table(path, mapping.csv, times, notes),
+        "motive": read_motive_tables,
+        "qtm": read_qtm_tables,
         "ulog": _ulog_tables,
         "bin": _bin_tables,
     }
@@ -282,8 +291,10 @@ def find_table(tables: Tables, pattern: str, columns: Sequence[str]) -> Table | 
     return None
 
 
-def import_command(paths: Sequence[Path], map_name: str, out: Path) -> Exit:
+def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = "") -> Exit:
     """Do it, say what was found and what is missing, and return 0.
+
+    ``body`` names the vehicle, where the file of a tracker holds several bodies.
 
     Raises:
         ConfigError: the mapping or a file can't be read, holds no poses, or ``out`` is there
@@ -292,7 +303,7 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path) -> Exit:
     if out.exists():
         raise ConfigError("--out", notice("file.exists", path=out))
     mapping = load_mapping(map_name)
-    flight = read_flight(mapping, paths)
+    flight = read_flight(mapping, paths, body)
     with refuse_io("--out", "file.unwritten", out):
         try:
             write_flight(flight, mapping, map_name, paths, out)
@@ -342,18 +353,41 @@ def find_repeats(place: Column) -> NDArray[np.bool_]:
     return np.asarray(np.all(np.diff(place, axis=0, prepend=place[:1] - 1.0) == 0.0, axis=1))
 
 
-def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight:
-    """The flight in the files ``paths``.
+def choose_body(tables: Tables, body: str, path: Path) -> Tables:
+    """The table of the ``body``; empty: of the only one.
+
+    Raises:
+        ConfigError: there are several, or none of that name.
+    """
+    names = ", ".join(tables)
+    if body and body not in tables:
+        raise ConfigError(
+            "--body", notice("value.choice", choices=list(tables), found=body), str(path)
+        )
+    if not body and len(tables) > 1:
+        raise ConfigError(
+            "FILE", notice("import.bodies", count=len(tables), names=names), str(path)
+        )
+    return {name: table for name, table in tables.items() if body in ("", name)}
+
+
+def read_flight(mapping: FlightMapping, paths: Sequence[Path], body: str = "") -> ImportedFlight:
+    """The flight in the files ``paths``, of the ``body`` where a tracker's file holds several.
 
     Raises:
         ConfigError: a file can't be read, or there are no poses.
     """
+    is_tracker = mapping.format in ("motive", "qtm")
+    if body and not is_tracker:
+        raise ConfigError("--body", notice("import.one_body", format=mapping.format))
     if mapping.format == "tlog":
         if len(paths) != 1:
             raise ConfigError("FILE", notice("import.one_tlog", count=len(paths)))
         return read_tlog(paths[0], mapping.latency_s)
     notes = Counter[str]()
     tables = read_tables(mapping, paths, notes)
+    if is_tracker:
+        tables = choose_body(tables, body, paths[0])
     reader = _MappingReader(mapping, tables, notes)
     poses = _read_poses(reader, mapping, paths[0])
     flight = ImportedFlight(float(poses[0][0]))

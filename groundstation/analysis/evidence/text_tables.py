@@ -1,4 +1,14 @@
-"""Tables in text files: CSV of any layout, by its mapping."""
+"""Tables in text files: CSV by its mapping, and exports of Motive and QTM, one table a body.
+
+Motive, Export Tracking Data: a line of keys and values; rows Type, Name, ID and, since Motive 2.2,
+Parent; a row of Rotation and Position; the head; a row for each frame, empty where the body is not
+seen.
+
+QTM, 6D TSV: lines of a key and its values; the head, ``NAME X``, ``Y``, ``Z``, three angles,
+``Residual`` and ``Rot[0]`` to ``Rot[8]`` for each body; a row for each frame. The matrix is written
+column by column, body to lab: in QTM's files a roll of -0.656° stands beside ``Rot[5]`` = -0.01145
+= sin(roll).
+"""
 
 import csv
 import gzip
@@ -17,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.config import ConfigError
+from groundstation.core.geometry import so3
 from groundstation.core.messages import notice
 
 Column: TypeAlias = NDArray[np.float64]
@@ -27,6 +38,14 @@ LOOK_ROWS = 100
 SEPARATORS = ";\t, "
 GZIP_BEGIN = b"\x1f\x8b"
 """First bytes of a file packed by gzip."""
+MOTIVE_BEGIN = "Format Version"
+"""First words of a file of Motive."""
+QTM_BEGIN = "NO_OF_FRAMES"
+"""First words of a file of QTM."""
+LENGTHS_M = {"meters": 1.0, "centimeters": 1e-2, "millimeters": 1e-3}
+"""Motive's units of length [m]."""
+ORTHOGONAL = 1e-2
+"""Largest distance from a rotation of a matrix written with five digits [-]."""
 
 
 class CsvLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -71,8 +90,6 @@ def read_csv_table(
         if not lines:
             raise ValueError(notice("file.empty"))
         separator, head, body = _find_head(lines, layout, times, path)
-        while head and not head[-1]:
-            head.pop()  # a separator at the end
         names = [name for name in head if name]
         values: dict[str, array[float]] = {}
         for row in _split(chain(body, text), separator):
@@ -122,9 +139,11 @@ def _find_head(
         above = lines[max(0, k - layout.head_rows + 1) : k]
         names = _join_heads([*above, line], separator)
         if twice := [name for name in names if name and names.count(name) > 1]:
-            raise ConfigError("FILE", notice("import.same_names", name=twice[0]), str(path))
+            raise ConfigError(
+                "FILE", notice("import.same_names", name=twice[0], hint=_hint(lines)), str(path)
+            )
         return separator, names, lines[k + 1 :]
-    problem = notice("import.no_head", rows=len(lines), names=", ".join(times))
+    problem = notice("import.no_head", rows=len(lines), names=", ".join(times), hint=_hint(lines))
     raise ConfigError("FILE", problem, str(path))
 
 
@@ -140,6 +159,14 @@ def _join_heads(lines: Sequence[str], separator: str) -> list[str]:
         parts = [row[k] for row in rows if k < len(row) and row[k]]
         names.append(" ".join(parts))
     return names
+
+
+def _hint(lines: Sequence[str]) -> str:
+    """Name the mapping that comes along for such a file; empty where there is none."""
+    for begin, name in ((MOTIVE_BEGIN, "motive"), (QTM_BEGIN, "qtm")):
+        if lines and lines[0].startswith(begin):
+            return f"; for this file there is --map {name}"
+    return ""
 
 
 def _names(line: str, separator: str) -> list[str]:
@@ -159,6 +186,13 @@ def _number(cell: str) -> float:
         return math.nan
 
 
+def _read_numbers(rows: Iterable[list[str]], width: int) -> Column:
+    """The cells of ``rows`` as numbers, (N, ``width``); NaN where there is none."""
+    return np.array(
+        [[_number(cell) for cell in (row + [""] * width)[:width]] for row in rows]
+    ).reshape(-1, width)
+
+
 def _cells(name: str, cell: str) -> Iterator[tuple[str, float]]:
     if cell.startswith("["):
         parts: list[tuple[str, Any]] = [(name, json.loads(cell))]
@@ -171,6 +205,181 @@ def _cells(name: str, cell: str) -> Iterator[tuple[str, float]]:
                 yield key, math.nan if part is None else float(part)
         return
     yield name, _number(cell)
+
+
+MOTIVE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+"""Columns that a rigid body needs."""
+
+
+def _find_motive_bodies(
+    labels: Mapping[str, Sequence[str]], kinds: Sequence[str], axes: Sequence[str]
+) -> dict[str, dict[str, int]]:
+    """Where the columns of each rigid body stand, of those that have all.
+
+    Raises:
+        ValueError: two bodies have one name.
+    """
+    bodies: dict[str, dict[str, int]] = {}
+    types, ids = labels.get("Type", []), labels.get("ID", [])
+    for k, name in enumerate(labels["Name"]):
+        if k < 2 or k >= min(len(axes), len(kinds)) or (types and types[k] != "Rigid Body"):
+            continue
+        known = {"Rotation": "q", "Position": ""}.get(kinds[k])
+        if known is not None and axes[k] in "XYZW":
+            body = bodies.setdefault(name, {})
+            column = known + axes[k].lower()
+            if column in body:
+                where = f"{name} (ID {ids[k]})" if k < len(ids) else name
+                raise ValueError(notice("import.two_bodies", name=where))
+            body[column] = k
+    return {name: at for name, at in bodies.items() if set(MOTIVE_COLUMNS) <= set(at)}
+
+
+def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
+    """Read the rigid bodies of a file that Motive exported: t [s], x, y, z [m], qw, qx, qy, qz.
+
+    Raises:
+        ConfigError: it holds no rigid body, or states what is not read here.
+        ValueError: it is no such file.
+    """
+    with open_text(path) as text:
+        rows = csv.reader(text)
+        first = next(rows, [])
+        if not first or first[0].strip() != MOTIVE_BEGIN:
+            raise ValueError(notice("import.no_version"))
+        stated = dict(zip(first[0::2], first[1::2], strict=False))
+        labels, kinds, axes = _read_motive_head(rows)
+        unit = stated.get("Length Units", "").lower()
+        _expect(
+            path, "Length Units", stated, unit in LENGTHS_M, "Meters, Centimeters or Millimeters"
+        )
+        turns = stated.get("Rotation Type") == "Quaternion"
+        _expect(path, "Rotation Type", stated, turns, "Quaternion")
+        is_global = stated.get("Coordinate Space", "Global") == "Global"
+        _expect(path, "Coordinate Space", stated, is_global, "Global")
+        whole = _find_motive_bodies(labels, kinds, axes)
+        if not whole:
+            raise ConfigError(
+                "FILE",
+                notice("import.no_body", found=list_few(labels.get("Type", [])[2:])),
+                str(path),
+            )
+        cells = _read_numbers((row for row in rows if len(row) > 1), len(axes))
+    scales = dict.fromkeys("xyz", LENGTHS_M[unit])
+    for name, at in whole.items():
+        yield (
+            name,
+            {
+                "t": cells[:, 1],
+                **{key: cells[:, at[key]] * scales.get(key, 1.0) for key in MOTIVE_COLUMNS},
+            },
+        )
+
+
+def _read_motive_head(
+    rows: Iterator[list[str]],
+) -> tuple[dict[str, list[str]], list[str], list[str]]:
+    """Read the rows by their labels, the row of kinds (Rotation, Position), and that of the axes.
+
+    Raises:
+        ValueError: there is no such head.
+    """
+    labels: dict[str, list[str]] = {}
+    kinds: list[str] = []
+    for row in islice(rows, LOOK_ROWS):
+        cells = [cell.strip() for cell in row]
+        if cells[:1] == ["Frame"]:
+            if "Name" not in labels:
+                break
+            return labels, kinds, cells
+        label = cells[1] if len(cells) > 1 else ""
+        if label:
+            labels[label] = cells
+        elif any(cells):
+            kinds = cells
+    raise ValueError(notice("import.no_motive_head"))
+
+
+def _expect(path: Path, key: str, stated: Mapping[str, str], good: bool, wanted: str) -> None:
+    if not good:
+        found = stated.get(key, "") or "nothing"
+        raise ConfigError(
+            "FILE", notice("import.stated", key=key, found=found, wanted=wanted), str(path)
+        )
+
+
+def read_qtm_tables(path: Path) -> Iterator[tuple[str, Table]]:
+    """Read the bodies of a 6D file that QTM exported: t [s], x, y, z [m], qw, qx, qy, qz.
+
+    Raises:
+        ConfigError: it holds no body, or states what is not read here.
+        ValueError: it is no such file.
+    """
+    with open_text(path) as text:
+        stated, head = _read_qtm_head(text)
+        included = stated.get("DATA_INCLUDED", "6D") == "6D"
+        _expect(path, "DATA_INCLUDED", stated, included, "6D")
+        bodies: dict[str, dict[str, int]] = {}
+        at: dict[str, int] = {}
+        for k, name in enumerate(head):
+            if name.endswith(" X"):
+                at = bodies.setdefault(name[:-2], {})
+                at["X"] = k
+            elif at:
+                at.setdefault(name, k)
+        wanted = ("X", "Y", "Z", *(f"Rot[{k}]" for k in range(9)))
+        whole = {name: at for name, at in bodies.items() if set(wanted) <= set(at)}
+        if not whole:
+            raise ConfigError("FILE", notice("import.no_body", found=list_few(head)), str(path))
+        frequency = _number(stated.get("FREQUENCY", "").replace(",", "."))
+        if "Time" not in head and not frequency > 0.0:
+            _expect(path, "FREQUENCY", stated, False, "the frames per second, or a column Time")
+        rows = _read_numbers(
+            (line.replace(",", ".").split("\t") for line in text if line.strip()), len(head)
+        )
+    if "Time" in head:
+        time = rows[:, head.index("Time")]
+    else:  # one row a frame, none left out
+        time = (
+            rows[:, head.index("Frame")] if "Frame" in head else np.arange(len(rows))
+        ) / frequency
+    for name, at in whole.items():
+        place = 1e-3 * rows[:, [at[key] for key in "XYZ"]]
+        turn = rows[:, [at[f"Rot[{k}]"] for k in range(9)]].reshape(-1, 3, 3).transpose(0, 2, 1)
+        turned = np.array([_quaternion(matrix) for matrix in turn]).reshape(-1, 4)
+        place[np.isnan(turned[:, 0])] = math.nan
+        columns = dict(zip(("qw", "qx", "qy", "qz"), turned.T, strict=True))
+        yield name, {"t": time, "x": place[:, 0], "y": place[:, 1], "z": place[:, 2], **columns}
+
+
+def _read_qtm_head(text: TextIO) -> tuple[dict[str, str], list[str]]:
+    """Read the lines of keys, and the head of the columns.
+
+    Raises:
+        ValueError: there is no head.
+    """
+    stated: dict[str, str] = {}
+    for line in islice(text, LOOK_ROWS):
+        cells = [cell.strip() for cell in line.rstrip("\r\n").split("\t")]
+        if any(cell.endswith(" X") for cell in cells) and "Y" in cells:
+            return stated, cells
+        if len(cells) > 1:
+            stated[cells[0]] = cells[1]
+        if stated.get("DATA_INCLUDED", "6D") != "6D":
+            return stated, []
+    raise ValueError(notice("import.no_qtm_head"))
+
+
+def _quaternion(matrix: NDArray[np.float64]) -> tuple[float, float, float, float]:
+    """Quaternion of a rotation.
+
+    NaN where it is none: QTM writes zeros for a body that it does not see.
+    """
+    off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    if not (off < ORTHOGONAL and np.linalg.det(matrix) > 0.0):
+        return (math.nan, math.nan, math.nan, math.nan)
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    return so3.normalize(so3.from_matrix(((a, b, c), (d, e, f), (g, h, i))))
 
 
 def list_few(names: Iterable[str]) -> str:

@@ -95,6 +95,22 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("import.no_mapping", "expected a file or one of {known}, got {found!r}"),
     NoticeTemplate("import.damaged", "is no {form} file, or damaged: {why}"),
     NoticeTemplate("import.no_ulog", "it does not begin with ULog"),
+    NoticeTemplate(
+        "import.no_version",
+        "it does not begin with Format Version, as Motive's export with a header does",
+    ),
+    NoticeTemplate(
+        "import.no_motive_head",
+        "no head line found: it has no rows Name and Frame, as Motive's export with a header does",
+    ),
+    NoticeTemplate(
+        "import.no_qtm_head",
+        "no head line found: no line names columns X, Y, Z, as QTM's export with column names does",
+    ),
+    NoticeTemplate("import.two_bodies", "two bodies are called {name}"),
+    NoticeTemplate(
+        "import.one_body", "only files of Motive and QTM hold several bodies, not {format}"
+    ),
     NoticeTemplate("import.one_tlog", "expected one .tlog, got {count} files"),
     NoticeTemplate("import.no_poses", "holds no poses as the mapping has them: {why}"),
     NoticeTemplate("import.no_table", "it has no such table (found: {found})"),
@@ -110,18 +126,27 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "no head line found: none of the first {rows} lines has a column {names}",
         "check time in the mapping; where the file has no head, write head_rows = 0 in [csv], and "
         "columns by number: "
-        '"1" is the first',
+        '"1" is the first{hint}',
     ),
     NoticeTemplate(
         "import.same_names",
         "several columns are called {name}",
         "where the lines above tell them apart, say how many lines the head has, head_rows in "
-        "[csv]",
+        "[csv]{hint}",
     ),
+    NoticeTemplate(
+        "import.no_body",
+        "it holds no rigid body with position and rotation (found: {found})",
+        "export rigid bodies from the tracker's program",
+    ),
+    NoticeTemplate("import.stated", "{key} is {found}, expected {wanted}", "export the file anew"),
     NoticeTemplate(
         "import.no_numbers",
         "no number in column {columns} of {table}",
         "check the columns of the mapping, and that times count in a unit of time_unit",
+    ),
+    NoticeTemplate(
+        "import.bodies", "it holds {count} bodies, {names}", "name the vehicle, --body NAME"
     ),
     NoticeTemplate(
         "import.lengths",

@@ -425,7 +425,7 @@ def logs_import(args: argparse.Namespace) -> Exit:
     """A flight that others recorded, as a recording."""
     from groundstation.analysis.evidence import import_command
 
-    return import_command(args.files, args.map, args.out)
+    return import_command(args.files, args.map, args.out, args.body)
 
 
 def replay_evidence(args: argparse.Namespace) -> Exit:

@@ -279,6 +279,10 @@ def _pixels(text: str) -> list[str]:
     return [".".join(glyph[row] for glyph in glyphs) for row in range(5)]
 
 
+SMALL = 0.02
+"""A smaller part of a vector has no arrow [m/s²]."""
+
+
 def number_rows(snapshot: Snapshot) -> list[Spans]:
     """Position, attitude, thrust, certificate, pose, link, battery, disturbance and rates, the most
     important first.
@@ -359,8 +363,10 @@ def arrow(vector_ned: Vec3) -> str:
     across = math.hypot(north, east)
     if not across < math.inf or not abs(down) < math.inf:
         return "?"
-    flat = "·" if not across else "↑↗→↘↓↙←↖"[round(math.atan2(east, north) / (math.pi / 4.0)) % 8]
-    return flat + ("" if not down else "▼" if down > 0.0 else "▲")
+    flat = (
+        "·" if across < SMALL else "↑↗→↘↓↙←↖"[round(math.atan2(east, north) / (math.pi / 4.0)) % 8]
+    )
+    return flat + ("" if abs(down) < SMALL else "▼" if down > 0.0 else "▲")
 
 
 def _certificate(snapshot: Snapshot) -> Spans:

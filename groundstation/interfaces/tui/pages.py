@@ -159,7 +159,7 @@ class FlyPage(Page):
         ended = bool(snapshot.checks) and snapshot.state not in ON_GROUND
         self.set_class(snapshot.state in ON_GROUND or ended, "ground")
         flown = picture.flown
-        self.query_one(TopView).show(flown)
+        self.query_one(TopView).show(snapshot, flown)
         self.query_one("#error", Curves).show([[100.0 * one.error_m for one in flown]])
         for axis, plot in enumerate(self.query("#middle Curves").results(Curves)):
             plot.show(

@@ -25,15 +25,18 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from groundstation.config import ConfigError
+from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Check, Notice, Severity, Snapshot, notice
 from groundstation.interfaces.tui.drawing import (
     FLOWN,
     LABEL,
     WANTED,
     WARNING,
+    WIND,
     PlotLine,
     PlotTrack,
     Spans,
+    arrow,
     big,
     check_rows,
     huge,
@@ -215,15 +218,21 @@ class Knobs(Widget):
             knob.show(state, again and knob.order.tone == "kill")
 
 
+WIND_S2 = 0.5
+"""The arrow of b̂ is so long in the view from above [m per m/s²]."""
+
+
 class TopView(Widget):
     """The path seen from above, beside its reference."""
 
     DEFAULT_CSS = "TopView { height: 1fr; }"
 
+    _wind: Vec3 | None = None
     _flown: Sequence[PlotSample] = ()
 
-    def show(self, flown: Sequence[PlotSample]) -> None:
-        """Take what was flown, which is drawn as it is then."""
+    def show(self, snapshot: Snapshot, flown: Sequence[PlotSample]) -> None:
+        """Take what was flown, which is drawn as it is then, and b̂, which has an arrow."""
+        self._wind = None if snapshot.diagnostics is None else snapshot.diagnostics.b_hat
         self._flown = flown
         self.refresh()
 
@@ -240,6 +249,16 @@ class TopView(Widget):
         ]
         slim = width < 28  # its signs alone then
         legend: Spans = [("●" if slim else "● flown", FLOWN), ("+" if slim else " + ref", WANTED)]
+        if self._wind is not None and self._flown:
+            north, east, _ = self._flown[-1].position_neh
+            tip = (north + WIND_S2 * self._wind[0], east + WIND_S2 * self._wind[1])
+            tracks.insert(
+                1,
+                PlotTrack(
+                    points=[(north, east), tip], style=WIND, head=arrow((*self._wind[:2], 0.0))
+                ),
+            )
+            legend.append(("→" if slim else " → b̂", WIND))
         rows, cell_m = top_view(tracks, width, height)
         cells = max(1, min(width - 30, 10))
         scale = (

@@ -1,7 +1,6 @@
 """What trackers' programs export as text: Motive, QTM, ROS, TUM, and CSV of any layout."""
 
 import math
-import re
 from collections import Counter
 from pathlib import Path
 from random import Random
@@ -14,7 +13,7 @@ import pytest
 from groundstation.analysis.evidence import import_command
 from groundstation.analysis.evidence.flight import MEASURED
 from groundstation.analysis.evidence.imports import load_mapping, read_flight
-from groundstation.analysis.evidence.text_tables import CsvLayout, read_csv_table
+from groundstation.analysis.evidence.text_tables import CsvLayout, read_csv_table, read_qtm_tables
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, so3
 from groundstation.recording import MeasuredMessage, Recording
@@ -31,9 +30,19 @@ def place(n: int) -> tuple[float, float, float]:
     return math.cos(0.01 * n), math.sin(0.01 * n), 1.0 + 0.001 * n
 
 
-def motive() -> str:
-    """Bodies ``quad``, turned about up and not seen in row 7, and ``wand``; one marker, Y up."""
-    head = 'Format Version,1.23,Take Name,"Take, 1",Capture Frame Rate,100.000000'
+def motive(
+    *, unit: str = "Meters", scale: float = 1.0, parent: bool = False, more: str = ""
+) -> str:
+    """Bodies ``quad`` and ``wand``, one marker, Y up.
+
+    Quad is turned about up, and not seen in row 7.
+    """
+    keys = {
+        "Format Version": "1.23", "Take Name": "Take, 1", "Capture Frame Rate": "100.000000",
+        "Rotation Type": "Quaternion", "Length Units": unit, "Coordinate Space": "Global",
+    }  # fmt: skip
+    cells = [f'"{value}"' if "," in value else value for value in keys.values()]
+    head = ",".join(f"{key},{cell}" for key, cell in zip(keys, cells, strict=True))
     types = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 3 + ["Rigid Body"] * 7
     names = ["quad"] * 8 + ["quad:Marker 001"] * 3 + ["wand"] * 7
     kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"] + ["Position"] * 3
@@ -41,36 +50,50 @@ def motive() -> str:
     axes = [*"XYZW", *"XYZ", "", *"XYZ", *"XYZW", *"XYZ"]
     lines = [head, "", f",Type,{','.join(types)}", f",Name,{','.join(names)}"]
     lines += [f",ID,{','.join(['1'] * 18)}"]
-    lines += [f",,{','.join(kinds)}", f"Frame,Time (Seconds),{','.join(axes)},"]
+    lines += [f",Parent,{','.join([''] * 18)}"] if parent else []
+    lines += [f",,{','.join(kinds)}", f"Frame,Time (Seconds),{','.join(axes)}{more}"]
     for n in range(ROWS):
         north, west, up = place(n)
-        quad = [0.0, math.sin(TURN / 2), 0.0, math.cos(TURN / 2), north, up, -west, 0.0001]
-        cells = [""] * 11 if n == 7 else [f"{value:.6f}" for value in (*quad, north, up, -west)]
-        wand = [f"{value:.6f}" for value in (0.0, 0.0, 0.0, 1.0, 1.0 + 0.001 * n, 0.0, 0.0)]
+        x, y, z = scale * north, scale * up, -scale * west
+        quad = [0.0, math.sin(TURN / 2), 0.0, math.cos(TURN / 2), x, y, z, 0.0001]
+        cells = [""] * 11 if n == 7 else [f"{value:.6f}" for value in (*quad, x, y, z)]
+        east = scale * (1.0 + 0.001 * n)
+        wand = [f"{value:.6f}" for value in (0.0, 0.0, 0.0, 1.0, east, 0.0, 0.0)]
         lines.append(",".join([str(n), f"{0.01 * n:.6f}", *cells, *wand]))
     return "\n".join(lines) + "\n"
 
 
-def qtm() -> str:
+def qtm(*, bodies: tuple[str, ...] = ("quad",), time: bool = True, included: str = "6D") -> str:
     """Turned about up and rolled by 10°; not seen in row 7."""
-    head = [f"NO_OF_FRAMES\t{ROWS}", "NO_OF_BODIES\t1", "FREQUENCY\t100", "BODY_NAMES\tquad"]
-    columns = ["Frame", "Time", "quad X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual"]
-    lines = [*head, "\t".join([*columns, *(f"Rot[{k}]" for k in range(9))])]
+    head = [
+        f"NO_OF_FRAMES\t{ROWS}", "NO_OF_CAMERAS\t8", f"NO_OF_BODIES\t{len(bodies)}",
+        "FREQUENCY\t100", "DESCRIPTION\t--", "TIME_STAMP\t2026-11-02, 17:47:17\t22107.99",
+        f"DATA_INCLUDED\t{included}", "BODY_NAMES\t" + "\t".join(bodies),
+    ]  # fmt: skip
+    columns = ["Frame", *(["Time"] if time else [])]
+    for body in bodies:
+        columns += [f"{body} X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual"]
+        columns += [f"Rot[{k}]" for k in range(9)]
+    lines = [*head, "\t".join(columns)]
     matrix = np.array(so3.matrix(QTM_TURN)).T.ravel().tolist()
     for n in range(ROWS):
-        values = [*(1e3 * part for part in place(n)), 10.0, 0.0, 20.0, 0.5, *matrix]
-        cells = [f"{value:.5f}" for value in (0.01 * n, *(values if n != 7 else [0.0] * 16))]
-        lines.append("\t".join([str(n + 1), *cells]))
-    return "\r\n".join(lines) + "\r\n"
+        cells = [str(n + 1), *([f"{0.01 * n:.5f}"] if time else [])]
+        for k in range(len(bodies)):
+            values = [*(1e3 * part + k for part in place(n)), 10.0, 0.0, 20.0, 0.5, *matrix]
+            cells += [f"{value:.5f}" for value in (values if n != 7 else [0.0] * 16)]
+        lines.append("\t".join(cells))
+    return "\n".join(lines) + "\n"
 
 
-def assert_places(got: list[Any]) -> None:
+def assert_places(got: list[Any], off_m: float = 0.0) -> None:
     """Row 7 was not seen."""
     assert len(got) == ROWS - 1
     for n in (0, 100, 250):
         north, west, up = place(n if n < 7 else n + 1)
         at = got[n].position_ned
-        assert (at.x, at.y, at.z) == pytest.approx((north, -west, -up), abs=2e-6)
+        assert (at.x, at.y, at.z) == pytest.approx(
+            (north + off_m, -west - off_m, -up - off_m), abs=2e-6
+        )
 
 
 def write(folder: Path, name: str, text: str) -> Path:
@@ -79,38 +102,89 @@ def write(folder: Path, name: str, text: str) -> Path:
     return path
 
 
-def poses(folder: Path, path: Path, mapping: str) -> list[Any]:
+def poses(folder: Path, path: Path, mapping: str, body: str = "") -> list[Any]:
     out = folder / "flight.mcap"
-    assert import_command([path], mapping, out) == 0
+    assert import_command([path], mapping, out, body) == 0
     entries = Recording(out).entries(("/measured",))
     return [msgspec.convert(entry.value(), MeasuredMessage) for entry in entries]
 
 
-PAGE = (Path(__file__).parents[4] / "docs" / "how-to" / "recordings.md").read_text("utf-8")
-MAPPED = {title: text for text in re.findall(r"```toml\n(title = .*?)```", PAGE, re.DOTALL)
-          for title in re.findall(r'title = "(\w+)', text)}  # fmt: skip
-"""The mappings on that page, by the first word of their titles."""
+UNITS = {"Meters": 1.0, "Centimeters": 100.0, "Millimeters": 1000.0}
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("parent", [False, True])
+def test_motives_export_is_read_in_its_own_unit(unit: str, parent: bool, tmp_path: Path) -> None:
+    text = motive(unit=unit, scale=UNITS[unit], parent=parent, more=",")
+    path = write(tmp_path, "take.csv", "\ufeff" + text)
+    got = poses(tmp_path, path, "motive", "quad")
+    assert_places(got)
+    q = got[0].attitude
+    # A turn to the left about Motive's up.
+    assert (q.w, q.x, q.y, q.z) == pytest.approx(
+        (math.cos(TURN / 2), 0.0, 0.0, -math.sin(TURN / 2)), abs=1e-6
+    )
+
+
+def test_several_bodies_ask_for_a_name(tmp_path: Path) -> None:
+    path = write(tmp_path, "take.csv", motive())
+    with pytest.raises(
+        ConfigError, match="holds 2 bodies, quad, wand: name the vehicle, --body NAME"
+    ):
+        poses(tmp_path, path, "motive")
+    with pytest.raises(ConfigError, match=r"expected one of \['quad', 'wand'\], got 'Quad'"):
+        poses(tmp_path, path, "motive", "Quad")
+    assert len(poses(tmp_path, path, "motive", "wand")) == ROWS
+    with pytest.raises(ConfigError, match="only files of Motive and QTM"):
+        read_flight(load_mapping("nanobench"), [path], "quad")
 
 
 @pytest.mark.parametrize(
-    ("program", "text", "turned"),
-    # A turn to the left about Motive's up.
+    ("mapping", "text", "says"),
     [
-        ("Motive", "\ufeff" + motive(), so3.from_euler_zyx(0.0, 0.0, -TURN)),
-        ("QTM", qtm(), QTM_TURN),
+        ("motive", motive(unit="Feet"), "is Feet, expected Meters, Centimeters or Millimeters"),
+        (
+            "motive",
+            motive().replace("Quaternion", "XYZ"),
+            "Rotation Type is XYZ, expected Quaternion",
+        ),
+        ("motive", motive().replace("Global", "Local"), "Space is Local, expected Global"),
+        ("qtm", qtm(included="3D"), "DATA_INCLUDED is 3D, expected 6D"),
     ],
+    ids=["unit", "rotation", "space", "markers"],
 )
-def test_what_trackers_export_is_read_by_the_mappings_of_the_page(
-    program: str, text: str, turned: Quat, tmp_path: Path
+def test_what_a_program_states_and_is_not_read_is_refused(
+    mapping: str, text: str, says: str, tmp_path: Path
 ) -> None:
-    mapping = write(tmp_path, "map.toml", MAPPED[program])
-    got = poses(tmp_path, write(tmp_path, "take.txt", text), str(mapping))
-    assert_places(got)
+    with pytest.raises(ConfigError, match=says):
+        read_flight(load_mapping(mapping), [write(tmp_path, "take.txt", text)], "quad")
+
+
+@pytest.mark.parametrize("bodies", [("quad",), ("wand", "quad"), ("quad", "wand")])
+@pytest.mark.parametrize("time", [True, False])
+def test_qtms_export_is_read(bodies: tuple[str, ...], time: bool, tmp_path: Path) -> None:
+    path = write(tmp_path, "run.tsv", qtm(bodies=bodies, time=time).replace("\n", "\r\n"))
+    got = poses(tmp_path, path, "qtm", "quad" if len(bodies) > 1 else "")
+    assert_places(got, 1e-3 * bodies.index("quad"))
     assert got[-1].time_s - got[0].time_s == pytest.approx(0.01 * (ROWS - 1), abs=1e-6)
-    w, x, y, z = turned
+    w, x, y, z = QTM_TURN
     q = got[0].attitude
-    wanted = (w, x, -y, -z) if program == "QTM" else turned
-    assert (q.w, q.x, q.y, q.z) == pytest.approx(wanted, abs=1e-6)
+    assert (q.w, q.x, q.y, q.z) == pytest.approx((w, x, -y, -z), abs=1e-4)
+
+
+def test_a_row_of_qtms_own_is_read_with_the_roll_that_it_states(tmp_path: Path) -> None:
+    """Written by QTM: a roll of -0.65630° beside its matrix."""
+    row = (
+        "1 0.00000 -194.91974 2.24150 0.99661 -0.65630 0.09391 0.05772 4.98536 1.00000 0.00099 "
+        "-0.00165 -0.00101 0.99993 -0.01145 0.00164 0.01145 0.99993"
+    ).replace(" ", "\t")
+    head = qtm().partition("\n1\t")[0]
+    ((_, table),) = read_qtm_tables(write(tmp_path, "one.tsv", f"{head}\n{row}\n"))
+    turned = so3.from_euler_zyx(*map(math.radians, (-0.65630, 0.09391, 0.05772)))
+    attitude = tuple(table[key][0] for key in ("qw", "qx", "qy", "qz"))
+    assert attitude == pytest.approx(turned, abs=2e-5)
+    place = [table[key][0] for key in "xyz"]
+    assert place == pytest.approx([-0.19491974, 0.0022415, 0.00099661], abs=1e-9)
 
 
 def ros2(between: str, behind: str) -> str:
@@ -201,12 +275,34 @@ def test_a_head_of_one_line_that_does_not_tell_columns_apart_is_refused(tmp_path
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["0.0,1,2\n0.1,1,2\n", "0.0,0.0,map\n0.1,0.0,map\n", "Exported by MyTracker 2\n\n0,0;1,5;2\n"],
+    ("text", "hint"),
+    [
+        ("0.0,1,2\n0.1,1,2\n", ""),
+        ("0.0,0.0,map\n0.1,0.0,map\n", ""),
+        ("Exported by MyTracker 2\n\n0,0;1,5;2\n0,1;1,5;2\n", ""),
+        (motive(), "--map motive"),
+        (qtm(), "--map qtm"),
+    ],
 )
-def test_a_file_without_a_head_says_so(text: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no head line found"):
+def test_a_file_without_a_head_says_so(text: str, hint: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no head line found") as told:
         columns(tmp_path, text)
+    assert hint in str(told.value)
+
+
+def test_qtms_export_with_decimal_commas_or_without_any_time_is_read(tmp_path: Path) -> None:
+    plain, commas = (
+        dict(read_qtm_tables(write(tmp_path, name, text)))["quad"]
+        for name, text in (("plain.tsv", qtm()), ("commas.tsv", qtm().replace(".", ",")))
+    )
+    timeless = "\n".join(
+        line if "\t" not in line or line.split("\t")[0].isupper() else line.split("\t", 2)[2]
+        for line in qtm().splitlines()
+    )
+    bare = dict(read_qtm_tables(write(tmp_path, "bare.tsv", timeless)))["quad"]
+    for other in (commas, bare):
+        for name, column in plain.items():
+            np.testing.assert_allclose(other[name], column, atol=1e-9)
 
 
 MAPPING = """title = "a lab"
