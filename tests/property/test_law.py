@@ -10,6 +10,7 @@ from hypothesis import given, strategies as st
 
 from groundstation.core.control import Law, LawState, backstep, yaw_rate
 from groundstation.core.control.backstepping import (
+    COS_ROLL_MIN,
     BacksteppingAxis,
     LawOutput,
     Shape,
@@ -247,8 +248,12 @@ def test_what_is_suspended_learns_nothing() -> None:
 def test_the_yaw_rate_is_limited_and_turns_the_short_way(
     angles: Vec3, yaw: float, yaw_dot: float, rate_y: float, gain: float
 ) -> None:
-    rate = yaw_rate(FLOATS, quaternion(angles), yaw, yaw_dot, rate_y, gain, 2.0)
-    assert abs(rate) <= 2.0
+    attitude = quaternion(angles)
+    rate = yaw_rate(FLOATS, attitude, yaw, yaw_dot, rate_y, gain, 2.0)
+    roll, pitch, heading = so3.euler_zyx(attitude)
+    cos_roll = math.copysign(max(abs(math.cos(roll)), COS_ROLL_MIN), math.cos(roll))
+    turn = math.cos(pitch) * (yaw_dot - gain * math.sin(heading - yaw)) - math.sin(roll) * rate_y
+    assert rate == pytest.approx(min(max(turn / cos_roll, -2.0), 2.0), abs=1e-6)
 
 
 @given(st.lists(st.tuples(vec, vec, angle, st.floats(0.2, 2.0), vec, vec), min_size=1, max_size=8))

@@ -133,3 +133,26 @@ def test_only_a_calm_pose_that_a_command_follows_is_compared_after_that_command(
     come(2)
     come(3)
     assert health.compared[:2] == [1, 2], "where no command leaves, the next pose brings it"
+
+
+@pytest.mark.parametrize(("for_s", "apart_s"), [(1.0, 0.1 - 0.09 * math.exp(-1.0)), (5.0, 0.1)])
+def test_the_interval_of_the_poses_is_a_mean_over_a_second(for_s: float, apart_s: float) -> None:
+    state = Pilot(VEHICLE, Gains(), 0.25, 0.0).state
+    times_s = [
+        *(0.01 * n for n in range(1000)),
+        *(10.0 + 0.1 * n for n in range(round(10 * for_s))),
+    ]
+    for number, time_s in enumerate(times_s):
+        state.received.add(Pose(number, time_s, time_s, ZERO, IDENTITY))
+    assert state.received.apart_s == pytest.approx(apart_s, abs=0.01)
+
+
+def test_the_last_command_of_a_flight_without_poses_falls_and_ends_without_thrust() -> None:
+    flies = Pilot(VEHICLE, Gains(), 0.25, 0.0)
+    flies.estimate_state(Pose(0, 0.0, 0.0, (0.0, 0.0, -1.0), IDENTITY))
+    flies.follow(Hold((0.0, 0.0, -1.0), 0.0), 0.0)
+    flies.compute_command(0.0)
+    command = flies.surrender(0.5, 0.02)
+    assert (command.pose_id, command.deadline_s) == (0, 0.52)
+    assert command.thrust_n < VEHICLE.mass_kg * G
+    assert command.bring_down[-1].thrust_n == 0.0

@@ -218,6 +218,16 @@ def test_frames_that_are_late_again_and_again_land() -> None:
     assert first({}, period_s=2.4 * PERIOD_S) is None
 
 
+@pytest.mark.parametrize("every", [16, 25])
+def test_late_frames_are_counted_among_the_last_hundred(every: int) -> None:
+    guards = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S, coast_s=0.25)
+    time_s, found = 0.0, list[GuardFinding | None]()
+    for n in range(400):
+        time_s += (2.6 if n % every == 0 else 1.0) * PERIOD_S
+        found.append(guards.check_command(shown(time_s), State.TRACKING))
+    assert any(found) is (100 / every >= CONFIG.overruns)
+
+
 @pytest.mark.parametrize(
     ("status", "says"),
     [

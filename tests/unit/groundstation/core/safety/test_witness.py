@@ -134,3 +134,18 @@ def test_slow_attitudes_are_compared_as_soon_as_a_later_pose_is_there() -> None:
         assert time_s < 1.0 or witness.verdict(time_s) is not None
         if n % 25 == 0:  # 2 Hz, between two poses
             witness.add_attitude(told(time_s + 0.5 * POSE_S, ZERO))
+
+
+def test_a_disagreement_that_lasts_is_told_once_and_again_after_an_agreement() -> None:
+    witness, told_s = Witness(), list[float]()
+    witness.arm()
+    for n in range(round(16.0 / POSE_S)):
+        time_s = n * POSE_S
+        off_rad = math.radians(20.0) if time_s % 8.0 >= ARMED_S else 0.0
+        witness.add_pose(Pose(n, time_s, time_s, ZERO, quaternion((off_rad, 0.0, 0.0))))
+        if n % round(ATTITUDE_S / POSE_S) == 0:
+            witness.add_attitude(told(time_s, ZERO))
+        if (said := witness.describe_news()) is not None:
+            assert said.id == "pose.autopilot_disagrees"
+            told_s.append(time_s)
+    assert told_s == pytest.approx([ARMED_S + 2.0, 8.0 + ARMED_S + 2.0], abs=0.7)
