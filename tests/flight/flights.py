@@ -38,7 +38,7 @@ from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.flown_once import once
 from tests.known import known
 from tests.loops import until
-from tests.proving.faults import DeckFlight, Fault, Row
+from tests.proving.faults import CASES, NEAR, DeckFlight, Fault, Row, find_fault
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -214,11 +214,21 @@ def rms_cm(scenario: str, *overrides: str, duration_s: float, **options: Any) ->
     return known(result.verdict.rms_cm)
 
 
-def fly_fault(case: str, fault: Fault, state: str, **options: Any) -> Row:
-    """A flight in ``paper`` that a fault of one's own strikes, as the fault deck judges it."""
+def fly_cell(
+    case: str, state: str, link: str = "", overrides: tuple[str, ...] = (), **options: Any
+) -> Row:
+    """A cell of the fault deck, flown in this process."""
+    fault = find_fault(case, state, link or CASES[case].link)
+    return fly_fault(case, fault, state, overrides=(*NEAR, *overrides), **options)
+
+
+def fly_fault(
+    case: str, fault: Fault, state: str, *, seed: int = 0, scenario: str = "paper", **options: Any
+) -> Row:
+    """A flight that a fault of one's own strikes, as the fault deck judges it."""
 
     async def fly() -> Row:
-        flight = DeckFlight(fault, 0, "paper", **options)
+        flight = DeckFlight(fault, seed, scenario, **options)
         await flight.reach(state)
         return await flight.strike(case, state)
 

@@ -9,7 +9,7 @@ from groundstation.core.messages import IdleRecord
 from links.core import Command, Segment
 from links.mavlink.protocol import MavlinkCodec
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.flights import fly_fault
+from tests.flight.flights import fly_cell, fly_fault
 from tests.known import known
 from tests.proving.faults import (
     Cell,
@@ -19,7 +19,6 @@ from tests.proving.faults import (
     Poses,
     Scene,
     fly_all,
-    fly_cell,
     fly_together,
     text,
 )

@@ -266,90 +266,34 @@ HELPERS: tuple[Any, ...] = (
     gs.Baseline, gs.InnerLoop,
 )  # fmt: skip
 """Helpers of a controller."""
-SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.M)
+ASKING: tuple[Any, ...] = (gs.ask_station, gs.Request, gs.Waypoint, gs.OrderAnswer)
+"""Requests to a vehicle in flight."""
 
 
 def describe_python(things: Iterable[Any], level: int = 3) -> str:
-    """Describe functions and classes of Python code."""
+    """Show functions and classes of Python code as a caller sees them: without what they do."""
     return "\n\n".join(
-        _call(one, level) if inspect.isfunction(one) else _result(one, level) for one in things
+        f"{'#' * level} `{one.__name__}`\n\n```text\n{_show_source(one)}\n```" for one in things
     )
 
 
-def describe_structs(*classes: type[Any]) -> str:
-    """The fields of each."""
-    return "\n\n".join(_fields(one, 3) for one in classes)
+def _show_source(of: Any) -> str:
+    """The lines of a definition but for the bodies of its functions and what is private."""
+    lines = inspect.getsource(sys.modules[of.__module__]).splitlines()
 
+    def parts(node: Any) -> Iterator[str]:
+        first, *others = node.body
+        start = min((one.lineno for one in node.decorator_list), default=node.lineno)
+        yield "\n".join(lines[start - 1 : first.end_lineno])
+        for one in others if isinstance(node, ast.ClassDef) else ():
+            if isinstance(one, ast.FunctionDef) and (
+                one.name == "__getitem__" or one.name[0] != "_"
+            ):
+                yield from ("", *parts(one))
+            elif isinstance(one, ast.AnnAssign | ast.Expr) and "ClassVar" not in ast.unparse(one):
+                yield "\n".join(lines[one.lineno - 1 : one.end_lineno])
 
-def describe_asking() -> str:
-    """Describe requests to a vehicle in flight."""
-    answers = describe_structs(gs.Request, gs.Waypoint, gs.OrderAnswer)
-    return f"{_call(gs.ask_station, 3)}\n\n{answers}"
-
-
-def _call(function: Callable[..., Any], level: int) -> str:
-    node = _definition(function)
-    lines = [f"    {line}," for line in re.split(r", (?![^\[]*\])", ast.unparse(node.args))]
-    given = "" if node.returns is None else f" -> {ast.unparse(node.returns)}"
-    shown = "\n".join([f"{function.__name__}(", *lines, f"){given}"])
-    return f"{'#' * level} `{function.__name__}`\n\n```text\n{shown}\n```\n\n{_words(function)}"
-
-
-def _result(cls: type[Any], level: int) -> str:
-    """A class: its fields, then its properties and methods."""
-    parts = [_fields(cls, level)]
-    for name, member in vars(cls).items():
-        function = getattr(member, "fget", getattr(member, "func", member))
-        if not callable(function) or (name.startswith("_") and name != "__getitem__"):
-            continue
-        told = ", ".join(map(str, list(inspect.signature(function).parameters)[1:]))
-        called = f"({told})" if function is member else ""
-        shown = f"[{told}]" if name == "__getitem__" else f".{name}{called}"
-        parts.append(f"**`{shown}`** {_words(function)}")
-    return "\n\n".join(parts)
-
-
-BAR = r"\|"
-
-
-class Plain(ast.NodeTransformer):
-    """Types without what ``Annotated`` adds."""
-
-    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
-        """The first of what stands in ``Annotated[…]``."""
-        if ast.unparse(node.value) == "Annotated" and isinstance(node.slice, ast.Tuple):
-            return self.generic_visit(node.slice.elts[0])
-        return self.generic_visit(node)
-
-
-def _fields(cls: type[Any], level: int) -> str:
-    """The class, and a table of its fields."""
-    said = remarks(cls)
-    fields = [one for one in ast.walk(_definition(cls)) if isinstance(one, ast.AnnAssign)]
-    types = {
-        ast.unparse(one.target): ast.unparse(Plain().visit(one.annotation)).strip("'")
-        for one in fields
-    }
-    types = {name: kind for name, kind in types.items() if "ClassVar" not in kind}
-    rows = [
-        f"| `{name}` | {kind.replace('|', BAR)} | {said[name]} |"
-        for name, kind in types.items()
-        if name in said
-    ]
-    table = f"\n\n{make_table('| field | type | |', rows)}" if rows else ""
-    return f"{'#' * level} `{cls.__name__}`\n\n{one_line(cls.__doc__ or '')}{table}"
-
-
-def _words(function: Callable[..., Any]) -> str:
-    """The docstring, its arguments and errors as lists."""
-    first, *rest = SECTION.split(inspect.cleandoc(function.__doc__ or ""))
-    parts = [one_line(paragraph) for paragraph in first.strip().split("\n\n")]
-    for title, body in zip(rest[::2], rest[1::2], strict=True):
-        parted = re.split(r"\n(?=    \S)", f"\n{body.rstrip()}")
-        items = [one_line(item) for item in parted if item.strip()]
-        shown = [re.sub(r"^(\w[\w, ]*): ", r"`\1`: ", item) for item in items]
-        parts.append(f"{title}:\n\n" + "\n".join(f"- {item}" for item in shown))
-    return "\n\n".join(parts)
+    return "\n".join(parts(_definition(of)))
 
 
 EVERYWHERE = (Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL, Event.TAKEN_OVER)
@@ -463,9 +407,9 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "mqtt.md": {"mqtt-topics": describe_topics},
     "python.md": {
         "calls": lambda: describe_python(CALLS, 2),
-        "given": lambda: describe_structs(*GIVEN),
+        "given": lambda: describe_python(GIVEN),
         "helpers": lambda: describe_python(HELPERS),
-        "asking": describe_asking,
+        "asking": lambda: describe_python(ASKING),
     },
     "rooms.md": {"rooms": describe_rooms},
 }

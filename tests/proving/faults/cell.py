@@ -8,7 +8,7 @@ that has flown it; the rows are those of flights of their own. That process has 
 import asyncio
 import math
 import os
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import msgspec
@@ -45,7 +45,7 @@ from tests.proving.faults.fault import (
     Scene,
     stand_between,
 )
-from tests.proving.faults.faults import CASES, find_fault
+from tests.proving.faults.faults import find_fault
 from tests.proving.faults.judge import (
     AUTOPILOT_LANDS,
     JUDGED_S,
@@ -107,23 +107,6 @@ class FlightCopy(NamedTuple):
     """Monitor that it goes on with, as :func:`monitors.go_on` has it."""
 
 
-def fly_cell(
-    case: str,
-    state: str,
-    *,
-    link: str = "",
-    seed: int = 0,
-    scenario: str = "paper",
-    overrides: tuple[str, ...] = (),
-) -> Row:
-    """Fly one cell in virtual time."""
-    (row,) = fly_together(
-        [FlightCopy(case)], state, link=link or CASES[case].link, seed=seed, scenario=scenario,
-        overrides=overrides, finish=DeckFlight.finish,
-    )  # fmt: skip
-    return row
-
-
 def fly_together(
     copies: Sequence[FlightCopy],
     state: str,
@@ -132,12 +115,8 @@ def fly_together(
     seed: int,
     scenario: str,
     overrides: tuple[str, ...] = (),
-    finish: "Finish | None" = None,
 ) -> list[Row]:
-    """Return the rows of ``copies``, whose cases are set up alike: they strike one flight.
-
-    Each is flown on by ``finish``; without it, by a copy of this process.
-    """
+    """Return the rows of ``copies``, whose cases are set up alike: they strike one flight."""
     if not any(override.startswith("trajectory.") for override in overrides):
         overrides = (*NEAR, *overrides)
 
@@ -145,7 +124,7 @@ def fly_together(
         fault = find_fault(copies[0].case, state, link)
         flight = DeckFlight(fault, seed, scenario, overrides)
         await flight.reach(state)
-        return [await (finish or _finish_copy)(flight, copy, state) for copy in copies]
+        return [await _finish_copy(flight, copy, state) for copy in copies]
 
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         try:
@@ -453,10 +432,6 @@ async def _cancel(tasks: Sequence["asyncio.Future[Any]"]) -> list[Any]:
     for task in tasks:
         task.cancel()
     return await asyncio.gather(*tasks, return_exceptions=True)
-
-
-Finish = Callable[[DeckFlight, FlightCopy, str], Awaitable[Row]]
-"""Makes the row of one copy of a flight in a state."""
 
 
 def hover_n(world: World) -> float:

@@ -1,8 +1,8 @@
 """The fault deck as text: a line a cell for a terminal, and a page with a line a family."""
 
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
 
 from groundstation.config import refuse_io
 from groundstation.machine import fill_markers
@@ -35,30 +35,8 @@ SAYS = {
 """Headings of the page."""
 
 
-class Summary(NamedTuple):
-    """Rows of one family, counted."""
-
-    family: str
-    kind: Kind
-    cells: int
-    within: int
-    """Cells within their limits."""
-    near: int
-    """Cells within :data:`judge.NEAR_LIMIT` of them."""
-    up_m: float
-    aside_m: float
-    fastest_m_s: float
-    hardest_m_s: float
-    """Hardest touchdown [m/s]."""
-    fly_on: int
-    open_loop: int
-    beyond: tuple[Row, ...]
-    """Cells beyond their limits, the worst first."""
-
-
-def summarize(rows: Sequence[Row]) -> list[Summary]:
-    """Return the summary of each family among ``rows``, in the order of the table."""
-    found = []
+def tell_families(rows: Sequence[Row]) -> Iterator[tuple[Kind, str]]:
+    """Yield the kind of each family among ``rows``, in the order of the table, and its line."""
     names = [*((name, kind) for name, kind, _ in FAMILIES), (LATE_LIFT_OFF, Kind.KNOWN_LIMIT)]
     for name, kind in sorted(names, key=lambda one: list(SAYS).index(one[1])):
         some = [row for row in rows if row.family == name]
@@ -66,23 +44,23 @@ def summarize(rows: Sequence[Row]) -> list[Summary]:
             continue
         held = [row for row in some if row.exemption not in FALLS] or some
         beyond = sorted((row for row in some if not row.safe), key=lambda row: -row.worst)
-        found.append(
-            Summary(
-                family=name,
-                kind=kind,
-                cells=len(some),
-                within=len(some) - len(beyond),
-                near=sum(row.safe or row.worst <= NEAR_LIMIT for row in some),
-                up_m=max(row.highest_m for row in held),
-                aside_m=max(row.sideways_m for row in held),
-                fastest_m_s=max(row.fastest_m_s for row in held),
-                hardest_m_s=max(row.touchdown_m_s or 0.0 for row in held),
-                fly_on=sum(row.ended == "flies on" for row in some),
-                open_loop=sum(row.ended == OPEN_LOOP for row in some),
-                beyond=tuple(beyond),
-            )
+        told = [f"{name_cell(row)} ({row.worst:.2f}x)" for row in beyond[:NAMED]]
+        if len(beyond) > NAMED:
+            told.append(f"{len(beyond) - NAMED} more")
+        cells = (
+            name,
+            len(some),
+            len(some) - len(beyond),
+            sum(row.safe or row.worst <= NEAR_LIMIT for row in some),
+            f"{max(row.highest_m for row in held):.2f}",
+            f"{max(row.sideways_m for row in held):.2f}",
+            f"{max(row.fastest_m_s for row in held):.2f}",
+            f"{max(row.touchdown_m_s or 0.0 for row in held):.2f}",
+            sum(row.ended == "flies on" for row in some),
+            sum(row.ended == OPEN_LOOP for row in some),
+            "; ".join(told),
         )
-    return found
+        yield kind, f"| {' | '.join(map(str, cells))} |"
 
 
 def count_kinds(rows: Sequence[Row]) -> Iterator[tuple[Kind, int, int, int]]:
@@ -133,7 +111,7 @@ def text(rows: Sequence[Row]) -> str:
         )
         if row.why and not row.safe:
             lines.append(f"       {row.why}")
-    lines += ["", HEAD, *map(_line, summarize(rows)), ""]
+    lines += ["", HEAD, *(line for _, line in tell_families(rows)), ""]
     bad = sum(not row.safe for row in rows)
     return "\n".join([*lines, *tell_kinds(rows), f"{len(rows)} cells, {bad} unsafe"])
 
@@ -141,12 +119,8 @@ def text(rows: Sequence[Row]) -> str:
 def page(rows: Sequence[Row], command: str) -> str:
     """Return the whole page in Markdown; ``command`` made it."""
     lines: list[str] = []
-    found = summarize(rows)
-    for kind, says in SAYS.items():
-        some = [one for one in found if one.kind is kind]
-        if some:
-            lines.append(f"| **{says}** |{' |' * 10}")
-            lines += map(_line, some)
+    for kind, some in groupby(tell_families(rows), key=lambda one: one[0]):
+        lines += [f"| **{SAYS[kind]}** |{' |' * 10}", *(line for _, line in some)]
     exempt = "; ".join(f"*{word}*: {why}" for word, why in REASONS.items())
     parts = (
         "\n".join([HEAD, *lines]),
@@ -155,17 +129,6 @@ def page(rows: Sequence[Row], command: str) -> str:
         f"{'; '.join(tell_kinds(rows))}. {len(FAULTS)} faults, {len(rows)} cells, by `{command}`.",
     )
     return fill_markers(PAGE, {"deck": "\n\n".join(parts)})
-
-
-def _line(one: Summary) -> str:
-    told = [f"{name_cell(row)} ({row.worst:.2f}x)" for row in one.beyond[:NAMED]]
-    if len(one.beyond) > NAMED:
-        told.append(f"{len(one.beyond) - NAMED} more")
-    return (
-        f"| {one.family} | {one.cells} | {one.within} | {one.near} | {one.up_m:.2f} "
-        f"| {one.aside_m:.2f} | {one.fastest_m_s:.2f} | {one.hardest_m_s:.2f} "
-        f"| {one.fly_on} | {one.open_loop} | {'; '.join(told)} |"
-    )
 
 
 def write(path: Path, rows: Sequence[Row]) -> None:
