@@ -14,7 +14,6 @@ from tests.known import known
 from tests.proving.faults import (
     Cell,
     Fault,
-    FlightCopy,
     Kind,
     Poses,
     Scene,
@@ -215,8 +214,7 @@ def test_the_judge_lets_pass_what_is_due_and_finds_what_is_not(
 def test_cells_that_are_flown_together_are_those_of_flights_of_their_own(
     cases: list[str], link: str
 ) -> None:
-    copies = [FlightCopy(case) for case in cases]
-    together = fly_together(copies, "hold", link=link, seed=0, scenario="paper")
+    together = fly_together([Cell(case, "hold", link) for case in cases])
     assert together == [fly_cell(case, "hold", link=link) for case in cases]
 
 

@@ -229,19 +229,13 @@ async def _config(rate_hz: int, folder: Path) -> Config:
     return config
 
 
-def _make_vehicle(now_s: float) -> SimulatedVehicle:
-    """Return a vehicle that is held at ``now_s`` [s]."""
-    world = SCENARIOS["paper"].world
-    plant = Quadrotor(world, Wind(world, normals(0, "turbulence", 3)))
-    plant.advance(now_s)
-    return SimulatedVehicle(plant, world, normals(0, "estimate", 6), normals(0, "wander", 3))
-
-
 async def _measure_flight(
     config: Config, rate_hz: int, seconds: float, port: int
 ) -> tuple[Answers, Answers]:
-    loop = asyncio.get_running_loop()
-    vehicle = _make_vehicle(loop.time())
+    loop, world = asyncio.get_running_loop(), SCENARIOS["paper"].world
+    plant = Quadrotor(world, Wind(world, normals(0, "turbulence", 3)))
+    plant.advance(loop.time())
+    vehicle = SimulatedVehicle(plant, world, normals(0, "estimate", 6), normals(0, "wander", 3))
     autopilot = Px4Autopilot(vehicle)
     assert isinstance(config.link, MavlinkLinkConfig) and isinstance(config.pose, ViconConfig)
     peer = _Peer(autopilot, parse_address(config.link.endpoint))

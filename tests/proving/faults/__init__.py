@@ -1,7 +1,7 @@
 """The fault deck: one thing is broken in every state of a mission."""
 
-from tests.proving.faults.cell import NEAR, DeckFlight, FlightCopy, fly_together
-from tests.proving.faults.deal import Cell, deal_cells, fly_all
+from tests.proving.faults.cell import NEAR, Cell, DeckFlight, fly_together
+from tests.proving.faults.deal import deal_cells, fly_all
 from tests.proving.faults.fault import (
     MOMENTS,
     REASONS,

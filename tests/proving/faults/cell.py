@@ -9,7 +9,7 @@ import asyncio
 import math
 import os
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 from msgspec.structs import replace
@@ -99,46 +99,43 @@ class NotReached(Exception):
     """The flight ended before the state in which it was to be struck; the text says why."""
 
 
-class FlightCopy(NamedTuple):
-    """One of the flights that go on from the same instant."""
+class Cell(msgspec.Struct, frozen=True):
+    """One case in one state, on one link."""
 
     case: str
-    watch: str = ""
-    """Monitor that it goes on with, as :func:`monitors.go_on` has it."""
+    state: str
+    link: str
+    scenario: str = "paper"
+    seed: int = 0
+    forced: str = ""
+    """Monitor that it goes on with after the strike, as :func:`monitors.go_on` has it."""
+
+    @property
+    def fault(self) -> Fault:
+        """Fault of this case as it is flown here."""
+        return find_fault(self.case, self.state, self.link)
 
 
-def fly_together(
-    copies: Sequence[FlightCopy],
-    state: str,
-    *,
-    link: str,
-    seed: int,
-    scenario: str,
-    overrides: tuple[str, ...] = (),
-) -> list[Row]:
-    """Return the rows of ``copies``, whose cases are set up alike: they strike one flight."""
+def fly_together(cells: Sequence[Cell], overrides: tuple[str, ...] = ()) -> list[Row]:
+    """Return the rows of ``cells``, which are set up alike: they strike one flight."""
     if not any(override.startswith("trajectory.") for override in overrides):
         overrides = (*NEAR, *overrides)
 
     async def fly() -> list[Row]:
-        fault = find_fault(copies[0].case, state, link)
-        flight = DeckFlight(fault, seed, scenario, overrides)
-        await flight.reach(state)
-        return [await _finish_copy(flight, copy, state) for copy in copies]
+        flight = DeckFlight(cells[0].fault, cells[0].seed, cells[0].scenario, overrides)
+        await flight.reach(cells[0].state)
+        return [await _finish_copy(flight, cell) for cell in cells]
 
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         try:
             return runner.run(fly())
         except NotReached as error:
             never = Observations(Truth(0.0), wrong=str(error))
-            cases = [copy.case for copy in copies]
-            return [
-                judge(case, find_fault(case, state, link), state, never, scenario) for case in cases
-            ]
+            return [judge(one.case, one.fault, one.state, never, one.scenario) for one in cells]
 
 
-async def _finish_copy(flight: "DeckFlight", copy: FlightCopy, state: str) -> Row:
-    """Return the row of ``copy``, which a copy of this process flies."""
+async def _finish_copy(flight: "DeckFlight", cell: Cell) -> Row:
+    """Return the row of ``cell``, which a copy of this process flies."""
     loop = asyncio.get_running_loop()
     far, near = os.pipe()
     number = os.fork()
@@ -146,7 +143,7 @@ async def _finish_copy(flight: "DeckFlight", copy: FlightCopy, state: str) -> Ro
         asyncio._set_running_loop(loop)  # it is told by the process's number
         found: Row | str
         try:
-            found = await flight.finish(copy, state)
+            found = await flight.finish(cell)
         except BaseException as error:  # noqa: BLE001  # its original raises it
             found = f"{type(error).__name__}: {error}"
         os.write(near, msgspec.msgpack.encode(found))
@@ -157,7 +154,7 @@ async def _finish_copy(flight: "DeckFlight", copy: FlightCopy, state: str) -> Ro
         row = msgspec.msgpack.decode(told.read() or b"\xc0", type=Row | str | None)
     os.waitpid(number, 0)  # noqa: ASYNC222  # virtual time stands still
     if not isinstance(row, Row):
-        raise RuntimeError(f"{copy.case}: {row or 'its process was killed'}")
+        raise RuntimeError(f"{cell.case}: {row or 'its process was killed'}")
     return row
 
 
@@ -230,13 +227,13 @@ class DeckFlight:
             raise NotReached(f"the flight ended before {state}: {moves.state}: {moves.reason}")
         reaching.result()
 
-    async def finish(self, copy: FlightCopy, state: str) -> Row:
-        """Go on as ``copy`` in ``state``, and return its row."""
-        self._fault = find_fault(copy.case, state, self._fault.link)
-        chance = generator(self._scene.seed, f"doubt {copy.case}").random()
-        go_on(self.flight, copy.watch, self._truth.struck_s + float(chance * FORCED_WITHIN_S))
-        row = await self.strike(copy.case, state)
-        return replace(row, forced="" if copy.watch == UNGUARDED else copy.watch)
+    async def finish(self, cell: Cell) -> Row:
+        """Go on as ``cell``, which is set up as this flight is, and return its row."""
+        self._fault = cell.fault
+        chance = generator(cell.seed, f"doubt {cell.case}").random()
+        go_on(self.flight, cell.forced, self._truth.struck_s + float(chance * FORCED_WITHIN_S))
+        row = await self.strike(cell.case, cell.state)
+        return replace(row, forced="" if cell.forced == UNGUARDED else cell.forced)
 
     async def strike(self, name: str, state: str) -> Row:
         """Let the fault ``name`` happen in ``state``, and fly on until it can be judged."""

@@ -18,46 +18,15 @@ from sim.cli import ProgressBar
 from sim.runs.pool import Workers
 from sim.scenarios import scenario_of
 from sim.text import notice
-from tests.proving.faults.cell import FlightCopy, fly_together
-from tests.proving.faults.fault import MOMENTS, Fault, Kind, name_of
-from tests.proving.faults.faults import CASES, FAULTS, STATES, find_fault
+from tests.proving.faults.cell import Cell, fly_together
+from tests.proving.faults.fault import MOMENTS, Kind, name_of
+from tests.proving.faults.faults import CASES, FAULTS, STATES
 from tests.proving.faults.judge import Row, judge_honest
 from tests.proving.faults.monitors import FAILED, UNGUARDED, check_forced
 from tests.proving.faults.table import is_within, text, write
 
 TOGETHER = 12
 """At most this many cells are flown together by one process: all processes have enough to do."""
-
-
-class Cell(msgspec.Struct, frozen=True):
-    """One case in one state, on one link."""
-
-    case: str
-    state: str
-    link: str
-    scenario: str = "paper"
-    seed: int = 0
-    forced: str = ""
-    """Doubt that is forced upon it, as :func:`monitors.go_on` has it; empty for none."""
-
-    @property
-    def fault(self) -> Fault:
-        """Fault of this case as it is flown here."""
-        return find_fault(self.case, self.state, self.link)
-
-    def copies(self) -> tuple[FlightCopy, ...]:
-        """Return what is flown for its row: honest rows have the same flight without guards."""
-        copy = FlightCopy(self.case, self.forced)
-        if self.fault.kind is not Kind.HONEST:
-            return (copy,)
-        return copy, FlightCopy(self.case, UNGUARDED)
-
-    def row(self, flown: Sequence[Row]) -> Row:
-        """Return its row, of those of its copies."""
-        if len(flown) == 1:
-            return flown[0]
-        must = self.state in self.fault.flies_on and not self.forced.startswith(FAILED)
-        return judge_honest(flown[0], flown[1], must_fly_on=must)
 
 
 def deal_cells(
@@ -108,14 +77,17 @@ def fly_all(
 
 
 def _fly_job(overrides: tuple[str, ...], job: Sequence[Cell]) -> list[Row]:
-    """Return the rows of cells that are set up alike."""
-    copies, (first, *_) = [copy for cell in job for copy in cell.copies()], job
-    rows = fly_together(
-        copies, first.state, link=first.link, seed=first.seed, scenario=first.scenario,
-        overrides=overrides,
-    )  # fmt: skip
-    flown = iter(rows)
-    return [cell.row([next(flown) for _ in cell.copies()]) for cell in job]
+    """Return the rows of cells that are set up alike.
+
+    Honest ones are held against the same flight without guards.
+    """
+    honest = [cell for cell in job if cell.fault.kind is Kind.HONEST]
+    unguarded = [replace(cell, forced=UNGUARDED) for cell in honest]
+    rows = dict(zip([*job, *unguarded], fly_together([*job, *unguarded], overrides), strict=True))
+    for cell, other in zip(honest, unguarded, strict=True):
+        must = cell.state in cell.fault.flies_on and not cell.forced.startswith(FAILED)
+        rows[cell] = judge_honest(rows[cell], rows[other], must_fly_on=must)
+    return [rows[cell] for cell in job]
 
 
 def faults(args: argparse.Namespace) -> Exit:
