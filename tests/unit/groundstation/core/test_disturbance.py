@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from groundstation.core.geometry import IDENTITY, ZERO, Quat
+from groundstation.core.geometry import IDENTITY, ZERO, Quat, scale, third_column
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import DisturbanceMeter, DisturbanceReading, Estimate
 from groundstation.core.vehicle import Motion
@@ -39,10 +39,10 @@ def test_the_sum_is_the_same_however_it_is_split() -> None:
 
 
 def test_thrust_that_leans_lacks_where_it_pushes() -> None:
-    north, east, down = read(estimate(0.0, 0.9, attitude=from_euler_zyx(0.0, 0.3, 0.0))).ned_m_s2
+    attitude = from_euler_zyx(0.2, 0.3, 0.4)
+    north, east, down = read(estimate(0.0, 0.9, attitude=attitude)).ned_m_s2
     lost = 0.1 * THRUST_N / MASS_KG
-    assert (north - 0.1, east + 0.2) == pytest.approx((lost * math.sin(0.3), 0.0))
-    assert down == pytest.approx(lost * math.cos(0.3))
+    assert (north - 0.1, east + 0.2, down) == pytest.approx(scale(lost, third_column(attitude)))
 
 
 def test_intervals_are_those_of_the_estimators_variance() -> None:

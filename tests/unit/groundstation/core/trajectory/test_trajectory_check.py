@@ -11,10 +11,11 @@ from typing import Any
 
 import msgspec
 import pytest
+from hypothesis import given, strategies as st
 
 from groundstation.__main__ import main
 from groundstation.config import from_dict
-from groundstation.core.geometry import Vec3
+from groundstation.core.geometry import ZERO, Quat, Vec3, add_scaled, scale, so3
 from groundstation.core.trajectory import (
     Demand,
     FeasibilityReport,
@@ -22,6 +23,7 @@ from groundstation.core.trajectory import (
     Trajectory,
     check_feasibility,
 )
+from groundstation.core.trajectory.feasibility import PathMotion, compute_demand
 from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
 from groundstation.flight.preflight import (
@@ -33,6 +35,7 @@ from groundstation.flight.preflight import (
 from groundstation.settings import Config
 
 G = 9.81
+pushes = st.tuples(*[st.floats(-6.0, 6.0)] * 3)
 
 
 def report(trajectory: Trajectory, floor_z_m: float = 1.0) -> FeasibilityReport:
@@ -142,7 +145,6 @@ def test_the_command_says_pass_or_fail_and_by_its_exit_code_too(
 
 
 RADIUS_M = 2.0
-ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
 class Curve:
@@ -306,3 +308,21 @@ def test_a_corner_that_is_flown_at_full_speed_is_found() -> None:
     straight = Curve(lambda exact, t: Reference((0.5 * t, 0.0, -1.5), (0.5, 0.0, 0.0)))
     straight.duration_s = straight.joints_s[-1]
     assert report(straight).inconsistency is None
+
+
+@given(pushes, pushes, st.floats(-3.0, 3.0), st.floats(-2.0, 2.0))
+def test_the_body_rates_are_those_of_the_attitude_that_the_motion_needs(
+    acceleration: Vec3, jerk: Vec3, yaw: float, yaw_rate: float
+) -> None:
+    def attitude(time_s: float) -> Quat:
+        x, y, z = add_scaled(acceleration, time_s, jerk)
+        a, b, c = scale(1.0 / math.hypot(x, y, G - z), (-x, -y, G - z))
+        heading = yaw + time_s * yaw_rate
+        across = b * math.cos(heading) - a * math.sin(heading)
+        pitch = math.atan2(a * math.cos(heading) + b * math.sin(heading), c)
+        return so3.from_euler_zyx(-math.asin(across), pitch, heading)
+
+    h = 1e-4
+    turn = so3.turn_between(attitude(-h), attitude(h))
+    found = compute_demand(PathMotion(ZERO, acceleration, jerk, yaw, yaw_rate), G)
+    assert found.rates == pytest.approx(scale(math.degrees(0.5 / h), turn), abs=0.05)
