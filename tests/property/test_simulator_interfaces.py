@@ -1,7 +1,6 @@
 """Simulator interfaces of PX4 and ArduPilot on any bytes, and on any state."""
 
 import json
-import struct
 
 from hypothesis import given, strategies as st
 
@@ -56,19 +55,3 @@ def test_a_state_for_ardupilot_loses_nothing(
     assert read["timestamp"] == time_s
     assert [tuple(read[key]) for key in ("position", "velocity")] == [position, velocity]
     assert [tuple(read["imu"][key]) for key in ("gyro", "accel_body")] == [rates, force]
-
-
-@given(vectors, st.integers(0, 2**40))
-def test_a_state_for_px4_comes_through(force: Vec3, time_us: int) -> None:
-    state = TrueState(
-        0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), force, 0.0, on_ground=False
-    )
-    (read,) = MavlinkCodec(1, 1).feed(
-        SimulatorCodec().pack_sensors(time_us, state, force, (0.0,) * 10, 0)
-    )
-    assert read.time_usec == time_us
-    assert [read.xacc, read.yacc, read.zacc] == list(map(as_float32, force))
-
-
-def as_float32(number: float) -> float:
-    return float(struct.unpack("<f", struct.pack("<f", number))[0])

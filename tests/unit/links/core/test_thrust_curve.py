@@ -13,11 +13,6 @@ def test_the_signal_gives_the_thrust_that_was_asked_for(wanted: float, factor: f
     assert thrust(signal(wanted, factor), factor) == pytest.approx(wanted, abs=1e-12)
 
 
-@given(share, share, share)
-def test_more_thrust_never_takes_less_signal(a: float, b: float, factor: float) -> None:
-    assert signal(min(a, b), factor) <= signal(max(a, b), factor) + 1e-15
-
-
 @given(st.floats(0.05, 0.95), share)
 def test_the_signal_that_carries_the_vehicle_tells_the_full_thrust(
     weight_share: float, factor: float

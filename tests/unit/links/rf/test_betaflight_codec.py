@@ -12,7 +12,7 @@ from links.rf import (
     find_settings,
     is_armed,
 )
-from links.rf.betaflight_codec import MspAnswer, MspCommand, find_refusal, parse_value
+from links.rf.betaflight_codec import MspAnswer, MspCommand, find_refusal
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
 
 ARMED = bytes.fromhex("7d00000021000100000000")
@@ -121,10 +121,3 @@ def test_a_setting_is_changed_by_the_line_that_its_kind_has(
     name: str, value: float | str, line: str
 ) -> None:
     assert describe_change(name, value) == line
-
-
-@pytest.mark.parametrize(
-    ("text", "value"), [("50", 50.0), ("-1.5", -1.5), ("inf", "inf"), ("nan", "nan"), ("ON", "ON")]
-)
-def test_a_value_is_a_number_where_it_is_a_finite_one(text: str, value: float | str) -> None:
-    assert parse_value(text) == value

@@ -65,48 +65,28 @@ def test_the_old_option_of_the_scenario_still_names_it(capsys: pytest.CaptureFix
 
 
 FLY, SIM = flying_parser, simulating_parser
-SEED = "--seed: expected a whole number, 0 or more, got"
+WHOLE = "expected a whole number, 0 or more, got"
 SECONDS = "expected seconds, more than 0 and at most 86400"
+UNKNOWN = "error: unrecognized arguments:"
 
 
 @pytest.mark.parametrize(
     ("parser", "words", "complaint"),
     [
         *(
-            (SIM, f"{command} --seed -1", f"{SEED} '-1'")
+            (SIM, f"{command} --seed -1", f"--seed: {WHOLE} '-1'")
             for command in ("fly", "serve", "dev faults", "tune")
         ),
-        (SIM, "mission --seed 1.5", f"{SEED} '1.5'"),
-        (SIM, "fly --seed seven", f"{SEED} 'seven'"),
-        (
-            SIM,
-            "campaign --first-seed -1",
-            "--first-seed: expected a whole number, 0 or more, got '-1'",
-        ),
-        (
-            SIM,
-            "campaign --flights none",
-            "--flights: expected a whole number, 1 or more, got 'none'",
-        ),
+        (SIM, "mission --seed 1.5", f"--seed: {WHOLE} '1.5'"),
+        (SIM, "campaign --first-seed -1", f"--first-seed: {WHOLE} '-1'"),
+        (SIM, "campaign --flights none", "expected a whole number, 1 or more, got 'none'"),
         (SIM, "fly --duration long", f"--duration: {SECONDS}, got 'long'"),
         (SIM, "compare --scenarios ,", "--scenarios: expected names between commas, got ','"),
-        (
-            SIM,
-            "tune --gain-margin much",
-            "--gain-margin: expected a whole number, 0 or more, got 'much'",
-        ),
+        (SIM, "tune --gain-margin much", f"--gain-margin: {WHOLE} 'much'"),
         (FLY, "check lab.toml --seconds x", f"--seconds: {SECONDS}, got 'x'"),
-        (FLY, "stop-all --nix", "groundstation stop-all: error: unrecognized arguments: --nix"),
-        (
-            FLY,
-            "config show lab.toml --nix more",
-            "groundstation config show: error: unrecognized arguments: --nix more",
-        ),
-        (
-            FLY,
-            "request",
-            "groundstation request: error: the following arguments are required: WHAT\n",
-        ),
+        (FLY, "stop-all --nix", f"groundstation stop-all: {UNKNOWN} --nix"),
+        (FLY, "config show lab.toml --nix x", f"groundstation config show: {UNKNOWN} --nix x"),
+        (FLY, "request", "request: error: the following arguments are required: WHAT\n"),
     ],
 )
 def test_a_value_or_a_word_that_can_not_be_is_told_beside_the_usage_of_its_command(
@@ -127,38 +107,18 @@ def test_a_value_or_a_word_that_can_not_be_is_told_beside_the_usage_of_its_comma
 @pytest.mark.parametrize(
     ("parser", "words", "says"),
     [
-        (
-            SIM,
-            "compare --controllers bogus",
-            r"^--controllers: expected one of \['adaptive', .* got 'bogus'$",
-        ),
-        (
-            SIM,
-            "tune --report --duration 16",
-            r"^--duration: .* more than 16 .* got 16\.0: only what is flown after",
-        ),
+        (SIM, "compare --controllers bogus", "^--controllers: expected one of .* got 'bogus'$"),
+        (SIM, "tune --report --duration 16", r"^--duration: .* more than 16 .* got 16\.0: only"),
         (SIM, "compare --trials 3", "^--trials: is for --equal-margins alone: leave it out$"),
-        (
-            SIM,
-            "compare --equal-margins --scenarios paper",
-            "^--scenarios: is told by --equal-margins itself",
-        ),
-        (
-            SIM,
-            "compare --equal-margins --controllers mine:make",
-            "^--controllers: expected some of",
-        ),
+        (SIM, "compare --equal-margins --scenarios paper", "^--scenarios: is told by --equal-"),
+        (SIM, "compare --equal-margins --controllers a:b", "^--controllers: expected some of"),
         (SIM, "serve --param FOO", "^--param: expected NAME=VALUE, got 'FOO'"),
         (SIM, "serve --param FOO=1", "^--param: expected one of "),
         (SIM, "serve --param COM_OBL_RC_ACT=much", "^--param: COM_OBL_RC_ACT=much: "),
         (FLY, "check examples/loopback.toml --seconds 3", "^--seconds: is for --watch"),
         (FLY, "logs --folder /nope", "^--folder: .*nope does not exist$"),
         (FLY, "logs --folder README.md", "^--folder: .*README.md is no folder$"),
-        (
-            FLY,
-            "logs /there/flight.mcap",
-            r"^logs: expected CONFIG.toml or a folder; .*`groundstation report .*flight",
-        ),
+        (FLY, "logs /there/a.mcap", "^logs: expected CONFIG.toml or a folder; .* report .*a.mcap"),
     ],
 )
 def test_what_can_not_be_meant_is_refused_by_its_option_before_anything_starts(
@@ -173,18 +133,10 @@ def test_what_can_not_be_meant_is_refused_by_its_option_before_anything_starts(
 @pytest.mark.parametrize(
     ("program", "line", "advice"),
     [
-        (
-            flying_main,
-            "export LOG.mcap --format rrd",
-            "`groundstation view` shows a recording in Foxglove",
-        ),
+        (flying_main, "export LOG.mcap --format rrd", "`groundstation view` shows a recording"),
         (flying_main, "evidence LOG.mcap --write page.md", "`--json` has the figures"),
         (flying_main, "report README.md --format=html,tex", "`--format csv` has the table"),
-        (
-            simulating_main,
-            "fly paper --view",
-            "`groundstation view DIR/flight.mcap` shows the flight",
-        ),
+        (simulating_main, "fly paper --view", "`groundstation view DIR/flight.mcap` shows the"),
         (simulating_main, "dev states", "`dev reference` draws its diagram"),
     ],
 )
@@ -200,13 +152,11 @@ def test_words_that_are_gone_are_followed_by_what_to_do_instead(
 def test_what_is_said_to_be_gone_is_gone(
     parser: Callable[[], ArgumentParser], gone: dict[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    refused_later = {
-        "report --format tex",
-        "report --format png",
-    }  # a list of formats, which the command itself reads
-    for spelling in gone.keys() - refused_later:
+    read_later = {"report --format tex", "report --format png"}  # a list: by the command itself
+    made = parser()
+    for spelling in gone.keys() - read_later:
         with pytest.raises(SystemExit, match="2"):
-            parser().parse_args([*spelling.split(), "x"])
+            made.parse_args([*spelling.split(), "x"])
         told = capsys.readouterr().err
         assert "unrecognized arguments" in told or "invalid choice" in told
 
@@ -244,10 +194,8 @@ def test_a_recording_of_a_few_bytes_is_listed_as_none(
 ) -> None:
     (tmp_path / "short.mcap").write_bytes(MAGIC + b"\x01")
     assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path)])) == 0
-    assert (
-        "short.mcap  is no recording of a flight, or was cut off before it began"
-        in capsys.readouterr().out
-    )
+    says = "short.mcap  is no recording of a flight, or was cut off before it began"
+    assert says in capsys.readouterr().out
 
 
 def test_a_folder_that_the_configuration_names_may_come_with_the_first_recording(
@@ -266,7 +214,5 @@ def test_a_folder_is_listed_with_the_flights_that_have_folders_of_their_own(
         (tmp_path / name).touch()
     assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path), "--json"])) == 0
     found = json.loads(capsys.readouterr().out)
-    assert [row["file"] for row in found["flights"]] == [
-        "20260101-120000-mqx.mcap",
-        "paper/flight.mcap",
-    ]
+    listed = ["20260101-120000-mqx.mcap", "paper/flight.mcap"]
+    assert [row["file"] for row in found["flights"]] == listed
