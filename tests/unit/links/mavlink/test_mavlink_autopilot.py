@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
-from links.mavlink.protocol import FORCE, MavCommand, MavlinkCodec
+from links.mavlink.protocol import MavCommand, MavlinkCodec
 from sim.autopilots import Px4Autopilot, SimulatedAutopilot
 from sim.autopilots.dialects import Px4Mode
 from tests.airframe_double import Brick
@@ -208,13 +208,6 @@ def test_disarming_is_denied_in_the_air_and_until_it_has_stood_for_a_while() -> 
         assert flight.now < landed_s + 3.0
     assert flight.now >= landed_s + 0.3
     assert (flight.autopilot.armed, flight.airframe.powered[-1]) == (False, (flight.now, False))
-
-
-def test_disarming_by_force_stops_the_motors_in_the_air() -> None:
-    flight = Flight().arm()
-    flight.stream(0.1)
-    assert flight.command(MavCommand.ARM_DISARM, 0.0, FORCE) == 0
-    assert flight.airframe.powered[-1] == (flight.now, False)
 
 
 def test_mode_land_on_command_is_not_left_because_set_points_come() -> None:

@@ -154,29 +154,6 @@ async def test_only_a_heartbeat_of_the_vehicle_makes_a_connection() -> None:
     assert link.status.state == "closed"
 
 
-@in_virtual_time
-async def test_a_silent_autopilot_is_lost_and_found_again() -> None:
-    autopilot = await Endpoint().open()
-    link = MavlinkLink(MavlinkLinkConfig(quiet=False, heartbeat_timeout_s=3.0), thrust_max_n=2.0)
-    connecting = asyncio.create_task(link.connect())
-    await asyncio.sleep(0)
-    autopilot.answer = accept
-    autopilot.armed = True
-    autopilot.beat()
-    await connecting
-    await link.arm(lambda: command(0.0))
-    await asyncio.sleep(1.7)
-    assert link.status.state == "armed"
-    await asyncio.sleep(0.2)
-    assert link.status.state == "lost"
-    await link.arm(lambda: command(0.0))
-    assert link.send(command())  # it may still hear us
-    autopilot.beat()
-    await asyncio.sleep(0.1)
-    assert link.status.state == "armed"
-    await link.close()
-
-
 @scene(connect=False)
 async def test_an_autopilot_that_restarts_behind_another_address_waits_for_a_new_arming(
     link: MavlinkLink, first: Endpoint

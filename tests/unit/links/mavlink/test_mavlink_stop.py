@@ -377,16 +377,20 @@ def test_a_datagram_that_the_kernel_has_no_room_for_is_dropped_not_kept_for_late
 
 
 @pytest.mark.parametrize("commanded", [True, False], ids=["commanded", "left alone"])
-@scene()
+@scene(heartbeat_timeout_s=2.0)
 async def test_an_autopilot_that_is_back_takes_newer_commands_only_if_commanded_meanwhile(
     link: MavlinkLink, autopilot: Endpoint, commanded: bool
 ) -> None:
     autopilot.armed = True
     await link.arm(idle)
     autopilot.beats.cancel()
-    for _ in range(200):  # it still obeys, its heartbeats get lost
+    autopilot.beat()
+    states = []
+    for _ in range(150):  # it still obeys, its heartbeats get lost
         assert link.send(flown())
         await asyncio.sleep(0.02)
+        states.append(link.status.state)
+    assert 0.02 * states.index("lost") == pytest.approx(2.0, abs=0.03)
     if not commanded:
         await asyncio.sleep(0.3)  # the bring-down has begun
     assert link.status.state == "lost"

@@ -89,9 +89,8 @@ def fly(
 def test_its_motor_outputs_drive_the_rotors_of_the_plant(tmp_path: Path) -> None:
     firmware, plant, _ = fly(tmp_path, 1.0)
     assert firmware.booted
-    assert [round(one.time_s, 9) for one in firmware.seen] == [
-        round(0.004 * k, 9) for k in range(250)
-    ]
+    times = [0.004 * k for k in range(250)]
+    assert [one.time_s for one in firmware.seen] == pytest.approx(times, abs=1e-9)
     assert plant.released_s == 0.0
     # 12 N on 1 kg, after the rotors' 40 ms, and with drag: most of 2.2 m/s² for a second.
     assert plant.velocity[2] == pytest.approx(-1.4, abs=0.2)
@@ -129,9 +128,8 @@ def test_each_firmware_of_a_machine_takes_a_number_of_its_own(
     taken = [Hoverer(tmp_path) for _ in range(3)]
     first = 23710
     assert [take_number(one.mavlink, first) for one in taken[:2]] == [0, 1]
-    with pytest.raises(
-        OSError, match="2 of them run on this machine: ports from 23710 on are taken"
-    ):
+    says = "2 of them run on this machine: ports from 23710 on are taken"
+    with pytest.raises(OSError, match=says):
         take_number(taken[2].mavlink, first)
     for one in taken:
         one.close()

@@ -23,9 +23,8 @@ class Pulses:
 
 def crsf_of(counts: Sequence[int]) -> bytes:
     """A frame of channels by the document's own words, without our codec."""
-    return frame(
-        0x16, sum(count << 11 * i for i, count in enumerate(counts)).to_bytes(22, "little")
-    )
+    packed = sum(count << 11 * i for i, count in enumerate(counts))
+    return frame(0x16, packed.to_bytes(22, "little"))
 
 
 def test_counts_of_crsf_are_the_pulses_of_its_document() -> None:
@@ -33,19 +32,16 @@ def test_counts_of_crsf_are_the_pulses_of_its_document() -> None:
     pulses = Pulses(CrsfLinkConfig())
     told = [172, 191, 992, 1792, 1811, *[992] * 11]
     pulses.receiver.receive(crsf_of(told), 0.0)
-    assert pulses.given[-1] == pytest.approx(
-        [(count - 992) * 5 / 8 + 1500 for count in told], abs=0.7
-    )
+    expected = [(count - 992) * 5 / 8 + 1500 for count in told]
+    assert pulses.given[-1] == pytest.approx(expected, abs=0.7)
 
 
 def test_counts_of_dsm_are_988_and_the_count() -> None:
     """Betaflight's spektrum.c in the 22 ms mode of 1024 steps: a count of 512 is 1500 µs."""
     pulses = Pulses(DsmLinkConfig())
     counts = [96, 512, 928, 300, 700, 512]
-    frame = bytes((0x18, 0)) + b"".join(
-        bytes((i << 2 | c >> 8, c & 0xFF)) for i, c in enumerate(counts)
-    )
-    pulses.receiver.receive(frame, 0.0)
+    channels = (bytes((i << 2 | c >> 8, c & 0xFF)) for i, c in enumerate(counts))
+    pulses.receiver.receive(bytes((0x18, 0)) + b"".join(channels), 0.0)
     assert pulses.given[-1] == pytest.approx([988 + count for count in counts])
 
 
