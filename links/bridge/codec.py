@@ -233,11 +233,6 @@ class ClockBounds:
         """Half-way between the bounds."""
         return 0.5 * (self.least_s + self.most_s)
 
-    @property
-    def width_s(self) -> float:
-        """Distance between the bounds [s]: at best the round trip."""
-        return self.most_s - self.least_s
-
 
 REMEMBERED = 256
 """Number of datagrams after which an answer no longer counts [-]."""
@@ -285,7 +280,7 @@ class StationEnd:
 
         Infinite before the first, when the bridge's times mean nothing yet.
         """
-        return self._clock.width_s
+        return self._clock.most_s - self._clock.least_s
 
     def close(self, wants: Up, command: Command | None, now_s: float) -> bytes:
         """The next datagram, with all that the station wants, that leaves at ``now_s``."""

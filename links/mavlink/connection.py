@@ -577,10 +577,12 @@ class HandshakeRunner:
         meanwhile: Callable[[float], None] | None = None,
         period_s: float = POLL_S,
     ) -> None:
-        """Go through ``handshake``, calling ``meanwhile(now_s)`` every ``period_s`` [s].
+        """Go through ``handshake``, one at a time, with ``meanwhile(now_s)`` each ``period_s`` [s].
 
         Raises:
-            LinkError: the hand-shake's failure, or the obstacle that came up.
+            LinkRejected: the autopilot refused.
+            LinkLost: it did not answer.
+            LinkError: another failure, or the obstacle that came up.
         """
         async with self._one_at_a_time:
             self._handshake = handshake
@@ -644,6 +646,8 @@ class MavlinkConnection:
         self._streams: list[Streams] = []
         self._wishes: dict[tuple[str, ...], float] = {}
         self._requests = HandshakeRunner(self.leave, self._obstacle)
+        self.see_through = self._requests.see_through
+        """Goes through a hand-shake."""
         self._subscribers: list[Subscriber] = [self._requests.hear]
         self._stamps = (
             StampFile(Path(config.signing_key_file))
@@ -668,7 +672,8 @@ class MavlinkConnection:
         self._trouble = ""
         self._heard = HeartbeatMonitor(self._config.heartbeat_timeout_s)
         self._senders = TargetSenders(self._config.target_system, self._name_address)
-        self._timesync = Timesync()
+        self.timesync = Timesync()
+        """Exchanges of clocks with the autopilot."""
 
     # ---- what it is like
 
@@ -700,15 +705,7 @@ class MavlinkConnection:
     @property
     def clock(self) -> Trip | None:
         """The autopilot's clock against ours; None until it has answered."""
-        return self._timesync.best
-
-    @property
-    def newest_trip(self) -> Trip | None:
-        """The newest exchange of clocks with the autopilot, however long its way was.
-
-        None until it has answered.
-        """
-        return self._timesync.newest
+        return self.timesync.best
 
     @property
     def rival(self) -> str:
@@ -917,21 +914,6 @@ class MavlinkConnection:
         """
         return self._line.leave(frame, self._heard.address)
 
-    async def see_through(
-        self,
-        handshake: Handshake,
-        meanwhile: Callable[[float], None] | None = None,
-        period_s: float = POLL_S,
-    ) -> None:
-        """Go through ``handshake``, one at a time, with ``meanwhile(now_s)`` each ``period_s`` [s].
-
-        Raises:
-            LinkRejected: the autopilot refused.
-            LinkLost: it did not answer.
-            LinkError: the connection was closed meanwhile.
-        """
-        await self._requests.see_through(handshake, meanwhile, period_s)
-
     def _obstacle(self) -> LinkError | None:
         if self._loop is None:
             return LinkError(link_notice("mavlink.closed"))
@@ -951,7 +933,7 @@ class MavlinkConnection:
         self._next_beat = self._loop.call_later(HEARTBEAT_S, self._beat)
 
     def _ask_the_time(self, now_s: float) -> None:
-        self.leave(self.codec.timesync_question(self._timesync.ask(now_s)))
+        self.leave(self.codec.timesync_question(self.timesync.ask(now_s)))
 
     def _ask_identity(self, address: Any) -> None:
         """Ask the autopilot at ``address`` for its hardware id, unless it has told."""
@@ -1020,7 +1002,7 @@ class MavlinkConnection:
         elif name == "AUTOPILOT_VERSION":
             self._senders.identify(self._heard.address, message)
         elif name == "TIMESYNC":
-            self._timesync.take_answer(message.tc1, message.ts1, now_s)
+            self.timesync.take_answer(message.tc1, message.ts1, now_s)
         for subscriber in self._subscribers:
             subscriber(message, now_s)
 
@@ -1044,7 +1026,7 @@ class MavlinkConnection:
             if not is_first and self._line.wire is not None:
                 self._resume()
                 self._heard.believe_armed(None)
-                self._timesync = Timesync()
+                self.timesync = Timesync()
                 self._ask_identity(self._heard.address)
         self._heard.take_armed(message, now_s)
 

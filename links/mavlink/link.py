@@ -453,14 +453,14 @@ class MavlinkLink:
             self._begin_landing(self._loop.time())
 
     def _begin_landing(self, now_s: float) -> None:
-        if self._landing is None and self._lands(now_s):
+        if self._landing is None and self._could_land(now_s, by_itself=self._distrusted):
             self._landing = asyncio.ensure_future(self._land())
 
-    def _lands(self, now_s: float) -> bool:
+    def _could_land(self, now_s: float, *, by_itself: bool) -> bool:
         how = self._config.bring_down
         if how != "auto":
             return how == "land"
-        return self._vitals.could_land(now_s) and (not self._distrusted or self._knows_by_itself)
+        return self._vitals.could_land(now_s) and (not by_itself or self._knows_by_itself)
 
     @property
     def _knows_by_itself(self) -> bool:
@@ -472,9 +472,7 @@ class MavlinkLink:
 
     def could_land_by_itself(self, now_s: float) -> bool:
         """Whether it would land, asked at ``now_s`` [s], by a position not made of our poses."""
-        if self._config.bring_down != "auto":
-            return self._config.bring_down == "land"
-        return self._vitals.could_land(now_s) and self._knows_by_itself
+        return self._could_land(now_s, by_itself=True)
 
     def distrust(self) -> None:
         """Our poses are wrong: until it is connected anew, LAND is asked of an autopilot only that

@@ -87,7 +87,7 @@ class MavlinkPoseSource:
 
     def _take(self, message: Message, arrival_s: float) -> None:
         if self._decoder is not None and self._deliver is not None:
-            trip = self._connection.newest_trip
+            trip = self._connection.timesync.newest
             if trip is not None and trip is not self._trip:
                 self._trip = trip
                 self._decoder.intake.clock.apply_exchange(trip.offset_s + 0.5 * trip.rtt_s)

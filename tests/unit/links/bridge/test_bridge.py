@@ -429,6 +429,7 @@ async def test_deadlines_hold_whatever_the_other_machines_clock_shows(shift_s: f
     assert last_s - 0.04 - MODULE.period_s < lifted[-1] <= last_s + MODULE.frame_s + 1e-6
     newest = reports[-1]
     assert newest is not None and newest.now_s == pytest.approx(loop.time() + shift_s, abs=0.25)
+    assert newest.note.endswith("; bridge answers in 80.0 ms")
     station.forget()
     await it.leave()
 

@@ -22,6 +22,7 @@ from links.mavlink.protocol import (
     landing_disarmed,
 )
 from links.mavlink.protocol.procedures import silence, stream
+from tests.unit.links.mavlink.test_mavlink_link import D, accept, ack
 
 Answer = Callable[[Any], list[Any]]
 
@@ -61,19 +62,8 @@ class Scene:
         return [m.command for _, m in self.asked if m.get_type() == "COMMAND_LONG"]
 
 
-D = MavlinkCodec(1, 1).dialect
-
-
-def ack(request: Any, result: int, to: int = 245) -> Any:
-    return D.MAVLink_command_ack_message(request.command, result, 0, 0, to, 190)
-
-
 def says(text: str, severity: int = 2) -> Any:
     return D.MAVLink_statustext_message(severity, text.encode())
-
-
-def accept(request: Any) -> list[Any]:
-    return [ack(request, 0)]
 
 
 def refuse(command: int, *results: int, words: str = "") -> Answer:
@@ -84,7 +74,7 @@ def refuse(command: int, *results: int, words: str = "") -> Answer:
         if request.command != command:
             return accept(request)
         result = left.pop(0) if len(left) > 1 else left[0]
-        return [ack(request, result), *([says(words)] if words else [])]
+        return [ack(command, result), *([says(words)] if words else [])]
 
     return answer
 
@@ -253,7 +243,7 @@ def killing(autopilot: AutopilotAddress) -> Handshake:
 @pytest.mark.parametrize("result", [0, 2])
 def test_motors_are_ordered_off_until_we_ourselves_are_answered(result: int) -> None:
     """Another station's disarming is acknowledged as often as it likes."""
-    scene = Scene(PX4, killing, lambda request: [ack(request, result, to=255)] * 2).run(1.0)
+    scene = Scene(PX4, killing, lambda request: [ack(request.command, result, 255)] * 2).run(1.0)
     assert not scene.handshake.done
     assert len(scene.asked) > 10
     scene.answer = accept
@@ -261,14 +251,14 @@ def test_motors_are_ordered_off_until_we_ourselves_are_answered(result: int) -> 
 
 
 def test_an_answer_to_another_ground_station_is_not_ours() -> None:
-    scene = Scene(PX4, arming, lambda request: [ack(request, 0, to=255)]).run()
+    scene = Scene(PX4, arming, lambda request: [ack(request.command, 0, 255)]).run()
     assert isinstance(scene.handshake.failure, LinkLost)
     assert "no answer to the request to enter OFFBOARD" in str(scene.handshake.failure)
 
 
 def test_an_answer_before_the_question_is_not_one() -> None:
     scene = Scene(PX4, disarming, lambda request: [])
-    scene.hear(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0, 0, 0, 245, 190))
+    scene.hear(ack(MavCommand.ARM_DISARM))
     assert not scene.handshake.done
     assert not scene.run(0.1).handshake.done
 

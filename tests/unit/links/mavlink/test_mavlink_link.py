@@ -63,10 +63,12 @@ class Endpoint(asyncio.DatagramProtocol):
         return [m for _, m in self.heard if m.get_type() == name]
 
 
+def ack(command: int, result: int = 0, system: int = 245, component: int = 190) -> Any:
+    return D.MAVLink_command_ack_message(command, result, 0, 0, system, component)
+
+
 def accept(message: Any) -> list[Any]:
-    if message.get_type() != "COMMAND_LONG":
-        return []
-    return [D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190)]
+    return [ack(message.command)] if message.get_type() == "COMMAND_LONG" else []
 
 
 def command(thrust_n: float = 1.0, coast_s: float = 0.25) -> Command:
@@ -274,8 +276,7 @@ async def test_ardupilot_that_will_not_disarm_is_put_into_land(
             return []
         if message.command == MavCommand.DO_SET_MODE:
             autopilot.armed = False
-        result = 4 if message.command == MavCommand.ARM_DISARM else 0
-        return [D.MAVLink_command_ack_message(message.command, result, 0, 0, 245, 190)]
+        return [ack(message.command, 4 if message.command == MavCommand.ARM_DISARM else 0)]
 
     autopilot.answer = answer
     await link.disarm()

@@ -23,7 +23,7 @@ from links.mavlink.protocol import (
     landing_disarmed,
 )
 from links.mavlink.protocol.procedures import ReadAll, Wait
-from tests.unit.links.mavlink.test_mavlink_link import D
+from tests.unit.links.mavlink.test_mavlink_link import D, ack
 
 STEP_S = 0.002
 LIMIT_S = 11.0
@@ -36,10 +36,6 @@ IN_PROGRESS = 5
 """MAV_RESULT."""
 
 Make = Callable[[AutopilotAddress], Any]
-
-
-def ack(command: int, result: int, system: int = 245, component: int = 190) -> Any:
-    return D.MAVLink_command_ack_message(command, result, 0, 0, system, component)
 
 
 def address(kind: int, vehicle: int = 2) -> AutopilotAddress:

@@ -18,6 +18,7 @@ from tests.unit.links.mavlink.test_mavlink_link import (
     D,
     Endpoint,
     accept,
+    ack,
     command,
     play_scene,
     scene,
@@ -45,10 +46,6 @@ def modes(autopilot: Endpoint) -> list[tuple[float, float]]:
     """Modes that were asked for: MAV_CMD_DO_SET_MODE's second and third parameter."""
     asked = [m for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.DO_SET_MODE]
     return [(m.param2, m.param3) for m in asked]
-
-
-def ack(command: int, result: int = 0) -> Any:
-    return D.MAVLink_command_ack_message(command, result, 0, 0, 245, 190)
 
 
 def arms(message: Any) -> list[Any]:

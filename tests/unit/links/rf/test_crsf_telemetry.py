@@ -5,7 +5,7 @@ import struct
 
 import msgspec
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 from groundstation.core.geometry import so3
 from links.bridge.codec import StationEnd, Welcome
@@ -66,6 +66,7 @@ def test_frames_are_read_as_their_document_says(data: bytes, tells: RfTelemetry)
 
 
 @given(st.sampled_from([0x08, 0x14, 0x1E, 0x21, 0x3A]), st.binary(max_size=60))
+@example(0x21, bytes(60))
 def test_whatever_they_hold_nothing_raises_and_every_number_is_finite(
     kind: int, payload: bytes
 ) -> None:

@@ -217,10 +217,9 @@ def test_a_frame_that_is_late_says_what_is_true_when_it_leaves() -> None:
     assert is_disarm(bench._channels.read(heard.positions or ()))
 
 
-def test_an_unplugged_port_disarms_and_is_opened_again_within_half_a_second() -> None:
+def test_an_unplugged_port_disarms_and_is_opened_again_within_a_tenth_of_a_second() -> None:
     bench = armed()
     bench.port.gone = True
-    tries = 0
     for _ in range(400):
         bench.give()
         assert bench.frame() is None
@@ -231,12 +230,11 @@ def test_an_unplugged_port_disarms_and_is_opened_again_within_half_a_second() ->
     assert report.over, "nor does an arming count"
     assert report.port == "cannot open it: unplugged"
     assert report.dropped["port_lost"] == 1
-    bench.port.gone = False
+    bench.port.gone, back_s = False, bench.now
     while bench.port.opened == 1:
         bench.give()
         bench.frame()
-        tries += 1
-    assert tries * PERIOD_S == pytest.approx(0.25, abs=0.26)
+    assert bench.now - back_s <= 0.1 + PERIOD_S
     bench.give()
     assert all(map(is_disarm, bench.flown(1.0)[1:]))
     assert bench.pacer.report(bench.now).port == ""
