@@ -11,6 +11,7 @@ from groundstation.pose.sources import (
     NatNetReader,
     PoseReader,
     QualisysReader,
+    ViconReader,
     VisionReader,
 )
 from groundstation.pose.sources.vicon_codec import ViconObject
@@ -61,7 +62,7 @@ TABLES = {
 def fresh_reader(name: str) -> PoseReader:
     """A reader of the table ``name`` that has heard the prelude; it looks for the body ``quad``."""
     reader = _reader(name.split(maxsplit=1)[0])
-    for datagram in TABLES[name].prelude:
+    for datagram in TABLES[name].prelude if name in TABLES else ():
         assert reader.read(bytes.fromhex(datagram), 0.0) == ()
     return reader
 
@@ -70,6 +71,8 @@ def _reader(kind: str) -> PoseReader:
     match kind:
         case "natnet":
             return NatNetReader("quad", Intake(0.0, Frames("nue", "fur")))
+        case "vicon":
+            return ViconReader(OURS, Intake(0.0))
         case "qualisys":
             qualisys = QualisysReader("quad", Intake(0.0, Frames("nwu", "flu")))
             qualisys.names = ("wand", "quad")
@@ -118,3 +121,10 @@ class ViconTable(msgspec.Struct, frozen=True):
 VICON = msgspec.json.decode((GOLDEN / "vicon_object_stream.json").read_bytes(), type=ViconTable)
 OURS = "mqx"
 """The object that is in every readable datagram."""
+
+
+def datagrams(name: str) -> list[bytes]:
+    """Those of the table ``name``, good and bad."""
+    if name == "vicon":
+        return [row.datagram for row in VICON.readable] + [row.datagram for row in VICON.dropped]
+    return [row.datagram for row in TABLES[name].rows]

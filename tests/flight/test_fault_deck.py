@@ -19,11 +19,11 @@ from tests.proving.faults import (
     Scene,
     fly_all,
     fly_together,
+    page,
     text,
 )
 from tests.proving.faults.faults import dropout
 from tests.proving.faults.judge import OPEN_LOOP, TOUCHDOWN_M_S, Thrust, WireJudge
-from tests.proving.faults.table import page
 
 STATION, VEHICLE = ("127.0.0.1", 14540), ("127.0.0.1", 49152)
 FAR = ("trajectory.centre_ned=[0,0,0]",)

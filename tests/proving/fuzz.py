@@ -6,7 +6,7 @@ Nothing may raise, and a stream that comes in pieces must say the same as one th
 import random
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ from links.bridge import codec as bridge_codec
 from links.core import Command
 from links.mavlink.protocol import MavlinkCodec, load_dialect
 from tests.mavlink_table import FRAMES
-from tests.pose_tables import GOLDEN, OURS, TABLES, VICON, fresh_reader
+from tests.pose_tables import GOLDEN, TABLES, datagrams, fresh_reader
 
 PERIOD_S = 0.01
 """Time from one datagram to the next [s]."""
@@ -41,27 +41,15 @@ class Subject(NamedTuple):
     """Decoding of a stream in these pieces; None for a decoder of datagrams."""
 
 
-def read_poses(
-    reader: sources.PoseReader, seeds: Iterable[bytes], repair: Callable[[bytes], bytes] = bytes
-) -> Subject:
-    """A reader of datagrams."""
+def read_poses(name: str, repair: Callable[[bytes], bytes] = bytes) -> Subject:
+    """The reader of the table ``name``, which has heard the prelude."""
+    reader = fresh_reader(name)
     return Subject(
-        list(seeds),
+        datagrams(name),
         lambda data, now: len(reader.read(data, now)),
         lambda: reader.status.dropped,
         repair,
     )
-
-
-def read_table(name: str, repair: Callable[[bytes], bytes] = bytes) -> Subject:
-    """The reader of the table ``name``, which has heard the prelude."""
-    return read_poses(fresh_reader(name), (row.datagram for row in TABLES[name].rows), repair)
-
-
-def read_vicon() -> Subject:
-    """Vicon's UDP Object Stream."""
-    seeds = [row.datagram for row in VICON.readable] + [row.datagram for row in VICON.dropped]
-    return read_poses(sources.ViconReader(OURS, sources.Intake(0.0)), seeds)
 
 
 def read_natnet(name: str) -> Subject:
@@ -71,7 +59,7 @@ def read_natnet(name: str) -> Subject:
         size = min(max(len(datagram) - 4, 0), 0xFFFF)
         return datagram[:2] + struct.pack("<H", size) + datagram[4:]
 
-    subject = read_table(name, repair)
+    subject = read_poses(name, repair)
     return subject._replace(seeds=[*map(bytes.fromhex, TABLES[name].prelude), *subject.seeds])
 
 
@@ -82,7 +70,7 @@ def read_qualisys() -> Subject:
         framer = sources.Framer()
         return [packet for piece in pieces for packet in framer.feed(piece)], framer.broken
 
-    return read_table("qualisys")._replace(decode_stream=frame)
+    return read_poses("qualisys")._replace(decode_stream=frame)
 
 
 @cache
@@ -135,12 +123,12 @@ def repair_mavlink(frame: bytes) -> bytes:
 
 
 SOURCES: dict[str, Callable[[], Subject]] = {
-    "vicon": read_vicon,
+    "vicon": partial(read_poses, "vicon"),
     "natnet 3.0": partial(read_natnet, "natnet 3.0"),
     "natnet 4.1": partial(read_natnet, "natnet 4.1"),
     "qualisys": read_qualisys,
-    "json": partial(read_table, "json"),
-    "vision": partial(read_table, "vision", repair_mavlink),
+    "json": partial(read_poses, "json"),
+    "vision": partial(read_poses, "vision", repair_mavlink),
     "odometry": lambda: read_flown(sources.OdometryDecoder(0.0), "px4_takeoff.tlog"),
     "local_position": lambda: read_flown(
         sources.LocalPositionDecoder(0.0), "ardupilot_landing.tlog"

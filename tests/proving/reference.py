@@ -31,7 +31,7 @@ from groundstation.config import (
 from groundstation.core.messages import NOTICES
 from groundstation.core.mission import FINAL, TABLE as TRANSITIONS, Event, State
 from groundstation.core.safety import list_limits
-from groundstation.interfaces.mqtt.messages import TOPICS, Topic
+from groundstation.interfaces.mqtt import TOPICS, Topic
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.recording import CHANNELS
 from groundstation.runtime import Program
@@ -366,12 +366,7 @@ def _schema_of(topic: Topic) -> dict[str, Any]:
     (_,), components = msgspec.json.schema_components(
         [topic.message], ref_template="#/$defs/{name}"
     )
-    for component in components.values():
-        for field in component.get("properties", {}).values():
-            # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends.
-            if "pattern" in field:
-                field["pattern"] = f"^{describe_pattern(field['pattern'])}$"
-    made = _with_null(components)
+    made = _as_published(components)
     root = made.pop(topic.message.__name__)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -381,15 +376,20 @@ def _schema_of(topic: Topic) -> dict[str, Any]:
     }
 
 
-def _with_null(schema: Any) -> Any:
-    """JSON has no NaN and no infinity: wherever a number is, ``null`` may be."""
+def _as_published(schema: Any) -> Any:
+    """JSON has no NaN and no infinity: wherever a number is, ``null`` may be.
+
+    JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends.
+    """
     if isinstance(schema, list):
-        return [_with_null(item) for item in schema]
+        return [_as_published(item) for item in schema]
     if not isinstance(schema, dict):
         return schema
-    made = {key: _with_null(value) for key, value in schema.items()}
+    made = {key: _as_published(value) for key, value in schema.items()}
     if made.get("type") == "number":
         made["type"] = ["number", "null"]
+    if isinstance(made.get("pattern"), str):
+        made["pattern"] = f"^{describe_pattern(made['pattern'])}$"
     return made
 
 

@@ -7,5 +7,5 @@ from groundstation.interfaces.mqtt.broker import (
     heed_cancellation,
 )
 from groundstation.interfaces.mqtt.command import ask_command
-from groundstation.interfaces.mqtt.messages import OFFLINE, SNAPSHOT, STATE
+from groundstation.interfaces.mqtt.messages import OFFLINE, SNAPSHOT, STATE, TOPICS, Topic
 from groundstation.interfaces.mqtt.publisher import ensure_mqtt, publish_forever

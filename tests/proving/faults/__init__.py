@@ -17,4 +17,4 @@ from tests.proving.faults.fault import (
 from tests.proving.faults.faults import CASES, FAULTS, comes_late, find_fault, shows
 from tests.proving.faults.judge import STRICT, TOUCHDOWN_M_S, Row
 from tests.proving.faults.pictures import still
-from tests.proving.faults.table import is_within, text, write
+from tests.proving.faults.table import is_within, page, text

@@ -12,9 +12,9 @@ from functools import partial
 import msgspec
 from msgspec.structs import replace
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_io
 from groundstation.runtime import Exit
-from sim.cli import ProgressBar
+from sim.cli import ProgressBar, typed_command
 from sim.runs.pool import Workers
 from sim.scenarios import scenario_of
 from sim.text import notice
@@ -23,7 +23,7 @@ from tests.proving.faults.fault import MOMENTS, Kind, name_of
 from tests.proving.faults.faults import CASES, FAULTS, STATES
 from tests.proving.faults.judge import Row, judge_honest
 from tests.proving.faults.monitors import FAILED, UNGUARDED, check_forced
-from tests.proving.faults.table import is_within, text, write
+from tests.proving.faults.table import is_within, page, text
 
 TOGETHER = 12
 """At most this many cells are flown together by one process: all processes have enough to do."""
@@ -118,6 +118,7 @@ def faults(args: argparse.Namespace) -> Exit:
         flown = fly_all(plan, overrides=args.overrides, workers=workers, on_done=counter.at)
     rows = pick_worst([flown[i : i + len(work)] for i in range(0, len(flown), len(work))])
     if args.write is not None:
-        write(args.write, rows)
+        with refuse_io("--write", "file.unwritten", args.write):
+            args.write.write_text(page(rows, typed_command()), "utf-8")
     print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
     return Exit.DONE if is_within(rows) else Exit.FAILED

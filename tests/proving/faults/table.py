@@ -4,9 +4,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 
-from groundstation.config import refuse_io
 from groundstation.machine import fill_markers
-from sim.cli import typed_command
 from tests.proving.faults.fault import FALLS, REASONS, Kind
 from tests.proving.faults.faults import FAMILIES, FAULTS, LATE_LIFT_OFF
 from tests.proving.faults.judge import (
@@ -129,13 +127,3 @@ def page(rows: Sequence[Row], command: str) -> str:
         f"{'; '.join(tell_kinds(rows))}. {len(FAULTS)} faults, {len(rows)} cells, by `{command}`.",
     )
     return fill_markers(PAGE, {"deck": "\n\n".join(parts)})
-
-
-def write(path: Path, rows: Sequence[Row]) -> None:
-    """Write the page, which says by what command it was made.
-
-    Raises:
-        ConfigError: the file can't be written.
-    """
-    with refuse_io("--write", "file.unwritten", path):
-        path.write_text(page(rows, typed_command()), "utf-8")

@@ -12,12 +12,14 @@ from groundstation.core.safety.pose_response import (
     LATENESSES_S,
     LEAST_TURN_RAD,
     LEAST_WAY_M,
+    OWN_TURN,
     OWN_WAY,
     PLANE,
     TONE_MEMORY_S,
     Alarm,
     HighPass,
     LatenessMonitor,
+    OwnMotion,
     Response,
 )
 
@@ -142,6 +144,27 @@ def running_away(share: float) -> Iterator[Seen]:
 def test_a_mirrored_pose_that_runs_away_is_accused_without_any_tone() -> None:
     assert feed(running_away(-1.0))[-1].own >= 1.0
     assert feed(running_away(1.0))[-1].own == 0.0
+
+
+@pytest.mark.parametrize(
+    ("own", "least", "rms", "is_doubted"),
+    [
+        (OWN_WAY, LEAST_WAY_M, 0.015, False),
+        (OWN_WAY, LEAST_WAY_M, 0.03, True),
+        (OWN_TURN, LEAST_TURN_RAD, 0.02, False),
+        (OWN_TURN, LEAST_TURN_RAD, 0.04, True),
+    ],
+)
+def test_poses_that_stand_are_doubted_where_the_law_moves_twice_what_wind_could_cancel(
+    own: OwnMotion, least: float, rms: float, is_doubted: bool
+) -> None:
+    draw, poses = random.Random(5), list[Seen]()
+    for n in range(300):
+        v = math.sqrt(2.0) * rms * math.sin(5.0 * n * DT_S)
+        noise = draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)
+        poses.append(((-v + noise[0], noise[1]), (0.0, 0.0), (v, 0.0)))
+    plane = Response(PLANE, TONE_MEMORY_S, least, own)
+    assert (feed(poses, plane)[-1].own > 0.0) is is_doubted
 
 
 def test_the_high_pass_takes_out_a_constant_acceleration() -> None:

@@ -11,12 +11,11 @@ from groundstation.config import from_dict
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Others, Pose
 from groundstation.pose import make_source
-from groundstation.pose.sources import Intake, ViconReader
 from groundstation.settings import Config
 from links import make_link
 from sim.trackers import TrackedBody, make_tracker
 from tests.loops import in_virtual_time
-from tests.pose_tables import OURS, TABLES, VICON, fresh_reader
+from tests.pose_tables import TABLES, VICON, fresh_reader
 
 ASIDE = {"lab_origin_m": [1.0, -2.0, 0.5], "centre_of_mass_m": [0.1, 0.0, 0.0]}
 KINDS: list[dict[str, Any]] = [
@@ -94,7 +93,7 @@ TWO_BODIES = {
 @pytest.mark.parametrize("name", TWO_BODIES)
 @given(st.data())
 def test_damaged_bytes_put_no_other_body_nowhere(name: str, data: st.DataObject) -> None:
-    reader = ViconReader(OURS, Intake(0.0)) if name == "vicon" else fresh_reader(name)
+    reader = fresh_reader(name)
     reader.intake.others = others = Others(("wand",))
     whole = TWO_BODIES[name]
     for message in TABLES[name].prelude if name.startswith("natnet") else ():
