@@ -64,8 +64,8 @@ class Lab:
 
 
 @contextlib.asynccontextmanager
-async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterator[Lab]:
-    """A station that flies ``paper``; with ``mute`` the autopilot says nothing."""
+async def lab(folder: Path, *arguments: str) -> AsyncIterator[Lab]:
+    """A station that flies ``paper``."""
     room = Room(folder)
     world, config = prepare(SCENARIOS["paper"], [o.removeprefix("--set=") for o in room.wires])
     station = await asyncio.create_subprocess_exec(
@@ -86,8 +86,6 @@ async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterato
         return receive(datagram, now_s)
 
     stage.autopilot.receive = heard  # type: ignore[method-assign]  # read along on the wire
-    if mute:
-        stage.peer.cut(True, hears=True)
     stage.plant.advance(loop.time())
 
     async def read() -> None:
@@ -105,11 +103,6 @@ async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterato
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-
-async def connecting(here: Lab) -> None:
-    await here.says("connecting")
-    await asyncio.sleep(0.3)
 
 
 async def ready(here: Lab) -> None:
@@ -135,8 +128,6 @@ async def landing(here: Lab) -> None:
 
 Reached = Callable[[Lab], Awaitable[None]]
 ARMED = ("--arm", "mqx")
-STAGES: dict[Reached, tuple[str, ...]] = {ready: ()}
-STAGES |= dict.fromkeys((connecting, arming, tracking, landing), ARMED)
 
 
 def together(*scenes: Awaitable[None]) -> None:
@@ -148,8 +139,8 @@ def together(*scenes: Awaitable[None]) -> None:
     asyncio.run(main())
 
 
-async def killed(folder: Path, reached: Reached) -> None:
-    async with lab(folder, *STAGES[reached], mute=reached is connecting) as here:
+async def killed(folder: Path, reached: Reached, *arguments: str) -> None:
+    async with lab(folder, *arguments) as here:
         await reached(here)
         here.station.kill()
         await here.exit_code()  # what it sent before its death is under way
@@ -158,13 +149,17 @@ async def killed(folder: Path, reached: Reached) -> None:
         assert here.since(when + UNDER_WAY_S) == [], reached
 
 
-def test_nothing_leaves_a_station_that_was_killed_at_any_stage(tmp_path: Path) -> None:
-    together(*(killed(tmp_path / reached.__name__, reached) for reached in STAGES))
+def test_nothing_leaves_a_station_that_was_killed(tmp_path: Path) -> None:
+    together(
+        killed(tmp_path / "a", ready),
+        killed(tmp_path / "b", arming, *ARMED),
+        killed(tmp_path / "c", tracking, *ARMED),
+    )
 
 
 async def frozen(folder: Path, reached: Reached, for_s: float) -> None:
     loop = asyncio.get_running_loop()
-    async with lab(folder, *STAGES[reached]) as here:
+    async with lab(folder, *ARMED) as here:
         await reached(here)
         here.station.send_signal(signal.SIGSTOP)
         stopped = loop.time()
