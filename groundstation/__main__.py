@@ -492,6 +492,8 @@ GONE = {
     "view --in": "`groundstation view` shows it in Foxglove, the only viewer",
     "report --format tex": "`--format csv` has the table",
     "report --format png": "`--format pdf` and `svg` are for print; the figures of a page are PNGs",
+    "daemon --log-format logfmt": "`json` tells more, and the journal gets plain lines; "
+    "`groundstation daemon unit` writes the unit again",
     "mqtt topics": "docs/reference/mqtt.md lists them",
     "mqtt schemas": "they are in docs/reference/mqtt-schemas",
     "replay evidence --write": "`--json` has the figures",
