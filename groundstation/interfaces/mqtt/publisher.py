@@ -245,7 +245,7 @@ async def _publish_once(
         async with broker.client(
             identifier=name,
             will=will,
-            heard_max_bytes=REQUEST_MAX_BYTES,
+            heard_max_bytes=2 * REQUEST_MAX_BYTES,  # its topic comes in addition
             max_queued_incoming_messages=int(MOST_MESSAGES.burst),
         ) as client:
             level = logging.INFO if was_reachable else logging.WARNING

@@ -33,7 +33,7 @@ from groundstation.interfaces.mqtt.messages import SealedAnswer, SealedRequest
 from links.text import printable
 
 REQUEST_MAX_BYTES = 4096
-"""No request is longer, and the broker keeps a longer packet from a station."""
+"""No request is longer."""
 
 
 class Place(msgspec.Struct, frozen=True):
