@@ -103,12 +103,12 @@ CALM = {
     "sigma_bound": 3.0,
     "rho_bound": 2.0,
 }
-"""Largest gains in climb and landing, and off the figure while poses are suspect: more is not
-needed there, and the effect of false or late poses grows with them."""
+"""Largest gains in climb and landing, and in a hold while poses are suspect: more is not needed
+there, and the effect of false or late poses grows with them."""
 HOLD = {"k3_down": 10.0, "rho_slope": 2.0, "sigma_bound": 3.0, "rho_bound": 2.0}
-"""In a hold these gains are so large at most: with those of the figure poses that come later and
-later drive a vehicle that has no motion to tell them by (`faults --state hold`), with the calm ones
-it gives way to gusts (`upsets`)."""
+"""Largest gains in a hold: with those of the trajectory, poses that become later and later move it
+far before they are suspect (`groundstation-sim dev faults --state hold`), and with the calm
+ones gusts move it farther (`groundstation-sim dev upsets`)."""
 
 
 def calm_gains(gains: Gains) -> Gains:
@@ -156,6 +156,7 @@ class Adaptive:
         self._jerk: Vec3 | None = None
         self._slope: Vec3 = (0.0, 0.0, 0.0)
         self._thrust_sent: Real | None = None
+        """Thrust of the last command [N]: without compensation it is taken for the present one."""
         self._saturated: Any = False
         self._tilt_limited: Any = False
 
@@ -211,7 +212,8 @@ class Adaptive:
             drive, tilt_limited = ActuatorCommand(first.thrust, last.rates), self._tilt_limited
         else:
             drive = ActuatorCommand(last.thrust, first.rates)
-        # The two unsent halves oscillate; their clamping does not count.
+        # The two unsent halves oscillate: neither their clamping nor their thrust counts.
+        self._thrust_sent = drive.thrust
         self._saturated = self._limits.is_at_limit(drive) | tilt_limited
         return Decision(drive, self._saturated, diagnostics)
 

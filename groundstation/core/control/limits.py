@@ -109,11 +109,8 @@ class FirstClimbLimit(Limit):
         self.lifted_s, self._climbed_s = time_s, math.inf
         self._hover_n, self._lifted_down_m = hover_n, down_m
 
-    def has_climbed_for(self, time_s: float) -> float:
-        """Return the time since the end of the first climb [s].
-
-        Below 0 before it, and without one.
-        """
+    def find_climbed_s(self, time_s: float) -> float:
+        """Return the time since the end of the first climb [s]; -inf before it, and without one."""
         return time_s - self._climbed_s if self.lifted_s > -math.inf else -math.inf
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:

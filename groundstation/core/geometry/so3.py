@@ -1,5 +1,5 @@
-"""SO(3): rotations as unit quaternions, elementwise in floats or arrays, and frames: the axes of
-others into ours.
+"""SO(3): rotations as unit quaternions, elementwise in floats or arrays; frames: a source's axes
+converted to ours.
 
 A quaternion (w, x, y, z) turns body vectors into world vectors: v_world = R(q) v_body.
 
@@ -8,8 +8,8 @@ Control code is straight-line and elementwise: it uses + - * /, comparisons, and
 small arrays); called with ``ARRAYS`` the same source flies N vehicles, each number being an array
 of shape (N,). Both sides of a ``where`` are evaluated, so both must be safe to compute.
 
-Frames: the only place that converts them, the lab's and the source's into ours (world NED, body
-    FRD) and back.
+Only here are frames converted: those of a lab and of a source into ours (world NED, body FRD) and
+back.
 
 Axes have names of three letters, for where x, y and z point. World: north, east, down and their
 opposites south, west, up: ``ned`` is ours, ``enu`` ROS', ``nwu`` (x ahead, y left, z up) the usual
@@ -165,7 +165,7 @@ def turn_between(before: Quat, after: Quat, ops: Ops = FLOATS) -> Vec3:
 
 
 def rotation_vector(q: Quat, ops: Ops = FLOATS) -> Vec3:
-    """The rotation vector [rad] of ``q``, of length <= pi: the inverse of ``exp``."""
+    """The rotation vector [rad] of ``q``, of length <= pi."""
     w, x, y, z = q
     n = ops.sqrt(x * x + y * y + z * z)
     small = n < 1e-9
@@ -192,7 +192,7 @@ def angle_deg(cosine: float) -> float:
 
     Not a number counts as 180°, never as 0°.
     """
-    return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))  # nan beats no first argument
+    return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))  # max(-1.0, nan) is -1.0
 
 
 def to_world(q: Quat, v: Vec3) -> Vec3:
@@ -286,7 +286,7 @@ _POINTING: dict[str, Vec3] = {
     "d": (0.0, 0.0, 1.0),
     "u": (0.0, 0.0, -1.0),
 }
-"""Where a letter points, in NED or FRD."""
+"""Unit vector of an axis by its letter, in NED or FRD."""
 
 FARTHEST_M = 100.0
 """Largest coordinate and length of a room or a field [m]: more is in millimetres, and no tracking
@@ -449,7 +449,7 @@ def axes(name: str) -> tuple[Vec3, Vec3, Vec3]:
 
 
 def _quaternion(name: str) -> Quat:
-    """The turn that takes the axes of NED, or FRD, onto the named ones."""
+    """The rotation that takes components along the named axes to NED, or FRD."""
     (a, b, c), (d, e, f), (g, h, i) = axes(name)
     return from_matrix(((a, d, g), (b, e, h), (c, f, i)))
 

@@ -335,7 +335,7 @@ class Pilot:
         """Return ``drive`` with excitation tones, where they are needed and the law leaves room for
         them.
         """
-        settled = self._limits.first_climb.has_climbed_for(time_s) > EXCITATION_DELAY_S
+        settled = self._limits.first_climb.find_climbed_s(time_s) > EXCITATION_DELAY_S
         is_calm = self.state.descent is not None or self._profile.is_excited
         level = (
             SUSPECT_LEVEL if self.state.health.is_suspect or self.state.is_blind else float(is_calm)

@@ -14,8 +14,8 @@ from groundstation.core.safety.takeoff import LEG_TRAVEL_M
 from groundstation.core.vehicle import GRAVITY
 
 LOW_SHARE = 0.75
-"""Thrust below this share of the hover thrust is low [-]: on the floor it falls there as the
-reference sinks on."""
+"""Share of the hover thrust below which thrust is low [-]: on the floor it becomes low as the
+reference sinks on. More than limits.LEAST_THRUST_SHARE, below which no landing commands thrust."""
 STILL_M_S = 0.12
 """Vertical speed below which the vehicle does not sink [m/s]."""
 LASTING_S = 0.2
@@ -29,8 +29,8 @@ FOLLOWING_SHARE = 0.25
 """Share of the commanded sink rate below which the vehicle does not follow it, near the floor with
 any thrust [-]."""
 PUSHED_M_S = 0.25
-"""Upward speed beside its thrust's that only the floor gives [m/s]: an estimate whose speed wanders
-may sink on."""
+"""Upward speed beyond that by thrust and gravity that only the floor gives [m/s]: an estimate whose
+speed wanders may sink on."""
 PUSHED_S = 0.3
 """Time constant over which that speed is summed [s]."""
 SUSPENDED_M_S = 0.4
@@ -88,6 +88,7 @@ class Touchdown:
         self.may_have_contact = False
         """Whether ground contact is possible, though not certain yet."""
         self._newest: tuple[float, float] | None = None
+        """Instant [s] and estimated sink rate [m/s] of the newest command."""
         self._pushed_m_s = 0.0
         self._before_s: float | None = None
         """Arrival of the newest pose before the sink command [s]."""

@@ -58,7 +58,7 @@ KNOWN_S = 1.0
 """Time for which the finding that both turn alike stays valid [s]."""
 SILENT_S = 0.6
 """Time without a comparison after which there is no result [s]; poses of that long are kept."""
-LASTS_S = 2.0
+REPORTED_AFTER_S = 2.0
 """Duration of a disagreement before it is reported [s]: a shorter one may be an outlier."""
 TILT_DEG = 10.0
 """Tilt between both beyond the mounting offset that is a disagreement [deg]: twice the largest
@@ -69,24 +69,26 @@ wind (`groundstation-sim dev autopilots`)."""
 TILT_MEMORY_S = 0.3
 """Time constant of the mean tilt between both [s]."""
 LEARN_S = 10.0
-"""Time constant of mounting offset and north [s], which are averaged before arming."""
+"""Time constant of mounting offset and north [s]: the offset is averaged before arming, the north
+as long as both agree."""
 MOUNTING_DEG = 8.0
 """Largest mounting offset, tilt between both at rest, that the pre-arm check accepts [deg]."""
 MOVED_MEMORY_S = 3.0
 """Time constant of the turns by hand [s]."""
 MOVED_RAD = math.radians(8.0)
 """Turn by hand about an axis from which its directions are compared [rad]: root of the sum of the
-squared steps."""
+squared turns in steps of ``STEP_S``. A turn by 25° in 1 s gives it."""
 STEP_S = 0.1
-"""Length of such a step [s]."""
+"""Length of a step of a turn by hand [s]."""
 MOVED_STEP_RAD = 10.0 * LEAST_TURN_RAD
 """Least turn in a step that counts as a turn by hand [rad]: above the noise of a vehicle at
 rest."""
 ALIKE_SHARE = 0.5
 """Share of squared turning that differs below which both turned the same way [-]: 0 for equal
-turns, 1 for unrelated, 2 for opposite ones."""
+turns, 1 for unrelated, 2 for opposite ones. It is 1 less the correlation of turns of one size."""
 UNLIKE_SHARE = 0.8
-"""Share of squared turning that differs above which they turned different ways [-]."""
+"""Share of squared turning that differs above which they turned different ways [-]: unrelated turns
+count, too. Between ``ALIKE_SHARE`` and this the axis counts as neither."""
 AXES = ("roll", "pitch", "yaw")
 """Names of the axes that are compared before arming."""
 
@@ -241,11 +243,11 @@ class Witness:
         return max(self._turning, math.hypot(*self._tilt) / limit)
 
     def describe_news(self) -> Sentence | None:
-        """Sentence for the operator, once for each disagreement of ``LASTS_S``."""
+        """Sentence for the operator, once for each disagreement of ``REPORTED_AFTER_S``."""
         if self._disagrees_since_s is None:
             self._is_reported = False
             return None
-        if self._is_reported or self._at_s - self._disagrees_since_s < LASTS_S:
+        if self._is_reported or self._at_s - self._disagrees_since_s < REPORTED_AFTER_S:
             return None
         self._is_reported = True
         return notice("pose.autopilot_disagrees")

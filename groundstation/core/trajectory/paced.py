@@ -17,11 +17,8 @@ class Paced:
 
     It is evaluated at another time, s(t), whose rate rises and falls smoothly.
 
-        s˙ = w(t / ramp) on the way in, 1 between, w((duration - t) / ramp) on the way out,    w =
-                                                                                               x³
-                                                                                               (10 -
-                                                                                               15x +
-                                                                                               6x²)
+        s˙ = w(t / ramp) on the way in, 1 between, w((duration - t) / ramp) on the way out,
+        w = x³ (10 - 15x + 6x²)
 
     w is 0 at the one end and 1 at the other, w' and w'' are 0 at both: s is C³, and so is the
     position where the curve is. A ramp takes half of its own time from the curve: s = ramp x⁴ (5/2

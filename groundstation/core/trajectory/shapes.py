@@ -565,14 +565,16 @@ class Lemniscate(Endless):
         )
 
 
-LINES = 10
-"""Sines an axis; fewer where there are not so many multiples."""
-LOOKS = 16
-"""The peak is looked for so often within the period of the fastest sine: it is met to 1 %."""
+SINES_PER_AXIS = 10
+"""Largest number of sines on an axis [-]. Chosen."""
+PEAK_SAMPLES = 16
+"""Samples within the period of the fastest sine among which the peak is found [-]: the true peak is
+larger by 1 - cos(π / 16) = 2 % at most."""
 
 Frequency = Annotated[float, msgspec.Meta(ge=0.05, le=10.0)]
 LEAST_SWING_DEG = 1.6
-"""Least swing of the heading, except none [deg]: 90 degrees are 1.57 in radians."""
+"""Least swing of the heading, except 0 [deg]: a smaller number is in radians, of which 90° has
+1.57."""
 
 
 class ExcitationConfig(
@@ -667,7 +669,7 @@ class Excitation(Endless, Positioned):
     Each axis, and the heading, is a sum of sines at whole multiples of 1/period, no two of them at
     the same frequency, so that the effects of the axes can be separated. All sines of an axis have
     the same acceleration; Schroeder's phases (IEEE Trans. Inf. Theory 16, 1970) keep their sum
-    flat. The whole is scaled to the acceleration that is asked for. It begins and ends at rest.
+    flat. The whole is scaled to the configured acceleration.
     """
 
     def __init__(self, config: ExcitationConfig) -> None:
@@ -680,14 +682,15 @@ class Excitation(Endless, Positioned):
         for line, axis in zip(range(first, last + 1), cycle(lines), strict=False):
             axis.append(line)
         north, east, down, heading = (_spread(axis) for axis in lines)
-        looks = [config.period_s * i / (LOOKS * last) for i in range(LOOKS * last)]
+        count = PEAK_SAMPLES * last
+        samples_s = [config.period_s * i / count for i in range(count)]
         # The same acceleration, or yaw rate, at every frequency of an axis: it decides what
         # actuators must do.
         axes = [_sines(axis, config.period_s, 2) for axis in (north, east, down)]
-        peak = max(math.hypot(*(_sum(sines, t)[2] for sines in axes)) for t in looks)
+        peak = max(math.hypot(*(_sum(sines, t)[2] for sines in axes)) for t in samples_s)
         self._axes = tuple(_scale(sines, config.acceleration_m_s2 / peak) for sines in axes)
         yaws = _sines(heading[: max(1, len(heading) // 2)], config.period_s, 1)
-        swing = max(abs(_sum(yaws, t)[0]) for t in looks)
+        swing = max(abs(_sum(yaws, t)[0]) for t in samples_s)
         self._yaw_sines = _scale(yaws, math.radians(config.yaw_swing_deg) / swing)
 
     def at(self, time_s: float) -> Reference:
@@ -707,10 +710,12 @@ class Excitation(Endless, Positioned):
 
 
 def _spread(lines: list[int]) -> list[int]:
-    """At most :data:`LINES` of them, evenly."""
-    if len(lines) <= LINES:
+    """At most :data:`SINES_PER_AXIS` of them, evenly."""
+    if len(lines) <= SINES_PER_AXIS:
         return lines
-    return [lines[round(i * (len(lines) - 1) / (LINES - 1))] for i in range(LINES)]
+    return [
+        lines[round(i * (len(lines) - 1) / (SINES_PER_AXIS - 1))] for i in range(SINES_PER_AXIS)
+    ]
 
 
 def _sines(lines: list[int], period_s: float, order: int) -> list[Sine]:

@@ -188,6 +188,7 @@ class FlightController:
         self._pilot.estimate_state(pose)
         if isinstance(self.phase, SpoolUp):
             self.phase.add_pose(pose)
+            self._course.home = self.phase.place_ned
         elif self.tick is None:
             self.standing.add(pose)
         self.witness.add_pose(pose)
@@ -522,7 +523,6 @@ class FlightController:
         spool = Spool(weight, most, takeoff.spool_s, idle, now_s, vehicle.thrust_lag_s)
         gravity, noise_m = config.controller.gravity, self._pilot.state.noise_m
         self.phase = SpoolUp(self.standing, spool, vehicle, weight, gravity, noise_m)
-        self._course.home = self.phase.place_ned
 
     def _climb_away(self, now_s: float) -> None:
         """Climb off the floor; from now on it flies by poses."""

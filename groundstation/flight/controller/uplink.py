@@ -15,9 +15,9 @@ SILENCE_S = 0.15
 acknowledgements, which are overdue by then. Messages at 10 Hz are never silent for so long unless
 one is lost."""
 TELEMETRY_LOST_S = 3.0
-"""After this long a silence only the telemetry counts as lost [s]."""
+"""Silence of the telemetry after which it counts as lost, and commands as arriving again [s]."""
 TELEMETRY_INTERVAL_S = 0.02
-"""Initial value of the usual telemetry interval [s]."""
+"""Telemetry interval that is assumed at first [s]: 50 Hz."""
 INTERVAL_WEIGHT = 0.1
 """Weight of each interval in its running mean [-]."""
 UPLINK_LOST_S = 0.5
@@ -35,15 +35,15 @@ class CommandUplink:
         self._link = link
         self._telemetry_s, self._interval_s = -math.inf, TELEMETRY_INTERVAL_S
         self.is_down = False
-        """Whether the vehicle acknowledged nothing for so long that the uplink is assumed down."""
+        """Whether acknowledgements are overdue by more than ``SILENCE_S``."""
         self.is_late = False
         """Whether commands arrive too late."""
 
     def check(self, now_s: float) -> Sentence | None:
-        """Check once a frame whether acknowledgements are overdue or late.
+        """Set :attr:`is_down` and :attr:`is_late` for this frame.
 
         Return why commands can't fly the vehicle although its telemetry arrives; None if they reach
-        it in time.
+        it in time, or are overdue for less than ``UPLINK_LOST_S``.
         """
         autopilot = self._link.autopilot
         overdue_s, late_s = Arrival() if autopilot is None else autopilot.arrival(now_s)

@@ -16,7 +16,7 @@ from groundstation.core.control import (
     push,
     yaw_rate,
 )
-from groundstation.core.control.adaptive import move_back
+from groundstation.core.control.adaptive import Uncompensated, move_back
 from groundstation.core.control.controllers import L1, Indi
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.geometry import (
@@ -130,6 +130,20 @@ def test_each_half_of_a_command_is_of_the_instant_at_which_it_begins_to_act() ->
     assert first.drive.thrust != last.drive.thrust and first.drive.rates != last.drive.rates
     assert (last.saturated, saturated) == (True, False)
     assert spinning.decide_apart(SPINS, HANGS, HERE, PERIOD_S).saturated
+
+
+def test_without_compensation_the_law_goes_on_from_the_thrust_that_was_sent() -> None:
+    vehicle = Vehicle(rate_delay_s=0.03)  # thrust acts sooner than rates
+    law = Adaptive(vehicle, Uncompensated())
+    climbs = HANGS._replace(motion=HANGS.motion._replace(velocity=(0.0, 0.0, -1.0)))
+    before = law.decide(HANGS, HERE, PERIOD_S).drive.thrust
+    sent = law.decide_apart(climbs, HANGS, HERE, PERIOD_S).drive.thrust
+    assert sent < before
+    alone = Adaptive(vehicle, Uncompensated())
+    alone.memory = (law.b_hat, *alone.memory[1:4], sent, False)
+    assert law.decide(HANGS, HERE, PERIOD_S).drive.thrust == pytest.approx(
+        alone.decide(HANGS, HERE, PERIOD_S).drive.thrust
+    )
 
 
 G = 9.81

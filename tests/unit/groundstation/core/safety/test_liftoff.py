@@ -285,3 +285,34 @@ def test_hover_thrust_and_climb_of_an_exact_motion_are_found(hover_share: float)
     is_fast = 0.4 * acceleration > 1.0  # what rushes up gets no more than its hover thrust
     lead = 1.0 if is_fast else 1.1
     assert lift.climbing_share == pytest.approx(lead * hover_share, rel=0.005)
+
+
+def climbing(count: int, *, thrust_n: float, acceleration_m_s2: float) -> LiftOff:
+    """``count`` poses with a velocity, 20 ms apart, of a vehicle of 1 N that begins to rise."""
+    at_rest = Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), LEVEL, velocity_ned=(0.0, 0.0, 0.0))
+    lift = LiftOff(at_rest, 0.0, 1.0, 0.0, G, StandingWander(0.0, 0.0, 0.0), 0.0003)
+    lift.add_command(0.0, thrust_n)
+    for k in range(1, count + 1):
+        time_s = 0.02 * k
+        down = -0.5 * acceleration_m_s2 * time_s**2
+        speed = (0.0, 0.0, -acceleration_m_s2 * time_s)
+        lift.add_pose(Pose(k, time_s, time_s, (0.0, 0.0, down), LEVEL, velocity_ned=speed))
+    return lift
+
+
+def test_an_estimate_that_moves_its_origin_up_has_not_lifted_the_vehicle() -> None:
+    lift = climbing(30, thrust_n=1.1, acceleration_m_s2=0.1 * G)  # 0.18 m high
+    assert lift.is_moving and not lift.is_high
+    speed = (0.0, 0.0, -0.06 * G)
+    lift.add_pose(Pose(31, 0.62, 0.62, (0.0, 0.0, -1.2), LEVEL, velocity_ned=speed, reset_count=1))
+    assert not lift.is_high
+
+
+def test_an_estimate_whose_speed_is_reset_on_the_floor_does_not_move() -> None:
+    lift = climbing(20, thrust_n=1.1, acceleration_m_s2=0.0)  # the vehicle is heavier than told
+    for k in range(21, 46):
+        time_s, speed = 0.02 * k, (0.0, 0.0, -1.0)
+        lift.add_pose(
+            Pose(k, time_s, time_s, (0.0, 0.0, 0.0), LEVEL, velocity_ned=speed, reset_count=1)
+        )
+        assert not lift.is_moving
