@@ -69,19 +69,6 @@ class Alarms(msgspec.Struct, frozen=True, kw_only=True):
     flights: tuple[WatchedFlight, ...]
 
 
-def count_alarms(name: str, flights: Sequence[WatchedFlight]) -> Alarms:
-    """Return the figures of ``flights``."""
-    return Alarms(
-        name=name,
-        windows=sum(one.windows for one in flights),
-        alarm=max(one.alarm for one in flights),
-        not_flown=sum(one.windows == 0 for one in flights),
-        suspected=sum(one.suspected > 0 for one in flights),
-        ended_by_poses=sum(one.failed.startswith("pose.") for one in flights),
-        flights=tuple(flights),
-    )
-
-
 class WatchedHealth(PoseHealth):
     """Pose health that keeps its largest alarm, and counts its doubts."""
 
@@ -166,11 +153,21 @@ def watch_all(
     work = [(watch, seed) for watch in watches for seed in seeds]
     with Flyers(min(workers, len(work))) as flyers:
         flown = flyers.each(watch_flight, work, on_done)
-    each = len(seeds)
-    return [
-        count_alarms(watch.name, flown[i * each : (i + 1) * each])
-        for i, watch in enumerate(watches)
-    ]
+    found = list[Alarms]()
+    for i, watch in enumerate(watches):
+        flights = tuple(flown[i * len(seeds) : (i + 1) * len(seeds)])
+        found.append(
+            Alarms(
+                name=watch.name,
+                windows=sum(one.windows for one in flights),
+                alarm=max(one.alarm for one in flights),
+                not_flown=sum(one.windows == 0 for one in flights),
+                suspected=sum(one.suspected > 0 for one in flights),
+                ended_by_poses=sum(one.failed.startswith("pose.") for one in flights),
+                flights=flights,
+            )
+        )
+    return found
 
 
 def plan_floors(watch: Watch) -> list[Watch]:

@@ -162,21 +162,21 @@ def try_damaged(
     chance, events, drops = random.Random(seed), 0, Counter[str]()
     for _ in range(count // LIFE):
         subject = make()
-        batch: list[bytes] = []
-        for n, datagram in enumerate(_damage_some(subject, chance)):
+        damaged = list(_damage_some(subject, chance))
+        for n, datagram in enumerate(damaged):
             try:
                 events += subject.feed(datagram, n * PERIOD_S)
             except Exception as error:
                 error.add_note(f"fed {datagram.hex()}")
                 raise
-            batch.append(datagram)
-            if len(batch) == STREAM_PACKETS and (decode := subject.decode_stream) is not None:
-                stream = b"".join(batch)
-                cuts = sorted(chance.choices(range(len(stream) + 1), k=chance.randrange(1, 12)))
-                pieces = [stream[begin:end] for begin, end in pairwise([0, *cuts, len(stream)])]
-                assert decode([stream]) == decode(pieces), (stream.hex(), cuts)
-            if len(batch) == STREAM_PACKETS:
-                batch = []
+        decode = subject.decode_stream
+        for first in range(0, LIFE, STREAM_PACKETS):
+            if decode is None:
+                break
+            stream = b"".join(damaged[first : first + STREAM_PACKETS])
+            cuts = sorted(chance.choices(range(len(stream) + 1), k=chance.randrange(1, 12)))
+            pieces = [stream[begin:end] for begin, end in pairwise([0, *cuts, len(stream)])]
+            assert decode([stream]) == decode(pieces), (stream.hex(), cuts)
         drops.update(subject.drops())
     return events, drops
 

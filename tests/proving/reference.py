@@ -203,14 +203,11 @@ def _show(default: Any) -> str:
 
 def describe_channels() -> str:
     """Every channel of a recording."""
-    return "\n\n".join(_channel(topic, *one) for topic, one in CHANNELS.items())
-
-
-def _channel(topic: str, name: str, message: type) -> str:
-    info = mi.type_info(message)
-    assert isinstance(info, mi.StructType), "every message is a struct"
-    fields = ", ".join(f"`{field.encode_name}`" for field in info.fields)
-    return f"## `{topic}`\n\n`{name}`: {one_line(summary(message))}\n\nFields: {fields}."
+    parts = []
+    for topic, (name, message) in CHANNELS.items():
+        fields = ", ".join(f"`{field.name}`" for field in msgspec.structs.fields(message))
+        parts.append(f"## `{topic}`\n\n`{name}`: {summary(message)}\n\nFields: {fields}.")
+    return "\n\n".join(parts)
 
 
 def describe_messages() -> str:
@@ -251,25 +248,6 @@ def describe_guards() -> str:
     return make_table(head, rows, "|---|---|---:|---|---|---|")
 
 
-CALLS: tuple[Any, ...] = (
-    gs.simulate, gs.compare, gs.load, gs.error_budget,
-    gs.Run, gs.FlightData, Track, Channel, gs.ControllerComparison, gs.ErrorBudget, Contribution,
-)  # fmt: skip
-"""The first calls of Python code, and their results."""
-GIVEN: tuple[Any, ...] = (
-    gs.Vehicle, gs.Estimate, gs.Motion, gs.Reference, gs.ActuatorCommand, gs.Decision,
-    gs.Diagnostics,
-)  # fmt: skip
-"""Types that a controller gets and gives."""
-HELPERS: tuple[Any, ...] = (
-    gs.push, gs.half_angle_error, gs.sine_error, gs.turning, gs.clamp_command, gs.make_decision,
-    gs.Baseline, gs.InnerLoop,
-)  # fmt: skip
-"""Helpers of a controller."""
-ASKING: tuple[Any, ...] = (gs.ask_station, gs.Request, gs.Waypoint, gs.OrderAnswer)
-"""Requests to a vehicle in flight."""
-
-
 def describe_python(things: Iterable[Any], level: int = 3) -> str:
     """Show functions and classes of Python code as a caller sees them: without what they do."""
     return "\n\n".join(
@@ -286,9 +264,7 @@ def _show_source(of: Any) -> str:
         start = min((one.lineno for one in node.decorator_list), default=node.lineno)
         yield "\n".join(lines[start - 1 : first.end_lineno])
         for one in others if isinstance(node, ast.ClassDef) else ():
-            if isinstance(one, ast.FunctionDef) and (
-                one.name == "__getitem__" or one.name[0] != "_"
-            ):
+            if isinstance(one, ast.FunctionDef) and re.match("[a-z]|__getitem__", one.name):
                 yield from ("", *parts(one))
             elif isinstance(one, ast.AnnAssign | ast.Expr) and "ClassVar" not in ast.unparse(one):
                 yield "\n".join(lines[one.lineno - 1 : one.end_lineno])
@@ -406,13 +382,24 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "messages.md": {"messages": describe_messages},
     "mqtt.md": {"mqtt-topics": describe_topics},
     "python.md": {
-        "calls": lambda: describe_python(CALLS, 2),
-        "given": lambda: describe_python(GIVEN),
-        "helpers": lambda: describe_python(HELPERS),
-        "asking": lambda: describe_python(ASKING),
+        "calls": lambda: describe_python((
+            gs.simulate, gs.compare, gs.load, gs.error_budget, gs.Run, gs.FlightData, Track,
+            Channel, gs.ControllerComparison, gs.ErrorBudget, Contribution,
+        ), 2),
+        "given": lambda: describe_python((
+            gs.Vehicle, gs.Estimate, gs.Motion, gs.Reference, gs.ActuatorCommand, gs.Decision,
+            gs.Diagnostics,
+        )),
+        "helpers": lambda: describe_python((
+            gs.push, gs.half_angle_error, gs.sine_error, gs.turning, gs.clamp_command,
+            gs.make_decision, gs.Baseline, gs.InnerLoop,
+        )),
+        "asking": lambda: describe_python(
+            (gs.ask_station, gs.Request, gs.Waypoint, gs.OrderAnswer)
+        ),
     },
     "rooms.md": {"rooms": describe_rooms},
-}
+}  # fmt: skip
 """File → what stands between its markers, by their name."""
 
 SCHEMAS = "mqtt-schemas"

@@ -13,6 +13,7 @@ import msgspec
 from msgspec.structs import replace
 
 from groundstation.config import ConfigError, refuse_io
+from groundstation.core.messages import NOTICES
 from groundstation.runtime import Exit
 from sim.cli import ProgressBar, typed_command
 from sim.runs.pool import Workers
@@ -22,7 +23,7 @@ from tests.proving.faults.cell import Cell, fly_together
 from tests.proving.faults.fault import MOMENTS, Kind, name_of
 from tests.proving.faults.faults import CASES, FAULTS, STATES
 from tests.proving.faults.judge import Row, judge_honest
-from tests.proving.faults.monitors import FAILED, UNGUARDED, check_forced
+from tests.proving.faults.monitors import FAILED, SUSPECT, UNGUARDED
 from tests.proving.faults.table import is_within, page, text
 
 TOGETHER = 12
@@ -39,14 +40,6 @@ def deal_cells(
         for on, places in ({told.link: told.states or STATES} | told.also).items()
         for place in places
         if fault in (None, case, name_of(case)) and state in (None, place) and link in (None, on)
-    ]
-
-
-def pick_worst(flown: Sequence[Sequence[Row]]) -> list[Row]:
-    """Return, of rows of the same cells with several seeds, the worst of each cell."""
-    return [
-        max(rows, key=lambda row: (not row.safe, row.worst, row.peak_error_m))
-        for rows in zip(*flown, strict=True)
     ]
 
 
@@ -94,17 +87,17 @@ def faults(args: argparse.Namespace) -> Exit:
     """Break one thing in every state of a mission."""
     scenario_of(args.scenario)
     kinds = set(args.kind or ())
-    cases = list({**CASES, **FAULTS})
-    choices = [("--fault", args.fault, cases), ("--state", args.state, list(MOMENTS))]
-    choices += [("--kind", kind, list(map(str, Kind))) for kind in args.kind or ()]
+    choices = [("--fault", args.fault, [*{**CASES, **FAULTS}]), ("--state", args.state, [*MOMENTS])]
+    choices += [("--kind", kind, list(map(str, Kind))) for kind in kinds]
+    doubts = [SUSPECT, *(f"{FAILED}{id}" for id in NOTICES if id.startswith("pose."))]
+    choices.append(("--forced", args.forced or None, doubts))
     for option, given, known in choices:
         if given is not None and given not in known:
             raise ConfigError(option, notice("value.choice", choices=known, found=given))
-    check_forced(args.forced)
     if args.forced and kinds != {Kind.HONEST}:
         raise ConfigError("--forced", notice("dev.forced"))
-    cells = deal_cells(args.fault, args.state, args.link)
-    work = [cell for cell in cells if not kinds or cell.fault.kind in kinds]
+    dealt = deal_cells(args.fault, args.state, args.link)
+    work = [cell for cell in dealt if not kinds or cell.fault.kind in kinds]
     if not work:
         raise ConfigError("--state", notice("dev.state", fault=args.fault or "nothing"))
     seeds = range(args.seed, args.seed + args.seeds)
@@ -116,7 +109,11 @@ def faults(args: argparse.Namespace) -> Exit:
     with ProgressBar("flights", len(plan), quiet=args.json) as counter:
         workers = args.workers or os.cpu_count() or 1
         flown = fly_all(plan, overrides=args.overrides, workers=workers, on_done=counter.at)
-    rows = pick_worst([flown[i : i + len(work)] for i in range(0, len(flown), len(work))])
+    # Of each cell the worst of its seeds.
+    rows = [
+        max(flown[i :: len(work)], key=lambda row: (not row.safe, row.worst, row.peak_error_m))
+        for i in range(len(work))
+    ]
     if args.write is not None:
         with refuse_io("--write", "file.unwritten", args.write):
             args.write.write_text(page(rows, typed_command()), "utf-8")

@@ -15,7 +15,7 @@ import msgspec
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.mission import Interrupts
 from sim.autopilots import Px4Autopilot
-from sim.world import Body, Wind, normals
+from sim.world import Body, Wind, World, normals
 from tests.proving.faults import pictures
 from tests.proving.faults.fault import (
     MOMENTS,
@@ -258,12 +258,6 @@ async def step_wind(scene: Scene, step_m_s2: float) -> None:
     """A wind that steps sideways and stays."""
     north, east, _ = _aside(scene.seed)
     scene.stage.wind.push = (north * step_m_s2, east * step_m_s2, 0.0)
-
-
-@takes
-async def hang_on(scene: Scene, share: float) -> None:
-    """Hang a share of the vehicle's weight onto it."""
-    scene.stage.wind.push = (0.0, 0.0, share * scene.stage.world.gravity)
 
 
 @takes
@@ -596,7 +590,9 @@ _HONEST: dict[str, Fault] = {
         states=("spool-up", *FLYING),
         flies_on=("hold", "tracking", "landing"),  # a climb ends at the cable's length
     ),
-    "cable picked up": Fault(hang_on(0.1), states=HONEST_STATES, flies_on=HONEST_STATES),
+    "cable picked up": Fault(
+        push((0.0, 0.0, 0.1 * World().gravity)), states=HONEST_STATES, flies_on=HONEST_STATES
+    ),
     "hand holds": Fault(grasp(2.0), states=HONEST_STATES),
 }
 HONEST = {

@@ -6,8 +6,7 @@ A flight comes to its strike with the real monitor and guards; its copies differ
 import math
 from typing import Any
 
-from groundstation.config import ConfigError
-from groundstation.core.messages import NOTICES, Pose
+from groundstation.core.messages import Pose
 from groundstation.core.safety import (
     GuardFinding,
     Guards,
@@ -18,7 +17,6 @@ from groundstation.core.safety import (
 )
 from groundstation.flight import Flight
 from links.core import LinkStatus
-from sim.text import notice
 
 UNGUARDED = "off"
 """Neither monitor nor guards."""
@@ -28,18 +26,6 @@ FAILED = "failed:"
 """Poses that have failed, for the reason whose id follows."""
 NOT_BY_ATTITUDE = ("pose.attitude_no_answer", "pose.autopilot_disagrees", "pose.late")
 """Reasons after which the attitude of the poses is not flown by, either."""
-
-
-def check_forced(doubt: str) -> None:
-    """Check that ``doubt`` can be forced upon a flight.
-
-    Raises:
-        ConfigError: it can't.
-    """
-    reasons = [reason for reason in NOTICES if reason.startswith("pose.")]
-    known = ["", SUSPECT, *(f"{FAILED}{reason}" for reason in reasons)]
-    if doubt not in known:
-        raise ConfigError("--forced", notice("value.choice", choices=known[1:], found=doubt))
 
 
 class DeckHealth(PoseHealth):
