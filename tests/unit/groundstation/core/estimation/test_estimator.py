@@ -4,6 +4,7 @@ them.
 
 import math
 import random
+from statistics import fmean
 
 import msgspec
 import pytest
@@ -136,6 +137,31 @@ def test_a_pose_that_is_not_newer_changes_nothing() -> None:
     before = estimator.predict(1.0)
     estimator.update(Pose(99, 0.5, 0.5, (9.0, 9.0, 9.0), so3.IDENTITY))
     assert estimator.predict(1.0) == before
+
+
+def test_an_attitude_that_is_not_newer_changes_nothing_and_one_before_any_pose_is_not_taken() -> (
+    None
+):
+    turned = so3.from_euler_zyx(0.3, 0.0, 0.0)
+    estimator, _ = flown(CALM, 1.0)
+    before = estimator.motion
+    estimator.update_attitude(Pose(99, 0.98, 1.1, (0.0, 0.0, -1.0), turned))
+    assert estimator.motion == before
+    fresh = ModelEstimator(VEHICLE, Gains())
+    fresh.update_attitude(Pose(0, 0.0, 0.0, (0.0, 0.0, -1.0), turned))
+    assert fresh.motion is None
+
+
+@pytest.mark.parametrize("until_s", [3.0, 6.0])
+def test_innovations_of_true_poses_are_as_large_as_the_filter_expects(until_s: float) -> None:
+    estimator, plant = flown(CALM, until_s)
+    draw, next_s, found = random.Random(8), until_s + 0.02, list[float]()
+    truth, noise_m = plant.truth(next_s), CALM.pose_noise_m
+    for _ in range(300):
+        north, east, down = (part + draw.gauss(0.0, noise_m) for part in truth.position_ned)
+        pose = Pose(0, next_s, next_s, (north, east, down), truth.attitude)
+        found.append(estimator.consistency(pose))
+    assert 1.5 < fmean(found) < 6.0
 
 
 def test_a_command_that_acts_from_before_the_newest_pose_on_is_flown_from_that_pose_on() -> None:
