@@ -189,3 +189,12 @@ def test_told_exactly_it_never_moves() -> None:
     gain, _ = update_covariance(initial_covariance(1e-6), 1e-6)
     after, moved = update_effectiveness(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
     assert (after.value, moved) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize(("gained", "wanders"), [(1e6, 1.0), (0.0, 0.0)])
+def test_an_excited_scale_wanders_by_the_walk_of_its_time_and_a_calm_one_stays(
+    gained: float, wanders: float
+) -> None:
+    before = initial_effectiveness(0.05)._replace(gained=gained, frozen_s=-1.0)
+    after = predict_effectiveness(FLOATS, before, 0.02, thrust_gives(ZERO, ZERO), 1.0, walk=0.003)
+    assert after.assumed - before.assumed == pytest.approx(wanders * 0.003**2 * 0.02)
