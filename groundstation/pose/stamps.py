@@ -3,11 +3,10 @@
 import math
 
 from groundstation.core.messages import Check, PoseKind, PoseStatus, Verdict, notice
+from groundstation.pose.sources import FAST
 
 FAIL_RATE = 2.0
 """Ratio of rates above which the stamps are in the wrong unit [-]."""
-WARN_RATE = 1.2
-"""Ratio of rates above which the check warns [-]: a stall of 0.3 s in 2 s gives 1.18."""
 UNITS = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 """Units of time stamps, by their length [s]."""
 NEAR_UNIT = 1.25
@@ -20,7 +19,7 @@ def check_stamp_rate(source: PoseStatus, kind: PoseKind) -> Check | None:
     if rate is None or not kind.stamp_field:
         return None
     factor = max(rate, 1.0 / rate) if rate > 0.0 else math.inf
-    if factor <= WARN_RATE:
+    if factor <= FAST:  # nor does a stall of 0.3 s in 2 s make more than 1.18 of it
         return None
     unit_s = kind.stamp_unit_s / rate if rate > 0.0 else math.inf
     near = [name for one_s, name in UNITS.items() if 1.0 / NEAR_UNIT < unit_s / one_s < NEAR_UNIT]

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, Protocol
 
 from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.messages import ROUNDING_S
 from groundstation.core.vehicle import GRAVITY
 from links.mavlink.protocol import (
     ARMED,
@@ -35,7 +36,7 @@ from links.mavlink.protocol import (
     decode,
     encode,
 )
-from sim.world import SAME_INSTANT_S, Airframe, TrueState
+from sim.world import Airframe, TrueState
 
 
 class SetPoint:
@@ -418,7 +419,7 @@ class Streams:
 
     def take(self, now_s: float) -> list[int]:
         """The messages that are due at ``now_s``; each is then due again one interval later."""
-        limit = now_s + SAME_INSTANT_S
+        limit = now_s + ROUNDING_S
         if self.next_due_s > limit:
             return []
         numbers = [number for number, due in self._due.items() if due <= limit]
@@ -570,7 +571,7 @@ class SimulatedAutopilot(Dialect):
         if self._boot_s == -math.inf:
             self._boot(now_s)
         frames: list[bytes] = []
-        by_now = now_s + SAME_INSTANT_S
+        by_now = now_s + ROUNDING_S
         if by_now >= self._silence_due_s:
             frames += self._fall_silent(now_s)
         if self._pilot is not None and by_now >= self._pilot_due_s:

@@ -20,6 +20,7 @@ import tomli_w
 from groundstation.config import ConfigError, dump
 from groundstation.core.geometry import Vec3
 from groundstation.machine import write_whole
+from groundstation.pose.sources import vicon_codec
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
 from links.core import signal
@@ -368,8 +369,6 @@ class FleetStage:
 
 APART_M = 3.0
 """Distance between the figures of neighbours in the square grid [m]."""
-MOST = 13
-"""Number of bodies that fit into one datagram of the Vicon stream [-]."""
 
 
 def _move_in_grid(place: Vec3, number: int, count: int) -> Vec3:
@@ -398,8 +397,9 @@ def lay_out(
     Raises:
         ConfigError: the trajectory can't be moved, or link or count are none for a fleet.
     """
-    if not 1 <= count <= MOST:
-        raise ConfigError("--vehicles", notice("value.count", least=1, most=MOST, count=count))
+    most = vicon_codec.MOST_OBJECTS
+    if not 1 <= count <= most:
+        raise ConfigError("--vehicles", notice("value.count", least=1, most=most, count=count))
     if not config.link.has_autopilot:
         raise ConfigError("--link", notice("sim.fleet_link"))
     pose_port, relay_port, *link_ports = ports

@@ -30,7 +30,7 @@ HOLD = ("trajectory.kind=hold", "trajectory.position_ned=[0.8,-0.8,-1.0]")
 PHASES: dict[str, tuple[str, ...]] = {"figure": (), "hold": HOLD}
 BATCHES = len(LAWS) * (len(PHASES) + 1)
 """Batches that one vehicle is flown in [-]."""
-UPSET_AT_S = 30.0
+UPSET_AT_S = World().wind_step_time_s
 """The wind steps so long after the release [s], as in the scenarios with steps: laws and estimates
 have settled."""
 PUSHED_S = UPSET_AT_S + 5.0

@@ -4,7 +4,6 @@ from sim.world.draws import generator, normals, rows
 from sim.world.hand import HOLD_S, MOVE_S, make_hand
 from sim.world.plant import AirDrag, Body, FourRotors, Physics, compute_drag, integrate
 from sim.world.quadrotor import (
-    SAME_INSTANT_S,
     Airframe,
     Horizon,
     PositionWander,

@@ -25,6 +25,7 @@ from typing import Protocol
 import msgspec
 
 from groundstation.core.geometry import FLOATS, Quat, Vec3, add_scaled, so3
+from groundstation.core.messages import ROUNDING_S
 from links.core import thrust
 from sim.world.plant import (
     Actuators,
@@ -101,8 +102,6 @@ NOTICES_S = 0.15
 take-off of ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
 FORGETS_S = 2.0
 """Time constant with which its own height finds out that the floor holds it [s]."""
-SAME_INSTANT_S = 1e-9
-"""Shorter spans are rounding [s], and a timer may fire this much early."""
 
 
 class DelayLine:
@@ -129,7 +128,7 @@ class DelayLine:
         Calls come in order of time.
         """
         coming = self._coming
-        while coming and coming[0][0] <= start_s + SAME_INSTANT_S:
+        while coming and coming[0][0] <= start_s + ROUNDING_S:
             self._now = coming.popleft()[1]
         if not coming or coming[0][0] >= start_s + span_s:
             return self._now
@@ -475,14 +474,14 @@ class Quadrotor:
         """
         self.advance(time_s)
         body, down, rest = self._body, self.floor.is_down, time_s - self._time
-        if self.released_s is not None and rest < -SAME_INSTANT_S:
+        if self.released_s is not None and rest < -ROUNDING_S:
             wx, wy, wz = body.rates
             place = add_scaled(body.position, rest, body.velocity)
             body = body._replace(
                 position=place,
                 attitude=so3.rotate(body.attitude, (rest * wx, rest * wy, rest * wz)),
             )
-        if self.released_s is not None and rest > SAME_INSTANT_S:
+        if self.released_s is not None and rest > ROUNDING_S:
             # Only a look into the step under way: the questions asked must not change the flight.
             flight_time = self._time - self.released_s
             body, _ = self._after(flight_time, rest)
@@ -515,7 +514,7 @@ class Quadrotor:
         """Cut the step under way at ``time_s`` [s], where something changes."""
         self.advance(time_s)
         rest = time_s - self._time
-        if self.released_s is not None and rest > SAME_INSTANT_S:
+        if self.released_s is not None and rest > ROUNDING_S:
             self._step(self._time - self.released_s, rest, time_s)
         self._cut, self._steps = self._time, 0
 

@@ -80,7 +80,8 @@ BREAKS = 3
 UNSTEADY_S = 30.0
 """A clock without a break for this long is steady again [s]."""
 FAST = 1.2
-"""Rate of stamps above which they are no seconds [-]: no queue drains so fast for so long."""
+"""Rate of stamps, either way, beyond which they are no seconds [-]: no queue drains so fast for so
+long."""
 RATE_S = 2.0
 """Time over which the rate of the stamps is measured [s]; it is given from half of it on."""
 AVERAGED = 20

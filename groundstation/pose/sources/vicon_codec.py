@@ -42,6 +42,8 @@ _HEADER = struct.Struct("<IB")
 _ITEM = struct.Struct("<BH24s6d")
 _ITEM_DATA_BYTES = _ITEM.size - struct.calcsize("<BH")
 """Length of an item behind its head [bytes]."""
+MOST_OBJECTS = (max(DATAGRAM_SIZES) - _HEADER.size) // _ITEM.size
+"""Number of objects that the largest datagram has room for [-]."""
 
 UnreadableVicon: TypeAlias = Literal["truncated", "oversized", "wrong_item"]
 """Reason why a datagram is no frame of this stream."""

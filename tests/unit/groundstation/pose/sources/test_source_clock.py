@@ -155,6 +155,15 @@ def test_clocks_that_drift_and_networks_that_stall_do_not_fail(
     assert check is None or check.verdict is Verdict.WARN
 
 
+@pytest.mark.parametrize("factor", [1.19, 1.21, 1.0 / 1.19, 1.0 / 1.21])
+def test_a_rate_of_stamps_that_is_off_by_a_fifth_is_warned_of(factor: float) -> None:
+    intake = Intake(LATENCY_S)
+    for n in range(110):
+        intake.pose(factor * 0.02 * n, 0.02 * n, (1e-4 * n, 0.0, 0.0), LEVEL)
+    check = check_stamp_rate(intake.status, JsonConfig())
+    assert (check is not None) is (max(factor, 1.0 / factor) > 1.2)
+
+
 STUCK: dict[str, tuple[Callable[[int], float], bool]] = {
     "same": (lambda n: 0.0, True),
     "same at rest": (lambda n: 0.0, False),
