@@ -115,7 +115,7 @@ def test_failing_checks_of_an_autopilot_are_told_before_it_refuses_to_arm(autopi
     "script", [None, asking(State.HOLD, Ask.HOLD)], ids=["by itself", "told to hold"]
 )
 def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_again(script: Script | None) -> None:
-    flown = mission("paper", *SHORT, "sim.thrust_gain=1.6", script=script)
+    flown = mission("paper", *SHORT, "sim.thrust_gain=1.5", script=script)
     assert not flown.landed
     assert "vehicle.hover_range allows 70 to 145 %" in flown.fault
     assert [one.state for one in flown.states][-4:] == ["hold", "landing", "disarming", "landed"]

@@ -117,6 +117,27 @@ def test_the_poses_of_another_body_with_weight_and_thrust_both_wrong_are_not_muc
     assert flown.fastest_m_s < 4.5
 
 
+@pytest.mark.parametrize(
+    ("scenario", "wrong"),
+    [
+        ("paper", ("sim.mass_kg=0.02",)),
+        ("paper", ("sim.mass_kg=0.03",)),
+        ("paper", ("sim.mass_kg=0.03", "takeoff.spool_s=0.2")),
+        ("paper", ("sim.mass_kg=0.046",)),
+        ("quad1kg", ("sim.thrust_gain=2.6",)),
+        ("quad1kg", ("sim.thrust_gain=1.9",)),
+    ],
+)
+def test_a_vehicle_much_lighter_or_stronger_than_told_stays_near_the_floor(
+    scenario: str, wrong: tuple[str, ...]
+) -> None:
+    """With the controller it would rise for metres before its thrust is known."""
+    flown = spool_up(scenario, *wrong)
+    assert "leaves the floor by 60 % of its configured weight, or less" in flown.mission.fault
+    assert flown.highest_m < 0.25
+    assert [one.state for one in flown.mission.states][-2:] == ["disarming", "landed"]
+
+
 def tipping(ours: TrackedBody, at_s: float) -> TrackedBody:
     return ours._replace(attitude=so3.from_euler_zyx(1.0 * max(at_s - 4.8, 0.0), 0.0, 0.0))
 

@@ -223,6 +223,12 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
             "look at its poses, and at what lifts it",
         ),
         NoticeTemplate(
+            "takeoff.too_light",
+            "the vehicle leaves the floor by {percent:.0f} % of its configured weight, or less",
+            "correct vehicle.mass_kg, vehicle.hover_thrust or vehicle.thrust_max_n: it is lighter, "
+            "or has more thrust, than they say",
+        ),
+        NoticeTemplate(
             "takeoff.no_motion",
             "no lift-off: is this the right body, is the mass right? Thrust went to "
             "{thrust_n:.3g} N, {percent:.0f} % of the configured weight, and the poses did not "

@@ -104,6 +104,11 @@ class StandingWander(NamedTuple):
     """Walk of the upward speed [m²/s³]."""
 
 
+def find_least_height(pose: Pose) -> float:
+    """Return the least height of a flying vehicle in poses like ``pose`` [m]."""
+    return LEG_TRAVEL_M if pose.velocity_ned is None else WANDERING_M
+
+
 class _Walks:
     """Kalman filters of one state, one for each hypothesis.
 
@@ -182,7 +187,7 @@ class LiftOff:
         self._height_m = 0.0
         """Height of the newest pose [m]."""
         self._climb: float | None = None
-        self._least_m = WANDERING_M if has_velocity else LEG_TRAVEL_M
+        self._least_m = find_least_height(at_rest)
         self._resets = at_rest.reset_count
         self._at = at_rest.time_s
         self._thrust: float | None = None
@@ -201,7 +206,7 @@ class LiftOff:
         prior = [math.exp(-0.5 * ((s - 1.0) / SPREAD) ** 2) for s in SHARES]
         self._logs = [math.log(p / sum(prior)) for p in prior] + [0.0]
         self._fits = False
-        self._jumps = 0
+        self._jumps = self._light_poses = 0
 
     def add_command(self, acting_s: float, thrust_n: float) -> None:
         """Take the command ``thrust_n`` [N], which acts from ``acting_s`` on."""
@@ -228,6 +233,9 @@ class LiftOff:
             self._climb = -pose.velocity_ned[2]
             gained = self._climb - self._rest_m_s
             self._weigh(*self._speed.update(elapsed, self._find_residuals(gained, self._speeds)))
+        is_off = max(self._height_m, self._mean(self._paths)) > self._least_m
+        is_light = is_off and self._light_log_odds > FLYING_LOG_ODDS
+        self._light_poses = self._light_poses + 1 if is_light else 0
 
     def _move_origin(self, pose: Pose) -> None:
         """Take the first pose after the source has moved its origin: the vehicle has not moved."""
@@ -257,15 +265,25 @@ class LiftOff:
         return self._jumps >= JUMPS
 
     @property
+    def is_too_light(self) -> bool:
+        """Whether the vehicle is off the floor, and thrust of ``SURE_SHARE`` lifts it.
+
+        No vehicle that may fly is so light for its thrust. One pose may be an outlier, as with
+        ``JUMPS``.
+        """
+        return self._light_poses >= JUMPS
+
+    @property
     def is_moving(self) -> bool:
         """Whether the poses respond to the thrust."""
         return self._log_odds > MOVING_LOG_ODDS
 
     @property
     def is_flying(self) -> bool:
-        """Whether the vehicle has left the floor."""
+        """Whether the vehicle has left the floor, and is not too light to fly by the controller."""
         return (
-            self._log_odds > FLYING_LOG_ODDS
+            self._light_poses == 0
+            and self._log_odds > FLYING_LOG_ODDS
             and self._fits
             and self._mean(self._paths) > self._least_m
         )
@@ -315,10 +333,13 @@ class LiftOff:
     @property
     def _log_odds(self) -> float:
         """Log odds that the vehicle rises, by any of the hypotheses, against rest."""
-        best = max(self._logs[:-1])
-        return (
-            best + math.log(sum(math.exp(log - best) for log in self._logs[:-1])) - self._logs[-1]
-        )
+        return _log_of_sum(self._logs[:-1]) - self._logs[-1]
+
+    @property
+    def _light_log_odds(self) -> float:
+        """Log odds that the vehicle hovers at ``SURE_SHARE`` or less, against more."""
+        light = sum(share <= SURE_SHARE for share in SHARES)
+        return _log_of_sum(self._logs[:light]) - _log_of_sum(self._logs[light:-1])
 
     def _mean(self, values: Sequence[float]) -> float:
         """Mean of ``values`` over the rising hypotheses, weighted by their likelihood."""
@@ -347,6 +368,12 @@ class LiftOff:
                     (0.0, 0.0) if height <= 0.0 else (height, v + h * a)
                 )
             self._at += h
+
+
+def _log_of_sum(logs: Sequence[float]) -> float:
+    """Return the logarithm of the sum of the numbers whose logarithms are ``logs``."""
+    best = max(logs)
+    return best + math.log(sum(math.exp(log - best) for log in logs))
 
 
 SURE_SHARE = 0.6
@@ -642,6 +669,11 @@ class SpoolUp:
         self._newest = standing.poses[-1]
         self._leap: Sentence | None = None
         """First fault of two successive poses."""
+        self._wander = standing.wander
+        """Wander of the poses while the motors could not lift the vehicle."""
+        self._risen_poses = 0
+        """Number of the newest poses that show the vehicle off the floor, before thrust may lift
+        it."""
         self._lift: LiftOff | None = None
         """Odds of the lift-off; None before thrust can lift the vehicle."""
         self._moved_s: float | None = None
@@ -672,6 +704,7 @@ class SpoolUp:
             standing.add(pose)
             if moved:
                 self.place_ned = standing.place_ned
+            self._risen_poses = self._risen_poses + 1 if self._has_risen(pose) else 0
             return
         if self._lift is None:
             down, lag_s = standing.place_ned[2], self._vehicle.thrust_lag_s
@@ -682,6 +715,13 @@ class SpoolUp:
             for acting_s, thrust_n in self._commands:
                 self._lift.add_command(acting_s, thrust_n)
         self._lift.add_pose(pose)
+
+    def _has_risen(self, pose: Pose) -> bool:
+        """Whether ``pose`` is above the floor by more than legs and noise explain."""
+        # The wander of 1 s: a spool-up takes about so long.
+        variance = 2.0 * self._noise * self._noise + self._wander.height_m2_s
+        least_m = find_least_height(pose) + SIGNIFICANT * math.sqrt(variance)
+        return self.place_ned[2] - pose.position_ned[2] > least_m
 
     def _light_s(self, now_s: float) -> float:
         """Time since thrust relieves the floor so much that wind may move the vehicle [s]."""
@@ -737,6 +777,8 @@ class SpoolUp:
             return why
         if lift is not None and lift.has_jumped:
             return notice("takeoff.jumps")
+        if self._risen_poses >= JUMPS or (lift is not None and lift.is_too_light):
+            return notice("takeoff.too_light", percent=to_percent(SURE_SHARE))
         if not self._is_moving and now_s >= spool.near_s + WATCHED_S:
             percent = to_percent(spool.most_n / self._weight)
             return notice("takeoff.no_motion", thrust_n=spool.most_n, percent=percent)

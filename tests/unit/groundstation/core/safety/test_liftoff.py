@@ -256,6 +256,21 @@ def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_
     assert all(abs(one.climb_off_m_s) < 2.0 * exact for one in flown)
 
 
+@pytest.mark.tried(1)  # lightest
+@pytest.mark.parametrize("hover_share", [0.25, 0.4, 0.5, 0.55])
+def test_a_vehicle_that_no_configured_thrust_should_lift_yet_is_stopped_just_above_the_floor(
+    hover_share: float,
+) -> None:
+    seen = [spooled(seed, hover_share=hover_share, wander_m=0.0) for seed in range(10)]
+    assert all("leaves the floor by 60 % of its configured weight" in one.fault for one in seen)
+    assert all(one.height_m < 0.15 for one in seen)
+
+
+def test_the_lightest_vehicle_that_may_fly_is_not_too_light() -> None:
+    seen = [spooled(seed, hover_share=0.7, wander_m=0.0) for seed in range(40)]
+    assert not any(one.fault for one in seen)
+
+
 @pytest.mark.tried(1)  # 50 of 200 seeds
 @pytest.mark.parametrize("first", range(0, 200, 50))
 def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
