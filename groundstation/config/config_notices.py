@@ -110,7 +110,9 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
         "controller.no_decide",
         "{factory} made a {type} without decide(estimate, reference, interval_s)",
     ),
-    NoticeTemplate("controller.no_command", "{what} returned no thrust and three rates"),
+    NoticeTemplate(
+        "controller.no_command", "{what} returned something else than one thrust and three rates"
+    ),
     NoticeTemplate(
         "controller.not_finite", "{what} commanded thrust {thrust} N, rates {rates} rad/s"
     ),

@@ -277,6 +277,8 @@ def scenarios(args: argparse.Namespace) -> Exit:
         }
         for name, s in SCENARIOS.items()
     }
+    if args.name is not None:
+        rows = {args.name: rows[scenario_of(args.name).name]}
     if args.json:
         print(json.dumps(rows))
         return Exit.DONE
@@ -284,7 +286,7 @@ def scenarios(args: argparse.Namespace) -> Exit:
         width = max(map(len, rows))
         print("\n".join(f"{name:{width}}  {row['summary']}" for name, row in rows.items()))
         return Exit.DONE
-    row = rows[scenario_of(args.name).name]
+    row = rows[args.name]
     print(row["summary"])
     _print_keys("sim", row["sim"])
     _print_keys("told", row["told"])

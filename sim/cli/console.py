@@ -128,6 +128,8 @@ def _describe_forces(facts: dict[str, Any]) -> list[str]:
 
 def _describe_course(facts: dict[str, Any], folder: Path | None) -> list[str]:
     """The certificate, the warnings, and how the flight went."""
+    from groundstation.core.messages import SATURATION_FROM_S  # --help imports this module, too
+
     violated = 100.0 * facts["certificate_violated"]
     suspended = 100.0 * facts["certificate_suspended"]
     shown = f"{violated:.2f} % of the time, suspended {suspended:.2f} %"
@@ -137,9 +139,11 @@ def _describe_course(facts: dict[str, Any], folder: Path | None) -> list[str]:
         ("warnings", "told in flight, at [s]"),
     ):
         lines += [f"{'' if i else label:24}{line}" for i, line in enumerate(facts[key])]
+    at_limit = "–"
+    if facts["duration_s"] > SATURATION_FROM_S:
+        at_limit = f"{100.0 * facts['saturated_fraction']:.2f} %"
     lines += [
-        f"{'commands at a limit':24}{100.0 * facts['saturated_fraction']:.2f} % (after the first "
-        "5 s)",
+        f"{'commands at a limit':24}{at_limit} (after the first {SATURATION_FROM_S:g} s)",
         f"{'wall time':24}{facts['wall_s']:.2f} s for {facts['duration_s']:.0f} s, "
         f"{facts['datagrams']} datagrams",
     ]

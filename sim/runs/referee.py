@@ -62,6 +62,11 @@ class MissionVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """Distance between take-off and where the vehicle stands now [m]."""
 
 
+LEAST_FIGURE_S = 1.0
+"""Time from ``STEADY_S`` on that a flight must last for its errors to be judged [s]: of less, an
+RMS is that of a few instants. Chosen."""
+
+
 class TrueTrack:
     """Every step of one plant after its release.
 
@@ -105,7 +110,7 @@ class TrueTrack:
         step_s: float,
     ) -> dict[str, Any]:
         """``rms_cm``, ``max_cm`` and ``figure_s``: from 15 s after the figure's beginning until it
-        is left.
+        is left. Errors of less than ``LEAST_FIGURE_S`` are None.
 
         Args:
             trajectory: the figure.
@@ -120,7 +125,9 @@ class TrueTrack:
                 default=math.inf,
             )
             steady = self.errors(trajectory, started_s, started_s + STEADY_S, left_s)
-        return {**summarize_errors(steady), "figure_s": len(steady) * step_s}
+        figure_s = len(steady) * step_s
+        judged = steady if figure_s >= LEAST_FIGURE_S else []
+        return {**summarize_errors(judged), "figure_s": figure_s}
 
 
 def summarize_errors(errors: list[float]) -> dict[str, float | None]:

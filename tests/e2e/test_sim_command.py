@@ -81,6 +81,7 @@ def test_without_a_command_the_list_of_them_is_shown(start: Callable[[], int]) -
 def test_a_flight_too_short_for_its_error_says_so() -> None:
     said = sim("fly", "--duration", "3").stdout
     assert "errors count from 15 s on: this flight was shorter" in said
+    assert "– (after the first 5 s)" in said
 
 
 def test_scenarios_lists_every_scenario_with_every_value() -> None:
@@ -90,6 +91,7 @@ def test_scenarios_lists_every_scenario_with_every_value() -> None:
     assert [line.split()[0] for line in sim("scenarios").stdout.splitlines()] == list(SCENARIOS)
     assert "sim.wind_mean = [2.0, -1.6, 1.0]" in sim("scenarios", "storm").stdout
     assert "expected one of" in sim("scenarios", "strom").stderr
+    assert list(json.loads(sim("scenarios", "storm", "--json").stdout)) == ["storm"]
 
 
 def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path) -> None:
