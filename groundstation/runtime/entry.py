@@ -88,9 +88,10 @@ def _advise_gone(gone: Mapping[str, str], moved: Mapping[str, str]) -> None:
     """Tell the operator what replaces the words of the command line that are among ``gone``."""
     command, *rest = sys.argv[1:] or [""]
     line = " ".join([moved.get(command, command), *rest])
-    words = set(line.replace("=", " ").replace(",", " ").split())
+    words = line.replace("=", " ").replace(",", " ").split()
     for spelling, instead in gone.items():
-        if words.issuperset(spelling.split()):
+        name = spelling.partition(" --")[0].split()
+        if words[: len(name)] == name and set(words).issuperset(spelling.split()):
             from groundstation.config import config_notice
 
             print(config_notice("command.gone", words=spelling, instead=instead), file=sys.stderr)

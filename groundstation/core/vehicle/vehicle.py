@@ -437,7 +437,7 @@ def integrate_motion(
         other: all other acceleration, gravity and wind, at the beginning [m/s², NED]; exact,
             whatever the duration.
         other_rate: its time derivative [m/s³, NED].
-        drag: linear drag c, -c v on top of it [1/s]; exact up to the third order of c ``duration``.
+        drag: linear drag c, -c v on top of it [1/s]; off by the third order of c ``duration``.
     """
     h, half, per_kg = duration, 0.5 * duration, -1.0 / mass
     pushed = add_scaled(motion.position, per_kg, after.reach)

@@ -148,6 +148,11 @@ def test_words_that_are_gone_are_followed_by_what_to_do_instead(
     assert done.returncode == 2 and last.startswith("`") and f"` is gone: {advice}" in last
 
 
+def test_a_command_whose_options_hold_the_words_of_one_that_is_gone_gets_no_advice() -> None:
+    done = run_here(simulating_main, "dev", "faults", "--kind", "honest", "--forced", "nothing")
+    assert done.returncode == 2 and "is gone" not in done.stderr
+
+
 @pytest.mark.parametrize(("parser", "gone"), [(FLY, GONE), (SIM, SIM_GONE)])
 def test_what_is_said_to_be_gone_is_gone(
     parser: Callable[[], ArgumentParser], gone: dict[str, str], capsys: pytest.CaptureFixture[str]
