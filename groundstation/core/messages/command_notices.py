@@ -21,6 +21,7 @@ COMMAND_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("request.points", "expected at most {most} points, got {count}"),
     NoticeTemplate("goto.numbers", "expected NORTH EAST DOWN [YAW], got {count} numbers"),
+    NoticeTemplate("goto.words", "expected NORTH EAST DOWN [YAW] in numbers, got {found!r}"),
     NoticeTemplate("follow.one_file", "expected one FILE.csv, got {count} words"),
     NoticeTemplate("follow.point", "{path}: point {number}: {why}"),
     # Radio modules and their bridge.

@@ -275,7 +275,10 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     elif ask == "goto":
         if len(where) not in (3, 4):
             raise ConfigError("goto", notice("goto.numbers", count=len(where)))
-        rows = [where]
+        try:
+            rows = [[float(word) for word in where]]
+        except ValueError:
+            raise ConfigError("goto", notice("goto.words", found=" ".join(where))) from None
     elif where:
         raise ConfigError(ask, notice("request.no_words", found=" ".join(where)))
     else:

@@ -160,6 +160,7 @@ def test_a_course_that_is_not_there_is_named(file: str, says: str, tmp_path: Pat
     (["follow", "turned.csv"],
         "turned.csv: point 2: yaw_deg: expected a number from -360 to 360, got 400.0"),
     (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
+    (["goto", "1", "b", "-1"], "goto: expected NORTH EAST DOWN [YAW] in numbers, got '1 b -1'"),
     (["follow", "huge.csv"], "expected at most 64 points, got 50000"),
     (["follow", "empty.csv"], "yaw_deg, and 1 or more lines of numbers"),
     (["follow", "picture.csv"], "picture.csv: not UTF-8 text"),
