@@ -20,6 +20,7 @@ from groundstation.config import (
     keys_of,
     load,
 )
+from groundstation.config.schema import suggest
 from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig
 from groundstation.settings import Config
 
@@ -121,6 +122,13 @@ REFUSED = {
     "points = [1, [2]]": "points[1]: expected a number, got [2]",
 }
 """What stands in a file, and what is said of it."""
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"), [("ne", "ned"), ("nde", ""), ("nwd", ""), ("form", "from")]
+)
+def test_axes_in_another_order_are_not_suggested(written: str, meant: str) -> None:
+    assert suggest(written, ["ned", "wnd", "from"]) == (f"; did you mean {meant}?" if meant else "")
 
 
 @pytest.mark.parametrize(("text", "line"), REFUSED.items(), ids=REFUSED.values())
