@@ -118,9 +118,9 @@ def suggest(written: Any, known: Iterable[Any]) -> str:
     Empty without one.
     """
     words = [word for word in known if isinstance(word, str)]
-    near = get_close_matches(written, words, n=1) if isinstance(written, str) else []
-    # Axes in another order are others: nwd, left-handed, is not wnd.
-    near = [word for word in near if len(word) > 3 or sorted(word) != sorted(written)]
+    if not isinstance(written, str) or {len(word) for word in words} == {3}:
+        return ""  # of axes, too, where two letters of three are other axes
+    near = get_close_matches(written, words, n=1)
     return f"; did you mean {near[0]}?" if near else ""
 
 

@@ -124,11 +124,10 @@ REFUSED = {
 """What stands in a file, and what is said of it."""
 
 
-@pytest.mark.parametrize(
-    ("written", "meant"), [("ne", "ned"), ("nde", ""), ("nwd", ""), ("form", "from")]
-)
-def test_axes_in_another_order_are_not_suggested(written: str, meant: str) -> None:
-    assert suggest(written, ["ned", "wnd", "from"]) == (f"; did you mean {meant}?" if meant else "")
+@pytest.mark.parametrize("written", ["nwd", "nde", "ne"])
+def test_no_axes_are_suggested_for_others(written: str) -> None:
+    assert suggest(written, ["ned", "nwu", "wnd"]) == ""
+    assert suggest("form", ["ned", "from"]) == "; did you mean from?"
 
 
 @pytest.mark.parametrize(("text", "line"), REFUSED.items(), ids=REFUSED.values())
