@@ -216,9 +216,9 @@ class CrsfCount(IntEnum):
     """Counts of a CRSF channel."""
 
     LOW = 172
-    """Of the position -1."""
+    """Count of the position -1."""
     HIGH = 1811
-    """Of the position 1."""
+    """Count of the position 1."""
     LARGEST = 1984
 
 

@@ -800,6 +800,8 @@ BESIDE = (
     "pose_latency",
 )
 """Parameters that are no keys of a vehicle."""
+DIGITS = 5
+"""Number of written digits [-]; no vehicle needs more."""
 
 
 def file_text(found: IdentifiedVehicle) -> str:
@@ -898,4 +900,4 @@ def describe_parameter(one: IdentifiedParameter) -> str:
 
 
 def _round(value: float) -> float:
-    return float(number(value))
+    return float(f"{value:.{DIGITS}g}")

@@ -104,9 +104,12 @@ class StandingWander(NamedTuple):
     """Walk of the upward speed [m²/s³]."""
 
 
-def find_least_height(pose: Pose) -> float:
-    """Return the least height of a flying vehicle in poses like ``pose`` [m]."""
-    return LEG_TRAVEL_M if pose.velocity_ned is None else WANDERING_M
+def find_least_height(*, has_velocity: bool) -> float:
+    """Return the least height of a flying vehicle [m].
+
+    ``has_velocity``: whether its poses have a velocity.
+    """
+    return WANDERING_M if has_velocity else LEG_TRAVEL_M
 
 
 class _Walks:
@@ -187,7 +190,6 @@ class LiftOff:
         self._height_m = 0.0
         """Height of the newest pose [m]."""
         self._climb: float | None = None
-        self._least_m = find_least_height(at_rest)
         self._resets = at_rest.reset_count
         self._at = at_rest.time_s
         self._thrust: float | None = None
@@ -258,6 +260,11 @@ class LiftOff:
             log - 0.5 * step * step / variance
             for log, step in zip(self._logs, innovations, strict=True)
         ]
+
+    @property
+    def _least_m(self) -> float:
+        """Least height of a flying vehicle in its poses [m]."""
+        return find_least_height(has_velocity=self.has_velocity)
 
     @property
     def has_jumped(self) -> bool:
@@ -720,8 +727,9 @@ class SpoolUp:
         """Whether ``pose`` is above the floor by more than legs and noise explain."""
         # The wander of 1 s: a spool-up takes about so long.
         variance = 2.0 * self._noise * self._noise + self._wander.height_m2_s
-        least_m = find_least_height(pose) + SIGNIFICANT * math.sqrt(variance)
-        return self.place_ned[2] - pose.position_ned[2] > least_m
+        least_m = find_least_height(has_velocity=pose.velocity_ned is not None)
+        height_m = self.place_ned[2] - pose.position_ned[2]
+        return height_m > least_m + SIGNIFICANT * math.sqrt(variance)
 
     def _light_s(self, now_s: float) -> float:
         """Time since thrust relieves the floor so much that wind may move the vehicle [s]."""

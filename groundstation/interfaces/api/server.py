@@ -10,7 +10,6 @@ from typing import cast
 
 from groundstation.core.messages import Say, Snapshot, notice
 from groundstation.interfaces.api.messages import (
-    LINE_MAX_BYTES,
     ORDER_MAX_BYTES,
     VERSION,
     Allowance,
@@ -37,6 +36,9 @@ from groundstation.machine import (
 CLIENTS_MAX = 20
 """At most this many clients; the next takes the place of one that only reads, so that an order
 always gets in."""
+BACKLOG_MAX_BYTES = 65536
+"""A client that leaves more than this unread, beyond its greeting and what the kernel holds for it,
+is dropped."""
 ORDERS = Allowance(rate_hz=20.0, burst=20.0)
 """Lines read of a client; more wait in its own socket."""
 
@@ -101,7 +103,7 @@ class Server:
         The others fill its own socket.
         """
         client, allowance, loop = (
-            _AttachedClient(writer.transport),
+            _AttachedClient(writer.transport, BACKLOG_MAX_BYTES + len(self._hello)),
             TokenBucket(ORDERS),
             asyncio.get_running_loop(),
         )
@@ -207,8 +209,10 @@ class Server:
 class _AttachedClient:
     """One attached client. It is never waited for: one that does not read is dropped."""
 
-    def __init__(self, transport: asyncio.WriteTransport) -> None:
+    def __init__(self, transport: asyncio.WriteTransport, most_unread: int) -> None:
+        """Take its end, and how much it may leave unread [bytes]."""
         self.transport = transport
+        self._most_unread = most_unread
         self.party = Party(_pid(transport))
         self.refused: set[str] = set()
         """Reasons for which lines of it were no order, each of which is logged once."""
@@ -216,13 +220,10 @@ class _AttachedClient:
         """Whether it has ever sent an order, and does not only read."""
 
     def write(self, line: bytes) -> None:
-        """Send ``line``; drop a client that leaves more than the longest line unread.
-
-        What the kernel holds for it comes in addition.
-        """
+        """Send ``line``, unless it left too much unread."""
         if self.transport.is_closing():
             return
-        if self.transport.get_write_buffer_size() > LINE_MAX_BYTES:
+        if self.transport.get_write_buffer_size() > self._most_unread:
             self.transport.abort()
             return
         self.transport.write(line)
