@@ -261,7 +261,7 @@ def _show_source(of: Any) -> str:
 
     def parts(node: Any) -> Iterator[str]:
         first, *others = node.body
-        start = min((one.lineno for one in node.decorator_list), default=node.lineno)
+        start = node.lineno - len(node.decorator_list) * (node is not _definition(of))
         yield "\n".join(lines[start - 1 : first.end_lineno])
         for one in others if isinstance(node, ast.ClassDef) else ():
             if isinstance(one, ast.FunctionDef) and re.match("[a-z]|__getitem__", one.name):
@@ -269,7 +269,7 @@ def _show_source(of: Any) -> str:
             elif isinstance(one, ast.AnnAssign | ast.Expr) and "ClassVar" not in ast.unparse(one):
                 yield "\n".join(lines[one.lineno - 1 : one.end_lineno])
 
-    return "\n".join(parts(_definition(of)))
+    return ROLE.sub(r"\1", "\n".join(parts(_definition(of))))
 
 
 EVERYWHERE = (Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL, Event.TAKEN_OVER)
