@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from functools import cache
 from typing import Any, ClassVar
 
@@ -115,13 +115,15 @@ def describe_unknown_key(key: str, value: Any, known: list[str]) -> str:
 def suggest(written: Any, known: Iterable[Any]) -> str:
     """Suggest the word of ``known`` that ``written`` probably means, as the end of an error.
 
-    Empty without one.
+    Empty where none is near, or two are equally near: left-handed axes mean no others.
     """
+    if not isinstance(written, str):
+        return ""
     words = [word for word in known if isinstance(word, str)]
-    if not isinstance(written, str) or {len(word) for word in words} == {3}:
-        return ""  # of axes, too, where two letters of three are other axes
-    near = get_close_matches(written, words, n=1)
-    return f"; did you mean {near[0]}?" if near else ""
+    near = get_close_matches(written, words, n=2)
+    likeness = [SequenceMatcher(None, word, written).ratio() for word in near]
+    is_one = len(near) == 1 or (len(near) == 2 and likeness[0] > likeness[1])
+    return f"; did you mean {near[0]}?" if is_one else ""
 
 
 def describe_value(value: Any) -> str:

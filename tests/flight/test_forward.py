@@ -29,7 +29,7 @@ def ready(
     source: str = "vicon",
     meanwhile: Callable[[Stage, ExternalPoses], Awaitable[None]],
 ) -> tuple[ExternalPoses, Stage]:
-    """What the autopilot has made of a flight that waits to be armed, ``meanwhile`` beside it."""
+    """Wait to be armed, with ``meanwhile`` beside it, and return what the autopilot received."""
     world, config = prepare(SCENARIOS["quad1kg"], list(overrides), source=source)
     external: list[ExternalPoses] = []
 

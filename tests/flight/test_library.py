@@ -3,6 +3,7 @@
 import asyncio
 import math
 import re
+import struct
 import traceback
 from collections.abc import Callable
 from functools import cache
@@ -226,7 +227,11 @@ def test_controllers_are_compared_as_they_are_given() -> None:
     flights = [(row.scenario, row.controller) for row in found.rows]
     assert flights == [("paper", "pid"), ("paper", "Hover")]
     assert found.to_pandas().loc[("paper", "pid"), "survived"]
-    assert isinstance(found.plot(), Figure)
+    figure = found.plot()
+    assert isinstance(figure, Figure)
+    width, height = figure.get_size_inches()
+    picture = figure._repr_png_()  # type: ignore[attr-defined]  # what a notebook shows
+    assert struct.unpack(">II", picture[16:24]) == (round(140 * width), round(140 * height))
     assert "Hover" in str(found)
 
 

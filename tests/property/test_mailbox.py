@@ -45,7 +45,7 @@ def test_the_newest_value_is_got_once() -> None:
 
 
 def test_records_have_these_bytes() -> None:
-    """From byte 64 on slots of 24 + 16,384 bytes: number, size, CRC-32 of both, value."""
+    """Slots of 24 + 16,384 bytes begin at byte 64: number, size, CRC-32 of both, value."""
     writer = Mailbox()
     writer.put(b"first")
     writer.put(b"second!")

@@ -403,8 +403,9 @@ def _spread(panel: Any, late: Column) -> None:
     panel.plot([], [], " ", label=f"largest {max(0.0, float(late.max())):.3f} ms")
 
 
+DPI = 140
+"""Resolution of pictures for the screen [dots per inch]."""
 PLOT_STYLE: Any = {
-    "savefig.dpi": 140,
     "font.size": 9.0,
     "axes.grid": True,
     "axes.axisbelow": True,
@@ -543,7 +544,7 @@ def save_figures(
     made = []
     for one in figures:
         made.append((one, folder / f"{one.name}.{form or 'png'}"))
-        draw_figure(one, shown, form).savefig(made[-1][1])
+        draw_figure(one, shown, form).savefig(made[-1][1], dpi=DPI)
     return made
 
 
@@ -555,7 +556,7 @@ def figure_class() -> "type[Figure]":
     class ShownFigure(Figure):
         def _repr_png_(self) -> bytes:
             picture = BytesIO()
-            self.savefig(picture, format="png")
+            self.savefig(picture, dpi=DPI, format="png")
             return picture.getvalue()
 
     return ShownFigure

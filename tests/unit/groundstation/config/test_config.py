@@ -4,8 +4,9 @@ TOML.
 
 import math
 import tomllib
+from itertools import permutations
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 import pytest
@@ -21,6 +22,7 @@ from groundstation.config import (
     load,
 )
 from groundstation.config.schema import suggest
+from groundstation.core.geometry.so3 import World
 from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig
 from groundstation.settings import Config
 
@@ -124,10 +126,20 @@ REFUSED = {
 """What stands in a file, and what is said of it."""
 
 
-@pytest.mark.parametrize("written", ["nwd", "nde", "ne"])
+AXES = get_args(World)
+NO_AXES = {"".join(letters) for letters in permutations("neswud", 3)} - {*AXES}
+
+
+@pytest.mark.parametrize("written", ["ne", *sorted(NO_AXES)])
 def test_no_axes_are_suggested_for_others(written: str) -> None:
-    assert suggest(written, ["ned", "nwu", "wnd"]) == ""
+    assert suggest(written, AXES) == ""
+
+
+def test_a_word_is_suggested_where_it_alone_is_near() -> None:
     assert suggest("form", ["ned", "from"]) == "; did you mean from?"
+    assert suggest("at", ["at_s", "link"]) == "; did you mean at_s?"
+    assert suggest("k4", ["k2", "k3"]) == "", "both are equally near"
+    assert suggest("pigeon", ["udp", "radio"]) == "", "none is near"
 
 
 @pytest.mark.parametrize(("text", "line"), REFUSED.items(), ids=REFUSED.values())

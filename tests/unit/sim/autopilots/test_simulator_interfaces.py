@@ -17,7 +17,9 @@ from sim.autopilots.onboard import read_parameters
 from sim.autopilots.px4 import Outputs, SimulatorCodec
 from sim.world import TrueState, generator, rows
 
-PLACE, SPEED, RATES = (1.0, -2.0, -1.5), (0.25, 0.5, -0.125), (0.5, -0.25, 0.125)
+PLACE = (1.0, -2.0, -1.5)
+SPEED = (0.25, 0.5, -0.125)
+RATES = (0.5, -0.25, 0.125)
 STATE = TrueState(2.5, PLACE, SPEED, so3.IDENTITY, RATES, 9.81, on_ground=False)
 FORCE: Vec3 = (0.5, -0.25, -9.75)
 QUIET = (0.0,) * 10

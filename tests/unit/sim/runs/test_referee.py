@@ -6,7 +6,8 @@ from groundstation.core.messages import STEADY_S
 from groundstation.core.trajectory.shapes import HoldConfig
 from sim.runs.referee import StateEntry, TrueTrack
 
-STEP_S, OFF_M = 0.01, 0.02
+STEP_S = 0.01
+OFF_M = 0.02
 
 
 @pytest.mark.parametrize(("figure_s", "rms_cm"), [(15.0, None), (15.9, None), (17.0, 2.0)])
