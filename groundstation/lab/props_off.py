@@ -23,7 +23,6 @@ from groundstation.flight.preflight import (
     proof_path,
     save_proof,
 )
-from groundstation.lab.doctor import BEAT_S
 from groundstation.machine import ApiError, Taken, hold_lock, precise_loop, socket_path, to_the_end
 from groundstation.runtime import Exit
 from groundstation.settings import Config
@@ -39,6 +38,8 @@ STOP_S = 15.0
 failsafe of an autopilot. An order that nobody acknowledges is repeated for 5 s."""
 HEAR_S = 0.05
 """Time in which everything reported meanwhile is read [s]."""
+NEWS_S = 3.0
+"""Largest age of the vehicle's report [s]; it reports once a second."""
 TRIES = 3
 """Attempts at a step that the vehicle ends by disarming itself, and at a disarming."""
 AGAIN_S = 3.0
@@ -322,7 +323,7 @@ class Guide:
             news = await hand.until(event, ACT_S)
         except TimeoutError:
             raise NotProven(notice(otherwise)) from None
-        if any(one.event == "disarmed" and one.at_s < news.at_s - BEAT_S for one in hand.heard):
+        if any(one.event == "disarmed" and one.at_s < news.at_s - NEWS_S for one in hand.heard):
             raise _StepAgain
         return news
 

@@ -34,7 +34,6 @@ from links.bridge.codec import (
 from links.core import Command, LinkError
 from links.io import Datagrams, is_loopback, parse_address
 from links.rf import (
-    SILENT_S,
     Arm,
     DsmLinkConfig,
     End,
@@ -173,6 +172,9 @@ class KeptPacer:
                 self._disarmed = True
 
 
+SILENT_S = 1.0
+"""Silence after which a station counts as gone [s]: another may command once the vehicle is down.
+Chosen."""
 SESSIONS = 8
 """Limit of the remembered sessions [-]: a further one replaces the oldest that does not command.
 Chosen."""
