@@ -57,6 +57,9 @@ KEY_NOTICES: tuple[NoticeTemplate, ...] = (
         "ramp_s: expected at most {length_s:.3g} s, all there is to fly, got {ramp_s:g}",
     ),
     NoticeTemplate(
+        "trajectory.short_ramp", "ramp_s: expected 0 or at least {least_s:g} s, got {ramp_s:g}"
+    ),
+    NoticeTemplate(
         "trajectory.no_ramp",
         "laps: needs ramp_s above 0, or it would have to stop within no time at the end",
     ),

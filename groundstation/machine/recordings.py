@@ -27,11 +27,11 @@ class RecordingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         ),
     ] = ""
     keep_gb: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0)] | None,
+        Annotated[float, msgspec.Meta(ge=1e-6)] | None,
         msgspec.Meta(description="The oldest recordings go once all take more than this [GB]."),
     ] = 20.0
     keep_days: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0)] | None,
+        Annotated[float, msgspec.Meta(ge=0.001)] | None,
         msgspec.Meta(description="Recordings older than this go [days]."),
     ] = None
 

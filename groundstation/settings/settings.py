@@ -403,7 +403,7 @@ class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         ),
     ] = "groundstation"
     rate_hz: Annotated[
-        float, msgspec.Meta(gt=0.0, le=50.0, description="Most snapshots a second [1/s].")
+        float, msgspec.Meta(ge=0.01, le=50.0, description="Most snapshots a second [1/s].")
     ] = 5.0
     health_period_s: Annotated[
         float,
@@ -518,7 +518,7 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         ),
     ] = "floor"
     duration_s: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=86400.0)] | None,
+        Annotated[float, msgspec.Meta(ge=0.01, le=86400.0)] | None,
         msgspec.Meta(
             description="Fly back and land after this time on the trajectory [s]; without it, only "
             "on request."

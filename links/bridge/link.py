@@ -295,7 +295,7 @@ class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
         ),
     ] = "bridge.key"
     connect_timeout_s: Annotated[
-        float, msgspec.Meta(gt=0.0, le=60.0, description="How long to wait for the bridge [s].")
+        float, msgspec.Meta(ge=0.01, le=60.0, description="How long to wait for the bridge [s].")
     ] = 5.0
 
     def __post_init__(self) -> None:

@@ -23,24 +23,25 @@ from groundstation.core.vehicle import (
     Thrust,
 )
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+Positive = Annotated[float, msgspec.Meta(ge=1e-7)]
+"""A quantity of a vehicle or its rotors: the smallest is the inertia of one of 5 g, 1e-6 kg m²."""
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 PartOfSecond = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 """A latency or its jitter [s]; more is in milliseconds."""
 Duration = Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)]
 """A time within a flight [s]; more is in milliseconds."""
-Period = Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)]
+Period = Annotated[float, msgspec.Meta(ge=0.01, le=3600.0)]
 """Time from one event of a flight to the next [s]."""
-Rate = Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)]
+Rate = Annotated[float, msgspec.Meta(ge=0.001, le=1000.0)]
 """Events per second [Hz]."""
-Gain = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
+Gain = Annotated[float, msgspec.Meta(ge=0.001, le=10.0)]
 """A true over a commanded value [-]; more is in percent."""
 Noise = Annotated[float, msgspec.Meta(ge=0.0, le=0.1)]
 """Noise of a position [m]; more is in millimetres."""
 AngleNoise = Annotated[float, msgspec.Meta(ge=0.0, le=0.2)]
 """Noise of an angle [rad]; more is in degrees."""
-Speed = Annotated[float, msgspec.Meta(gt=0.0, le=50.0)]
+Speed = Annotated[float, msgspec.Meta(ge=0.001, le=50.0)]
 """A speed [m/s]; more is in millimetres per second."""
 Push = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
 """An acceleration by the air, or a speed of it [m/s², m/s]: ten times the weight, or a
@@ -258,9 +259,9 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     SITL: 0.6."""
     ground_effect: bool = False
     """Whether thrust grows near the floor; flights that begin on the floor have it."""
-    rotor_radius_m: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.035
+    rotor_radius_m: Annotated[float, msgspec.Meta(ge=0.001, le=1.0)] = 0.035
     """Radius of one rotor [m]: the ground effect fades with height over it."""
-    step_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.0025)] = 0.0025
+    step_s: Annotated[float, msgspec.Meta(ge=1e-5, le=0.0025)] = 0.0025
     """Longest step of the plant [s]; errors are sampled at every step."""
     gravity: Annotated[float, msgspec.Meta(ge=1.0, le=30.0)] = GRAVITY
     """[m/s²]"""

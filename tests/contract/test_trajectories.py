@@ -312,6 +312,7 @@ TWO = [[0, 0, -1], [1, 0, -1]]
         ("circle", {"radius": 1.0}, "unknown field `radius`"),
         ("circle", {"laps": 2}, "laps: needs ramp_s above 0"),
         ("lemniscate", {"laps": 1, "ramp_s": 11.0}, "ramp_s: expected at most 10.5 s"),
+        ("lemniscate", {"ramp_s": 1e-300}, "ramp_s: expected 0 or at least 0.001 s, got 1e-300"),
         ("circle", {"tilt_deg": 91.0}, "<= 90.0"),
         ("waypoints", {"points_ned": TWO[:1]}, "length >= 2"),
         ("waypoints", {"points_ned": [TWO[0], TWO[0]]}, r"points_ned\[1\]: the same as the one"),

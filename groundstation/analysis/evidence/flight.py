@@ -16,7 +16,8 @@ from groundstation.core.messages import Pose
 from groundstation.recording import CHANNELS, MeasuredMessage, Quaternion, Vector3, quaternion
 
 Column = NDArray[np.float64]
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+Positive = Annotated[float, msgspec.Meta(ge=0.001)]
+"""A mass [kg], a time constant [s], a gain [1/s] or a rate [1/s]."""
 
 FASTEST_RAD_S = 100.0
 """No vehicle turns faster [rad/s]: a set-point that asks for more is not believed."""

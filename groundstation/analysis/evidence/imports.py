@@ -37,6 +37,7 @@ from groundstation.analysis.evidence.flight import (
     ImportedSetpoint,
     ImportedState,
     MappedVehicle,
+    Positive,
 )
 from groundstation.analysis.evidence.text_tables import (
     CsvLayout,
@@ -57,7 +58,6 @@ from groundstation.runtime import Exit, __version__, require_package
 
 Tables: TypeAlias = Mapping[str, Table]
 Three = tuple[str, str, str]
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3,

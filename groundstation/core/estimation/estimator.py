@@ -580,7 +580,7 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     attitude_gain: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=0.001,
             le=1.0,
             description="Weight of a pose's attitude against the model's [-]; 1 takes the "
             "measurement.",

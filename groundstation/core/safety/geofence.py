@@ -48,7 +48,7 @@ class _Fence(_Braking, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
     height_m: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=0.01,
             le=FARTHEST_M,
             description="Largest height above the floor, `flight.floor_z_m` [m].",
         ),

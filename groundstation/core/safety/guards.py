@@ -73,7 +73,7 @@ class Escalation:
 
 
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
-Share = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
+Share = Annotated[float, msgspec.Meta(ge=0.01, le=1.0)]
 Angle = Annotated[float, msgspec.Meta(ge=2.0, le=90.0)]
 """A tilt [deg]; less than 2 is in radians, of which 90 degrees are 1.6."""
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
@@ -180,7 +180,7 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         ),
     ] = 0.2
     battery_v: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None,
+        Annotated[float, msgspec.Meta(ge=0.1, le=1000.0)] | None,
         msgspec.Meta(
             description="Voltage below which the vehicle lands, where it reports that [V]."
         ),

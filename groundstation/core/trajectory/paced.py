@@ -2,12 +2,29 @@
 smoothly.
 """
 
+from groundstation.config import config_notice
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.reference import Reference, Trajectory, rest_there
 
 BISECTIONS = 50
 """Bisections that find a joint within a ramp [-]: a ramp of 600 s divided by 2⁵⁰ is below a
 picosecond."""
+LEAST_RAMP_S = 0.001
+"""Shortest ramp, except 0 [s]: the shortest period of commands. The jerk grows with 1/ramp²."""
+
+
+def check_ramp(ramp_s: float, length_s: float) -> None:
+    """Check the time of a ramp for a curve of ``length_s`` of its own time [s].
+
+    Raises:
+        ValueError: it is longer than the curve, or too short to be flown.
+    """
+    if ramp_s > length_s:
+        raise ValueError(config_notice("trajectory.ramp", length_s=length_s, ramp_s=ramp_s))
+    if 0.0 < ramp_s < LEAST_RAMP_S:
+        raise ValueError(
+            config_notice("trajectory.short_ramp", least_s=LEAST_RAMP_S, ramp_s=ramp_s)
+        )
 
 
 class Paced:

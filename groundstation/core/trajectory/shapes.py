@@ -33,7 +33,7 @@ from groundstation.config import (
     needed_names,
 )
 from groundstation.core.geometry import Coordinate, Vec3
-from groundstation.core.trajectory.paced import Paced
+from groundstation.core.trajectory.paced import Paced, check_ramp
 from groundstation.core.trajectory.reference import (
     Acceleration,
     Degrees,
@@ -319,12 +319,7 @@ class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     def __post_init__(self) -> None:
         if self.laps is not None and self.ramp_s == 0.0:
             raise ValueError(config_notice("trajectory.no_ramp"))
-        if self.laps is not None and self.ramp_s > self.laps * self.lap_s:
-            raise ValueError(
-                config_notice(
-                    "trajectory.ramp", length_s=self.laps * self.lap_s, ramp_s=self.ramp_s
-                )
-            )
+        check_ramp(self.ramp_s, math.inf if self.laps is None else self.laps * self.lap_s)
 
     @property
     def lap_s(self) -> float:

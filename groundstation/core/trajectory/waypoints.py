@@ -37,7 +37,7 @@ import numpy as np
 
 from groundstation.config import FromFile, config_notice
 from groundstation.core.geometry import FARTHEST_M, Vec3
-from groundstation.core.trajectory.paced import Paced
+from groundstation.core.trajectory.paced import Paced, check_ramp
 from groundstation.core.trajectory.reference import (
     FASTEST_M_S,
     LATEST_S,
@@ -651,9 +651,7 @@ class SamplesConfig(
             velocities_ned=self.velocities_ned,
             yaws_deg=self.yaws_deg,
         )
-        length = self.times_s[-1] - self.times_s[0]
-        if self.ramp_s > length:
-            raise ValueError(config_notice("trajectory.ramp", length_s=length, ramp_s=self.ramp_s))
+        check_ramp(self.ramp_s, self.times_s[-1] - self.times_s[0])
 
     @classmethod
     def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:

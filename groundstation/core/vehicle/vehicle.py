@@ -43,8 +43,9 @@ from groundstation.core.geometry import (
 
 Mass = Annotated[float, msgspec.Meta(ge=0.005, le=100.0)]
 """A mass [kg]: a larger number is in grams, and no tracked vehicle is lighter than 5 g."""
-Thrust = Annotated[float, msgspec.Meta(gt=0.0, le=5000.0)]
-"""A thrust [N], of at most five times the weight of the heaviest vehicle."""
+Thrust = Annotated[float, msgspec.Meta(ge=1e-4, le=5000.0)]
+"""A thrust [N]: from a five-hundredth of the weight of the lightest vehicle to five times that of
+the heaviest."""
 Lag = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
 """A time constant of an actuator [s]: a larger number is in milliseconds, or of a rotor that no
 loop can fly."""
@@ -61,12 +62,12 @@ its markers."""
 RateLimit = Annotated[float, msgspec.Meta(ge=15.0, le=1e5)]
 """A body rate [deg/s]: 100000 is no limit at all, and a smaller number than 15 is in radians per
 second."""
-WeightShare = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
+WeightShare = Annotated[float, msgspec.Meta(ge=0.01, le=10.0)]
 """A thrust as a share of the weight [-]."""
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 """A share, 0 and 1 included [-]."""
-Inside = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
-"""A share between 0 and 1, without both [-]."""
+HoverSignal = Annotated[float, msgspec.Meta(ge=0.001, lt=1.0)]
+"""A signal that carries the vehicle [-]: no rotors give a thousand times the weight."""
 
 GRAVITY = 9.81
 """Default g [m/s²]: the paper's."""
@@ -121,7 +122,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         ),
     ] = 0.0
     hover_thrust: Annotated[
-        Inside | None,
+        HoverSignal | None,
         msgspec.Meta(
             description="Signal (0..1) that carries the vehicle, as the autopilot shows it (PX4: "
             "MPC_THR_HOVER) [-]; it says how many newtons the full signal gives."
@@ -272,11 +273,11 @@ class LimitsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Bounds on the planned flight: a trajectory that would leave them is refused at start."""
 
     max_speed_m_s: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] | None,
+        Annotated[float, msgspec.Meta(ge=0.001, le=50.0)] | None,
         msgspec.Meta(description="Fastest the reference may go [m/s]."),
     ] = None
     max_acceleration_m_s2: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] | None,
+        Annotated[float, msgspec.Meta(ge=0.001, le=100.0)] | None,
         msgspec.Meta(description="Largest acceleration of the reference [m/s²]."),
     ] = None
     max_tilt_deg: Annotated[

@@ -698,7 +698,7 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     jump_m: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=0.001,
             le=10.0,
             description="How far a pose may be from the prediction by the ones before [m], in "
             "addition to `acceleration_m_s2`.",
@@ -707,11 +707,11 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     acceleration_m_s2: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0, le=1000.0, description="Largest acceleration that is believed [m/s²]."
+            ge=0.1, le=1000.0, description="Largest acceleration that is believed [m/s²]."
         ),
     ] = 30.0
     speed_m_s: Annotated[
-        float, msgspec.Meta(gt=0.0, le=100.0, description="Fastest speed that is believed [m/s].")
+        float, msgspec.Meta(ge=0.01, le=100.0, description="Fastest speed that is believed [m/s].")
     ] = 20.0
     rate_deg_s: Annotated[
         float,
@@ -729,7 +729,7 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     frozen_s: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=0.001,
             le=60.0,
             description="A pose that has been the same to the last bit for this long is no longer "
             "measured [s].",

@@ -173,7 +173,7 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     connect_timeout_s: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=0.01,
             le=600.0,
             description="How long to wait for the autopilot's first HEARTBEAT [s].",
         ),

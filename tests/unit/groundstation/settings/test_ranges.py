@@ -3,6 +3,8 @@ vehicle is.
 """
 
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -89,6 +91,8 @@ def test_gains_and_noises_that_are_a_thousand_times_too_large_are_refused(kind: 
         *("vehicle.hover_range=[70,145]", "vehicle.drag_per_s=998"),
         # beyond anything
         *("controller.wind_noise=1e9", "gate.rate_deg_s=1e6"),
+        # nearer to zero than anything
+        *("controller.attitude_gain=1e-300", "gate.jump_m=1e-300", "fence.height_m=1e-300"),
     ],
 )
 def test_a_number_in_another_unit_is_refused_with_what_is_accepted(override: str) -> None:
@@ -97,6 +101,11 @@ def test_a_number_in_another_unit_is_refused_with_what_is_accepted(override: str
     base = {"controller": {"kind": "pid"}, "link": {"forward": {}}, "fence": fence}
     with pytest.raises(ConfigError, match=rf"^--set: {key}(\[\d\])?: expected a number "):
         from_dict(base, Config, [override])
+
+
+def test_every_number_that_must_not_be_zero_has_a_least_value() -> None:
+    page = Path(__file__).parents[4] / "docs" / "reference" / "configuration.md"
+    assert not re.findall(r"^\| `(.*?)` \| [^|]*a number > 0\b", page.read_text("utf-8"), re.M)
 
 
 HEAVY = "times the weight, .* by mass_kg = "
