@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
+from msgspec.structs import replace
 
 from groundstation.core.control import OFF, plan_bring_down, plan_model_descent
 from groundstation.core.geometry import FLOATS, ZERO, Vec3, so3
@@ -21,6 +22,7 @@ BRING_DOWN_LIMIT_S = 2.0
 G = 9.81
 MQX = Vehicle()
 BIG = Vehicle(mass_kg=1.0, thrust_max_n=20.0, thrust_min_n=0.5, thrust_lag_s=0.03, rate_lag_s=0.02)
+DRAGGED = {f"drag {drag}/s": replace(BIG, drag_per_s=drag) for drag in (0.3, 1.0, 2.0)}
 IDEAL = Vehicle(thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=(1e5, 1e5, 1e5))
 WEAK = Vehicle(thrust_max_n=1.03 * G * MQX.mass_kg)
 VEHICLES = {"mqx": MQX, "big": BIG, "ideal": IDEAL}
@@ -65,6 +67,7 @@ def flown(
                 FLOATS, motion, drive, segment.duration_s / steps,
                 mass=vehicle.mass_kg, gravity=G, disturbance=ZERO,
                 thrust_lag=vehicle.thrust_lag_s, rate_lag=vehicle.rate_lag_s,
+                drag=vehicle.drag_per_s,
             )  # fmt: skip
             path.append(motion)
             if motion.position[2] >= height_m:
@@ -177,7 +180,7 @@ def test_a_bring_down_levels_through_the_lag_whatever_the_tilt_and_the_rates(
     assert math.degrees(math.acos(min(1.0, so3.third_column(end.attitude)[2]))) < 3.0
 
 
-@pytest.mark.parametrize("vehicle", [MQX, BIG], ids=["mqx", "big"])
+@pytest.mark.parametrize("vehicle", [MQX, BIG, *DRAGGED.values()], ids=["mqx", "big", *DRAGGED])
 @pytest.mark.parametrize("height_m", [0.1, 0.3, 0.7, 1.2, 1.6, 2.0])
 @pytest.mark.parametrize("speed_m_s", [-0.5, 0.0, 0.4])
 def test_where_the_model_is_right_a_bring_down_meets_the_floor_gently(

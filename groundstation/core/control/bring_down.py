@@ -14,13 +14,15 @@ ideas:
 - The lagged vehicle is a double integrator: with x down, acceleration A, τ A˙ + A = a, the
   variables w = v + τ A and ζ = x + τ v have ζ˙ = w, w˙ = a. It falls at a = +pull, sinks at
   constant speed, and brakes at a = -brake. Braking is weak and short, as no pose shows its effect.
-  From a room's height the floor is met at ``TOUCHDOWN_M_S``.
+  From a room's height the floor is met at ``TOUCHDOWN_M_S``. What the configured drag takes of an
+  acceleration at the mean speed of each phase, the thrust gives back.
 - An autopilot repeats its last command for 1 to 3 s after the link falls silent: so the last part
   is zero thrust.
 """
 
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from groundstation.core.geometry import ZERO, Vec3, rotate, third_column, to_body
 from groundstation.core.vehicle import Motion, Vehicle
@@ -80,6 +82,16 @@ OFF = (Segment(OFF_S, 0.0, ZERO),)
 """Bring-down of a vehicle on the floor: motors off."""
 
 
+class _Phase(NamedTuple):
+    """Part of the vertical motion at one acceleration."""
+
+    duration_s: float
+    acceleration: float
+    """Downwards [m/s²]."""
+    speed: float
+    """Mean sink rate [m/s], for the drag."""
+
+
 def plan_bring_down(
     motion: Motion,
     vehicle: Vehicle,
@@ -111,16 +123,16 @@ def plan_bring_down(
     least, most = WEIGHT_RANGE
     weight = min(max(gravity + disturbance[2], least * gravity), most * gravity)
     turn_s, rates, cosine = _turn(motion, vehicle, weight, disturbance)
-    fall_s, hold_s, brake_s, pull, brake = _descent(
-        motion, vehicle, mass_kg, gravity, weight, height_m
-    )
     hover = mass_kg * weight * HOVER_BIAS
-    thrusts = (
-        (fall_s, hover * (1.0 - pull / gravity)),
-        (hold_s, hover),
-        (brake_s, hover * (1.0 + brake / gravity)),
-        (SETTLE_S, hover * SETTLE_SHARE),
-    )
+
+    def thrust_n(phase: _Phase) -> float:
+        pushed = phase.acceleration + vehicle.drag_per_s * phase.speed
+        return max(hover * (1.0 - pushed / gravity), vehicle.thrust_min_n)
+
+    phases = _plan_phases(motion, vehicle, mass_kg, gravity, weight, height_m)
+    settle_n = SETTLE_SHARE * thrust_n(_Phase(SETTLE_S, 0.0, TOUCHDOWN_M_S))
+    thrusts = [(phase.duration_s, thrust_n(phase)) for phase in phases]
+    thrusts.append((SETTLE_S, settle_n))
     return (*_turn_upright(thrusts, turn_s, rates, cosine, hover, vehicle), *OFF)
 
 
@@ -194,19 +206,14 @@ def _turn(
     return duration, rates, cosine
 
 
-def _descent(
+def _plan_phases(
     motion: Motion, vehicle: Vehicle, mass: float, gravity: float, weight: float, height: float
-) -> tuple[float, float, float, float, float]:
-    """Compute the vertical motion.
-
-    Returns:
-        Durations of falling, of sinking at constant speed, and of braking [s]; accelerations of
-        falling and of braking, pull and brake [m/s²].
-    """
+) -> tuple[_Phase, ...]:
+    """Plan the vertical motion: falling, sinking at constant speed, and braking."""
     lag = vehicle.thrust_lag_s
     speed = motion.velocity[2]
     lift = gravity * motion.thrust / (mass * weight)
-    now = gravity - lift * max(third_column(motion.attitude)[2], 0.0)
+    now = gravity - lift * max(third_column(motion.attitude)[2], 0.0) - vehicle.drag_per_s * speed
     spare = SPARE_SHARE * gravity * (vehicle.thrust_max_n / (mass * weight) - 1.0)
     hardest = max(min(LARGEST_FALL_SHARE * gravity, spare), WEAK_VEHICLE_SHARE * gravity)
     softest = min(LEAST_FALL_SHARE * gravity, hardest)
@@ -217,7 +224,8 @@ def _descent(
     w0, w1 = speed + lag * now, TOUCHDOWN_M_S - lag * brake
     way = max(height - MARGIN_M, 0.0) + lag * (TOUCHDOWN_M_S - speed)
     if w0 > w1 and w0 * w0 - w1 * w1 >= 2.0 * brake * way:  # too fast already: brake at once
-        return 0.0, 0.0, min((w0 - w1) / brake, LONGEST_BRAKING_S), pull, brake
+        brake_s = min((w0 - w1) / brake, LONGEST_BRAKING_S)
+        return (_Phase(brake_s, -brake, 0.5 * (speed + TOUCHDOWN_M_S)),)
     # Fall at +pull to the peak, brake at -brake to w1, and keep the peak speed over the rest of the
     # way.
     square = 2.0 * (way + 0.5 * w0 * w0 / pull + 0.5 * w1 * w1 / brake) / (1.0 / pull + 1.0 / brake)
@@ -226,4 +234,8 @@ def _descent(
     left = way - 0.5 * (peak * peak - w0 * w0) / pull - 0.5 * (peak * peak - w1 * w1) / brake
     fall_s = min(fall_s, SINK_S)
     hold_s = min(max(left, 0.0) / peak if peak > 0.0 else 0.0, max(SINK_S - fall_s - brake_s, 0.0))
-    return fall_s, hold_s, min(brake_s, SINK_S - fall_s - hold_s), pull, brake
+    return (
+        _Phase(fall_s, pull, 0.5 * (speed + peak)),
+        _Phase(hold_s, 0.0, peak),
+        _Phase(min(brake_s, SINK_S - fall_s - hold_s), -brake, 0.5 * (peak + TOUCHDOWN_M_S)),
+    )
