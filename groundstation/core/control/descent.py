@@ -210,6 +210,7 @@ class Descent:
         pull = BLIND_PULL_M_S2 + BLIND_PULL_GROWTH_M_S3 * max(self._blind_s - BLIND_S, 0.0)
         north, east, down = velocity
         self._planned_m_s += pull * interval_s
+        pull += self._vehicle.drag_per_s * self._planned_m_s  # the air takes so much of it
         too_fast = max(0.0, min(down - self._planned_m_s, self._lift_left_m_s))
         lift = min(BLIND_LIFT_GAIN * too_fast, BLIND_LIFT_M_S2)
         self._lift_left_m_s -= lift * interval_s

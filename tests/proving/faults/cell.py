@@ -180,6 +180,8 @@ class DeckFlight:
         self._loop, self._begun_s = loop, loop.time()
         self._blind = False
         """Whether it came down without poses."""
+        self._height_believed = True
+        """Whether the commands have always used the height of the poses since the strike."""
         self._aborted_m = math.inf
         """Height above the floor at which commands ended [m]."""
         self._failsafe_s = math.inf
@@ -279,6 +281,7 @@ class DeckFlight:
             land_s=self._land_s,
             failure=self.flight.failure,
             blind=self._blind,
+            height_believed=self._height_believed,
             aborted_m=self._aborted_m,
         )
         row = judge(name, self._fault, state, seen, self._scenario)
@@ -321,10 +324,10 @@ class DeckFlight:
 
     def _note_course(self, tick: Tick) -> None:
         """Note where one command wants the vehicle to be."""
-        pilot, moves = self.flight._pilot, self._moves
-        self._blind = self._blind or (
-            moves.struck and pilot.state.is_blind and not pilot.state.health.has_failed
-        )
+        state, moves = self.flight._pilot.state, self._moves
+        if moves.struck and state.is_blind:
+            self._height_believed = False
+            self._blind = self._blind or not state.health.has_failed
         # What false poses led to is no course any more: it may run away with them.
         misled = self._fault.poses is not Poses.TRUE and bool(moves.answers)
         if not misled and moves.state not in (State.DESCENT, State.ABORTED, State.DISARMING):

@@ -362,6 +362,8 @@ class Observations(NamedTuple):
     failure: Failure | None = None
     blind: bool = False
     """Whether it came down without poses."""
+    height_believed: bool = True
+    """Whether the commands have always used the height of the poses since the strike."""
     aborted_m: float = math.inf
     """Height above the floor at which commands ended [m]."""
 
@@ -492,7 +494,7 @@ def _measure_touchdown(
     fault: Fault, state: str, seen: Observations, touchdown_m_s: float
 ) -> Measure:
     """Return the touchdown: harder where neither height nor an attitude loop is left."""
-    doubted = any(after in NO_HEIGHT for _, after, _ in seen.answers)
+    doubted = not seen.height_believed or any(after in NO_HEIGHT for _, after, _ in seen.answers)
     most = TOUCHDOWN_M_S
     if _unseen(state, seen.truth):
         most = SPOOL_M_S

@@ -5,6 +5,7 @@ most.
 import math
 
 import pytest
+from msgspec.structs import replace
 
 from groundstation.core.control import Descent
 from groundstation.core.control.descent import BLIND_PULL_M_S2
@@ -103,6 +104,16 @@ def test_blind_it_brakes_what_the_model_sinks_faster_than_its_pull_gives_but_no_
     assert sinks_m_s == pytest.approx(pulled_m_s + max(faster_m_s - BLIND_LIFT_M_S, 0.0), abs=0.05)
     assert max(shares) < 1.16
     assert PERIOD_S * sum(share > 1.03 for share in shares) < 0.5
+
+
+@pytest.mark.parametrize("drag_per_s", [0.0, 0.5, 2.0])
+def test_blind_it_pulls_as_much_more_as_the_air_takes(drag_per_s: float) -> None:
+    descent, sinks_m_s = Descent(replace(VEHICLE, drag_per_s=drag_per_s), G, ZERO, 1.0), 0.0
+    descent.blind = True
+    for n in range(100):
+        pulled = G * (1.0 - lifts(descent, estimate(PERIOD_S * n, sinks_m_s=sinks_m_s)))
+        sinks_m_s += PERIOD_S * (pulled - drag_per_s * sinks_m_s)
+    assert sinks_m_s == pytest.approx(100 * PERIOD_S * BLIND_PULL_M_S2, abs=0.03)
 
 
 @pytest.mark.parametrize(("climbs_m_s", "pull_m_s2"), [(0.2, 0.9), (1.0, 2.5), (5.0, 2.5)])
