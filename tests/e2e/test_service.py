@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.config import load
+from groundstation.config import ConfigError, load
 from groundstation.core.messages import Notice
 from groundstation.core.safety.geofence import BoxFence
 from groundstation.interfaces.service import unit_file
@@ -61,7 +61,8 @@ def test_the_unit_waits_longer_than_the_longest_landing() -> None:
 
 
 def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
-    text = unit_file(load(EXAMPLE, Config), EXAMPLE, ["flight.duration_s=5"], user="root")
+    overrides = ["flight.duration_s=5", 'recording.folder="a b\\q\nc"']
+    text = unit_file(load(EXAMPLE, Config), EXAMPLE, overrides, user="root")
     starts = [line for line in text.splitlines() if line.startswith("ExecStart")]
     assert "--arm" not in " ".join(starts).split()
     restart = ("Restart=on-failure", "RestartPreventExitStatus=2 3")
@@ -78,6 +79,12 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
     )
     about = [line for line in done.stderr.splitlines() if "groundstation" in line]
     assert (done.returncode, about) == (0, []), done.stderr
+
+
+@pytest.mark.parametrize("user", ["a b", "", '"root"', "%u", "lab:lab", "-x", "root\nNice=1"])
+def test_a_name_that_no_user_can_have_is_refused(user: str) -> None:
+    with pytest.raises(ConfigError, match=r"^--user: expected a user's name matching \[A-Za-z0-9_"):
+        unit_file(load(EXAMPLE, Config), EXAMPLE, [], user=user)
 
 
 def test_json_log_lines_are_json() -> None:

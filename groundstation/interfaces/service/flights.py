@@ -13,6 +13,7 @@ import gc
 import json
 import logging
 import os
+import re
 import shlex
 import signal
 import socket
@@ -26,7 +27,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from groundstation.config import ConfigError, dump
+from groundstation.config import ConfigError, describe_pattern, dump
 from groundstation.core.messages import (
     Ask,
     FlightEvent,
@@ -203,14 +204,30 @@ def longest_landing_s(config: Config) -> float:
     return sinking_s + CERTAIN_S + DISARM_WAIT_S + END_S + SPARE_S
 
 
+USER = r"\A[A-Za-z0-9_][A-Za-z0-9_.@-]*\Z"
+"""Name or number of a user of the system, or of a domain. systemd also takes ``a b`` and ``"root"``
+as names, and expands ``%``."""
+UNIT_ESCAPES = (("\\", "\\\\"), ("\n", "\\n"), ("%", "%%"), ("$", "$$"))
+"""What systemd reads in another way than a shell within quotes (systemd.service(5), "Command
+lines"), and how it is written."""
+
+
 def unit_file(config: Config, path: Path, overrides: list[str], *, user: str) -> str:
     """The unit file's text.
 
     ``path`` is the configuration's, ``overrides`` as on the command line.
+
+    Raises:
+        ConfigError: ``user`` is no user's name.
     """
+    if re.search(USER, user) is None:
+        form = f"a user's name matching {describe_pattern(USER)}"
+        raise ConfigError("--user", notice("value.form", form=form, found=user))
     sets = [word for override in overrides for word in ("--set", override)]
     words = [*_program(), "daemon", str(path.resolve()), *sets]
-    command = shlex.join(words).replace("%", "%%").replace("$", "$$")
+    command = shlex.join(words)
+    for letter, escaped in UNIT_ESCAPES:
+        command = command.replace(letter, escaped)
     landing_s = longest_landing_s(config)
     text = Template((Path(__file__).parent / "groundstation.service").read_text("utf-8"))
     return text.substitute(

@@ -55,8 +55,8 @@ from groundstation.interfaces.tui.drawing import flight_time
 from groundstation.interfaces.tui.model import (
     BY_ASK,
     FRAME_S,
-    KEPT,
     ORDERS,
+    PLOT_SAMPLES,
     RETRY_S,
     SILENCE_S,
     Feed,
@@ -219,7 +219,7 @@ class Playback(Feed):
             if self._wound.is_set():
                 self._wound.clear()
                 yield Jump()
-                shown = max(0, until - KEPT)
+                shown = max(0, until - PLOT_SAMPLES)
             for snapshot in self._snapshots[shown:until]:
                 yield snapshot
             shown = max(shown, until)
