@@ -10,6 +10,7 @@ from groundstation.config.errors import (
     refuse_io,
 )
 from groundstation.config.loader import convert, from_dict, load
+from groundstation.config.numbers import parse_number, parse_whole_number
 from groundstation.config.retired import RETIRED_KEYS, RetiredKeyWarning
 from groundstation.config.schema import (
     FACTORY,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.config import ConfigError, refuse_io
+from groundstation.config import ConfigError, parse_number, refuse_io
 from groundstation.core.messages import notice
 from groundstation.lab.doctor_advice import (
     AUX_CHANNELS,
@@ -542,7 +542,7 @@ def _parse_fix(fix: str, visit: Visit) -> Setting:
         value = (
             rule.better(old.value)
             if not equals
-            else float(text)
+            else parse_number(text)
             if isinstance(old.value, float)
             else text
         )

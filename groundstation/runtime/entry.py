@@ -447,13 +447,13 @@ DAY_S = 86400
 
 def seconds(text: str) -> float:
     """Read an argument that is a length of time [s], at most a day."""
+    from groundstation.config import config_notice, parse_number
+
     try:
-        value = float(text)
+        value = parse_number(text)
     except ValueError:
         value = float("nan")  # refused below
     if not 0.0 < value <= DAY_S:
-        from groundstation.config import config_notice
-
         raise argparse.ArgumentTypeError(
             str(config_notice("value.seconds", above=0, most=DAY_S, found=text))
         )

@@ -17,8 +17,10 @@ def whole(text: str) -> int:
 
 
 def _from(least: int, text: str) -> int:
+    from groundstation.config import parse_whole_number
+
     try:
-        value = int(text)
+        value = parse_whole_number(text)
     except ValueError:
         value = least - 1
     if value < least:

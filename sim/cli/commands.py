@@ -22,7 +22,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import ConfigError, keys_of, load, read_toml
+from groundstation.config import ConfigError, keys_of, load, parse_number, read_toml
 from groundstation.core.messages import STEADY_S
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.interfaces.cli import advise_name, completion_script, words_of_flying
@@ -557,7 +557,7 @@ def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
         if not equals:
             raise ConfigError("--param", notice("serve.parameter", found=text))
         try:
-            parameters[name] = float(value)
+            parameters[name] = parse_number(value)
             Parameters(made.kind, made.table, parameters)
         except KeyError:
             raise ConfigError(

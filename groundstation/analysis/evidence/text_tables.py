@@ -26,7 +26,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, parse_number
 from groundstation.core.geometry import so3
 from groundstation.core.messages import notice
 
@@ -181,7 +181,7 @@ def _split(lines: Iterable[str], separator: str) -> Iterator[list[str]]:
 
 def _number(cell: str) -> float:
     try:
-        return float(cell)
+        return parse_number(cell)
     except ValueError:
         return math.nan
 

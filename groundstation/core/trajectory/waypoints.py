@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.config import FromFile, config_notice
+from groundstation.config import FromFile, config_notice, parse_number
 from groundstation.core.geometry import FARTHEST_M, Vec3
 from groundstation.core.trajectory.paced import Paced, check_ramp
 from groundstation.core.trajectory.reference import (
@@ -324,7 +324,7 @@ def _row(cells: list[str], names: list[str], line: int) -> dict[str, float]:
     for cell, name in zip(cells, names, strict=True):
         bound = _BOUNDS[name]
         try:
-            value = float(cell)
+            value = parse_number(cell)
         except ValueError:
             value = math.nan
         if not abs(value) <= bound:

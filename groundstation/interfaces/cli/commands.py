@@ -27,6 +27,7 @@ from groundstation.config import (
     keys_of,
     list_examples,
     load,
+    parse_number,
     presets,
     refuse_io,
     shipped_texts,
@@ -276,7 +277,7 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
         if len(where) not in (3, 4):
             raise ConfigError("goto", notice("goto.numbers", count=len(where)))
         try:
-            rows = [[float(word) for word in where]]
+            rows = [[parse_number(word) for word in where]]
         except ValueError:
             raise ConfigError("goto", notice("goto.words", found=" ".join(where))) from None
     elif where:

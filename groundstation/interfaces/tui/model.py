@@ -9,6 +9,7 @@ from typing import Protocol
 
 import msgspec
 
+from groundstation.config import parse_number
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Ask, Notice, Reply, Sentence, Snapshot, notice
 from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, REPEAT_S, TABLE, State
@@ -315,7 +316,7 @@ class GainRow(msgspec.Struct, frozen=True):
         Bounds are the ground station's to judge.
         """
         try:
-            value = float(typed)
+            value = parse_number(typed)
         except ValueError:
             return notice("screen.no_number", typed=typed)
         return value if math.isfinite(value) else notice("screen.no_gain", typed=typed)

@@ -30,7 +30,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config import ConfigError, dump, is_within_bounds, load, strip_metadata
+from groundstation.config import (
+    ConfigError,
+    dump,
+    is_within_bounds,
+    load,
+    parse_number,
+    strip_metadata,
+)
 from groundstation.core.control import ControllerConfig, Custom, Gains, bound_decrease
 from groundstation.pose.sources import ViconConfig
 from groundstation.runtime import __version__
@@ -182,7 +189,7 @@ def _find_key(controller: ControllerConfig, accepted: Mapping[str, Any], text: s
 
 def _bounds(dotted: str, text: str) -> tuple[float, float]:
     try:
-        low, high = map(float, text.split(":"))
+        low, high = map(parse_number, text.split(":"))
     except ValueError:
         raise ConfigError("--keys", notice("tune.bounds", key=dotted, found=text)) from None
     if not 0.0 < low < high < math.inf:

@@ -104,6 +104,8 @@ def test_a_course_with_a_byte_order_mark_is_read_and_samples_take_velocities(
 BAD_COURSES = [
     ("waypoints", "x,y,z 1,2,3 4,b,6",
         "file: course.csv: line 3, column east_m: expected a number"),
+    ("waypoints", "x,y,z 1,2,3 4,1_0,6",
+        "file: course.csv: line 3, column east_m: expected a number from -100 to 100, got '1_0'"),
     ("samples", "x,y,z 1,2,3 4,5,6", "times_s: missing; expected an array of 2 to 50000 values"),
     ("waypoints", "x,y,z,vx,vy,vz 1,2,3,4,5,6 4,5,6,7,8,9",
      "file: course.csv: has velocities_ned, which trajectory.kind = 'waypoints' can't use"),
@@ -160,6 +162,7 @@ def test_a_course_that_is_not_there_is_named(file: str, says: str, tmp_path: Pat
     (["follow", "turned.csv"],
         "turned.csv: point 2: yaw_deg: expected a number from -360 to 360, got 400.0"),
     (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
+    (["goto", "1_0", "0", "-1"], "goto: expected NORTH EAST DOWN [YAW] in numbers, got '1_0 0 -1'"),
     (["goto", "1", "b", "-1"], "goto: expected NORTH EAST DOWN [YAW] in numbers, got '1 b -1'"),
     (["follow", "huge.csv"], "expected at most 64 points, got 50000"),
     (["follow", "empty.csv"], "yaw_deg, and 1 or more lines of numbers"),
