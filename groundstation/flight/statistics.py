@@ -7,6 +7,7 @@ from collections import deque
 from groundstation.core.geometry import IDENTITY, ZERO
 from groundstation.core.messages import (
     FLOWN,
+    LEAST_JUDGED_S,
     STEADY_S,
     Certificate,
     Check,
@@ -136,10 +137,16 @@ class FlightStatistics:
     def describe_error(self) -> Sentence:
         """Describe the error of a finished flight for which the recorder did not."""
         rms_m, max_m = self._steady.rms_m, self._steady.max_m
-        numbers = {"from_s": STEADY_S, "flown_s": self._flown_s}
+        flown_s = self._flown_s
         if rms_m is None or max_m is None:
-            return notice("recording.none_short", **numbers)
-        return notice("recording.none_figures", rms_cm=to_cm(rms_m), max_cm=to_cm(max_m), **numbers)
+            return notice("recording.none_short", least_s=LEAST_JUDGED_S, flown_s=flown_s)
+        return notice(
+            "recording.none_figures",
+            rms_cm=to_cm(rms_m),
+            max_cm=to_cm(max_m),
+            from_s=STEADY_S,
+            flown_s=flown_s,
+        )
 
     def _rate(self, now: float) -> float:
         """Number of poses that arrived within the last second."""

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.core.messages import STEADY_S, Sentence, notice
+from groundstation.core.messages import LEAST_JUDGED_S, STEADY_S, Sentence, notice
 from groundstation.machine import NICE, free_name, make_folder, tidy
 from groundstation.recording.headline import FlightHeadline
 from groundstation.recording.process import FORGET, PIPE_BYTES, RecorderSetup
@@ -91,7 +91,9 @@ def _tell_figures(path: Path, headline: FlightHeadline) -> None:
     What is missing there has been told.
     """
     if headline.rms_m is None or headline.max_m is None:
-        told = notice("recording.short", flown_s=headline.flown_s, from_s=STEADY_S, path=path)
+        told = notice(
+            "recording.short", flown_s=headline.flown_s, least_s=LEAST_JUDGED_S, path=path
+        )
     else:
         told = notice(
             "recording.figures",

@@ -81,7 +81,7 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
 
     With ``paper``, beside those of the paper, whose flight it is.
     """
-    from groundstation.core.messages import STEADY_S  # --help imports this module, too
+    from groundstation.core.messages import LEAST_JUDGED_S  # --help imports this module, too
 
     title = f"{facts['scenario']}, controller {facts['controller']}, seed {facts['seed']}"
     if not facts["completed"]:
@@ -100,7 +100,7 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
     if facts["estimate_rms_cm"] is not None:
         lines.append(f"{'RMS error, by estimate':24}{facts['estimate_rms_cm']:>11.2f} cm")
     if facts["completed"] and facts["rms_cm"] is None:
-        lines.append(f"errors count from {STEADY_S:.0f} s on: this flight was shorter")
+        lines.append(f"errors take a flight of {LEAST_JUDGED_S:.0f} s: this one was shorter")
     if facts["gust_peak_cm"] is not None:
         back = "never" if facts["gust_back_s"] is None else f"{facts['gust_back_s']:.2f} s"
         lines.append(f"{'gust: largest error':24}{facts['gust_peak_cm']:>11.2f} cm")

@@ -12,10 +12,11 @@ import msgspec
 
 from groundstation.config import ConfigError, refuse_io
 from groundstation.core.control import make_controller
+from groundstation.core.messages import LEAST_JUDGED_S
 from groundstation.machine import fill_markers, replace_between_markers, write_whole
 from groundstation.runtime import Exit, require_package
 from sim.cli.console import ProgressBar, typed_command
-from sim.runs import LEAST_JUDGED_S, Flyers, check_duration
+from sim.runs import Flyers, check_duration
 from sim.studies.tune import (
     AXES,
     SEARCH_SEED,

@@ -14,7 +14,6 @@ from sim.runs.referee import BACK_M, CRASH_M, Effort, FlightVerdict, sought
 from sim.runs.server import place_fleet, serve, serve_fleet
 from sim.runs.simulation import (
     DURATION_S,
-    LEAST_JUDGED_S,
     RECORDING,
     Run,
     check_duration,

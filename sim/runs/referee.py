@@ -11,7 +11,7 @@ import msgspec
 from groundstation.core.control import SUSPENDED, VIOLATED
 from groundstation.core.geometry import Vec3, third_column
 from groundstation.core.messages import (
-    ROUNDING_S,
+    LEAST_JUDGED_S,
     SATURATION_FROM_S,
     SETTLED_M,
     STEADY_S,
@@ -20,6 +20,7 @@ from groundstation.core.messages import (
     Estimate,
     SteadyError,
     Tick,
+    begin_of_steady_part,
 )
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
@@ -60,11 +61,6 @@ class MissionVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """Length of that part [s]."""
     home_m: float
     """Distance between take-off and where the vehicle stands now [m]."""
-
-
-LEAST_FIGURE_S = 1.0
-"""Time from ``STEADY_S`` on that a flight must last for its errors to be judged [s]: of less, an
-RMS is that of a few instants. Chosen."""
 
 
 class TrueTrack:
@@ -110,7 +106,7 @@ class TrueTrack:
         step_s: float,
     ) -> dict[str, Any]:
         """``rms_cm``, ``max_cm`` and ``figure_s``: from 15 s after the figure's beginning until it
-        is left. Errors of less than ``LEAST_FIGURE_S`` are None.
+        is left. Errors of a figure that is left before ``LEAST_JUDGED_S`` are None.
 
         Args:
             trajectory: the figure.
@@ -126,7 +122,7 @@ class TrueTrack:
             )
             steady = self.errors(trajectory, started_s, started_s + STEADY_S, left_s)
         figure_s = len(steady) * step_s
-        judged = steady if figure_s >= LEAST_FIGURE_S else []
+        judged = steady if STEADY_S + figure_s >= LEAST_JUDGED_S else []
         return {**summarize_errors(judged), "figure_s": figure_s}
 
 
@@ -287,8 +283,8 @@ class Referee:
 
     def verdict(self, trajectory: Trajectory, start_s: float) -> FlightVerdict:
         """Judge the flight; the reference started at ``start_s`` on the event loop's clock."""
-        steady_s = STEADY_S - ROUNDING_S
         times = [t - start_s for t in self.track.times]
+        steady_s = begin_of_steady_part(times[-1] if times else 0.0)
         errors = self.track.errors(trajectory, start_s)
         steady = [e for t, e in zip(times, errors, strict=True) if t >= steady_s]
         late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]

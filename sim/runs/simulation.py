@@ -28,7 +28,7 @@ from groundstation.config import (
     several,
     without_frames,
 )
-from groundstation.core.messages import STEADY_S, EndRecord, Sentence, TickRecord
+from groundstation.core.messages import EndRecord, Sentence, TickRecord
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import about
 from groundstation.flight.preflight import ensure_flyable
@@ -37,15 +37,12 @@ from groundstation.recording import FlightLog, LineRecord, Record
 from groundstation.runtime import DAY_S
 from groundstation.settings import Config
 from sim.runs.flight import Result, fly
-from sim.runs.referee import LEAST_FIGURE_S
 from sim.scenarios import BETAFLIGHT, Scenario, choose, prepare, prepare_own
 from sim.text import notice
 from sim.world import World
 
 DURATION_S = 60.0
 """Default duration of a flight [s]: what the figures of the scenarios are defined for."""
-LEAST_JUDGED_S = STEADY_S + LEAST_FIGURE_S
-"""Duration that a flight must exceed to be judged [s]: errors count from ``STEADY_S`` on."""
 T = TypeVar("T")
 
 

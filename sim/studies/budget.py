@@ -17,10 +17,10 @@ from groundstation.analysis import FlightData, load
 from groundstation.analysis.report import FlightColumns
 from groundstation.config import ConfigError
 from groundstation.core.control import Custom
-from groundstation.core.messages import STEADY_S
+from groundstation.core.messages import LEAST_JUDGED_S, STEADY_S
 from groundstation.core.trajectory import OwnTrajectoryConfig
 from groundstation.settings import Config, read_flown_config
-from sim.runs import DURATION_S, LEAST_JUDGED_S, fly
+from sim.runs import DURATION_S, fly
 from sim.scenarios import at_desk, world_from
 from sim.world import STILL, World
 

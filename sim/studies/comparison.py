@@ -22,12 +22,12 @@ import msgspec
 from groundstation.analysis.report import figure_class
 from groundstation.config import ConfigError, lend, several, without_frames
 from groundstation.core.control import make_controller
+from groundstation.core.messages import LEAST_JUDGED_S
 from groundstation.core.vehicle import Vehicle
 from groundstation.machine import replace_between_markers
 from groundstation.runtime import require_package
 from sim.runs import (
     DURATION_S,
-    LEAST_JUDGED_S,
     FlightVerdict,
     Flyers,
     check_duration,

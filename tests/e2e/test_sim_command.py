@@ -80,8 +80,17 @@ def test_without_a_command_the_list_of_them_is_shown(start: Callable[[], int]) -
 
 def test_a_flight_too_short_for_its_error_says_so() -> None:
     said = sim("fly", "--duration", "3").stdout
-    assert "errors count from 15 s on: this flight was shorter" in said
+    assert "errors take a flight of 16 s: this one was shorter" in said
     assert "– (after the first 5 s)" in said
+
+
+def test_a_flight_of_which_half_a_second_could_be_judged_has_no_error_figures(
+    tmp_path: Path,
+) -> None:
+    flown = json.loads(sim("fly", "--duration", "15.5", "--json", "--out", str(tmp_path)).stdout)
+    assert [flown[key] for key in ("rms_cm", "estimate_rms_cm", "effort_rad_s")] == [None] * 3
+    shown = json.loads(run_here(export, "report", str(tmp_path / "flight.mcap"), "--json").stdout)
+    assert [shown[key]["rms_cm"] for key in ("error", "true_error")] == [None] * 2
 
 
 def test_scenarios_lists_every_scenario_with_every_value() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.__main__ import main
-from groundstation.core.messages import STEADY_S
+from groundstation.core.messages import LEAST_JUDGED_S
 from groundstation.machine import RecordingConfig, folder_of
 from groundstation.recording import quick_headline
 from groundstation.recording.__main__ import _tell_figures
@@ -75,4 +75,4 @@ def test_a_flight_ends_with_its_error_figures_and_the_path(
     assert told.endswith(f"recorded in {path}") and sentence["severity"] == "info"
     assert sentence["id"].startswith("recording.") and sentence["numbers"]["path"] == str(path)
     assert headline.rms_m is None
-    assert told.startswith(f"no error figures, which begin after {STEADY_S:g} s on the trajectory")
+    assert told.startswith(f"no error figures, which take {LEAST_JUDGED_S:g} s on the trajectory")

@@ -24,7 +24,7 @@ from groundstation.analysis.report.flight import (
     numbers,
 )
 from groundstation.config import ConfigError
-from groundstation.core.messages import ROUNDING_S, STEADY_S, notice
+from groundstation.core.messages import STEADY_S, begin_of_steady_part, notice
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -288,7 +288,8 @@ def _error_shares(panel: Any, flown: FlightColumns) -> None:
     """Histogram of the steady part's errors, with the figures of the table."""
     against = "truth" if flown.knows_truth else "estimate"
     key = "true_error" if flown.knows_truth else "error"
-    is_steady = flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S - ROUNDING_S)
+    t = flown.scalars["flight_time_s"]
+    is_steady = flown.tracking & (t >= begin_of_steady_part(t[flown.tracking].max(initial=0.0)))
     steady = drop_unknown(100.0 * flown.scalars[f"{key}_m"][is_steady])
     panel.set_xlabel(f"error against the {against}, from {STEADY_S:g} s on [cm]")
     panel.set_ylabel("share of commands [%]")

@@ -21,11 +21,11 @@ from groundstation.config import parse_toml
 from groundstation.core.messages import (
     FLOWN,
     MEAN_S,
-    ROUNDING_S,
     SATURATION_FROM_S,
     SETTLED_M,
     STEADY_S,
     DisturbanceMeter,
+    begin_of_steady_part,
     notice,
 )
 from groundstation.core.mission import State
@@ -299,7 +299,7 @@ def _summarize_error(flown: FlightColumns) -> dict[str, Any]:
     """The estimated position error on the trajectory."""
     tracking, t = flown.tracking, flown.scalars["flight_time_s"]
     error = flown.scalars["error_m"]
-    steady = error[tracking & (t >= STEADY_S - ROUNDING_S)]
+    steady = error[tracking & (t >= begin_of_steady_part(t[tracking].max(initial=0.0)))]
     return {
         "against": "estimate",
         "steady_from_s": STEADY_S,

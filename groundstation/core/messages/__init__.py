@@ -24,6 +24,7 @@ from groundstation.core.messages.pose import (
 )
 from groundstation.core.messages.snapshot import (
     GAIN,
+    LEAST_JUDGED_S,
     MOST_POINTS,
     ROUNDING_S,
     SATURATION_FROM_S,
@@ -62,6 +63,7 @@ from groundstation.core.messages.snapshot import (
     Verdict,
     Waypoint,
     Waypoints,
+    begin_of_steady_part,
     ensure_points,
     ignore,
     tell_lines,

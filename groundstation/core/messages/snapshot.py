@@ -28,6 +28,9 @@ SETTLED_M = 0.10
 STEADY_S = 15.0
 """Time on the trajectory at which the steady part of a flight begins [s]; it ends with the
 trajectory. Chosen: beyond the transient at its beginning."""
+LEAST_JUDGED_S = STEADY_S + 1.0
+"""Time on the trajectory that a flight must last for its errors to be judged [s]: of less than a
+second, an RMS is that of a few instants. Chosen."""
 SATURATION_FROM_S = 5.0
 """Time on the trajectory from which commands at a limit are counted [s]. Chosen: the approach may
 use full thrust."""
@@ -36,6 +39,14 @@ _NUMBERS = "The numbers in the sentence, by their names."
 ROUNDING_S = 1e-9
 """Tolerance for a sample's instant [s]: rounding of summed times must not decide whether it
 counts."""
+
+
+def begin_of_steady_part(flown_s: float) -> float:
+    """Return the time on the trajectory at which the steady part begins [s].
+
+    Infinite where ``flown_s``, all that is flown of the trajectory [s], is too short to be judged.
+    """
+    return STEADY_S - ROUNDING_S if flown_s >= LEAST_JUDGED_S - ROUNDING_S else math.inf
 
 
 class SteadyError:
@@ -49,9 +60,11 @@ class SteadyError:
 
     def __init__(self) -> None:
         self._squares, self._count, self._max = 0.0, 0, 0.0
+        self._flown_s = 0.0
 
     def add(self, flight_time_s: float, error_m: float) -> None:
         """Take one sample on the trajectory; samples before the steady part are ignored."""
+        self._flown_s = flight_time_s
         if flight_time_s >= STEADY_S - ROUNDING_S:
             self._squares += error_m * error_m
             self._count += 1
@@ -59,13 +72,17 @@ class SteadyError:
 
     @property
     def rms_m(self) -> float | None:
-        """Root mean square [m]; None before the steady part."""
-        return math.sqrt(self._squares / self._count) if self._count else None
+        """Root mean square [m]; None where too little is flown to be judged."""
+        return math.sqrt(self._squares / self._count) if self._is_judged else None
 
     @property
     def max_m(self) -> float | None:
-        """Largest distance [m]; None before the steady part."""
-        return self._max if self._count else None
+        """Largest distance [m]; None where too little is flown to be judged."""
+        return self._max if self._is_judged else None
+
+    @property
+    def _is_judged(self) -> bool:
+        return self._count > 0 and math.isfinite(begin_of_steady_part(self._flown_s))
 
 
 class Verdict(StrEnum):
