@@ -67,6 +67,15 @@ def test_a_wrong_rate_is_found_out_within_three_seconds(told_hz: float) -> None:
     assert clock.drift == pytest.approx(told_hz / true_hz - 1.0, abs=0.01 * told_hz / true_hz)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_jitter_is_no_drift_of_a_clock_whose_rate_is_known(seed: int) -> None:
+    clock, chance, drifts = SourceClock(), random.Random(seed), []
+    for n in range(2000):
+        times(clock, [(0.02 * n, 0.02 * n + 0.01 * chance.random())])
+        drifts.append(abs(clock.drift))
+    assert max(drifts) < 4e-5, "measured over fewer than 20 blocks it is 6e-5 and more"
+
+
 def test_a_clock_that_falls_back_is_counted_and_believed_after_a_second() -> None:
     clock = SourceClock()
     times(clock, ((0.01 * n, 0.01 * n) for n in range(500)))
