@@ -2,7 +2,9 @@
 just below it.
 """
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,7 +12,7 @@ from msgspec.structs import replace
 
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Sentence
-from groundstation.core.safety import Failure
+from groundstation.core.safety import Failure, health
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import Body, Quadrotor, Wind
 from tests.proving.faults import (
@@ -28,11 +30,17 @@ from tests.proving.faults import (
 )
 from tests.proving.faults.faults import FAMILIES, FROM_START, OBEYING, dropout
 from tests.proving.faults.judge import Answer, Observations, Thrust, Truth, judge, judge_honest
+from tests.proving.faults.monitors import FAILURES
 
 FALSE = Fault(dropout, poses=Poses.FALSE)
 TRUE = Fault(dropout)
 ANSWER = (0.4, "descent", "it does not obey")
 STRUCK_S = 0.1
+
+
+def test_a_doubt_that_may_be_forced_is_one_that_the_monitor_can_have() -> None:
+    source = Path(health.__file__).read_text("utf-8")
+    assert set(re.findall(r'_fail_part\("(.*?)"', source)) == set(FAILURES)
 
 
 def moved(

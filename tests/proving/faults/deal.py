@@ -13,7 +13,6 @@ import msgspec
 from msgspec.structs import replace
 
 from groundstation.config import ConfigError, refuse_io
-from groundstation.core.messages import NOTICES
 from groundstation.runtime import Exit
 from sim.cli import ProgressBar, typed_command
 from sim.runs.pool import Workers
@@ -23,7 +22,7 @@ from tests.proving.faults.cell import Cell, fly_together
 from tests.proving.faults.fault import MOMENTS, Kind, name_of
 from tests.proving.faults.faults import CASES, FAULTS, STATES
 from tests.proving.faults.judge import Row, judge_honest
-from tests.proving.faults.monitors import FAILED, SUSPECT, UNGUARDED
+from tests.proving.faults.monitors import FAILED, FAILURES, SUSPECT, UNGUARDED
 from tests.proving.faults.table import is_within, page, text
 
 TOGETHER = 12
@@ -89,7 +88,7 @@ def faults(args: argparse.Namespace) -> Exit:
     kinds = set(args.kind or ())
     choices = [("--fault", args.fault, [*{**CASES, **FAULTS}]), ("--state", args.state, [*MOMENTS])]
     choices += [("--kind", kind, list(map(str, Kind))) for kind in kinds]
-    doubts = [SUSPECT, *(f"{FAILED}{id}" for id in NOTICES if id.startswith("pose."))]
+    doubts = [SUSPECT, *(f"{FAILED}{reason}" for reason in FAILURES)]
     choices.append(("--forced", args.forced or None, doubts))
     for option, given, known in choices:
         if given is not None and given not in known:

@@ -26,6 +26,12 @@ FAILED = "failed:"
 """Poses that have failed, for the reason whose id follows."""
 NOT_BY_ATTITUDE = ("pose.attitude_no_answer", "pose.autopilot_disagrees", "pose.late")
 """Reasons after which the attitude of the poses is not flown by, either."""
+FAILURES = (
+    *NOT_BY_ATTITUDE,
+    "pose.height_behind", "pose.position_mirrored", "pose.position_no_answer",
+    "pose.stopped_dead", "pose.yaw_unasked",
+)  # fmt: skip
+"""All reasons for which poses fail."""
 
 
 class DeckHealth(PoseHealth):
