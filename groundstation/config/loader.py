@@ -1,7 +1,8 @@
 """Configuration: one TOML file and ``--set`` overrides into frozen structs.
 
 Any ``msgspec.Struct`` may be the root; types, ``msgspec.Meta`` bounds, ``Literal`` and tagged
-unions are its schema. A table needs only the keys that it changes. :func:`msgspec.convert` checks
+unions are its schema; its ``FOREIGN_KEYS`` may say by which keys of another file a user has taken
+that for it. A table needs only the keys that it changes. :func:`msgspec.convert` checks
 everything, once; its errors are translated for the operator: the dotted key, what is accepted
 there, and what was written instead.
 """
@@ -153,7 +154,8 @@ def _complete_table(
             )
             whole[key] = _complete(fields[key].type, item, base, (*path, key))
         elif key not in tag:
-            raise Problem((*path, key), describe_unknown_key(key, item, [*tag, *fields]))
+            why = getattr(struct.cls, "FOREIGN_KEYS", {}).get(key)
+            raise Problem((*path, key), why or describe_unknown_key(key, item, [*tag, *fields]))
     if default is not None:
         for key, field in fields.items():
             whole.setdefault(key, msgspec.to_builtins(getattr(default, field.name)))

@@ -14,7 +14,7 @@ import re
 import socket
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import msgspec
 
@@ -561,6 +561,7 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One vehicle, its controller, its poses, its link, what it flies, and who may watch."""
 
+    FOREIGN_KEYS: ClassVar = dict.fromkeys(("config", "vehicles"), str(notice("fleet.is_one")))
     vehicle: Vehicle = Vehicle()
     controller: ControllerConfig = Gains()
     pose: PoseConfig = ViconConfig()

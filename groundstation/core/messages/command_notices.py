@@ -44,6 +44,11 @@ COMMAND_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("mqtt.same_key", "{path} holds another client's key: each needs its own"),
     # Fleets.
     NoticeTemplate(
+        "fleet.is_one",
+        "this is a fleet file",
+        "`groundstation fleet` flies it; its --show NAME prints the configuration of one vehicle",
+    ),
+    NoticeTemplate(
         "fleet.no_file",
         "this is no fleet file: one names the configuration that all vehicles share, config = "
         '"lab.toml", and has [[vehicles]]; is it that configuration itself?',

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 import tomli_w
 
-from groundstation.config import ConfigError, from_dict
+from groundstation.config import ConfigError, from_dict, load
 from groundstation.interfaces.service.fleet import describe_core
 from groundstation.lab import FleetPlan, read_fleet
 from groundstation.settings import Config
@@ -145,3 +145,11 @@ def test_what_can_not_be_is_refused_by_vehicle_and_key(
         fleet(tmp_path, *vehicles, **more)
     for words in (*says, str(tmp_path)):
         assert words in str(refused.value)
+
+
+def test_a_fleet_file_taken_for_a_configuration_is_told_the_command_that_flies_it(
+    tmp_path: Path,
+) -> None:
+    fleet(tmp_path, ANT, BEE)
+    with pytest.raises(ConfigError, match="this is a fleet file: `groundstation fleet` flies it"):
+        load(tmp_path / "fleet.toml", Config)
