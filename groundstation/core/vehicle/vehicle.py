@@ -177,7 +177,8 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         tuple[WeightShare, WeightShare],
         msgspec.Meta(
             description="Least and largest thrust at which it may hover, as a share of its weight "
-            "[-]; outside, it lands again."
+            "[-]; outside, it lands again. A first number below 0.6 has no effect: what leaves the "
+            "floor by 60 % of its weight is stopped there."
         ),
     ] = (0.7, 1.45)
     wind_share: Annotated[

@@ -118,7 +118,12 @@ class Course:
         self.trajectory = config.trajectory.build()
         """The configured trajectory."""
         self.home: Vec3 | None = None
-        """Position of the take-off, NED [m]; None for a flight that starts in the air."""
+        """Position of the take-off, NED [m]; None for a flight that starts in the air.
+
+        It follows an origin that moves while the vehicle stands. In flight it keeps its numbers, as
+        fence, trajectory and targets do: an estimate that has drifted, and is put right, moves
+        to where they are true.
+        """
         self._config = config
         self.touchdown = Touchdown(config.weight_n)
         """Detection of the landing."""
