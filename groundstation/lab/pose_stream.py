@@ -413,7 +413,7 @@ class AxisCalibration(msgspec.Struct, frozen=True, kw_only=True):
     world: World
     body: Body
     lab_rotation_deg: Vec3
-    """See :class:`groundstation.core.geometry.so3.Alignment`; only its yaw is measured."""
+    """See :class:`groundstation.core.geometry.Alignment`; only its yaw is measured."""
     body_rotation_deg: Vec3
     """All zero without an autopilot: a hand is no gauge."""
     late_s: float | None

@@ -1,11 +1,8 @@
 """Elementary functions, rotations and frames, for floats and arrays of vehicles."""
 
 from groundstation.core.geometry import so3 as so3
-from groundstation.core.geometry.so3 import (
+from groundstation.core.geometry.frames import (
     FARTHEST_M,
-    FLOATS,
-    IDENTITY,
-    ZERO,
     Alignment,
     Body,
     BodyAxes,
@@ -13,17 +10,22 @@ from groundstation.core.geometry.so3 import (
     Frames,
     LabAlignment,
     LabAxes,
+    World,
+    axes,
+    frames_of,
+)
+from groundstation.core.geometry.so3 import (
+    FLOATS,
+    IDENTITY,
+    ZERO,
     Ops,
     Quat,
     Real,
     Vec3,
-    World,
     angle_deg,
     arrays,
-    axes,
     conjugate,
     euler_zyx,
-    frames_of,
     heading,
     multiply,
     rotate,

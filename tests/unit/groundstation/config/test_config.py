@@ -22,7 +22,7 @@ from groundstation.config import (
     load,
 )
 from groundstation.config.schema import suggest
-from groundstation.core.geometry.so3 import World
+from groundstation.core.geometry import World
 from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig
 from groundstation.settings import Config
 
