@@ -7,6 +7,13 @@ follows it by its sine error. Position is not held: the vehicle drifts with the 
 estimate. A wrong estimate must not make it climb: an integral of the sink rate's error outweighs
 it. A blind descent takes the velocity from the model, leaning into the wind known before; thrust is
 slightly less than hover thrust, and decreases with time.
+
+Half and double of a constant were flown by `groundstation-sim dev faults paper --state descent`
+with `--fault gust`, which as they are goes 1.18 m aside, `--fault "motors: 70 %"`, which meets the
+floor at 0.57 m/s, and `--fault "position late" --link mavlink`, at 0.69 m/s. Blind: `--fault
+"position frozen: north-west" --state moving`, 5.58 m aside; `--link dsm` with `--fault "position
+frozen: x"`, 1.44 m/s, `--fault "mirrored: z"`, 1.78 m/s, and `--fault "position frozen" --state
+take-off`, 1.19 m/s.
 """
 
 import math
@@ -19,62 +26,74 @@ from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Vehicle
 
 SPEED_GAIN = 1.5
-"""Acceleration per error of the speed [1/s]."""
+"""Acceleration per error of the speed [1/s]. Half: gust 1.49 m; double: 0.85 m."""
 BLIND_SPEED_GAIN = 2.5
 """Acceleration per horizontal speed of the model, which has no noise [1/s]: 4 m/s are braked by g,
-the most that ``attitude.TILT_LIMIT_RAD`` gives."""
+the most that ``attitude.TILT_LIMIT_RAD`` gives. Half: north-west 7.56 m; double: 4.49 m."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no
-more."""
+more. Half: gust 1.91 m; double: 0.82 m."""
 BLIND_ATTITUDE_GAIN = 8.0
 """Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a
-vehicle that leans along its velocity is turned within .4 s."""
+vehicle that leans along its velocity is turned within .4 s. Half: north-west 5.98 m; double:
+6.14 m."""
 WIND_LIMIT_M_S2 = 8.0
-"""Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8."""
+"""Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8. Half
+and double: no change."""
 WIND_DOWN_LIMIT_M_S2 = 4.0
 """Largest vertical disturbance that is compensated, down or up [m/s²]: rotors at 0.7 of their
-thrust have the effect of 4.2."""
+thrust have the effect of 4.2. Half: motors 1.66 m/s; double: 0.29 m/s."""
 LARGEST_RISE_SHARE = 0.24
 """Largest commanded upward acceleration, as a share of gravity [-]: late or false poses lead to
-more."""
+more. Half: motors 1.90 m/s; double: 0.53 m/s."""
 LARGEST_FALL_SHARE = 0.3
 """Largest commanded downward acceleration by the error of the sink rate, as a share of gravity
-[-]."""
+[-]. Half: late 0.60 m/s; double: no change."""
 INTEGRAL_GAIN = 1.0
-"""Acceleration per integral of the sink rate's error [1/s²]."""
+"""Acceleration per integral of the sink rate's error [1/s²]. Half: motors 0.71 m/s; double:
+0.23 m/s."""
 INTEGRAL_LIMIT_M_S2 = 6.0
 """Largest acceleration of that integral [m/s²]: more than ``WIND_DOWN_LIMIT_M_S2``, so that it
-outweighs a wrong estimate."""
+outweighs a wrong estimate. Half and double: no change."""
 THRUST_LIMIT_DOWN_M_S2 = 3.0
 """Largest downward disturbance that raises the limit of the thrust, with valid poses [m/s²]: that
-limit is 15.9 m/s² then, and rotors at 0.7 of their thrust hover at 14.0."""
+limit is 15.9 m/s² then, and rotors at 0.7 of their thrust hover at 14.0. Half: motors 1.38 m/s;
+double: no change."""
 WIND_S = 0.3
 """Time constant of the mean horizontal disturbance [s]: late or false poses make the estimate
-oscillate."""
+oscillate. Half: gust 0.90 m, late 1.46 m aside for 1.31 m; double: 1.58 m, late 1.18 m."""
 WIND_DOWN_S = 1.0
-"""Time constant of the mean vertical disturbance [s]; as above."""
+"""Time constant of the mean vertical disturbance [s]; as above. Half: motors 0.53 m/s,
+late 0.90 m/s; double: 1.27 m/s, late 0.56 m/s."""
 WIND_DOWN_DROP_M_S2 = 1.5
 """Largest drop of the vertical disturbance below its mean that is compensated at once [m/s²]: a
-frozen height makes a larger one."""
+frozen height makes a larger one. Half: late 0.52 m/s; double: 1.24 m/s."""
 BLIND_PULL_M_S2 = 0.5
-"""Downward acceleration of a blind descent [m/s²]: 1.4 m/s after 2 m."""
+"""Downward acceleration of a blind descent [m/s²]: 1.4 m/s after 2 m. Half: x 0.97 m/s;
+double: 1.97 m/s."""
 BLIND_S = 3.0
-"""Time after which a blind descent should be over [s]: then its downward acceleration grows."""
+"""Time after which a blind descent should be over [s]: then its downward acceleration grows.
+Half: x 1.53 m/s; double: no change."""
 BLIND_PULL_GROWTH_M_S3 = 0.3
-"""Growth of that acceleration afterwards [m/s³]: the configured hover thrust is too large."""
+"""Growth of that acceleration afterwards [m/s³]: the configured hover thrust is too large.
+Half and double: no change."""
 BLIND_CLIMB_GAIN = 2.0
-"""Downward acceleration per climb rate of the model [1/s]."""
+"""Downward acceleration per climb rate of the model [1/s]. Half: take-off 1.24 m/s; double:
+1.12 m/s."""
 BLIND_CLIMB_BRAKE_M_S2 = 2.0
-"""Largest downward acceleration that brakes a climb in a blind descent [m/s²]."""
+"""Largest downward acceleration that brakes a climb in a blind descent [m/s²]. Half and
+double: no change."""
 BLIND_LIFT_GAIN = 4.0
 """Upward acceleration per sink rate of the model beyond the planned one [1/s]: a large tilt costs
-height."""
+height. Half: z 1.82 m/s; double: 1.79 m/s."""
 BLIND_LIFT_M_S2 = 1.8
-"""Largest upward acceleration of that braking [m/s²]."""
+"""Largest upward acceleration of that braking [m/s²]. Half: z 1.76 m/s; double: 1.79 m/s."""
 BLIND_LIFT_M_S = 0.7
-"""Integral of that acceleration over a blind descent [m/s]: the model has no floor and falls on."""
+"""Integral of that acceleration over a blind descent [m/s]: the model has no floor and falls on.
+Half: z 1.99 m/s; double: 1.14 m/s."""
 BLIND_WIND_DOWN_M_S2 = 1.5
-"""Largest vertical disturbance that is compensated in a blind descent, down or up [m/s²]."""
+"""Largest vertical disturbance that is compensated in a blind descent, down or up [m/s²].
+Half and double: no change."""
 LEAST_SINE = 1e-6
 """Sine of the angle to upside down below which the turn to level has no axis [-]. Rounding."""
 
