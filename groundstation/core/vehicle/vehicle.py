@@ -43,8 +43,8 @@ from groundstation.core.geometry import (
 
 Mass = Annotated[float, msgspec.Meta(ge=0.005, le=100.0)]
 """A mass [kg]: a larger number is in grams, and no tracked vehicle is lighter than 5 g."""
-Thrust = Annotated[float, msgspec.Meta(ge=1e-4, le=5000.0)]
-"""A thrust [N]: from a five-hundredth of the weight of the lightest vehicle to five times that of
+Thrust = Annotated[float, msgspec.Meta(ge=1e-6, le=5000.0)]
+"""A thrust [N]: from a fifty-thousandth of the weight of the lightest vehicle to five times that of
 the heaviest."""
 Lag = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
 """A time constant of an actuator [s]: a larger number is in milliseconds, or of a rotor that no
