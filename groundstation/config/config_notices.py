@@ -20,6 +20,7 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("value.count", "expected {least} to {most}, got {count}"),
     NoticeTemplate("value.whole_number", "expected a whole number, {least} or more, got {found!r}"),
+    NoticeTemplate("value.underscore", "expected a number without `_`, got {found!r}"),
     NoticeTemplate("value.refused", "{value}: {why}"),
     NoticeTemplate("command.gone", "`{words}` is gone", "{instead}"),
     NoticeTemplate("option.only_with", "is for {option} alone", "leave it out"),

@@ -4,6 +4,8 @@ Python takes ``1_0`` for 10; a person who writes it means 1.0, or two cells. TOM
 ``1_000`` is a number, is read elsewhere.
 """
 
+from groundstation.config.config_notices import config_notice
+
 
 def parse_number(text: str) -> float:
     """Parse a number, which may be NaN or infinite.
@@ -25,5 +27,5 @@ def parse_whole_number(text: str) -> int:
 
 def _without_underscores(text: str) -> str:
     if "_" in text:
-        raise ValueError(f"could not convert string to number: {text!r}")
+        raise ValueError(config_notice("value.underscore", found=text))
     return text
