@@ -89,7 +89,8 @@ def test_a_flight_of_which_half_a_second_could_be_judged_has_no_error_figures(
 ) -> None:
     flown = json.loads(sim("fly", "--duration", "15.5", "--json", "--out", str(tmp_path)).stdout)
     assert [flown[key] for key in ("rms_cm", "estimate_rms_cm", "effort_rad_s")] == [None] * 3
-    shown = json.loads(run_here(export, "report", str(tmp_path / "flight.mcap"), "--json").stdout)
+    told = run_here(export, "report", str(tmp_path / "flight.mcap"), "--json").stdout
+    (shown,) = json.loads(told)["flights"]
     assert [shown[key]["rms_cm"] for key in ("error", "true_error")] == [None] * 2
 
 
