@@ -28,5 +28,11 @@ from groundstation.core.safety.takeoff import (
     limit_n,
     usual_limit_n,
 )
-from groundstation.core.safety.touchdown import CERTAIN_S, OFF_REFERENCE_M, LandingConfig, Touchdown
+from groundstation.core.safety.touchdown import (
+    CERTAIN_S,
+    NEAR_M,
+    OFF_REFERENCE_M,
+    LandingConfig,
+    Touchdown,
+)
 from groundstation.core.safety.witness import MOUNTING_DEG, Agreement, Witness

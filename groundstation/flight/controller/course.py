@@ -10,7 +10,7 @@ import msgspec
 
 from groundstation.core.geometry import Vec3, third_column
 from groundstation.core.messages import Others, Sentence, Tick, Waypoint, notice
-from groundstation.core.safety import Fence, Separation, Touchdown
+from groundstation.core.safety import NEAR_M, Fence, Separation, Touchdown
 from groundstation.core.trajectory import (
     Blend,
     Chain,
@@ -127,6 +127,8 @@ class Course:
         self._config = config
         self.touchdown = Touchdown(config.weight_n)
         """Detection of the landing."""
+        self.believes_height = True
+        """Whether the commands use the height of the poses."""
         takeoff = config.takeoff
         self._transit = Limits(takeoff.transit_m_s, takeoff.transit_m_s2)
 
@@ -207,7 +209,8 @@ class Course:
         Return whether it has touched down.
 
         A vehicle without uplink may fly on while a landing commands its thrust: only poses at rest
-        show that it has landed.
+        show that it has landed. Poses whose height is not believed show it only where the model
+        is near the floor, too: a mirrored height stands at the floor's when the vehicle is high.
         """
         motion, commanded_m_s = tick.estimate.motion, tick.reference.velocity_ned[2]
         floor_z_m = self._config.flight.floor_z_m
@@ -219,7 +222,8 @@ class Course:
         landed = self.touchdown.update(
             tick.time_s, thrust_n, lift_n, sink_m_s, height_m, behind_m, commanded_m_s
         )
-        return at_rest or (landed and uplink_ok)
+        is_low = self.believes_height or height_m < NEAR_M
+        return (at_rest and is_low) or (landed and uplink_ok)
 
     def _halt(self, now: Reference) -> list[Blend]:
         """Brake to rest; empty if ``now`` is at rest."""

@@ -371,6 +371,7 @@ class FlightController:
             self._take_step(finding, tick.time_s)
         phase = self.phase if self.state in IN_AIR else None
         assert not isinstance(phase, SpoolUp), "a spool-up has no tick"
+        self._course.believes_height = not self._pilot.state.is_blind
         move = None if phase is None else phase.find_end(tick, uplink_ok=not self._uplink.is_down)
         self._pilot.set_ground_contact(
             isinstance(phase, LandPhase) and self._course.touchdown.may_have_contact
