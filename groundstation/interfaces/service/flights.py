@@ -208,8 +208,8 @@ USER = r"\A[A-Za-z0-9_][A-Za-z0-9_.@-]*\Z"
 """Name or number of a user of the system, or of a domain. systemd also takes ``a b`` and ``"root"``
 as names, and expands ``%``."""
 UNIT_ESCAPES = (("\\", "\\\\"), ("\n", "\\n"), ("%", "%%"), ("$", "$$"))
-"""What systemd reads in another way than a shell within quotes (systemd.service(5), "Command
-lines"), and how it is written."""
+"""Characters that systemd reads in another way than a shell within quotes (systemd.service(5),
+"Command lines"), and how they are written."""
 
 
 def unit_file(config: Config, path: Path, overrides: list[str], *, user: str) -> str:
