@@ -148,7 +148,7 @@ def test_a_full_disk_is_told_of_once_and_leaves_a_recording_that_opens(tmp_path:
 
     async def script(process: RecorderProcess, _: list[str]) -> None:
         process.give(LineRecord(0.0, "tracking", "on the trajectory"))
-        for number in range(1600):
+        for number in range(1700):
             process.give(
                 TickRecord(tick._replace(time_s=0.01 * number, flight_time_s=0.01 * number))
             )
@@ -161,11 +161,11 @@ def test_a_full_disk_is_told_of_once_and_leaves_a_recording_that_opens(tmp_path:
         f"recording has ended, the flight goes on: {path}" for path in [the_recording(tmp_path)]
     ]
     assert re.fullmatch(
-        r"error .* cm at most, from \d+ s on of 16.0 s on the trajectory; recorded in .*", said[-1]
+        r"error .* cm at most, from \d+ s on of 17.0 s on the trajectory; recorded in .*", said[-1]
     )
     found = times(the_recording(tmp_path))
     assert found == [0.01 * number for number in range(len(found))]
-    assert 100 < len(found) < 1600
+    assert 100 < len(found) < 1700
 
 
 def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_counted(
