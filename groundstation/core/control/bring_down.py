@@ -82,7 +82,7 @@ OFF = (Segment(OFF_S, 0.0, ZERO),)
 """Bring-down of a vehicle on the floor: motors off."""
 
 
-class _Phase(NamedTuple):
+class _SinkPhase(NamedTuple):
     """Part of the vertical motion at one acceleration."""
 
     duration_s: float
@@ -125,12 +125,12 @@ def plan_bring_down(
     turn_s, rates, cosine = _turn(motion, vehicle, weight, disturbance)
     hover = mass_kg * weight * HOVER_BIAS
 
-    def thrust_n(phase: _Phase) -> float:
+    def thrust_n(phase: _SinkPhase) -> float:
         pushed = phase.acceleration + vehicle.drag_per_s * phase.speed
         return max(hover * (1.0 - pushed / gravity), vehicle.thrust_min_n)
 
     phases = _plan_phases(motion, vehicle, mass_kg, gravity, weight, height_m)
-    settle_n = SETTLE_SHARE * thrust_n(_Phase(SETTLE_S, 0.0, TOUCHDOWN_M_S))
+    settle_n = SETTLE_SHARE * thrust_n(_SinkPhase(SETTLE_S, 0.0, TOUCHDOWN_M_S))
     thrusts = [(phase.duration_s, thrust_n(phase)) for phase in phases]
     thrusts.append((SETTLE_S, settle_n))
     return (*_turn_upright(thrusts, turn_s, rates, cosine, hover, vehicle), *OFF)
@@ -208,7 +208,7 @@ def _turn(
 
 def _plan_phases(
     motion: Motion, vehicle: Vehicle, mass: float, gravity: float, weight: float, height: float
-) -> tuple[_Phase, ...]:
+) -> tuple[_SinkPhase, ...]:
     """Plan the vertical motion: falling, sinking at constant speed, and braking."""
     lag = vehicle.thrust_lag_s
     speed = motion.velocity[2]
@@ -225,7 +225,7 @@ def _plan_phases(
     way = max(height - MARGIN_M, 0.0) + lag * (TOUCHDOWN_M_S - speed)
     if w0 > w1 and w0 * w0 - w1 * w1 >= 2.0 * brake * way:  # too fast already: brake at once
         brake_s = min((w0 - w1) / brake, LONGEST_BRAKING_S)
-        return (_Phase(brake_s, -brake, 0.5 * (speed + TOUCHDOWN_M_S)),)
+        return (_SinkPhase(brake_s, -brake, 0.5 * (speed + TOUCHDOWN_M_S)),)
     # Fall at +pull to the peak, brake at -brake to w1, and keep the peak speed over the rest of the
     # way.
     square = 2.0 * (way + 0.5 * w0 * w0 / pull + 0.5 * w1 * w1 / brake) / (1.0 / pull + 1.0 / brake)
@@ -235,7 +235,7 @@ def _plan_phases(
     fall_s = min(fall_s, SINK_S)
     hold_s = min(max(left, 0.0) / peak if peak > 0.0 else 0.0, max(SINK_S - fall_s - brake_s, 0.0))
     return (
-        _Phase(fall_s, pull, 0.5 * (speed + peak)),
-        _Phase(hold_s, 0.0, peak),
-        _Phase(min(brake_s, SINK_S - fall_s - hold_s), -brake, 0.5 * (peak + TOUCHDOWN_M_S)),
+        _SinkPhase(fall_s, pull, 0.5 * (speed + peak)),
+        _SinkPhase(hold_s, 0.0, peak),
+        _SinkPhase(min(brake_s, SINK_S - fall_s - hold_s), -brake, 0.5 * (peak + TOUCHDOWN_M_S)),
     )
