@@ -262,7 +262,7 @@ class KeptPort:
 
     def lose(self, error: OSError, now_s: float) -> None:
         """Close the port, which is gone, and wait before it is opened again."""
-        self.close(error.strerror or str(error))
+        self.close(link_notice("module.port_gone", why=error.strerror or error).text)
         self._reopen_s = now_s + REOPEN_S
 
     def close(self, why: str) -> None:

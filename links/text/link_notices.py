@@ -310,6 +310,11 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("module.pacer_failed", "the pacer failed (code {code})"),
     NoticeTemplate("module.pacer_stood", "the pacer stood still and was ended"),
     NoticeTemplate("module.port", "cannot open {path}: {why}"),
+    NoticeTemplate(
+        "module.port_gone",
+        "the module's port is gone ({why})",
+        "check the module's cable and supply",
+    ),
     # Flight controllers with Betaflight, by their own port.
     NoticeTemplate("board.other_firmware", "{port}: expected Betaflight, this is {found!r}"),
     NoticeTemplate(

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import os
 import re
+import socket
 import stat
 from pathlib import Path
 from typing import Any, cast
@@ -76,6 +77,22 @@ async def test_clients_get_the_last_snapshot_and_the_end_of_the_stream(station: 
         station.latest.put(sample(2.0, state="landed"))
     await watcher
     assert [snapshot.state for snapshot in seen] == ["tracking", "landed"]
+
+
+def test_a_client_that_is_attached_as_the_program_ends_is_no_error(
+    station: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def end_with(client: socket.socket) -> None:
+        server = station.server()
+        await server.open()
+        await asyncio.get_running_loop().sock_connect(client, str(station.path))
+        await asyncio.get_running_loop().sock_recv(client, 1)
+        server.close()
+
+    with socket.socket(socket.AF_UNIX) as client:
+        client.setblocking(False)
+        asyncio.run(end_with(client))
+    assert not caplog.messages
 
 
 @in_real_time

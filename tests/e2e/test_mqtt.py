@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import signal
 import socket
 import subprocess
@@ -16,7 +17,7 @@ import msgspec
 import pytest
 
 from groundstation.core.messages import Notice, Snapshot
-from groundstation.interfaces.mqtt import publish_forever
+from groundstation.interfaces.mqtt import broker as mqtt_broker, from_url, publish_forever
 from groundstation.interfaces.mqtt.messages import EventMessage
 from groundstation.machine import Latest
 from groundstation.settings import MqttConfig
@@ -264,6 +265,31 @@ async def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_afte
         )
         assert len(listener.got[SNAPSHOT]) < 150
     assert slowest < 0.5
+
+
+def test_a_broker_that_drops_a_connection_that_was_given_up_is_no_error(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """One that stood still accepts the old connection as it goes on, and drops it for the new."""
+    monkeypatch.setattr(mqtt_broker, "TIMEOUT_S", 0.1)
+    accepted = bytes((0x20, 3, 0, 0, 0))  # CONNACK, MQTT 5.0, section 3.2
+
+    async def accept_late(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(100)
+        await asyncio.sleep(0.2)
+        writer.write(accepted)
+        writer.close()
+
+    async def give_up() -> None:
+        async with await asyncio.start_server(accept_late, "127.0.0.1", 0) as server:
+            port = server.sockets[0].getsockname()[1]
+            with pytest.raises(aiomqtt.MqttError, match="timed out"):
+                await from_url(f"mqtt://127.0.0.1:{port}").client().__aenter__()
+            await asyncio.sleep(0.3)
+
+    asyncio.run(give_up())
+    gc.collect()
+    assert not [record.message for record in caplog.records if record.name == "asyncio"]
 
 
 @pytest.mark.parametrize("topic", [STATE, SESSION])

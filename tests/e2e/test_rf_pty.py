@@ -253,7 +253,7 @@ async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up
         assert link.status.state == "armed"
         first.close()
         await until(lambda: commanded().state == "lost")
-        assert "/module" in link.status.text or "Input/output error" in link.status.text
+        assert "/module" in link.status.text or "port is gone" in link.status.text
         assert not link.send(command())
         came: list[bytes] = []
         second = PtyWire()

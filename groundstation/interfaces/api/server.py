@@ -119,6 +119,8 @@ class Server:
             self._refuse(client, "oversized", f"a line is longer than {ORDER_MAX_BYTES} bytes")
         except OSError:
             pass  # it is gone
+        except asyncio.CancelledError:
+            pass  # the station ends; before Python 3.12 asyncio logs this as an error
         finally:
             client.transport.close()
             self._detach(client)

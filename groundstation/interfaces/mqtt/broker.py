@@ -61,7 +61,7 @@ class MqttBroker(msgspec.Struct, frozen=True):
         properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # paho's
         if heard_max_bytes is not None:
             properties.MaximumPacketSize = heard_max_bytes
-        return aiomqtt.Client(
+        client = aiomqtt.Client(
             self.config.host,
             self.config.tcp_port,
             username=self.config.username or None,
@@ -78,6 +78,17 @@ class MqttBroker(msgspec.Struct, frozen=True):
             ],
             **more,
         )
+        client._disconnected.add_done_callback(_retrieve)
+        return client
+
+
+def _retrieve(disconnected: "asyncio.Future[None]") -> None:
+    """Retrieve why aiomqtt was disconnected, which asyncio otherwise logs as an error of ours.
+
+    A broker that stood still may accept and drop a connection that was given up long before.
+    """
+    if not disconnected.cancelled():
+        disconnected.exception()
 
 
 def open_broker(config: MqttConfig, section: str = "mqtt.", *, warn: bool = True) -> MqttBroker:

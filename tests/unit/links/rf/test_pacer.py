@@ -220,6 +220,9 @@ def test_a_frame_that_is_late_says_what_is_true_when_it_leaves() -> None:
 def test_an_unplugged_port_disarms_and_is_opened_again_within_a_tenth_of_a_second() -> None:
     bench = armed()
     bench.port.gone = True
+    bench.frame()
+    gone = "the module's port is gone (Input/output error): check the module's cable and supply"
+    assert bench.pacer.report(bench.now).port == gone
     for _ in range(400):
         bench.give()
         assert bench.frame() is None
