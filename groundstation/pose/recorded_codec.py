@@ -15,14 +15,14 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+from pymavlink.dialects.v20 import minimal
+
 from groundstation.core.messages import notice
 from groundstation.pose.sources import POSE_MESSAGES
 from links.mavlink.protocol import MavlinkCodec, Message, frame_end, is_autopilot
 
 _STAMP = struct.Struct(">Q")
 """Time stamp of a record [µs since 1970]."""
-AUTOPILOT_COMPONENT = 1
-"""MAV_COMP_ID_AUTOPILOT1, of common.xml."""
 RECORDS_SHARE = 0.9
 """Least share of records in a .tlog [-]; of frames without stamps half look like records."""
 
@@ -120,7 +120,8 @@ def find_autopilots(records: Iterable[TlogRecord]) -> list[Sender]:
         if one.message.get_type() == "HEARTBEAT" and is_autopilot(one.message)
     }
     return sorted(
-        heartbeats or {one.sender for one in records if one.sender.component == AUTOPILOT_COMPONENT}
+        heartbeats
+        or {one.sender for one in records if one.sender.component == minimal.MAV_COMP_ID_AUTOPILOT1}
     )
 
 

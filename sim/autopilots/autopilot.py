@@ -31,7 +31,6 @@ from links.mavlink.protocol import (
     MavParamType,
     MavResult,
     MavSeverity,
-    MavState,
     Message,
     decode,
     encode,
@@ -748,11 +747,11 @@ class SimulatedAutopilot(Dialect):
         d = self.codec.dialect
         base = d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (ARMED if self.armed else 0)
         status = (
-            MavState.CRITICAL
+            d.MAV_STATE_CRITICAL
             if self.failsafe
-            else MavState.ACTIVE
+            else d.MAV_STATE_ACTIVE
             if self.armed
-            else MavState.STANDBY
+            else d.MAV_STATE_STANDBY
         )
         return d.MAVLink_heartbeat_message(
             d.MAV_TYPE_QUADROTOR, self.kind, base, self.custom_mode, status, 3

@@ -30,10 +30,15 @@ from groundstation.pose import (
 )
 from groundstation.pose.sources import PoseDecoder
 from groundstation.recording import Vector3
-from links.mavlink.protocol import ARMED, AttitudeTargetMask, MavCommand, Message, is_autopilot
+from links.mavlink.protocol import (
+    ARMED,
+    AttitudeTargetMask,
+    MavCommand,
+    Message,
+    is_autopilot,
+    load_dialect,
+)
 
-ON_GROUND = 1
-"""EXTENDED_SYS_STATE.landed_state (MAV_LANDED_STATE_ON_GROUND)."""
 JITTER_S = 0.1
 """Messages of several wires may be logged out of order by this much: none is dropped [s]."""
 LEAP_S = 60.0
@@ -111,7 +116,7 @@ def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[T
 def _read_vehicle(
     records: Sequence[TlogRecord], vehicle: Sender, decoder: PoseDecoder
 ) -> ImportedFlight:
-    flight = ImportedFlight(0.0)
+    flight, dialect = ImportedFlight(0.0), load_dialect()
     asked = armed = told = on_ground = False
     may_fly: bool | None = None
     newest_s = -np.inf
@@ -140,7 +145,7 @@ def _read_vehicle(
         ):
             armed, told = asked, True
         elif name == "EXTENDED_SYS_STATE":
-            on_ground = message.landed_state == ON_GROUND
+            on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
         elif name in decoder.messages and (pose := decoder.decode(message, time_s)) is not None:
             flies = (armed or not told) and not on_ground
             if flies is not may_fly:

@@ -24,7 +24,6 @@ from links.mavlink.protocol.codec import (
     MavlinkCodec,
     MavResult,
     MavSeverity,
-    MavState,
     Message,
     frame_end,
     load_dialect,

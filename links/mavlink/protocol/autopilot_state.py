@@ -15,6 +15,7 @@ from links.mavlink.protocol.codec import (
     EstimatorFlag,
     MavSeverity,
     Message,
+    load_dialect,
 )
 from links.text import printable
 
@@ -51,9 +52,6 @@ _HEIGHT = EstimatorFlag.HEIGHT_ABSOLUTE | EstimatorFlag.HEIGHT_ABOVE_GROUND
 _DOUBTED = EstimatorFlag.CONSTANT_POSITION | EstimatorFlag.GPS_JUMPS
 FOLLOWING = ("OFFBOARD", "GUIDED", "GUIDED_NOGPS")
 """Modes in which an autopilot follows set-points."""
-
-_PREARM = 0x10000000
-"""MAV_SYS_STATUS_PREARM_CHECK."""
 
 
 class Vitals:
@@ -101,10 +99,11 @@ class Vitals:
         """PX4 1.16 tells by health alone, and in OFFBOARD it lacks the set-points that come only as
         it is armed.
         """
-        passes = bool(health & _PREARM)
+        prearm = load_dialect().MAV_SYS_STATUS_PREARM_CHECK
+        passes = bool(health & prearm)
         if self._kind == PX4:
             return None if not passes and self.mode in (*FOLLOWING, "") else passes
-        return passes if enabled & _PREARM else None
+        return passes if enabled & prearm else None
 
     def foreign(self, since_s: float) -> str:
         """Mode of a heartbeat since ``since_s`` [s] that follows no set-points; else empty."""

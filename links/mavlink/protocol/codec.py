@@ -26,21 +26,23 @@ from collections import Counter
 from enum import IntEnum, IntFlag
 from typing import Any, TypeAlias
 
-from links.mavlink.protocol.signing import SIGNATURE_BYTES, SIGNED, V2, Signer
+from pymavlink.dialects.v20 import minimal
+
+from links.mavlink.protocol.signing import Signer
 
 Message: TypeAlias = Any
 """A ``MAVLink_message`` of pymavlink, whose fields no type checker knows."""
 
-PX4 = 12
-"""HEARTBEAT.autopilot of PX4 (MAV_AUTOPILOT_PX4)."""
-ARDUPILOT = 3
-"""HEARTBEAT.autopilot of ArduPilot (MAV_AUTOPILOT_ARDUPILOTMEGA)."""
-INVALID = 8
-"""HEARTBEAT.autopilot of what is none (MAV_AUTOPILOT_INVALID)."""
-GROUND_STATION = 6
-"""HEARTBEAT.type of a ground station (MAV_TYPE_GCS)."""
-ARMED = 128
-"""Bit of HEARTBEAT.base_mode that says that the motors are on (MAV_MODE_FLAG_SAFETY_ARMED)."""
+PX4: int = minimal.MAV_AUTOPILOT_PX4
+"""HEARTBEAT.autopilot of PX4."""
+ARDUPILOT: int = minimal.MAV_AUTOPILOT_ARDUPILOTMEGA
+"""HEARTBEAT.autopilot of ArduPilot."""
+INVALID: int = minimal.MAV_AUTOPILOT_INVALID
+"""HEARTBEAT.autopilot of what is none."""
+GROUND_STATION: int = minimal.MAV_TYPE_GCS
+"""HEARTBEAT.type of a ground station."""
+ARMED: int = minimal.MAV_MODE_FLAG_SAFETY_ARMED
+"""Bit of HEARTBEAT.base_mode that says that the motors are on."""
 
 
 class MavCommand(IntEnum):
@@ -80,14 +82,6 @@ class MavSeverity(IntEnum):
     CRITICAL = 2
     WARNING = 4
     INFO = 6
-
-
-class MavState(IntEnum):
-    """MAV_STATE: HEARTBEAT.system_status."""
-
-    STANDBY = 3
-    ACTIVE = 4
-    CRITICAL = 5
 
 
 class AttitudeTargetMask(IntFlag):
@@ -134,9 +128,10 @@ FORCE = 21196.0
 """Second parameter of ARM_DISARM that overrides every check: with it, disarming stops the motors in
 the air."""
 
-_V1 = 0xFE
-"""First byte of a frame of MAVLink 1."""
-_MAGIC = re.compile(b"[%c%c]" % (_V1, V2))
+V1: int = minimal.PROTOCOL_MARKER_V1
+V2: int = minimal.PROTOCOL_MARKER_V2
+"""First bytes of a frame of MAVLink 1 and 2."""
+_MAGIC = re.compile(b"[%c%c]" % (V1, V2))
 _RESULTS = {
     0: "accepted",
     1: "not possible at this moment",
@@ -183,10 +178,11 @@ def frame_end(data: bytes, start: int) -> int:
         if start + 3 > len(data):
             return len(data) + 1
         flags = data[start + 2]
-        if flags & ~SIGNED:  # a later revision of the protocol, whose length nobody here can tell
+        # A later revision of the protocol has flags, and a length, that nobody here can tell.
+        if flags & ~minimal.MAVLINK_IFLAG_SIGNED:
             return 0
-        return start + 12 + data[start + 1] + (SIGNATURE_BYTES if flags else 0)
-    if magic == _V1:
+        return start + 12 + data[start + 1] + (minimal.MAVLINK_SIGNATURE_BLOCK_LEN if flags else 0)
+    if magic == V1:
         return start + 8 + data[start + 1] if start + 1 < len(data) else len(data) + 1
     return 0
 
@@ -268,7 +264,7 @@ class MavlinkCodec:
                 # Its checksum can't be checked: it is a frame if the next one begins behind it.
                 if end == size:
                     break
-                if data[end] not in (_V1, V2):
+                if data[end] not in (V1, V2):
                     message = None
             if message is None:  # no frame began here; a true one may begin inside
                 self.dropped["bad_crc"] += 1
@@ -293,6 +289,8 @@ class MavlinkCodec:
     def _refuse(self, message: Message, frame: bytes, *, used: bool) -> str:
         """Why ``message``, whose ``frame`` is right, is not used; empty where it is; counted."""
         fault = "" if self.signer is None else self.signer.refuse(frame, keep=used)
+        if fault == "unsigned" and message.get_type() == "RADIO_STATUS":
+            fault = ""  # telemetry radios insert it by themselves, and know no key
         if not fault and self._is_unknown(message):
             fault = "unknown"
         if fault:
@@ -333,7 +331,7 @@ class MavlinkCodec:
     def heartbeat(self) -> bytes:
         """HEARTBEAT of a ground station; due once a second."""
         return self.pack(
-            self._writer.heartbeat_encode(GROUND_STATION, INVALID, 0, 0, MavState.ACTIVE)
+            self._writer.heartbeat_encode(GROUND_STATION, INVALID, 0, 0, minimal.MAV_STATE_ACTIVE)
         )
 
     def attitude_target(

@@ -18,19 +18,12 @@ from collections.abc import Callable
 from hashlib import sha256
 from hmac import compare_digest
 
-SIGNED = 0x01
-"""Bit of the incompatible flags of a frame that is signed."""
-SIGNATURE_BYTES = 13
-"""Link id, time stamp and proof behind a signed frame's checksum."""
+from pymavlink.dialects.v20 import minimal
+
 TICKS_PER_S = 100_000
 """Units of the time stamp in a second."""
 MINUTE = 60 * TICKS_PER_S
 """A sender that was not heard yet may be this far behind our own time stamp (rule of the guide)."""
-
-V2 = 0xFD
-"""First byte of a frame of MAVLink 2."""
-_RADIO_STATUS = 109
-"""Telemetry radios insert RADIO_STATUS by themselves, and know no key."""
 
 
 class Signer:
@@ -59,9 +52,8 @@ class Signer:
         by link id, system and component, not by address: a copy from another port is refused too.
         With ``keep`` false nothing is remembered: the frame comes from an address that is not used.
         """
-        if frame[0] != V2 or not frame[2] & SIGNED:
-            is_radio = frame[0] == V2 and int.from_bytes(frame[7:10], "little") == _RADIO_STATUS
-            return "" if is_radio else "unsigned"
+        if frame[0] != minimal.PROTOCOL_MARKER_V2 or not frame[2] & minimal.MAVLINK_IFLAG_SIGNED:
+            return "unsigned"
         if not compare_digest(sha256(self.key + frame[:-6]).digest()[:6], frame[-6:]):
             return "bad_signature"
         sender, stamp = frame[5:7] + frame[-13:-12], int.from_bytes(frame[-12:-6], "little")
