@@ -161,8 +161,15 @@ def _describe_end(config: Config, autopilot: str, pty: PtyWire | None) -> str:
     if isinstance(link, BridgeLinkConfig):
         return f"bridge and receiver at udp {link.remote}"
     assert pty is not None, "every other link is a radio's"
-    hint = "" if config.rehearsal is not None else ", for link.port beside link.simulated = true"
-    return f"{link.kind} receiver on {pty.path}{hint}"
+    receiver = f"{link.kind} receiver on {pty.path}"
+    if config.rehearsal is not None:
+        return receiver
+    arm = link.map.arm
+    assert arm is not None, "a scenario's receiver has an arm channel"
+    return (
+        f"{receiver}, for link.port beside link.simulated = true "
+        f"and link.map.arm.channel = {arm.channel}"
+    )
 
 
 def _ours(path: Path) -> Path:

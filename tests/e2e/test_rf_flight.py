@@ -14,7 +14,7 @@ from links.rf import Channels, CrsfLinkConfig, DsmLinkConfig, RfFrame, Service
 from sim.radio import PtyWire
 from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
-from tests.e2e.stations import free_udp_port
+from tests.e2e.stations import free_udp_port, serving
 
 
 async def flown(duration_s: float) -> list[tuple[float, float]]:
@@ -67,6 +67,13 @@ def test_a_dsm_module_on_a_port_flies_the_paper_in_real_time() -> None:
 def test_a_minute_over_a_dsm_module_stays_within_a_centimetre() -> None:
     errors = asyncio.run(flown(60.0))
     assert rms_cm(errors, 15.0) < 1.0
+
+
+def test_a_served_receiver_tells_the_channel_that_arms_it() -> None:
+    """A configuration without it is sent up to full thrust before motors that stand still."""
+    poses = f"--set=pose.listen=127.0.0.1:{free_udp_port()}"
+    with serving("--link", "dsm", poses, "--duration", "10") as says:
+        assert "link.simulated = true and link.map.arm.channel = 5" in says
 
 
 @pytest.mark.parametrize(

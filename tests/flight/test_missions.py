@@ -92,6 +92,7 @@ def test_a_vehicle_that_lifts_too_little_is_not_flown() -> None:
     assert not flown.landed
     asks = "no lift-off: is this the right body, is the mass right? Thrust went to 1.02 N"
     assert asks in flown.fault
+    assert "behind a radio that link.map.arm starts the motors" in flown.fault
     assert flown.states[-1].state == "landed"
     assert flown.touchdown_m_s is None
 
