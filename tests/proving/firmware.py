@@ -17,11 +17,12 @@ from groundstation.core.mission import State
 from groundstation.flight import make_flight
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit
-from sim.radio import Failsafe, InlinePacer, PulseReceiver
+from sim.radio import Failsafe, PulseReceiver
 from sim.runs import Stage, confirm_at, fly, from_floor
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from sim.time import in_virtual_time
 from sim.world import FourRotors
+from tests.known import known
 from tests.proving.takeoff_start import HEAD, SEEDS, TakeOff, describe, fly_take_off
 
 SHORT = (
@@ -64,9 +65,9 @@ async def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutco
     while flight.state is not State.TRACKING:  # noqa: ASYNC110  # no event tells it
         await asyncio.sleep(0.001)
     await asyncio.sleep(0.503)
-    assert stage.board is not None, "Betaflight flies it"
+    board = known(stage.board)
     struck_s = loop.time()
-    stage.board.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
+    board.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
     strike(stage)
     await asyncio.sleep(WATCHED_S)
     for task in running:
@@ -75,29 +76,21 @@ async def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutco
     return StrikeOutcome(motors, stage.plant.floor.hardest_m_s)
 
 
-def _pacer_of(stage: Stage) -> InlinePacer:
-    assert stage.port.pacer is not None, "a radio has one"
-    return stage.port.pacer
-
-
 def interrupt_bridge(stage: Stage) -> None:
     """The bridge's operator presses Ctrl-C."""
-    assert stage.bridge_task is not None, "there is a bridge"
-    stage.bridge_task.cancel()
+    known(stage.bridge_task).cancel()
 
 
 def cut_bridge_off(stage: Stage) -> None:
     """The bridge's network is gone."""
-    wire = None if stage._bridge is None else stage._bridge._wire
-    assert wire is not None, "a bridge listens"
-    wire.abort()
+    known(known(stage._bridge)._wire).abort()
 
 
 def cut_wire(stage: Stage, failsafe: Failsafe = "cut") -> None:
     """No frame leaves any more, as without pacer and stand-by; the receiver has a ``failsafe``."""
-    assert stage.radio is not None, "there is a radio"
-    assert isinstance(stage.radio.receiver, PulseReceiver), "before Betaflight"
-    stage.radio.receiver.failsafe_gives = failsafe
+    receiver = known(stage.radio).receiver
+    assert isinstance(receiver, PulseReceiver), "before Betaflight"
+    receiver.failsafe_gives = failsafe
     stage.port.cut = True
 
 
@@ -106,10 +99,10 @@ give_invalid = partial(cut_wire, failsafe="invalid")
 
 
 STRIKES: tuple[tuple[str, Callable[[Stage], None], str], ...] = (
-    ("pacer killed", lambda stage: _pacer_of(stage).strike(), "crsf"),
-    ("pacer stopped", lambda stage: _pacer_of(stage).strike(stopped=True), "dsm"),
-    ("station killed", lambda stage: _pacer_of(stage).lose_commander(), "crsf"),
-    ("station stopped", lambda stage: _pacer_of(stage).lose_commander(stopped=True), "dsm"),
+    ("pacer killed", lambda stage: known(stage.port.pacer).strike(), "crsf"),
+    ("pacer stopped", lambda stage: known(stage.port.pacer).strike(stopped=True), "dsm"),
+    ("station killed", lambda stage: known(stage.port.pacer).lose_commander(), "crsf"),
+    ("station stopped", lambda stage: known(stage.port.pacer).lose_commander(stopped=True), "dsm"),
     ("bridge interrupted", interrupt_bridge, "rf_bridge"),
     ("bridge's network gone", cut_bridge_off, "rf_bridge"),
     ("port cut, or pacer and stand-by killed", cut_wire, "crsf"),

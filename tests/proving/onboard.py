@@ -28,12 +28,13 @@ from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.mavlink.protocol import MavCommand, MavlinkCodec
-from sim.autopilots import Airworthy, Make, OnboardFirmware, Px4, make_ardupilot, make_px4
+from sim.autopilots import Airworthy, Make, Px4, make_ardupilot, make_px4
 from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.text import notice
 from sim.time import in_virtual_time
 from sim.world import FourRotors, World
+from tests.known import known
 from tests.loops import SuspendableLoop, in_suspendable_time
 from tests.proving.faults import (
     STRICT,
@@ -80,8 +81,7 @@ async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
     """Have the doctor mend one firmware, and switch it off; return the changes and its folder."""
     world, config = set_up((), 1.0)
     stage = Stage(world, config, 0, autopilot=airworthy)
-    assert stage.onboard is not None, "real firmware"
-    folder, said = stage.onboard.firmware.folder, list[str]()
+    folder, said = known(stage.onboard).firmware.folder, list[str]()
     running = asyncio.ensure_future(stage.run())
     orders = DoctorOrders("groundstation doctor", as_json=True, yes=True, folder=folder)
     try:
@@ -236,12 +236,7 @@ async def interrupt(scene: Scene) -> None:
 
 async def stop_forwarding(scene: Scene) -> None:
     """No pose reaches the autopilot any more; commands do."""
-    _firmware(scene).passes = lambda datagram: datagram[7:10] != ODOMETRY_NUMBER
-
-
-def _firmware(scene: Scene) -> OnboardFirmware:
-    assert scene.stage.onboard is not None, "real firmware"
-    return scene.stage.onboard
+    known(scene.stage.onboard).passes = lambda datagram: datagram[7:10] != ODOMETRY_NUMBER
 
 
 def _loop() -> SuspendableLoop:
@@ -253,7 +248,7 @@ def _loop() -> SuspendableLoop:
 async def take_over(scene: Scene) -> None:
     """A pilot's ground station sets a mode that stops: hold of PX4, BRAKE of ArduCopter."""
     codec = MavlinkCodec(250, 190)
-    firmware = _firmware(scene).firmware
+    firmware = known(scene.stage.onboard).firmware
     modes = (4.0, 3.0) if isinstance(firmware, Px4) else (17.0, 0.0)
     message = codec.dialect.MAVLink_command_long_message(
         1, 1, MavCommand.DO_SET_MODE, 0, 1.0, *modes, 0.0, 0.0, 0.0, 0.0
