@@ -2,7 +2,6 @@
 they give.
 """
 
-import json
 import shlex
 from pathlib import Path
 
@@ -23,14 +22,6 @@ def rows(table: str) -> list[list[str]]:
     body = TEXT.split(f"<!-- {table}:begin -->")[1].split(f"<!-- {table}:end -->")[0]
     lines = [line for line in body.splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in line[1:-1].split("|")] for line in lines[2:]]
-
-
-def test_the_table_of_gains_has_each_default() -> None:
-    told = {row[0].strip("`"): row[2] for row in rows("gains")}
-    assert {
-        name: one if isinstance(FIELDS.get(name), str) else json.loads(one)
-        for name, one in told.items()
-    } == FIELDS
 
 
 def test_the_condition_on_kappa_is_met_by_the_defaults_and_said_so() -> None:

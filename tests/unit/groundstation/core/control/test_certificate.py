@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from groundstation.core.control import Gains, Law, bound_decrease, certificate, thrust_bound
-from groundstation.core.control.certificate import CertificateMonitor, EnergySources, Lasting
+from groundstation.core.control.certificate import EnergySources, Lasting
 from groundstation.core.control.controllers import Pid
 from groundstation.core.geometry import ZERO, Vec3, so3
 from groundstation.core.messages import Decision, Diagnostics
@@ -202,23 +202,3 @@ def test_a_condition_is_reported_once_it_has_lasted_and_again_only_after_a_rest(
 
 
 VEHICLE = Vehicle()
-LEAST_N, MOST_N = VEHICLE.thrust_min_n, VEHICLE.thrust_max_n
-
-
-@pytest.mark.parametrize(
-    ("thrust_n", "told"),
-    [(LEAST_N, True), (LEAST_N + 1e-6, False), (MOST_N - 1e-6, False), (MOST_N, True)],
-)
-def test_a_thrust_at_its_limit_is_reported(thrust_n: float, told: bool) -> None:
-    monitor = CertificateMonitor(VEHICLE, Gains())
-    assert any(monitor._check_thrust(thrust_n, 0.02 * n, 0.02) for n in range(60)) is told
-
-
-@pytest.mark.parametrize(
-    ("kb", "length_m_s2", "told"), [(0.8, 5.0, False), (0.8, 5.001, True), (0.0, 9.0, False)]
-)
-def test_a_disturbance_is_reported_from_just_beyond_its_bound_on(
-    kb: float, length_m_s2: float, told: bool
-) -> None:
-    monitor = CertificateMonitor(VEHICLE, Gains(b_bound=5.0, kb=kb))
-    assert any(monitor._check_disturbance(length_m_s2, 0.02 * n, 0.02) for n in range(30)) is told
