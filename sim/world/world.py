@@ -48,6 +48,8 @@ Push = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
 hurricane."""
 Angle = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 """An angle [deg]."""
+Coupling = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
+"""A body rate that comes with a speed [rad/m]: a turn within 6 cm of climb."""
 Place: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 """A point [m, NED]."""
 Pushes: TypeAlias = tuple[Push, Push, Push]
@@ -110,7 +112,7 @@ class WindTunnel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Its correlation time [s]."""
     pitch_gain: Gain = 1.0
     """Achieved over commanded pitch [-]."""
-    pitch_per_climb: float = 0.0
+    pitch_per_climb: Coupling = 0.0
     """Pitch rate, nose down, that comes with each m/s upwards [rad/m]."""
     start_pitch_deg: Angle = 0.0
     """Pitch at the release, nose up [deg]."""

@@ -223,7 +223,10 @@ def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the
 ) -> None:
     here = asyncio.run(told(tmp_path / "told", *signals))
     if len(signals) > 1:
-        for says in ("landing; once more: failsafe descent", f"requested by {signals[1].name}"):
+        for says in (
+            "asked to land; once more: failsafe descent",
+            f"requested by {signals[1].name}",
+        ):
             assert any(says in line for line in here.log), here.log
     if len(signals) == 2:
         assert any("landed and disarmed" in line for line in here.log), here.log

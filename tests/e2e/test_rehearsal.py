@@ -92,7 +92,7 @@ def test_every_line_of_a_rehearsed_fleet_says_that_it_is_one(short_path: Path) -
     ):
         while line := line_of(flying):
             said.append(line)
-            if "staying on the ground" in line and "staying on the ground" in "".join(said[:-1]):
+            if "waiting on the ground" in line and "waiting on the ground" in "".join(said[:-1]):
                 flying.terminate()  # both cores have spoken
         assert flying.wait(60) == 0, "".join(said)
     for name in ("ant", "bee"):

@@ -52,7 +52,7 @@ def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_
         ant.says("landing: stop-all")
         ant.says("landed: ")
         assert ant.process.wait(60) == 0
-        bee.says("SIGTERM: landing; once more: failsafe descent")
+        bee.says("SIGTERM: asked to land; once more: failsafe descent")
         bee.process.wait(60)
 
     nobody = stop_all()

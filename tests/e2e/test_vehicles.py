@@ -120,7 +120,7 @@ def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) ->
     """In the air each lands by the same signal: it is that of a terminal that closes."""
     with fleet(tmp_path) as (station, log):
         for name in ("ant", "bee"):
-            until(log, rf"{name} +\| .* ready, and staying on the ground")
+            until(log, rf"{name} +\| .* ready, and waiting on the ground")
         children = children_of(station.pid)
         assert len(children) == 3
         station.kill()

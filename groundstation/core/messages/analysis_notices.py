@@ -13,7 +13,7 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "recording.short",
-        "no error figures, which take {least_s:g} s on the trajectory ({flown_s:.1f} s were "
+        "no error figures, which take {least_s:g} s on the trajectory ({flown_s:.2f} s were "
         "flown); recorded in {path}",
     ),
     NoticeTemplate(
@@ -23,7 +23,7 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "recording.none_short",
-        "no error figures, which take {least_s:g} s on the trajectory ({flown_s:.1f} s were "
+        "no error figures, which take {least_s:g} s on the trajectory ({flown_s:.2f} s were "
         "flown); not recorded",
     ),
     NoticeTemplate(

@@ -174,7 +174,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "link.port_lost",
-            "the module's port was lost {count} times",
+            "the module's port was lost {count}x",
             "check the module's cable and supply",
         ),
         NoticeTemplate(

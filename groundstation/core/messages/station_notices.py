@@ -15,8 +15,8 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("service.next", "{state}; the next flight gets ready in {pause_s:g} s"),
     NoticeTemplate(
         "service.waits",
-        "ready, and staying on the ground: `groundstation request arm --vehicle {vehicle}` makes "
-        "it fly",
+        "ready, and waiting on the ground to be armed: `groundstation request arm --vehicle "
+        "{vehicle}` makes it fly",
     ),
     NoticeTemplate("service.renews", "nothing has flown for an hour: a new recording begins"),
     NoticeTemplate("key.step", "{key}: {does}; {then}"),
@@ -24,7 +24,7 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
         "key.bounce", "{key} within {once_s:g} s, or held down, counts once: {does}; {then}"
     ),
     NoticeTemplate("key.kill", "{key}: motors off, now"),
-    NoticeTemplate("key.lands", "{key}: landing"),
+    NoticeTemplate("key.lands", "{key}: asked to land"),
     NoticeTemplate("key.no_pause", "Ctrl-Z is ignored: nobody would fly the vehicle. Ctrl-C lands"),
     # Orders of clients, here and from afar.
     NoticeTemplate("station.lost", "the connection is lost"),

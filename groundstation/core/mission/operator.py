@@ -15,11 +15,11 @@ REPEAT_S = 0.1
 """A press so soon after the one before is the repetition of a key that is held down [s]: keyboards
 repeat it 11 to 33 times a second, and a finger taps 7 times a second at most."""
 STEPS = (
-    (Ask.LAND, "landing", "once more: failsafe descent"),
-    (Ask.DESCEND, "failsafe descent", "once more: motors off, AND IT FALLS"),
+    (Ask.LAND, "asked to land", "once more: failsafe descent"),
+    (Ask.DESCEND, "asked for a failsafe descent", "once more: motors off, AND IT FALLS"),
     (Ask.KILL, "motors off, now", "there is nothing stronger"),
 )
-"""Action, confirmation and outlook of each press."""
+"""Request, confirmation and outlook of each press. The flight itself reports what follows."""
 
 
 class Interrupts:

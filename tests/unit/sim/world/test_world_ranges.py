@@ -13,7 +13,7 @@ MILLISECONDS = (
 )
 MILLIMETRES = "pose_noise_m=0.3 start_ned=[800,-800,0] floor_z_m=1500"
 DEGREES_AND_RADIANS = "attitude_noise_rad=0.5 rate_limits_deg_s=[3.5,3.5,5.2]"
-PERCENT = "thrust_gain=95 pose_loss=5"
+PERCENT = "thrust_gain=95 pose_loss=5 tunnel.pitch_per_climb=140"
 WRONG = " ".join((GRAMS, MILLISECONDS, MILLIMETRES, DEGREES_AND_RADIANS, PERCENT)).split()
 
 

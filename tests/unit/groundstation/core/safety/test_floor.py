@@ -197,7 +197,7 @@ def test_three_presses_land_descend_and_kill_and_each_says_what_comes_next() -> 
         Ask.KILL,
         Ask.KILL,
     ]
-    assert "failsafe descent" in asked[0][1].text
+    assert asked[0][1].text == "SIGINT: asked to land; once more: failsafe descent"
     assert "motors off" in asked[1][1].text
 
 
