@@ -4,7 +4,6 @@ from sim.radio.radio import (
     FAILSAFE_S,
     MODULE,
     Failsafe,
-    InlinePacer,
     PtyWire,
     PulseReceiver,
     Receiver,
