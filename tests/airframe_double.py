@@ -1,8 +1,4 @@
-"""A vehicle for tests: a point of mass 1 that turns at once as it is told, and writes down what is
-done to it.
-
-And what flies it by an RF link.
-"""
+"""A point of mass 1 that turns at once and writes down what is done to it, and RF links to it."""
 
 import asyncio
 from typing import Any

@@ -1,7 +1,4 @@
-"""What an autopilot's estimator would fuse of the ODOMETRY that it is sent.
-
-As in PX4 v1.15 (mavlink_receiver.cpp) and ArduPilot 4.6-dev (GCS_Common.cpp).
-"""
+"""What PX4 1.15 and ArduPilot 4.6-dev would fuse of the ODOMETRY that they are sent."""
 
 import math
 from collections import Counter

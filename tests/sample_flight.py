@@ -1,6 +1,4 @@
-"""Snapshots of a made-up flight, and a process that serves them:
-``python -m tests.sample_flight SOCKET [SECONDS]``.
-"""
+"""Snapshots of a made-up flight; ``python -m tests.sample_flight SOCKET [SECONDS]`` serves them."""
 
 import asyncio
 import math

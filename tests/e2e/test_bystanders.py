@@ -1,8 +1,4 @@
-"""A real broker, a real dashboard and a real client of a flight in virtual time: killed, frozen, or
-listened to.
-
-No byte that leaves, and no instant at which one does, may tell whether they were there.
-"""
+"""A killed, frozen or listened-to broker, dashboard or client changes no byte of a flight."""
 
 import asyncio
 import math

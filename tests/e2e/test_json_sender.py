@@ -1,7 +1,4 @@
-"""The senders in docs/how-to/extend.md, as they stand there, are understood.
-
-ROS 2 has a stand-in.
-"""
+"""The senders of docs/how-to/extend.md are understood. ROS 2 has a stand-in."""
 
 import asyncio
 import math

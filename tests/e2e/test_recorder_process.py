@@ -1,6 +1,4 @@
-"""The recorder in its own process: killed, stopped, out of room, and never in the way of the
-flight.
-"""
+"""The recorder in its own process: killed, stopped, out of room, never in the flight's way."""
 
 import asyncio
 import json

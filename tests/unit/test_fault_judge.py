@@ -1,6 +1,4 @@
-"""The judge of the fault table can find fault: each limit is broken by a made-up flight, and kept
-just below it.
-"""
+"""The judge of the fault table: made-up flights break each limit, and keep just below it."""
 
 import re
 from collections.abc import Callable

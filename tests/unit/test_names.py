@@ -1,6 +1,4 @@
-"""What may be a name: it becomes part of a path, a topic, a command line, and must not be anything
-else there.
-"""
+"""What may be a name: it becomes part of a path, a topic and a command line."""
 
 from typing import Any
 

@@ -1,6 +1,4 @@
-"""The faces that users import from: what they may ask for is there and told of, and asking costs
-little.
-"""
+"""The faces that users import from hold what they tell of, and asking costs little."""
 
 import subprocess
 import sys

@@ -1,6 +1,4 @@
-"""Rooms: a folder is a room, and its ``__init__`` the face through which all others ask for what is
-in it.
-"""
+"""A folder is a room, and others ask for what is in it through its ``__init__`` alone."""
 
 import ast
 import tomllib
@@ -48,9 +46,7 @@ def imports(module: str, *, typing: bool) -> tuple[tuple[str, str], ...]:
 
 
 def tree_imports(tree: ast.AST, *, typing: bool = False) -> Iterator[tuple[str, str]]:
-    """Modules and the names that are asked of them ("" for the module itself), with or without what
-    only types need.
-    """
+    """Modules and names asked of them ("" for the module), with or without what only types need."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Import):
             yield from ((alias.name, "") for alias in node.names)
@@ -132,9 +128,7 @@ def test_a_name_is_handed_on_only_where_somebody_asks_for_it() -> None:
 
 
 def test_what_does_no_io_does_none_through_the_faces_that_it_asks() -> None:
-    """The contract of pyproject.toml sees what a module imports, but not what a face loads for a
-    name.
-    """
+    """pyproject.toml's contract sees a module's imports, not what a face loads for a name."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"][
         "contracts"
     ]

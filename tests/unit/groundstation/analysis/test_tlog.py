@@ -1,6 +1,4 @@
-"""Made-up flights as a .tlog, of which everything is known: what is found, whose it is, and files
-that are none.
-"""
+"""Made-up flights as .tlog, fully known: what is found, whose it is, and files that are none."""
 
 import json
 import random

@@ -1,6 +1,4 @@
-"""groundstation/analysis/evidence on recordings of PX4 and ArduPilot in flight
-(tests/golden/README.md).
-"""
+"""Evidence from PX4's and ArduPilot's recordings of real flights (tests/golden/README.md)."""
 
 import struct
 from collections.abc import Iterator
@@ -26,9 +24,7 @@ def recording(path: Path) -> ImportedFlight:
 
 
 def payloads(path: Path, number: int, size: int) -> Iterator[bytes]:
-    """The payloads of one message, straight from the bytes, the zeros that MAVLink left out put
-    back.
-    """
+    """The payloads of one message, from the bytes, with the zeros that MAVLink left out."""
     data = path.read_bytes()
     start = 0
     while start < len(data):

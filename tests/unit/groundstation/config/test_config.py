@@ -1,6 +1,4 @@
-"""Configuration: what is accepted, what is refused and in which words, overrides, and back to
-TOML.
-"""
+"""Configuration: what is accepted or refused in which words, overrides, and back to TOML."""
 
 import math
 import tomllib

@@ -1,6 +1,4 @@
-"""Errors of a configuration: on their way from a worker process to the one that started it, and of
-files.
-"""
+"""Errors of a configuration, from a worker process and of files."""
 
 import pickle
 from pathlib import Path

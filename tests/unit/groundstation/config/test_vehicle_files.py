@@ -1,6 +1,4 @@
-"""Vehicle files: presets, files of one's own, what lies on top of what, and in which words the rest
-is refused.
-"""
+"""Vehicle files: presets, own files, what lies on top of what, and what is refused."""
 
 import math
 import re

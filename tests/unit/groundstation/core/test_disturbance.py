@@ -1,6 +1,4 @@
-"""Disturbance as it is shown: one sum, whatever its split, and intervals that follow from the
-estimator's variance.
-"""
+"""The shown disturbance: one sum, however split, and intervals by the estimator's variance."""
 
 import math
 

@@ -1,6 +1,4 @@
-"""Which dropped messages a person must see: links/… count them,
-groundstation/core/messages/drops.py chooses.
-"""
+"""Which of the dropped messages that links/ counts a person must see."""
 
 import ast
 from pathlib import Path

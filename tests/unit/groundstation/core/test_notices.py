@@ -110,9 +110,7 @@ READ_BY_PROGRAMMERS = {
 
 
 def is_prose(node: ast.AST) -> bool:
-    """Whether ``node`` is text that belongs into the table: several words, or an f-string of
-    them.
-    """
+    """Whether ``node`` is text of the table's kind: several words, or an f-string of them."""
     parts = node.values if isinstance(node, ast.JoinedStr) else [node]
     return any(
         isinstance(part, ast.Constant) and " " in str(part.value).strip(": ") for part in parts
@@ -120,9 +118,7 @@ def is_prose(node: ast.AST) -> bool:
 
 
 def has_own_text(call: ast.Call, function: ast.AST) -> bool:
-    """Whether the error that ``call`` makes has a text of its own, said there or in a name of
-    ``function``.
-    """
+    """Whether the error of ``call`` has a text, said there or in a name of ``function``."""
     said = call.args[int(name_error(call) in KEYED_ERRORS) :] + [
         each.value for each in call.keywords
     ]

@@ -1,6 +1,4 @@
-"""Every pre-flight check: what passes, warns and fails, by the vehicle as it stands and by what is
-beside it.
-"""
+"""Every pre-flight check: what passes, warns and fails."""
 
 import math
 import os

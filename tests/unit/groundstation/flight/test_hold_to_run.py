@@ -1,6 +1,4 @@
-"""The operator's own dead man: when it counts as held, what is refused at the start, and what is
-lost.
-"""
+"""The operator's dead man: when it counts as held, what is refused, and what is lost."""
 
 import asyncio
 import math

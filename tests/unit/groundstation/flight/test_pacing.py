@@ -1,6 +1,4 @@
-"""When a command is due, when a last chance is taken, and what has waited while the program stood
-still.
-"""
+"""When a command is due, when a last chance is taken, and what has waited for a stalled program."""
 
 import asyncio
 from types import SimpleNamespace

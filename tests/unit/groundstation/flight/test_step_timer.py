@@ -1,6 +1,4 @@
-"""The timer of the user's steps: slow ones are named, those that hang are interrupted, others'
-alarms count.
-"""
+"""The timer of the user's steps names slow ones, interrupts hung ones and keeps others' alarms."""
 
 import asyncio
 import contextlib

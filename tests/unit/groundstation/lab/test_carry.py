@@ -1,6 +1,4 @@
-"""What a carried vehicle tells of its tracker: every mapping of axes is found, every mirrored one
-refused.
-"""
+"""A carried vehicle shows its tracker's mapping of axes; mirrored ones are refused."""
 
 import itertools
 import math

@@ -1,6 +1,4 @@
-"""The doctor: what is found and said of an autopilot or a board, and that a parameter changes only
-as it should.
-"""
+"""The doctor: what it says of an autopilot or a board, and how it changes a parameter."""
 
 import asyncio
 import json

@@ -1,6 +1,4 @@
-"""Time on the loop that flies: timers by the microsecond, ends of tasks, and idle slots for what
-can wait.
-"""
+"""Time on the loop that flies: timers by the microsecond, ends of tasks, and idle slots."""
 
 import asyncio
 import contextlib

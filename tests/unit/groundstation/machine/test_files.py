@@ -1,7 +1,4 @@
-"""Text files: UTF-8 whatever the locale is, written whole or not at all.
-
-And no output ends a program.
-"""
+"""Text files are UTF-8 in any locale and written whole or not at all; no output ends a program."""
 
 import os
 import subprocess
@@ -69,9 +66,7 @@ def run(
 
 
 def test_a_flight_in_a_locale_without_utf_8_leaves_the_same_files(tmp_path: Path) -> None:
-    """Also where the folder's own name is no ASCII, as what stands in a configuration by its
-    path.
-    """
+    """Also where the folder's own name, and so a path in the configuration, is no ASCII."""
     folder = tmp_path / "Mü"
     folder.mkdir()
     (folder / "lab.toml").write_text('[mqtt]\nusername = "a"\npassword_file = "pass"\n', "utf-8")

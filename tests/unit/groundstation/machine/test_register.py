@@ -1,6 +1,4 @@
-"""The register of what runs: it is there while its process lives, whole and locked, and only this
-user's counts.
-"""
+"""The register of running processes: there while they live, whole, locked, of this user only."""
 
 import os
 import signal

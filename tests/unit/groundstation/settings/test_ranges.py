@@ -1,6 +1,4 @@
-"""What a key may be: a number in another unit and what makes no sense are refused, and no honest
-vehicle is.
-"""
+"""Ranges of keys: other units and nonsense are refused, and no honest vehicle is."""
 
 import math
 import re

@@ -1,6 +1,4 @@
-"""A rehearsal reaches nothing real: one table decides what becomes of each key that may hold an
-address.
-"""
+"""A rehearsal reaches nothing real: one table decides of each key that may hold an address."""
 
 from pathlib import Path
 from typing import Any
@@ -53,9 +51,7 @@ def leaves(value: object, path: str = "") -> list[tuple[str, object]]:
 
 
 def test_each_key_that_may_hold_an_address_is_in_the_table_or_among_the_plain_texts() -> None:
-    """A new key of free text, or a new port, belongs into ADDRESSES with what becomes of it, or
-    else into TEXTS.
-    """
+    """A new key of free text, or a new port, belongs into ADDRESSES or else into TEXTS."""
     ports = {key for key in keys_of(Config) if key.rpartition(".")[2].endswith("port")}
     assert set(texts_of(Config)) | ports <= set(ADDRESSES) | TEXTS | {"pose.data_port"}
 

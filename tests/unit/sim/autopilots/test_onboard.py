@@ -1,6 +1,4 @@
-"""Real firmware's place on the vehicle: rotors, release and MAVLink, with a firmware that is a few
-lines of Python.
-"""
+"""Firmware on the simulated vehicle: rotors, release and MAVLink, by a few lines of Python."""
 
 import asyncio
 import math

@@ -13,9 +13,7 @@ THEIRS = ("127.0.0.1", 14580)
 
 
 class Port:
-    """The firmware's port, at whose other end PX4 answers a TIMESYNC behind some telemetry, where
-    it ``answers``.
-    """
+    """The firmware's port; PX4 behind it ``answers`` a TIMESYNC after some telemetry."""
 
     def __init__(self) -> None:
         self.answers = True

@@ -1,6 +1,4 @@
-"""Simulator interfaces of PX4 and ArduPilot: golden bytes of each message, the noise of sensors,
-parameter files.
-"""
+"""Simulator interfaces of PX4 and ArduPilot: golden bytes, noise of sensors, parameter files."""
 
 import math
 import statistics

@@ -1,6 +1,4 @@
-"""The simulated receivers' pulses against public documents, and what they give once frames have
-stopped.
-"""
+"""The receivers' pulses against public documents, and what they give once frames have stopped."""
 
 from collections.abc import Sequence
 

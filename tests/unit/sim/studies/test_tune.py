@@ -1,6 +1,4 @@
-"""Tuning without flying: which gains, between which bounds, in which world, and what a search does
-with verdicts.
-"""
+"""Tuning without flying: gains and their bounds, worlds, and a search that is given verdicts."""
 
 import math
 from collections.abc import Sequence
@@ -104,9 +102,7 @@ def test_each_axis_changes_one_thing_of_the_truth_and_nothing_that_is_told() -> 
 
 
 class Judges(UnflownFlyers):
-    """Knows what every flight comes to without flying it: errors grow with the distance of k2 from
-    3 and k3 from 9.
-    """
+    """Judges flights unflown: errors grow with the distance of k2 from 3 and k3 from 9."""
 
     def judge(self, sortie: Sortie) -> SortieOutcome:
         gains = sortie.stage.config.controller

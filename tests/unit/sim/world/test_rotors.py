@@ -1,6 +1,4 @@
-"""The rotor-level plant: it answers as its constants say, and another autopilot may have its
-rotors.
-"""
+"""The rotor-level plant answers by its constants, and another autopilot may have its rotors."""
 
 import math
 from collections.abc import Callable

@@ -1,6 +1,4 @@
-"""Ranges of ``sim`` keys: a number in another unit is refused, and what every scenario flies is
-not.
-"""
+"""Ranges of ``sim`` keys: other units are refused, and what every scenario flies is not."""
 
 import pytest
 

@@ -43,9 +43,7 @@ def flown(
     noise_rad: float = 1e-3,
     wind: float = 0.1,
 ) -> FlightStretch:
-    """Open loop, by the controller's own model: lags of 60 and 40 ms, a delay of 15 ms, poses at
-    50 Hz.
-    """
+    """Open loop, by the controller's model: lags of 60 and 40 ms, delay 15 ms, poses at 50 Hz."""
     rng = np.random.default_rng(3)
     vehicle = Vehicle(name="made-up", mass_kg=0.5, thrust_max_n=9.0)
     config = Config(vehicle=vehicle, link=MavlinkLinkConfig())
@@ -93,9 +91,7 @@ def flown(
 
 
 def holds(found: IdentifiedVehicle, **truth: float) -> None:
-    """Every truth lies within its interval, widened by half: this is one draw of twenty that may
-    miss.
-    """
+    """Every truth lies within its interval, widened by half as one draw of twenty may miss."""
     for name, true in truth.items():
         one = found.parameters[name]
         assert one.interval is not None, name

@@ -1,6 +1,4 @@
-"""The certificate in numbers: the thrust bound, the bound on V_m and its terms, and for how long a
-condition lasts.
-"""
+"""The certificate in numbers: thrust bound, bound on V_m and its terms, duration of a condition."""
 
 import math
 from typing import Any
@@ -112,9 +110,7 @@ def test_v_and_its_decrease_are_with_what_observer_and_law_disagree_in(
 
 
 def test_what_noise_adds_follows_its_intensity() -> None:
-    """With the observer's steady gains of a Butterworth filter, w = (q²/i)^(1/8): three axes, half
-    the curvature.
-    """
+    """By steady gains of a Butterworth filter, w = (q²/i)^(1/8): three axes, half the curvature."""
     law = Gains(sigma_slope=2.0, k2=1.5, rho_slope=0.5, wind_rate_noise=3.0)
     intensity = 0.002**2 * 0.01
     w = (3.0**2 / intensity) ** 0.125

@@ -1,6 +1,4 @@
-"""The failsafe descent's thrust: what it believes of wind and thrust, and how much it lifts at
-most.
-"""
+"""The failsafe descent's thrust: its belief of wind and thrust, and its greatest lift."""
 
 import math
 
@@ -50,9 +48,7 @@ def test_it_lifts_at_once_by_what_thrust_gives_now_and_against_the_mean_wind_of_
 
 
 def test_what_swings_up_and_down_is_not_lifted_against() -> None:
-    """Poses that are late make a disturbance of their own lateness: 3 m/s² to and fro, once a
-    second.
-    """
+    """Late poses make a disturbance of their own lateness: 3 m/s² to and fro, once a second."""
     descent = begin()
     swings = [3.0 * math.sin(2.0 * math.pi * PERIOD_S * n) for n in range(250)]
     most = max(

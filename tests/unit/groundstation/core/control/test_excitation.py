@@ -23,9 +23,7 @@ def full_tones(vehicle: Vehicle) -> ExcitationTones:
 
 
 def flown(vehicle: Vehicle, yaw_rad: float, until_s: float) -> tuple[list[float], list[Motion]]:
-    """Instants, and motions of a hovering vehicle that is given nothing but the tones, held frame
-    by frame.
-    """
+    """Instants and motions of a hovering vehicle that is given the tones alone, frame by frame."""
     tones, hover = full_tones(vehicle), vehicle.mass_kg * G
     attitude = so3.from_euler_zyx(0.0, 0.0, yaw_rad)
     motion = Motion(ZERO, ZERO, attitude, hover, ZERO)

@@ -1,6 +1,4 @@
-"""What a law will want in a moment, at which instant its command acts, and the parts of the
-baselines.
-"""
+"""What a law wants next, when its command acts, and the parts of the baselines."""
 
 import math
 from typing import Any

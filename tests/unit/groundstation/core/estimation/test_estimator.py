@@ -1,6 +1,4 @@
-"""The model, the actuators and the estimator against the simulated plant, which shares no code with
-them.
-"""
+"""Model, actuators and estimator against the simulated plant, which shares no code with them."""
 
 import math
 import random
@@ -337,10 +335,7 @@ def test_what_is_held_stays_until_the_poses_are_believed_again() -> None:
     ("turned_deg", "across", "along"), [(0.0, 1.0, 5.0), (90.0, 3.0, 1.0), (45.0, 2.0, 3.0)]
 )
 def test_covariances_turn_with_the_motion(turned_deg: float, across: float, along: float) -> None:
-    """Those of noise along the motion, 5, and across it, 1.
-
-    Across is the mean of both directions.
-    """
+    """Noise along the motion has 5, and noise across it 1: the mean of both directions."""
     angle = math.radians(turned_deg)
     ones: Covariance = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     fives: Covariance = (5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0)

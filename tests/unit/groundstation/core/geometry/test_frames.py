@@ -1,6 +1,4 @@
-"""Axes by their letters, and physical situations worked out by hand: in a round trip two mistakes
-may cancel.
-"""
+"""Axes by their letters, and situations by hand: in a round trip two mistakes may cancel."""
 
 import itertools
 import math

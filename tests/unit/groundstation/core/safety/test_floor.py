@@ -1,7 +1,4 @@
-"""Leaving the floor and coming back to it: thrust, lift-off, touchdown.
-
-And what an impatient operator means.
-"""
+"""Leaving the floor and coming back to it: thrust, lift-off, touchdown, an impatient operator."""
 
 import math
 

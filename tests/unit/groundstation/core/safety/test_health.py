@@ -1,6 +1,4 @@
-"""Health of the poses: a vehicle that is flown by tones, and what poses that show something else
-come to.
-"""
+"""Health of the poses of a vehicle that is flown by tones."""
 
 import math
 from collections.abc import Callable

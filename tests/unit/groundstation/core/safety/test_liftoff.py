@@ -1,6 +1,4 @@
-"""What is believed of a vehicle on its floor: limits in numbers, and many draws of a vehicle in one
-dimension.
-"""
+"""Limits for a vehicle on its floor, and many draws of a vehicle in one dimension."""
 
 import math
 import random
@@ -92,10 +90,7 @@ def test_thrust_rises_on_the_floor_in_these_steps() -> None:
 def standing(
     wander_m: float = 0.0, climb_m_s: float | None = None, resets: tuple[int, ...] = ()
 ) -> StandingPoses:
-    """Three seconds of poses at 50 Hz.
-
-    Each half second they step by ``wander_m`` aside and down, and back.
-    """
+    """Three seconds at 50 Hz that step by ``wander_m`` aside and down, and back, each 0.5 s."""
     found = StandingPoses()
     for k in range(151):
         at_s, number, step = 0.02 * k, k // 25, k // 25 % 2
@@ -274,9 +269,7 @@ def test_the_lightest_vehicle_that_may_fly_is_not_too_light() -> None:
 @pytest.mark.tried(1)  # 50 of 200 seeds
 @pytest.mark.parametrize("first", range(0, 200, 50))
 def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
-    """Poses of an estimate that wanders by 5 cm in 2 s, while the vehicle stands: too heavy for its
-    rotors.
-    """
+    """The estimate wanders by 5 cm in 2 s; the vehicle stands, too heavy for its rotors."""
     seeds = range(first, first + 50)
     flown = [seed for seed in seeds if not spooled(seed, hover_share=1.6, wander_m=0.05).fault]
     assert len(flown) <= 1
@@ -284,9 +277,7 @@ def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
 
 @pytest.mark.parametrize("hover_share", [0.8, 1.0, 1.2])
 def test_hover_thrust_and_climb_of_an_exact_motion_are_found(hover_share: float) -> None:
-    """At 1.5 of the weight from the first pose on, without lag: half of a t², a = g (1.5 / share -
-    1).
-    """
+    """At 1.5 of the weight from the first pose on, without lag: a = g (1.5 / share - 1)."""
     at_rest, wander = Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), LEVEL), StandingWander(0.0, 0.0, 0.0)
     lift = LiftOff(at_rest, 0.0, 1.0, 0.0, G, wander, 0.0003)
     lift.add_command(0.0, 1.5)

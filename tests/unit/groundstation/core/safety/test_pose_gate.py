@@ -43,10 +43,7 @@ def believed(shown_s: dict[int, float], aside_m: dict[int, float], count: int = 
 
 @pytest.mark.parametrize(("late_s", "lost"), [(0.001, 0), (0.003, 3), (0.006, 1)])
 def test_one_exposure_that_was_late_costs_few_poses(late_s: float, lost: int) -> None:
-    """One that is believed just so spoils the speed of the next.
-
-    One that is not costs itself alone.
-    """
+    """One that is just believed spoils the speed of the next; another costs itself alone."""
     answers = believed({10: 10 * PERIOD_S - late_s}, {})
     assert answers.count(False) == lost
     assert all(answers[:10]) and all(answers[14:])

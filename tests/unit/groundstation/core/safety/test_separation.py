@@ -1,6 +1,4 @@
-"""Other vehicles: how they are seen, what room is left to them, and what follows where it is too
-little.
-"""
+"""Other vehicles: how they are seen, what room is left, and what follows where it is too little."""
 
 import math
 from typing import Any

@@ -1,7 +1,4 @@
-"""Courses as CSV: what is read, and in which words the rest is refused.
-
-And the way into a configuration.
-"""
+"""Courses as CSV: what is read or refused in which words, and how it gets into a configuration."""
 
 from pathlib import Path
 

@@ -1,6 +1,4 @@
-"""Shapes beyond what every trajectory must keep: splines, times of waypoints, and the
-excitation.
-"""
+"""Shapes beyond what every trajectory must keep: splines, times of waypoints, and excitation."""
 
 import itertools
 import math

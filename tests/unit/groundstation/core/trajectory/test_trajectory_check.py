@@ -1,6 +1,4 @@
-"""The look at a trajectory before take-off: its figures by hand, what it declares of itself, and
-how it refuses.
-"""
+"""The look at a trajectory before take-off: its figures by hand, and what it refuses."""
 
 import json
 import math
@@ -293,9 +291,7 @@ def test_the_fence_counts_too() -> None:
 
 def test_a_corner_that_is_flown_at_full_speed_is_found() -> None:
     def corner(exact: Reference, t: float) -> Reference:
-        """Straight ahead, and from one moment on to the side: no acceleration is declared
-        anywhere.
-        """
+        """Straight ahead, then at once to the side: no acceleration is declared anywhere."""
         ahead, aside = 0.5 * min(t, 4.0), 0.5 * max(t - 4.0, 0.0)
         return Reference((ahead, aside, -1.5), (0.5, 0.0, 0.0) if t < 4.0 else (0.0, 0.5, 0.0))
 

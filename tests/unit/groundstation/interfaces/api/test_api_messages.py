@@ -1,6 +1,4 @@
-"""Lines and orders of the core API: whatever a client sends, it comes out as an order, or as words
-why it is none.
-"""
+"""Any line of a client of the core API becomes an order, or words why it is none."""
 
 import re
 from typing import Any

@@ -1,6 +1,4 @@
-"""``stop-all`` where a process can't be asked: it gets a signal, is told of, and no other waits for
-it.
-"""
+"""``stop-all`` signals a process that can't be asked, tells of it, and keeps no other waiting."""
 
 import asyncio
 import signal

@@ -241,9 +241,7 @@ def test_silence_is_an_alarm_unless_the_flight_has_ended_or_its_station_has_said
 
 
 def test_a_vehicle_whose_snapshots_come_is_not_offline() -> None:
-    """The last will of an earlier connection says so, until the station publishes its state
-    again.
-    """
+    """The last will of an earlier connection says it is, until the station publishes its state."""
     fleet = FleetMonitor("lab")
     seen = heard(fleet, "mqx")
     fleet.hear("lab/mqx/state", b"offline", 0.5)
