@@ -114,8 +114,6 @@ def load_restore(path: Path) -> Restore:
         raise ConfigError("--restore", notice("doctor.other_file", path=path, why=error)) from None
 
 
-BEAT_S = 3.0
-"""Timeout for the heartbeat that reports arming [s]."""
 TABLES: dict[int, Callable[[VehicleFacts], list[Advice]]] = {
     PX4: px4_advice,
     ARDUPILOT: ardupilot_advice,
@@ -276,6 +274,7 @@ class MavlinkVisit:
             pose_latency_s=getattr(config.pose, "latency_s", None),
         )
         self.parameters: dict[str, Setting] = {}
+        self._heartbeat_timeout_s = link.heartbeat_timeout_s
         self._connection = MavlinkConnection(msgspec.structs.replace(link, quiet=False))
 
     async def open(self) -> None:
@@ -372,10 +371,12 @@ class MavlinkVisit:
 
         leave = self._connection.subscribe(hear)
         try:
-            async with asyncio.timeout(BEAT_S):
+            async with asyncio.timeout(self._heartbeat_timeout_s):
                 return await beat
         except TimeoutError:
-            raise LinkLost(notice("doctor.no_heartbeat", limit_s=BEAT_S)) from None
+            raise LinkLost(
+                notice("doctor.no_heartbeat", limit_s=self._heartbeat_timeout_s)
+            ) from None
         finally:
             leave()
 

@@ -593,8 +593,6 @@ FLIGHT_CHANNELS = 4
 """Channels of sticks and throttle of a Betaflight."""
 AUX_CHANNELS = 12
 """Channels of a Betaflight beside these."""
-AUX_SLOTS = 20
-"""Rows of a Betaflight that assign modes to channels."""
 EMPTY_SLOT = "0 0 900 900 0 0"
 """Row that assigns no mode."""
 ARM_MODE = 0
@@ -809,7 +807,7 @@ def _advise_slots(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advi
 
     No other arms, or is met by what our frames say, in a mode of its own.
     """
-    parsed = {f"aux {n}": _parse_slot(slots.get(f"aux {n}", EMPTY_SLOT)) for n in range(AUX_SLOTS)}
+    parsed = {name: _parse_slot(row) for name, row in slots.items() if name.startswith("aux ")}
     used = {name: slot for name, slot in parsed.items() if slot[2] < slot[3]}
     free = next((name for name in parsed if name not in used), "aux 0")
     arming = next((name for name, slot in used.items() if slot[0] == ARM_MODE), free)

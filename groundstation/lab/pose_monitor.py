@@ -51,7 +51,7 @@ from groundstation.settings import Config
 from links import make_link
 from links.core import Attitude, LinkError
 from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol import Message, attitude_of
+from links.mavlink.protocol import ATTITUDE_HZ, Message, attitude_of
 from links.text import Sentence, printable
 
 if TYPE_CHECKING:
@@ -382,8 +382,6 @@ def _line(item: tuple[str, Value]) -> str:
     return f"{item[0]} = {write_value(item[1])}"
 
 
-ATTITUDE_HZ = 100.0
-"""The autopilot is asked for its attitude so often [1/s]."""
 PATIENCE_S = 120.0
 """Timeout of one move [s]."""
 

@@ -386,10 +386,9 @@ WRONG_DEG = 40.0
 """A hand is no gauge: a move may be off by this much [deg]."""
 APART_DEG = 15.0
 """Largest difference between tracker and autopilot about one turn [deg]."""
-LEVEL_DEG = 12.0
-"""The vehicle stands, and the lab's axes lie, no more askew than this [deg]."""
-NORTH_DEG = 10.0
-"""A nose that is put down by hand means the lab's own axis within this [deg]."""
+ALIGNED_DEG = 12.0
+"""A vehicle that is put down by hand stands level, and its nose along the lab's own axis, within
+this [deg]."""
 SNAP_DEG = 1.0
 """Smaller angles of the body on the vehicle are none [deg]."""
 
@@ -442,14 +441,14 @@ def solve_axes(
     body_name, body_askew = _nearest_axes(body, get_args(Body))
     roll, pitch, yaw = lab_askew
     askew = max(abs(roll), abs(pitch))
-    if askew > LEVEL_DEG:
+    if askew > ALIGNED_DEG:
         raise CarryFailure("still", notice("carry.lab_askew", angle_deg=askew))
     if theirs is None:
         askew = max(map(abs, body_askew))
         if askew > 0.5 * WRONG_DEG:
             raise CarryFailure("", notice("carry.body_askew", angle_deg=askew))
         body_askew = (0.0, 0.0, 0.0)
-    lab_yaw = yaw if abs(yaw) > NORTH_DEG else 0.0
+    lab_yaw = yaw if abs(yaw) > ALIGNED_DEG else 0.0
     north = None
     if theirs is not None:  # the nose's bearing by our north, less that by the autopilot's
         north = math.remainder(lab_yaw - yaw - math.degrees(so3.euler_zyx(theirs[0])[2]), 360.0)

@@ -27,6 +27,7 @@ from groundstation.machine import ApiError, Taken, hold_lock, precise_loop, sock
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.io import open_child
+from links.rf import AFTERLIFE_S
 from links.text import Sentence
 
 LOOK_S = 3.0
@@ -42,9 +43,6 @@ NEWS_S = 3.0
 """Largest age of the vehicle's report [s]; it reports once a second."""
 TRIES = 3
 """Attempts at a step that the vehicle ends by disarming itself, and at a disarming."""
-AGAIN_S = 3.0
-"""Wait before it is tried again to disarm [s]: the pacer of a radio that was killed holds the port
-for so long."""
 
 
 Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"]
@@ -291,7 +289,7 @@ class Guide:
         why = ""
         for attempt in range(TRIES):
             if attempt:
-                await asyncio.sleep(AGAIN_S)
+                await asyncio.sleep(AFTERLIFE_S)  # a killed radio's pacer holds the port so long
             other = await self._open(self._config, "disarm")
             if await other.off() is not None:
                 self._tell("props.off")

@@ -9,8 +9,6 @@ FAIL_RATE = 2.0
 """Ratio of rates above which the stamps are in the wrong unit [-]."""
 UNITS = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 """Units of time stamps, by their length [s]."""
-NEAR_UNIT = 1.25
-"""Factor within which stamps fit a unit that is named [-]."""
 
 
 def check_stamp_rate(source: PoseStatus, kind: PoseKind) -> Check | None:
@@ -22,7 +20,7 @@ def check_stamp_rate(source: PoseStatus, kind: PoseKind) -> Check | None:
     if factor <= FAST:  # nor does a stall of 0.3 s in 2 s make more than 1.18 of it
         return None
     unit_s = kind.stamp_unit_s / rate if rate > 0.0 else math.inf
-    near = [name for one_s, name in UNITS.items() if 1.0 / NEAR_UNIT < unit_s / one_s < NEAR_UNIT]
+    near = [name for one_s, name in UNITS.items() if 1.0 / FAST < unit_s / one_s < FAST]
     says = notice(
         "pose.stamp_rate",
         factor=f"{factor:.3g}" if factor < 100.0 else f"{factor:.0f}",

@@ -38,6 +38,7 @@ from links.io import (
 )
 from links.mavlink.protocol import (
     BOTH_S,
+    MOST_SENDERS,
     TICKS_PER_S,
     AutopilotAddress,
     Handshake,
@@ -415,8 +416,6 @@ SET_POINTS = (
     "SET_POSITION_TARGET_GLOBAL_INT",
 )
 """Messages by which somebody steers an autopilot."""
-NAMED_ADDRESSES = 4
-"""At most this many other addresses are named to the operator."""
 HEARTBEAT_S = 1.0
 """Period of our own HEARTBEAT [s]."""
 
@@ -424,8 +423,6 @@ ASKED_S = 0.05
 """Period of the time questions that leave beside set-points [s]."""
 ASKED_SLOWLY_S = 0.1
 """Period of the same on slow serial ports [s]."""
-FORGOTTEN_S = 5.0
-"""Unanswered time questions are dropped after this long [s]."""
 HOLE_S = 0.15
 """After it was not heard for so long, nobody knows what of ours it has answered meanwhile [s]."""
 TOO_LATE_S = 0.5
@@ -476,8 +473,6 @@ class Uplink:
         self._next_s = now_s + self._period
         asked_ns = int(now_s * 1e9)
         self._asked.append(asked_ns)
-        while self._asked[0] < asked_ns - FORGOTTEN_S * 1e9:
-            self._asked.popleft()
         return asked_ns
 
     def hear(self, message: Message, now_s: float, usual_s: float) -> None:
@@ -526,7 +521,7 @@ class OtherTraffic:
         config, kind = self._config, message.get_type()
         system, component = message.get_srcSystem(), message.get_srcComponent()
         self.tells_position = self.tells_position or kind in VISION
-        if kind == "HEARTBEAT" and len(self.systems) < NAMED_ADDRESSES:
+        if kind == "HEARTBEAT" and len(self.systems) < MOST_SENDERS:
             self.systems[f"system {system}, component {component} at {address}"] = None
         if kind not in SET_POINTS or message.target_system not in (0, config.target_system):
             return
@@ -636,7 +631,7 @@ class MavlinkConnection:
         self.others = OtherTraffic(config)
         """Senders other than the vehicle."""
         self.other_addresses: tuple[str, ...] = ()
-        """Addresses other than the vehicle's that sent to our port, at most ``NAMED_ADDRESSES``."""
+        """Addresses other than the vehicle's that sent to our port, at most ``MOST_SENDERS``."""
         self.read = 0
         """Number of reads from the wire."""
         self._dropped: Counter[str] = Counter()
@@ -978,7 +973,7 @@ class MavlinkConnection:
         """Another address than the vehicle's: used for nothing, but it may be a second vehicle."""
         name = self._name_address(source)
         if name not in self.other_addresses:
-            self.other_addresses = (*self.other_addresses, name)[:NAMED_ADDRESSES]
+            self.other_addresses = (*self.other_addresses, name)[:MOST_SENDERS]
         for message in self.codec.feed(data, source, used=False):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
                 continue

@@ -22,6 +22,7 @@ from links.rf.module_codec import (
     encode_attitude,
 )
 from links.rf.pacer import (
+    AFTERLIFE_S,
     LOOK_S,
     Arm,
     End,

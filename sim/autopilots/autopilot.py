@@ -19,7 +19,6 @@ from groundstation.core.vehicle import GRAVITY
 from links.mavlink.protocol import (
     ARMED,
     FORCE,
-    PART_BYTES,
     PX4,
     WHOLE_BITS,
     AttitudeTargetMask,
@@ -481,8 +480,9 @@ def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> li
 
     A ``text`` that does not fit comes in pieces, the last of them not full.
     """
-    pieces = [text[i : i + PART_BYTES] for i in range(0, len(text) + 1, PART_BYTES)] if text else []
     message = codec.dialect.MAVLink_statustext_message
+    size = max(message.array_lengths)
+    pieces = [text[i : i + size] for i in range(0, len(text) + 1, size)] if text else []
     return [
         message(severity, piece.encode("ascii"), number & 0xFFFF, n)
         for n, piece in enumerate(pieces)

@@ -135,7 +135,6 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
         describe_terms,
         equal_margins_table,
     )
-    from sim.studies.tune import TEXT_COLUMNS
 
     require_package("optuna", "tune", "tune")
     for option, values in (("--scenarios", args.scenarios), ("--set", args.overrides)):
@@ -159,10 +158,7 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
         found = compare_at_equal_margins(
             flyers, trials=trials, seeds=args.seeds, laws=laws, on_done=progress.step
         )
-    shown = (
-        f"{equal_margins_table(found)}\n\n"
-        f"{textwrap.fill(describe_terms(trials, args.seeds), TEXT_COLUMNS)}"
-    )
+    shown = f"{equal_margins_table(found)}\n\n{textwrap.fill(describe_terms(trials, args.seeds))}"
     if args.write is not None:
         replace_between_markers(args.write, shown)
     print(json.dumps({"rows": msgspec.to_builtins(found)}) if args.json else shown)

@@ -20,7 +20,6 @@ from sim.runs import Flyers, check_duration
 from sim.studies.tune import (
     AXES,
     SEARCH_SEED,
-    TEXT_COLUMNS,
     Evidence,
     Floors,
     Search,
@@ -70,7 +69,7 @@ def report(args: argparse.Namespace) -> Exit:
             )
             for stage in stages
         ]
-    made = f"{markdown_table(reports)}\n\n{textwrap.fill(criterion(reports[0]), TEXT_COLUMNS)}"
+    made = f"{markdown_table(reports)}\n\n{textwrap.fill(criterion(reports[0]))}"
     if args.write is not None:
         replace_between_markers(args.write, f"{made}\n\nMade by `{typed_command()}`.")
     print(json.dumps({"margins": msgspec.to_builtins(reports)}) if args.json else made)

@@ -180,9 +180,7 @@ def vision_encoder(config: VisionConfig) -> Encoder:
 
 
 CIRCLE_M = 2.5
-"""Radius of the first other body's circle [m]."""
-APART_M = 0.5
-"""Growth of the radius from body to body [m]."""
+"""Radius of the circle on which the other bodies fly, one radian behind each other [m]."""
 CIRCLE_RAD_S = 0.4
 """Angular speed of the other bodies [rad/s]."""
 
@@ -329,8 +327,7 @@ class Mocap:
 
 def _circling(number: int, when: float) -> tuple[Vec3, Quat]:
     angle = CIRCLE_RAD_S * when + number
-    radius = CIRCLE_M + APART_M * number
-    position = (radius * math.cos(angle), radius * math.sin(angle), -1.0)
+    position = (CIRCLE_M * math.cos(angle), CIRCLE_M * math.sin(angle), -1.0)
     return position, so3.from_euler_zyx(0.0, 0.0, math.remainder(angle, math.tau))
 
 

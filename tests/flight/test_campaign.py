@@ -107,7 +107,6 @@ def test_a_crash_is_worse_than_any_error(rows: list[CampaignRow]) -> None:
     assert facts["rms_cm"]["p90"] == pytest.approx(8.9)
     assert facts["rms_cm"]["p99"] == pytest.approx(9.8)
     assert facts["rms_cm"]["max"] is None
-    assert facts["under_cm"] == {"8": 0.8, "4": 0.4}
     assert [w["seed"] for w in facts["worst"]] == [99, 98, 97, 96, 95]
     assert "RMS error, worst        crashed" in text(facts)
 

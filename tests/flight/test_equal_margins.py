@@ -9,7 +9,7 @@ from sim.runs import Flyers
 from sim.studies import SEARCHED_LAWS, compare_at_equal_margins, comparison as module
 from sim.studies.comparison import FLOORS, EqualTerms, SearchedLaw, make_wrong
 from sim.studies.tune import Search, SortieOutcome, TuningTrial, stage_scenarios
-from sim.studies.tune.tune import BROKEN, Sortie
+from sim.studies.tune.tune import CRASH_CM, Sortie
 from tests.flight.flights import UnflownFlyers
 
 LAW = SearchedLaw("pid", "pid", {"p_position": 2.0, "p_velocity": 5.0})
@@ -56,7 +56,7 @@ def test_what_breaks_a_floor_never_wins_and_says_which(
 ) -> None:
     trial, _ = judged(position, velocity)
     assert trial.broken == [why]
-    assert trial.cost >= BROKEN
+    assert trial.cost >= CRASH_CM
 
 
 def test_a_floor_makes_one_thing_wrong_by_what_is_told() -> None:

@@ -336,13 +336,11 @@ def _average(sent_s: Column, shares: Column, at_s: Column) -> Column:
 def _find_hover(sent_s: Column, shares: Column, at_s: Column) -> float:
     """The share of full thrust that carries it: the usual one while it flies, at ``at_s`` [s]."""
     flown = (sent_s >= at_s[0]) & (sent_s <= at_s[-1])
-    return max(float(np.median(shares[flown])), LEAST_HOVER) if flown.any() else NOMINAL_HOVER
+    return (float(np.median(shares[flown])) if flown.any() else 0.0) or NOMINAL_HOVER
 
 
 NOMINAL_HOVER = 0.5
 """Share of full thrust that carries a vehicle of which nobody tells [-]."""
-LEAST_HOVER = 0.05
-"""Below this share of full thrust no vehicle flies [-]."""
 
 
 def _configure(

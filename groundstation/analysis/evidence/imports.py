@@ -50,7 +50,8 @@ from groundstation.analysis.evidence.text_tables import (
 from groundstation.analysis.evidence.tlog import read_tlog
 from groundstation.config import ConfigError, from_dict, parse_toml, refuse_io, shipped_texts
 from groundstation.core.geometry import Body, Frames, Quat, World, axes, so3
-from groundstation.core.messages import Pose, notice
+from groundstation.core.messages import FAR_M, Pose, notice
+from groundstation.core.trajectory import FASTEST_M_S, LATEST_S
 from groundstation.machine import open_private
 from groundstation.pose.sources import Gate, GateConfig
 from groundstation.recording import Vector3, add_channel, begin_mcap, channel_form, quaternion
@@ -321,12 +322,6 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
 PLAUSIBLE_S = (3e-4, 0.5)
 """Poses are no closer, and no further apart [s]; in milliseconds those of a tracker of 1000 Hz are
 1 apart."""
-FASTEST_M_S = 50.0
-"""Fastest usual speed of a multirotor indoors [m/s]: what is faster is in millimetres."""
-BELIEVED_M = 1e5
-"""Largest believable distance from the source's origin [m]."""
-LATEST_S = 1e10
-"""Largest believable time [s]."""
 MOST_BACKS = 0.3
 """Share of poses that may be older than the one before [-]; without order every second one is."""
 
@@ -630,7 +625,7 @@ class _MappingReader:
                 self._time(part, other), self._attitudes(part, other, slice(None)), time
             )
         good = (
-            (np.abs(place) < BELIEVED_M).all(axis=1)
+            (np.abs(place) < FAR_M).all(axis=1)
             & np.isfinite(attitude).all(axis=1)
             & np.isfinite(time)
         )

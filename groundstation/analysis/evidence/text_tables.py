@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from groundstation.config import ConfigError, parse_number
 from groundstation.core.geometry import so3
 from groundstation.core.messages import notice
+from groundstation.pose.sources import qualisys_codec
 
 Column: TypeAlias = NDArray[np.float64]
 Table: TypeAlias = Mapping[str, Column]
@@ -44,8 +45,6 @@ QTM_BEGIN = "NO_OF_FRAMES"
 """First words of a file of QTM."""
 LENGTHS_M = {"meters": 1.0, "centimeters": 1e-2, "millimeters": 1e-3}
 """Motive's units of length [m]."""
-ORTHOGONAL = 1e-2
-"""Largest distance from a rotation of a matrix written with five digits [-]."""
 
 
 class CsvLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -376,7 +375,7 @@ def _quaternion(matrix: NDArray[np.float64]) -> tuple[float, float, float, float
     NaN where it is none: QTM writes zeros for a body that it does not see.
     """
     off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
-    if not (off < ORTHOGONAL and np.linalg.det(matrix) > 0.0):
+    if not (off < qualisys_codec.ORTHOGONAL and np.linalg.det(matrix) > 0.0):
         return (math.nan, math.nan, math.nan, math.nan)
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     return so3.normalize(so3.from_matrix(((a, b, c), (d, e, f), (g, h, i))))

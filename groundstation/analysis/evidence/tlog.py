@@ -39,11 +39,9 @@ from links.mavlink.protocol import (
     load_dialect,
 )
 
-JITTER_S = 0.1
-"""Messages of several wires may be logged out of order by this much: none is dropped [s]."""
 LEAP_S = 60.0
 """A log time further than this from the one before is damaged, or its clock was set: that time did
-not pass [s]."""
+not pass [s]. Time stands still for a message that is logged a little before the one ahead of it."""
 
 
 def read_tlog(path: Path, latency_s: float) -> ImportedFlight:
@@ -105,7 +103,7 @@ def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[T
         if origin_s is None:
             origin_s = record.time_s
         step_s = record.time_s - origin_s - last_s
-        if not -JITTER_S <= step_s <= LEAP_S:
+        if abs(step_s) > LEAP_S:
             dropped["log_time"] += 1
             origin_s += step_s
             step_s = 0.0

@@ -56,7 +56,7 @@ from groundstation.analysis.report import (
 )
 from groundstation.config import ConfigError, from_dict, refuse_io, write_value
 from groundstation.core.geometry import so3
-from groundstation.core.messages import notice
+from groundstation.core.messages import QUANTILE_95, notice
 from groundstation.core.trajectory import ExcitationConfig
 from groundstation.machine import write_whole
 from groundstation.recording import refuse_recordings
@@ -64,8 +64,6 @@ from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config
 from links.core import signal
 
-WIDE = 1.96
-"""Deviations to either side of a 95 % interval."""
 FLY = "not identifiable from this flight: fly trajectory.kind = 'excitation'"
 AGAIN = (
     "not identifiable from this flight: fly it for longer (trajectory.laps), or harder "
@@ -137,7 +135,7 @@ def judge_parameter(
     """The parameter; without a value where half its interval is more than ``enough``, or where
     nothing ``moved``.
     """
-    half = WIDE * deviation
+    half = QUANTILE_95 * deviation
     if not (moved and half <= enough):
         return IdentifiedParameter(name=name, told=told, note=FLY)
     low, high = (float(min(max(edge, least), most)) for edge in (value - half, value + half))
@@ -145,17 +143,12 @@ def judge_parameter(
     return IdentifiedParameter(name=name, value=value, interval=(low, high), told=told, note=note)
 
 
-UNSEEN_FRAMES = 0.02
-"""The recording does not know which frames were lost: so many would make every command this share
-of a period late."""
 MODEL = 0.005
 """No lag is quite of first order, no scale constant: nothing is known better than this share."""
 LAG_SPREAD = 1.5
 """Factor on the deviations of a lag with its delay [-], counted over 200 flights in gusts and 100
 on rotors: both stand for one another, gusts are no random walk, and a rotor's loop is no lag behind
 a delay."""
-DRAG_MODEL = 0.01
-"""Model error of drag as a share of it [-]: drag acts along the measured attitude."""
 DRAG_LEAST = 0.0007
 """Least deviation of drag, even where there is none [1/s]: of 94 flights on rotors 8 lay outside
 without it."""
@@ -272,7 +265,7 @@ def _thrust(
         judge_parameter(
             "thrust_scale", values[scale], spread, 0.05, moved=moved.pushed, told=1.0, note=of
         ),
-        _hover_thrust(config, pushed, moved.pushed, scaled=WIDE * spread <= 0.05),
+        _hover_thrust(config, pushed, moved.pushed, scaled=QUANTILE_95 * spread <= 0.05),
         judge_parameter(
             "thrust_curve",
             values[curve],
@@ -337,17 +330,13 @@ def _judge_delay(
     moved: bool,
     note: str,
 ) -> IdentifiedParameter:
-    """A delay of ``value`` [s], 1σ ``deviation`` beside that of unseen frames.
-
-    ``moved`` where the flight shows it.
-    """
-    spread = math.hypot(deviation, _unseen_frames_s(seen))
-    if value + WIDE * spread < 0.0:
+    """A delay of ``value`` [s], 1σ ``deviation``; ``moved`` where the flight shows it."""
+    if value + QUANTILE_95 * deviation < 0.0:
         note = (
             f"it seems to obey before commands leave: poses are stamped {-1e3 * value:.0f} ms "
             "early or more, so pose.latency_s is too large by as much"
         )
-    return judge_parameter(name, value, spread, 0.015, moved=moved, told=told, note=note)
+    return judge_parameter(name, value, deviation, 0.015, moved=moved, told=told, note=note)
 
 
 def _judge_response(
@@ -359,16 +348,11 @@ def _judge_response(
     """
     of = np.array([[float(one in pair) for one in TURN_NAMES] for pair in sums])
     value, deviation = _combine(of @ turned.fit.values, of @ turned.fit.covariance @ of.T)
-    spread = math.hypot(LAG_SPREAD * deviation, _unseen_frames_s(seen), MODEL * value)
+    spread = math.hypot(LAG_SPREAD * deviation, MODEL * value)
     vehicle = seen.config.vehicle
     told = vehicle.rate_lag_s + (vehicle.command_delay_s + vehicle.rate_delay_s)
     enough = max(0.01, 0.25 * value)
     return judge_parameter(name, value, spread, enough, moved=moved, told=told, note=RESPONSE)
-
-
-def _unseen_frames_s(seen: FlightStretch) -> float:
-    """One deviation of a delay by frames that were lost unseen [s]."""
-    return UNSEEN_FRAMES * seen.config.vehicle.frame_period_s
 
 
 def _thrust_response(
@@ -472,7 +456,7 @@ def _drag(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> Id
     return judge_parameter(
         "drag",
         drag,
-        math.hypot(spread, DRAG_MODEL * drag, DRAG_LEAST),
+        math.hypot(spread, MODEL * drag, DRAG_LEAST),
         0.2,
         moved=moved.pushed,
         told=seen.config.vehicle.drag_per_s,
@@ -579,7 +563,7 @@ def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     slopes = np.stack([at(1.0, f), (at(scale, f + 1e-3) - at(scale, f)) / 1e-3], axis=1)
     which = [THRUST_NAMES.index("scale"), THRUST_NAMES.index("curve")]
     cover = pushed.fit.covariance[np.ix_(which, which)]
-    spread = WIDE * np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, cover, slopes), 0.0))
+    spread = QUANTILE_95 * np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, cover, slopes), 0.0))
     over.fill_between(
         signals, at(scale, f) - spread, at(scale, f) + spread, color=BLUE, alpha=0.25, linewidth=0
     )

@@ -32,7 +32,12 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from groundstation.analysis.identify.stretch import Column, FlightStretch, components
+from groundstation.analysis.identify.stretch import (
+    POSE_GAP_S,
+    Column,
+    FlightStretch,
+    components,
+)
 from groundstation.core.estimation import (
     PP,
     Covariance,
@@ -343,7 +348,7 @@ def find_noise(at_s: Column, left: Column, *, wanders: bool) -> Ratios:
     ``wanders``: their errors may last from pose to pose. Returns densities of what drives position
     [m/√s], acceleration [m/s² per √Hz] and its change [m/s³ per √Hz].
     """
-    noise, _ = fit_noise(at_s, left, ABOUT_POSES if wanders else ABOUT_THRUST, GAP_S)
+    noise, _ = fit_noise(at_s, left, ABOUT_POSES if wanders else ABOUT_THRUST, POSE_GAP_S)
     a, b, c = (math.sqrt(noise.variance * ratio) for ratio in noise.ratios)
     return a, b, c
 
@@ -382,10 +387,6 @@ def _unlikely(
     return np.log(variances) + logs / max(count, 1), variances
 
 
-LEAST_LAG_S = 1e-5
-"""A shorter lag is none [s]."""
-
-
 class LagResponse(NamedTuple):
     """A first-order lag, exact: x˙ = (u - x)/τ, with u held from each instant to the next."""
 
@@ -422,7 +423,7 @@ class LagResponse(NamedTuple):
         """Which command is held, for how long, and how much of the start is left then."""
         index = np.clip(np.searchsorted(self.at_s, time_s, side="right") - 1, 0, None)
         since = np.maximum(time_s - self.at_s[index], 0.0)
-        left = np.exp(-since / self.lag_s) if self.lag_s > LEAST_LAG_S else np.zeros_like(since)
+        left = np.exp(-since / self.lag_s) if self.lag_s > 0.0 else np.zeros_like(since)
         shape = since.shape + (1,) * (self.held.ndim - 1)
         return index, since.reshape(shape), left.reshape(shape)
 
@@ -454,7 +455,7 @@ def respond_with_lag(sent_s: Column, held: Column, delay_s: float, lag_s: float)
     the first.
     """
     spans = np.diff(sent_s)
-    left = np.exp(-spans / lag_s) if lag_s > LEAST_LAG_S else np.zeros_like(spans)
+    left = np.exp(-spans / lag_s) if lag_s > 0.0 else np.zeros_like(spans)
     wide = (slice(None),) + (None,) * (held.ndim - 1)
     start = np.concatenate(
         [held[:1], _follow(held[:-1], np.broadcast_to(left[wide], held[:-1].shape), held[0])]
@@ -694,8 +695,8 @@ class ThrustModel:
         """
         left, (level, upright) = self.remove_motion(values), about
         return (
-            fit_noise(self.seen.at_s, left[:, :2], level, GAP_S, powers),
-            fit_noise(self.seen.at_s, left[:, 2:], upright, GAP_S, powers),
+            fit_noise(self.seen.at_s, left[:, :2], level, POSE_GAP_S, powers),
+            fit_noise(self.seen.at_s, left[:, 2:], upright, POSE_GAP_S, powers),
         )
 
     def whiten_by(self, level: Strength, upright: Strength) -> Whiten:
@@ -732,8 +733,6 @@ def smooth(values: Column, reach: int) -> Column:
     return means
 
 
-GAP_S = 0.3
-"""After a longer gap between poses the positions begin anew [s]."""
 ABOUT_POSES = (1.0, 1e2, 1e5)
 """Where the search for the noises of a source begins: its wander [1/s], and the next two, over its
 variance."""

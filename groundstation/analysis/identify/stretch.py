@@ -18,7 +18,7 @@ from groundstation.core.mission import State
 from groundstation.core.safety import PoseLatency
 from groundstation.recording import Recording
 from groundstation.settings import Config, read_flown_config
-from links.mavlink.protocol import LONGEST_S, MavlinkCodec, Trip, attitude_of
+from links.mavlink.protocol import LONGEST_S, NEWEST, MavlinkCodec, Trip, attitude_of
 
 Column = NDArray[np.float64]
 
@@ -142,17 +142,13 @@ def _read_messages(recording: Recording, vehicle: "_OwnAttitude") -> tuple[Colum
     return np.array(commands), np.array(poses)
 
 
-TRIPS = 16
-"""Questions and answers about the clocks that count, the newest: of these the fastest."""
-
-
 class _OwnAttitude:
     """Comparison of the vehicle's own attitude, on any wire, with the poses."""
 
     def __init__(self) -> None:
         self.latency = PoseLatency(math.inf)
         self._codecs: dict[int, MavlinkCodec] = {}
-        self._trips: deque[Trip] = deque(maxlen=TRIPS)
+        self._trips: deque[Trip] = deque(maxlen=NEWEST)
 
     def find_lateness(self) -> tuple[float, float] | None:
         """See :attr:`FlightStretch.late_s`: the way there takes any part of a round trip."""

@@ -41,8 +41,6 @@ BLUE, ORANGE, GREEN, RED, GREY, PURPLE = (
 )
 AXES = (("north", BLUE, "-"), ("east", ORANGE, "--"), ("down", GREEN, "-."))
 TIME = "time [s]"
-V_FLOOR = 1e-8
-"""V below this is drawn as this [m²/s²]."""
 
 
 def position(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -153,7 +151,7 @@ def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
     ):
         over.plot(
             flown.t,
-            np.maximum(flown.scalars[key], V_FLOOR),
+            flown.scalars[key],
             dash,
             color=colour,
             linewidth=1.0,

@@ -1,6 +1,11 @@
 """Messages between the parts of a flight, and to others: poses, estimates, decisions, requests."""
 
-from groundstation.core.messages.disturbance import FLOWN, MEAN_S, DisturbanceMeter
+from groundstation.core.messages.disturbance import (
+    FLOWN,
+    MEAN_S,
+    QUANTILE_95,
+    DisturbanceMeter,
+)
 from groundstation.core.messages.drops import (
     USUAL_POSE_DROPS,
     LinkDropWatch,

@@ -1,7 +1,12 @@
 """Trajectories with exact derivatives, and their demands on a vehicle."""
 
 from groundstation.core.trajectory.feasibility import Demand, FeasibilityReport, check_feasibility
-from groundstation.core.trajectory.reference import Reference, Trajectory
+from groundstation.core.trajectory.reference import (
+    FASTEST_M_S,
+    LATEST_S,
+    Reference,
+    Trajectory,
+)
 from groundstation.core.trajectory.shapes import (
     ExcitationConfig,
     Hold,

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, arrays, scale
-from groundstation.core.trajectory.reference import Reference, Trajectory
+from groundstation.core.trajectory.reference import LOOKED_AT_S, Reference, Trajectory
 from groundstation.core.vehicle import LimitsConfig, Vehicle
 
 
@@ -177,20 +177,14 @@ _DEGREES = 180.0 / math.pi
 
 
 STEP_S = 0.01
-"""Interval of the samples of a segment between two joints [s]: less than a frame of commands."""
+"""Interval of the samples of a segment between two joints [s]: less than a frame of commands.
+
+Differences over half of it are taken for derivatives: their error is of second order in it."""
 FEWEST = 8
 """Least number of samples of a segment [-]: the shortest may be the hardest to fly."""
 MOST = 1000
 """Largest number of samples of a segment [-]: it bounds the time of a check; a segment of more than
 10 s is smooth."""
-DIFFERENCE_S = 0.005
-"""Largest time over which differences are taken for derivatives [s]: their error is of
-second order in it."""
-FURTHER_S = 60.0
-"""Time for which an endless trajectory is examined beyond its first turn [s]: several turns of
-most."""
-FURTHER_SAMPLES = 200
-"""Samples of a trajectory beyond its first turn [-]: one every 0.3 s."""
 BOX_SPARE_M = 0.05
 """Margin around the box of the first turn that later turns may use [m]: peaks lie between its
 samples."""
@@ -332,7 +326,7 @@ def find_inconsistency(
     before: Inconsistency | None = None
     corner: Inconsistency | None = None
     for k, (start_s, end_s) in enumerate(zip(times, times[1:], strict=False)):
-        span_s = 0.5 * min(end_s - start_s, 2.0 * DIFFERENCE_S)
+        span_s = 0.5 * min(end_s - start_s, STEP_S)
         if span_s <= 0.0:
             continue
         jump = _find_jump(start_s, end_s, references[k], references[k + 1])
@@ -433,9 +427,9 @@ def _look_further(
         (min(axis), max(axis))
         for axis in zip(*(one.position_ned for one in references), strict=True)
     ]
-    for k in range(1, FURTHER_SAMPLES + 1):
-        time_s = span_s + k * FURTHER_S / FURTHER_SAMPLES
-        first, second, third = (trajectory.at(time_s + i * DIFFERENCE_S) for i in range(3))
+    half_s = 0.5 * STEP_S
+    for time_s in _sample_times((span_s, span_s + LOOKED_AT_S)):
+        first, second, third = (trajectory.at(time_s + i * half_s) for i in range(3))
         beyond = [
             max(low - at, at - high, 0.0)
             for at, (low, high) in zip(first.position_ned, box, strict=True)
@@ -443,11 +437,8 @@ def _look_further(
         if not math.hypot(*beyond) <= BOX_SPARE_M:
             far = math.hypot(*beyond)
             return Inconsistency(time_s=time_s, name="period", declared=span_s, found=far, unit="m")
-        found = _compare(time_s, DIFFERENCE_S, first, second)
-        if (
-            found is not None
-            and _compare(time_s + DIFFERENCE_S, DIFFERENCE_S, second, third) is not None
-        ):
+        found = _compare(time_s, half_s, first, second)
+        if found is not None and _compare(time_s + half_s, half_s, second, third) is not None:
             return found
     return None
 

@@ -120,6 +120,11 @@ Moment: TypeAlias = Annotated[float, msgspec.Meta(ge=-LATEST_S, le=LATEST_S)]
 """A time stamp [s], from wherever its clock counts."""
 
 
+LOOKED_AT_S = 60.0
+"""A curve without an end is examined for this long before the flight [s]: from its beginning where
+it gives no period, else beyond its first turn."""
+
+
 def rest_there(reference: Reference) -> Reference:
     """Return a reference at rest at the place and heading of ``reference``."""
     return Reference(reference.position_ned, yaw_rad=reference.yaw_rad)

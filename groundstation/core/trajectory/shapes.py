@@ -35,6 +35,7 @@ from groundstation.config import (
 from groundstation.core.geometry import Coordinate, Vec3
 from groundstation.core.trajectory.paced import Paced, check_ramp
 from groundstation.core.trajectory.reference import (
+    LOOKED_AT_S,
     Acceleration,
     Degrees,
     Endless,
@@ -50,9 +51,6 @@ from groundstation.core.trajectory.reference import (
 from groundstation.core.trajectory.waypoints import SamplesConfig, WaypointsConfig
 
 KEY = "trajectory.kind"
-LOOKED_AT_S = 60.0
-"""A curve that gives neither its end nor its period is examined for this long before the flight
-[s]."""
 
 
 class OwnTrajectoryConfig(

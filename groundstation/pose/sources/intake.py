@@ -66,8 +66,6 @@ FIRST_BLOCKS = 5
 """Least number of blocks for a slope while the rate is not known [-]."""
 ROUGH = MAX_DRIFT + SLACK_S / (FIRST_BLOCKS * BLOCK_S)
 """Largest error of a rate that was measured over so few blocks [-]."""
-RATES = 100.0
-"""Largest plausible ratio of a measured and the configured frame rate [-]."""
 RESTART_S = 1.0
 """A source that sends only old stamps for this long has restarted its clock [s]."""
 ANEW_S = 4.0
@@ -395,9 +393,7 @@ class SourceClock:
 
     def _is_rate(self, slope: float) -> bool:
         """Whether ``slope`` [our seconds per stamp] is plausible."""
-        if self._frames and not self.is_unsteady:
-            return 1.0 / RATES < slope / self._scale.nominal < RATES
-        return self._line.is_straight(slope)
+        return (self._frames and not self.is_unsteady) or self._line.is_straight(slope)
 
 
 UNIT_TOLERANCE = 1e-3

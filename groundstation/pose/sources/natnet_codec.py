@@ -391,8 +391,6 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
     return message(NatNetMessage.MODELDEF, b"".join(parts))
 
 
-ANSWER_BEATS = 1
-"""Longest silence of a server that streams [beats]."""
 SILENT_BEATS = 4
 """Silence after which the server is asked anew [beats]: it may have been restarted."""
 OLDEST_S = 1.0
@@ -457,7 +455,7 @@ class NatNetReader(PoseReader):
             missed = (
                 self._frameless_beats if number == NatNetMessage.FRAMEOFDATA else self._silent_beats
             )
-            if self.server is not None and missed <= ANSWER_BEATS:
+            if self.server is not None and missed <= SILENT_BEATS:
                 return
             if number in (
                 NatNetMessage.SERVERINFO,

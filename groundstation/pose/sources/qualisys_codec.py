@@ -48,7 +48,7 @@ _SIX_D = struct.Struct("<ihh")
 _SIX_D_TYPE = 5
 """Type of a component with 6D bodies."""
 _BODY = struct.Struct("<12f")
-_ORTHOGONAL = 1e-3
+ORTHOGONAL = 1e-3
 """Largest difference of a rotation matrix from an orthogonal one [-]."""
 
 
@@ -229,8 +229,8 @@ def _is_rotation(rows: tuple[Vec3, Vec3, Vec3]) -> bool:
     """Whether the rows are a right-handed rotation: unit length, third = first x second."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     if (
-        abs(a * a + b * b + c * c - 1.0) > _ORTHOGONAL
-        or abs(d * d + e * e + f * f - 1.0) > _ORTHOGONAL
+        abs(a * a + b * b + c * c - 1.0) > ORTHOGONAL
+        or abs(d * d + e * e + f * f - 1.0) > ORTHOGONAL
     ):
         return False
     across = max(
@@ -239,4 +239,4 @@ def _is_rotation(rows: tuple[Vec3, Vec3, Vec3]) -> bool:
         abs(a * e - b * d - i),
         abs(a * d + b * e + c * f),
     )
-    return across <= _ORTHOGONAL
+    return across <= ORTHOGONAL

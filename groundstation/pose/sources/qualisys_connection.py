@@ -14,14 +14,13 @@ from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.core.messages import SourceError, notice
+from groundstation.pose.sources.intake import AGAIN_S
 from groundstation.pose.sources.qualisys_codec import Framer, RtPacket, read_type, split_components
 from links.io import NETWORK
 from links.text import printable
 
 VERSIONS = tuple(f"1.{minor}" for minor in range(25, 7, -1))
 """Versions, the newest first. 6D data are the same in all; qtm-rt speaks none before 1.8."""
-KNOCK_S = 0.2
-"""Pause before a refused connection is tried again [s]."""
 
 
 class QtmConnection(asyncio.Protocol):
@@ -169,7 +168,7 @@ async def _open(
                     )
                     return connection
                 except ConnectionRefusedError:
-                    await asyncio.sleep(KNOCK_S)
+                    await asyncio.sleep(AGAIN_S)
     except OSError as error:
         why = error.strerror or str(error) or "no answer"
         raise SourceError(

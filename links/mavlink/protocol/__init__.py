@@ -1,7 +1,6 @@
 """MAVLink sans-IO: codec, signing, clocks, status, parameters, an autopilot's procedures."""
 
 from links.mavlink.protocol.autopilot_state import (
-    PART_BYTES,
     STALE_NEWS_S,
     HeartbeatMonitor,
     Vitals,
@@ -61,6 +60,7 @@ from links.mavlink.protocol.timesync import (
     ATTITUDE_HZ,
     ATTITUDES,
     LONGEST_S,
+    NEWEST,
     SLOW_BAUD,
     SLOW_HZ,
     Timesync,

@@ -130,8 +130,6 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
 
 GAP = "[…]"
 """Mark in a text of the autopilot where a part of it was lost."""
-PART_BYTES = 50
-"""Length of every part of a long text but its last (common.xml, 253 STATUSTEXT)."""
 REMEMBERED_TEXTS = 20
 """Texts of the autopilot that are kept, and that parts may still come to."""
 QUOTED_TEXTS = 3
@@ -148,11 +146,11 @@ class StatusText(msgspec.Struct):
     """The part that came last: STATUSTEXT.chunk_seq, and its bytes."""
     is_whole: bool = False
 
-    def add(self, part: int, text: bytes) -> None:
-        """Take one part; the last of several is shorter than the others."""
+    def add(self, part: int, text: bytes, *, is_full: bool) -> None:
+        """Take one part; each but the last ``is_full``."""
         self.text += text if part == self.newest[0] + 1 else GAP.encode() + text
         self.newest = part, text
-        self.is_whole = not self.whose[2] or len(text) < PART_BYTES
+        self.is_whole = not self.whose[2] or not is_full
 
     def show(self) -> str:
         """The text, fit to be shown; what has not come is marked."""
@@ -181,7 +179,7 @@ class Words:
         else:  # a restarted autopilot counts its texts anew
             text = StatusText(whose)
             self._texts.append(text)
-        text.add(part, words)
+        text.add(part, words, is_full=len(words) == max(message.array_lengths))
 
     @property
     def newest(self) -> str:

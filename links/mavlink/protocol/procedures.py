@@ -469,8 +469,6 @@ WHOLE_BITS: dict[int, tuple[int, bool]] = {
 """Types of whole numbers → bits, signed."""
 AT_ONCE = 8
 """Questions that may wait for their answers at the same time."""
-ASKED = 4
-"""A parameter that is asked for this often in vain is none of the autopilot's."""
 
 
 class AutopilotParameter(NamedTuple):
@@ -549,7 +547,7 @@ class ReadAll:
             name for name, at_s in self._asked_s.items() if now_s >= at_s + Repeated.period_s
         ]:
             del self._asked_s[name]
-            if self._left[name] >= ASKED:
+            if self._left[name] >= Repeated.tries:
                 del self._left[name]
         # Seldom asked first: the ones that it does not have must not hold up the others.
         waiting = sorted(

@@ -542,8 +542,6 @@ Crew = Local | Cluster
 
 PERCENTILES = (50, 90, 99)
 """Percentiles of the errors in a summary [%]."""
-LIMITS_CM = (8, 4)
-"""RMS that 99 % of the flights must and should stay below [cm]."""
 WORST = 5
 """Worst flights that a summary names."""
 
@@ -573,10 +571,6 @@ def report(
         "rms_cm": {
             **{f"p{p}": worst[count - math.ceil(p * count / 100)].rms_cm for p in PERCENTILES},
             "max": worst[0].rms_cm,
-        },
-        "under_cm": {
-            str(limit): sum(row.rms_cm is not None and row.rms_cm < limit for row in rows) / count
-            for limit in LIMITS_CM
         },
         "certificate": _sum_up_certificate(rows),
         "worst": [
@@ -625,10 +619,6 @@ def text(facts: dict[str, Any]) -> str:
         f"{'survived':24}{100.0 * facts['survived']:.2f} %",
         *(f"{f'RMS error, {p} %':24}{_cm(rms[f'p{p}'])}" for p in PERCENTILES),
         f"{'RMS error, worst':24}{_cm(rms['max'])}",
-        *(
-            f"{f'RMS under {limit} cm':24}{100.0 * facts['under_cm'][str(limit)]:.2f} %"
-            for limit in LIMITS_CM
-        ),
         *_certificate(facts["certificate"]),
         f"{'wall time':24}{facts['wall_s']:.1f} s on {facts['workers']} processes",
     ]

@@ -5,7 +5,6 @@ from sim.studies.tune.tune import (
     DELAY,
     IN_HAND,
     SEARCH_SEED,
-    TEXT_COLUMNS,
     Evidence,
     Floors,
     Key,

@@ -594,8 +594,6 @@ PROBE_SEEDS = 2
 """Seeds that fly with something wrong, of those that fly with nothing wrong."""
 PROPOSALS = 1000
 """Proposals for one trial; those that lose the proof are thrown away."""
-BROKEN = 1e3
-"""Cost of a broken constraint, beside its excess [-]: more than any flight's."""
 
 
 class Floors(msgspec.Struct, frozen=True, kw_only=True):
@@ -704,7 +702,7 @@ def try_gains(search: Search, gains: dict[str, float], flyers: Flyers, number: i
         if why is not None and limit is not None:
             broken.append(f"{what}: {why}")
             excess += math.log(max(max(outcome.cost_cm for outcome in some) / limit, 1.0))
-    cost = BROKEN + excess if broken else rms_cm
+    cost = CRASH_CM + excess if broken else rms_cm
     figures = [_figure(scenario, some) for scenario, some in flown.items()]
     return TuningTrial(
         number=number, gains=gains, rms_cm=rms_cm, broken=broken, cost=cost, figures=figures
@@ -726,7 +724,7 @@ def broken_cost(excess: float) -> float:
     """Compute the cost of breaking a constraint by ``excess``: more than any flight's that breaks
     none.
     """
-    return BROKEN + math.log(max(excess, 1.0))
+    return CRASH_CM + math.log(max(excess, 1.0))
 
 
 def words(axis: MarginAxis, value: float) -> str:
@@ -942,24 +940,16 @@ def _errors(figure: Figure) -> str:
     return f"{figure.rms_cm:.2f}, {figure.worst_cm:.2f}"
 
 
-TEXT_COLUMNS = 118
-"""Width of sentences below a table and in comments of a tuned configuration [characters].
-Chosen."""
-
-
 def _number(value: float) -> str:
     return f"{value:.4g}"
 
 
 def _comment(text: str) -> list[str]:
-    if len(text) < TEXT_COLUMNS:
-        return [f"# {text}".rstrip()]
     # A path that is broken at a hyphen can't be copied.
     wrapper = textwrap.TextWrapper(
-        TEXT_COLUMNS,
         initial_indent="# ",
         subsequent_indent="# ",
         break_long_words=False,
         break_on_hyphens=False,
     )
-    return wrapper.wrap(text)
+    return wrapper.wrap(text) or ["#"]

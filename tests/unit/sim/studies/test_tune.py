@@ -25,7 +25,7 @@ from sim.studies.tune import (
     space,
     stage_scenarios,
 )
-from sim.studies.tune.tune import BROKEN, GAIN_DOWN, GAIN_UP, Sortie, try_gains, verify
+from sim.studies.tune.tune import CRASH_CM, GAIN_DOWN, GAIN_UP, Sortie, try_gains, verify
 from tests.flight.flights import UnflownFlyers
 
 # ---- which gains
@@ -152,7 +152,7 @@ def test_what_breaks_a_constraint_never_wins_however_small_its_error() -> None:
     assert crashed.broken == ["paper: crashed: hit the floor"]
     poor = try_gains(_search(), {"k2": 1.0, "k3": 2.0}, Judges(), 1)
     assert not poor.broken
-    assert fragile.rms_cm < poor.rms_cm < BROKEN <= min(fragile.cost, crashed.cost)
+    assert fragile.rms_cm < poor.rms_cm < CRASH_CM <= min(fragile.cost, crashed.cost)
     assert not fragile.beats(poor)
     assert poor.beats(fragile)
 
