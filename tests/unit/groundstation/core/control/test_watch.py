@@ -77,6 +77,24 @@ def test_a_disturbance_beyond_b_is_told_with_its_size() -> None:
 
 
 @pytest.mark.parametrize(
+    ("kb", "down_m_s2", "thrust_n"),
+    [
+        (0.8, 4.0, HOVER.thrust),
+        (0.0, 9.0, HOVER.thrust),  # b̂ is not fed back
+        (0.8, 0.0, VEHICLE.thrust_min_n + 1e-6),
+        (0.8, 0.0, VEHICLE.thrust_max_n - 1e-6),
+    ],
+)
+def test_within_their_limits_neither_disturbance_nor_thrust_is_told(
+    kb: float, down_m_s2: float, thrust_n: float
+) -> None:
+    estimated = (3.0, 0.0, down_m_s2)
+    calm = decided(values(b_hat=estimated, disturbance=estimated), thrust=thrust_n)
+    told = flown(CertificateMonitor(VEHICLE, Gains(b_bound=5.0, kb=kb)), calm, 2.0)
+    assert not any("b_bound" in one or "thrust margin" in one for one in told)
+
+
+@pytest.mark.parametrize(
     ("thrust", "which"), [(VEHICLE.thrust_max_n, "upper"), (VEHICLE.thrust_min_n, "lower")]
 )
 def test_a_thrust_that_stays_at_its_limit_is_told_under_every_controller(
