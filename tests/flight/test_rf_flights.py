@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 
 from groundstation.analysis.report import read_columns
 from groundstation.analysis.report.figures import lateness
@@ -70,6 +69,8 @@ def test_the_vehicles_thrust_curve_is_straightened_on_the_way(link: str) -> None
 def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(
     link: str, tmp_path: Path
 ) -> None:
+    from matplotlib.figure import Figure  # not whenever tests are collected
+
     world, config = prepare(SCENARIOS["paper"], [], link=link)
     folder = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
     fly(world, config, seed=0, duration_s=3.0, give=folder.give)
