@@ -13,7 +13,7 @@ import pytest
 from groundstation.config import from_dict
 from groundstation.core.messages import Ask, Snapshot
 from groundstation.interfaces.api.messages import Desk
-from groundstation.interfaces.mqtt import command as mqtt_command, publish_forever
+from groundstation.interfaces.mqtt import command as mqtt_command, describe_error, publish_forever
 from groundstation.interfaces.mqtt.command import Unanswered, request_by_mqtt
 from groundstation.interfaces.mqtt.messages import HealthMessage, SessionMessage
 from groundstation.interfaces.mqtt.requests import Place, seal_request
@@ -225,8 +225,11 @@ async def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_pas
         password=None,
         config=msgspec.structs.replace(anonymous.config, username="", password_file=""),
     )
-    with pytest.raises(aiomqtt.MqttError, match=r"[Nn]ot authori[sz]ed"):
+    with pytest.raises(aiomqtt.MqttError, match=r"[Nn]ot authori[sz]ed") as refused:
         await nobody.client().__aenter__()
+    told = describe_error(refused.value)
+    assert told.startswith("the login was refused"), told
+    assert told.endswith("check the user's name and password")
     async with lab.address("viewer").client() as viewer, lab.address("mqx").client() as mqx:
         await viewer.subscribe("groundstation/#")
         await mqx.publish("groundstation/quad2/state", b"landed", qos=1)

@@ -65,6 +65,11 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("control.free", "nobody holds control now"),
     # MQTT.
     NoticeTemplate("mqtt.closed", "the broker has closed the connection"),
+    NoticeTemplate(
+        "mqtt.login_refused",
+        "the login was refused, {why}",
+        "check the user's name and password",
+    ),
     NoticeTemplate("mqtt.broker_failed", "the broker {broker}: {why}"),
     NoticeTemplate("mqtt.publishing", "publishing to {broker}"),
     *as_warnings(
@@ -94,7 +99,7 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate("order.not_killed", "NOT KILLED, {reason}: {why}"),
         # MQTT.
-        NoticeTemplate("mqtt.no_broker", "no broker at {broker} ({why}); trying again"),
+        NoticeTemplate("mqtt.no_broker", "not publishing to {broker}, and trying again: {why}"),
         NoticeTemplate(
             "mqtt.no_requests",
             "the broker does not let us read {topic}: no requests; look at its access rules",

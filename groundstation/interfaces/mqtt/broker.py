@@ -28,6 +28,9 @@ KEEPALIVE_S = 5
 """The broker declares us lost after one and a half times this [s]."""
 TIMEOUT_S = 3.0
 """Timeout for the broker's answer, and for its taking what we send [s]."""
+LOGIN_REFUSED = (134, 135)
+"""Reason codes of a refused login, bad user name or password and not authorized: MQTT 5.0,
+section 3.2.2.2."""
 SEND_BUFFER_BYTES = 16384
 """Send buffer for a broker that reads slowly [bytes]: some snapshots, not some minutes of them."""
 
@@ -130,10 +133,13 @@ def heed_cancellation() -> None:
 
 def describe_error(error: Exception) -> str:
     """Describe a broker's failure without the numbers of the libraries below."""
-    return (
-        re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error)))
-        or "the connection was lost"
-    )
+    from paho.mqtt.reasoncodes import ReasonCode
+
+    why = re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error)))
+    code = getattr(error, "rc", None)
+    if isinstance(code, ReasonCode) and code.value in LOGIN_REFUSED:
+        return notice("mqtt.login_refused", why=why).text
+    return why or "the connection was lost"
 
 
 OPTIONS = {"tls.ca_file": "--ca", "username": "--user", "password_file": "--password-file"}
