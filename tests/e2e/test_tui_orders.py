@@ -48,6 +48,15 @@ def stage(tmp_path: Path) -> Stage:
     return stage
 
 
+@dashboard()
+async def test_ctrl_c_tells_the_key_that_lands(pilot: Pilot[None], stage: Stage) -> None:
+    async with stage.up():
+        await until(pilot, lambda: knows(pilot))
+        await pilot.press("ctrl+c")
+        await until(pilot, lambda: told(pilot, "Ctrl-L lands"))
+        assert stage.asked == []
+
+
 @pytest.mark.parametrize("size", [(120, 36), (71, 20), (48, 12)])
 def test_what_brings_the_vehicle_down_shows_the_key_that_no_multiplexer_takes(
     size: tuple[int, int],

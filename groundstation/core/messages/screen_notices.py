@@ -23,6 +23,11 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
         "the key is held down, which is no second press",
         "press it twice to kill",
     ),
+    NoticeTemplate(
+        "screen.ctrl_c",
+        "NOTHING WAS ORDERED: Ctrl-C is no order on this screen",
+        "Ctrl-L lands, Ctrl-X aborts, Ctrl-K twice stops the motors; q leaves",
+    ),
     NoticeTemplate("screen.no_vehicle", "there is no vehicle to show"),
     NoticeTemplate("screen.take_first", "take control first", "key c"),
     NoticeTemplate("screen.arm", "The motors of {vehicle} will start. Type its name:"),

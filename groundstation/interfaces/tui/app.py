@@ -745,6 +745,13 @@ class Dashboard(App[None]):
             else await self._feed.set_gain(gain.key, value)
         )
 
+    def action_help_quit(self) -> None:
+        """Answer Ctrl-C, which lands from a terminal and would here be told as a wish to quit."""
+        if self._orders:
+            self._say(Reply.of(False, notice("screen.ctrl_c")))
+        else:
+            super().action_help_quit()
+
     def _only_looks(self) -> None:
         """Whoever tries to stop a vehicle from here must not wait for it."""
         if self._read_only:
