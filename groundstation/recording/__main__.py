@@ -70,10 +70,11 @@ def main() -> None:
         if log is not None:
             log.flush()
             log.sync()
+            is_removed = log.is_removed
             log.close()
             if forget:
                 _forget(log.path)
-            else:
+            elif not is_removed:  # else the flight tells its figures, as not recorded
                 _tell_figures(log.path, log.headline)
 
 

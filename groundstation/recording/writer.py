@@ -6,6 +6,7 @@ stands in groundstation/pose/recorded_codec.py.
 Both files survive a full disk: what fitted can be read.
 """
 
+import errno
 import fcntl
 import os
 import platform
@@ -102,13 +103,20 @@ class LastingFile:
 
         What writing takes, the operating system only keeps for the disk: that it has no room after
         all (a thin volume, a network's), or is broken, it finds out some ten seconds later, and
-        tells whoever asks.
+        tells whoever asks. A file that somebody has removed takes all of it, and keeps nothing.
         """
         if self._alive:
             try:
                 os.fdatasync(self._fd)
+                if self.is_removed:
+                    raise FileNotFoundError(errno.ENOENT, "the file was removed")
             except OSError as error:
                 self._end(error)
+
+    @property
+    def is_removed(self) -> bool:
+        """Whether nobody can find it any more, while it is open here."""
+        return os.fstat(self._fd).st_nlink == 0 and not self._path.exists()
 
     def _end(self, error: OSError) -> None:
         """Write nothing more, and tell the operator why."""
@@ -219,6 +227,11 @@ class FlightLog:
     def headline(self) -> FlightHeadline:
         """The figures so far, whether or not they have reached the disk."""
         return self._count.headline()
+
+    @property
+    def is_removed(self) -> bool:
+        """Whether somebody has removed NAME.mcap since it was made."""
+        return self._file.is_removed
 
     def flush(self) -> None:
         """Write what there is."""

@@ -201,6 +201,21 @@ def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_c
     assert Recording(the_recording(tmp_path)).headline().lost == sum(lost)
 
 
+def test_a_recording_that_somebody_removes_is_told_of_and_not_said_to_be_there(
+    tmp_path: Path,
+) -> None:
+    async def script(process: RecorderProcess, said: list[str]) -> None:
+        await recording_in(tmp_path)
+        the_recording(tmp_path).unlink()
+        while not any("recording has ended" in line for line in said):
+            process.give(LineRecord(1.0, "tracking", "on the trajectory"))
+            await asyncio.sleep(0.05)
+
+    said = asyncio.run(talk(tmp_path, script))
+    assert said[-1].endswith(".mcap: the file was removed")
+    assert not any("recorded in" in line for line in said)
+
+
 def test_the_recorder_is_deaf_to_what_a_terminal_sends(tmp_path: Path) -> None:
     async def script(process: RecorderProcess, _: list[str]) -> None:
         await recording_in(tmp_path)
