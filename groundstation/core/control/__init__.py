@@ -28,7 +28,7 @@ from groundstation.core.control.certificate import (
 )
 from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller
 from groundstation.core.control.demand_limits import DemandLimits
-from groundstation.core.control.descent import Descent, level
+from groundstation.core.control.descent import Descent, blind_descent_limit_s, level
 from groundstation.core.control.excitation import SUSPECT_LEVEL, ExcitationTones
 from groundstation.core.control.limits import (
     FIRST_CLIMB_M,

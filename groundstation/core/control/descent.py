@@ -11,9 +11,9 @@ slightly less than hover thrust, and decreases with time.
 Half and double of a constant were flown by `groundstation-sim dev faults paper --state descent`
 with `--fault gust`, which as they are goes 1.18 m aside, `--fault "motors: 70 %"`, which meets the
 floor at 0.57 m/s, and `--fault "position late" --link mavlink`, at 0.69 m/s. Blind: `--fault
-"position frozen: north-west" --state moving`, 5.58 m aside; `--link dsm` with `--fault "position
-frozen: x"`, 1.44 m/s, `--fault "mirrored: z"`, 1.78 m/s, and `--fault "position frozen" --state
-take-off`, 1.19 m/s.
+"position frozen: north-west" --state moving`, 4.53 m aside; `--link dsm` with `--fault "position
+frozen: x"`, 1.45 m/s, `--fault "mirrored: z"`, 1.79 m/s, and `--fault "position frozen" --state
+take-off`, 1.14 m/s.
 """
 
 import math
@@ -29,14 +29,14 @@ SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]. Half: gust 1.49 m; double: 0.85 m."""
 BLIND_SPEED_GAIN = 2.5
 """Acceleration per horizontal speed of the model, which has no noise [1/s]: 4 m/s are braked by g,
-the most that ``attitude.TILT_LIMIT_RAD`` gives. Half: north-west 7.56 m; double: 4.49 m."""
+the most that ``attitude.TILT_LIMIT_RAD`` gives. Half: north-west 5.98 m; double: 3.69 m."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no
 more. Half: gust 1.91 m; double: 0.82 m."""
 BLIND_ATTITUDE_GAIN = 8.0
 """Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a
-vehicle that leans along its velocity is turned within .4 s. Half: north-west 5.98 m; double:
-6.14 m."""
+vehicle that leans along its velocity is turned within .4 s. Half: north-west 5.32 m; double:
+5.05 m."""
 WIND_LIMIT_M_S2 = 8.0
 """Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8. Half
 and double: no change."""
@@ -77,25 +77,40 @@ Half: x 1.53 m/s; double: no change."""
 BLIND_PULL_GROWTH_M_S3 = 0.3
 """Growth of that acceleration afterwards [m/s³]: the configured hover thrust is too large.
 Half and double: no change."""
-BLIND_CLIMB_GAIN = 2.0
-"""Downward acceleration per climb rate of the model [1/s]. Half: take-off 1.24 m/s; double:
-1.12 m/s."""
-BLIND_CLIMB_BRAKE_M_S2 = 2.0
-"""Largest downward acceleration that brakes a climb in a blind descent [m/s²]. Half and
-double: no change."""
-BLIND_LIFT_GAIN = 4.0
-"""Upward acceleration per sink rate of the model beyond the planned one [1/s]: a large tilt costs
-height. Half: z 1.82 m/s; double: 1.79 m/s."""
-BLIND_LIFT_M_S2 = 1.8
-"""Largest upward acceleration of that braking [m/s²]. Half: z 1.76 m/s; double: 1.79 m/s."""
+BLIND_SINK_GAIN = 4.0
+"""Vertical acceleration per error of the model's sink rate: against a climb, and against a sink
+rate beyond the planned one, as a large tilt costs height [1/s]. Half: take-off 1.21 m/s; double:
+1.06 m/s."""
 BLIND_LIFT_M_S = 0.7
-"""Integral of that acceleration over a blind descent [m/s]: the model has no floor and falls on.
-Half: z 1.99 m/s; double: 1.14 m/s."""
+"""Integral of its upward part over a blind descent [m/s]: the model has no floor and falls on.
+Half: z 1.99 m/s; double: 1.43 m/s."""
 BLIND_WIND_DOWN_M_S2 = 1.5
 """Largest vertical disturbance that is compensated in a blind descent, down or up [m/s²].
 Half and double: no change."""
+BLIND_MEAN_SINK_M_S = 0.7
+"""Mean sink rate of a blind descent [m/s]; it gives the time of its end: its height is not
+measured."""
+BLIND_HELD_S = 1.0
+"""Time in addition to that [s]: what holds the vehicle may release it. Half: `--kind honest --fault
+"hand holds" --state hold --link dsm` falls .5 m; double: no change."""
+BLIND_BRAKE_S = 0.5
+"""The same for one that climbs, which nothing holds [s]: braking takes longer than at its limit.
+`rotors_mqx --seed 5 --fault "mirrored: z" --state hold --link dsm`: 4.3 m/s; half: 4.5; double:
+3.0, but motors that turn on the floor longer than is allowed."""
 LEAST_SINE = 1e-6
 """Sine of the angle to upside down below which the turn to level has no axis [-]. Rounding."""
+
+
+def blind_descent_limit_s(height_m: float, climb_m_s: float, gravity: float) -> float:
+    """Return how long a blind descent may last [s], which begins with ``climb_m_s`` [m/s].
+
+    It brakes that climb, and sinks from the top. ``height_m`` is the largest height above the floor
+    that the vehicle may have at its beginning [m]; ``gravity`` is g [m/s²].
+    """
+    climb_s = max(0.0, climb_m_s) / (LARGEST_FALL_SHARE * gravity)
+    climb_m = 0.5 * climb_s * max(0.0, climb_m_s)
+    more_s = max(BLIND_HELD_S, climb_s + climb_m / BLIND_MEAN_SINK_M_S + BLIND_BRAKE_S)
+    return height_m / BLIND_MEAN_SINK_M_S + more_s
 
 
 def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
@@ -231,7 +246,7 @@ class Descent:
         self._planned_m_s += pull * interval_s
         pull += self._vehicle.drag_per_s * self._planned_m_s  # the air takes so much of it
         too_fast = max(0.0, min(down - self._planned_m_s, self._lift_left_m_s))
-        lift = min(BLIND_LIFT_GAIN * too_fast, BLIND_LIFT_M_S2)
+        lift = min(BLIND_SINK_GAIN * too_fast, LARGEST_RISE_SHARE * self._gravity)
         self._lift_left_m_s -= lift * interval_s
-        brake = min(-BLIND_CLIMB_GAIN * down, BLIND_CLIMB_BRAKE_M_S2) if down < 0.0 else -lift
-        return -BLIND_SPEED_GAIN * north, -BLIND_SPEED_GAIN * east, pull + brake
+        brake = min(BLIND_SINK_GAIN * max(0.0, -down), LARGEST_FALL_SHARE * self._gravity)
+        return -BLIND_SPEED_GAIN * north, -BLIND_SPEED_GAIN * east, pull + brake - lift

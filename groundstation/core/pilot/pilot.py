@@ -22,6 +22,7 @@ from groundstation.core.control import (
     GainSchedule,
     GainSet,
     LimitInput,
+    blind_descent_limit_s,
     calm_gains,
     clamp_command,
     make_controller,
@@ -230,9 +231,9 @@ class Pilot:
 
         ``blind``: take position and velocity from the model.
 
-        ``rest_s`` is the additional time for which one pose may be used [s]. Return the largest
-        height above the floor that the vehicle may have, by the model or before the poses were
-        suspect [m].
+        ``rest_s`` is the additional time for which one pose may be used [s]. Return how long a
+        blind descent may last [s], from the largest height above the floor that the vehicle may
+        have, by the model or before the poses were suspect.
         """
         self._switch("descend", sink_m_s, float(blind), rest_s)
         state = self.state
@@ -254,8 +255,10 @@ class Pilot:
         state.descent.sink_m_s = sink_m_s
         state.descent.blind = blind
         self._watch.restart()
-        motion = state.estimator.motion or state.trusted_before().motion
-        return self._floor - min(motion.position[2], state.trusted_before().motion.position[2])
+        trusted = state.trusted_before().motion
+        motion = state.estimator.motion or trusted
+        height_m = self._floor - min(motion.position[2], trusted.position[2])
+        return blind_descent_limit_s(height_m, -motion.velocity[2], self._gravity)
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
         """Return a command of ``thrust_n`` [N] and zero rates, stamped with the newest pose."""

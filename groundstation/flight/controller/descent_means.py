@@ -17,11 +17,6 @@ BRAKED_M_S = 1.0
 """Speed by the model below which the autopilot is asked to land by its own position [m/s]: LAND of
 PX4 and ArduPilot brakes by 2 m/s² only, so a vehicle that false poses have made fast is braked by
 the model before."""
-BLIND_SINK_M_S = 0.7
-"""Mean sink rate of a blind descent [m/s]; it gives the time of its end: its height is not
-measured."""
-BLIND_MORE_S = 1.0
-"""Time in addition to that [s]: braking comes before, and what held the vehicle may release it."""
 
 
 class Means(IntEnum):
@@ -54,9 +49,9 @@ class DescentMeans:
         """Whether the last command has been made."""
         return self.chosen >= Means.NOTHING
 
-    def limit_blind_descent(self, now_s: float, height_m: float) -> None:
-        """Set the end of a blind descent that begins at ``height_m`` or less above the floor."""
-        self._over_s = now_s + height_m / BLIND_SINK_M_S + BLIND_MORE_S
+    def end_blind_descent_at(self, over_s: float) -> None:
+        """Stop the motors of a blind descent at ``over_s``: its height is not measured."""
+        self._over_s = over_s
 
     def take_attitude(self, attitude: Attitude, in_poses: Quat, now_s: float) -> None:
         """Take the autopilot's attitude, and the same in the axes of the poses."""

@@ -559,5 +559,5 @@ class FlightController:
             self.started_s = phase.leg.start_s
 
     def _descend(self, now_s: float, *, blind: bool, rest_s: float = 0.0) -> None:
-        height_m = self._pilot.descend(DESCENT_M_S, blind=blind, rest_s=rest_s)
-        self._means.limit_blind_descent(now_s, height_m)
+        longest_s = self._pilot.descend(DESCENT_M_S, blind=blind, rest_s=rest_s)
+        self._means.end_blind_descent_at(now_s + longest_s)
