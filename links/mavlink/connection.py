@@ -423,6 +423,8 @@ ASKED_S = 0.05
 """Period of the time questions that leave beside set-points [s]."""
 ASKED_SLOWLY_S = 0.1
 """Period of the same on slow serial ports [s]."""
+FORGOTTEN_S = 5.0
+"""Unanswered time questions are dropped after this long [s]."""
 HOLE_S = 0.15
 """After it was not heard for so long, nobody knows what of ours it has answered meanwhile [s]."""
 TOO_LATE_S = 0.5
@@ -473,6 +475,8 @@ class Uplink:
         self._next_s = now_s + self._period
         asked_ns = int(now_s * 1e9)
         self._asked.append(asked_ns)
+        while self._asked[0] < asked_ns - FORGOTTEN_S * 1e9:
+            self._asked.popleft()
         return asked_ns
 
     def hear(self, message: Message, now_s: float, usual_s: float) -> None:

@@ -196,6 +196,17 @@ def test_an_answer_half_a_second_beyond_the_usual_is_late_once_such_answers_last
     assert found == (pytest.approx(late_s) if told else 0.0)
 
 
+@pytest.mark.parametrize(("age_s", "overdue_s"), [(4.9, 0.07), (5.1, 0.0)])
+def test_what_was_asked_more_than_five_seconds_ago_is_forgotten(
+    age_s: float, overdue_s: float
+) -> None:
+    uplink = begun()
+    uplink.ask(0.0)
+    uplink.ask(age_s)
+    answer(uplink, 0, age_s + 0.01)
+    assert uplink.arrival(age_s + 0.15, 0.02)[0] == pytest.approx(overdue_s)
+
+
 def test_what_was_held_back_once_and_came_all_together_is_not_late_any_more() -> None:
     uplink, asked = begun(), list[int]()
     for n in range(101):
