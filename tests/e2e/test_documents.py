@@ -50,6 +50,12 @@ def test_every_link_of_a_document_leads_somewhere(path: Path) -> None:
     assert broken(path) == []
 
 
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_test_that_a_document_names_is_there(path: Path) -> None:
+    named = re.findall(r"(?<![\w/])tests/[\w/]+(?:\.\w+)?", path.read_text("utf-8"))
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
 @pytest.mark.parametrize(
     "picture", sorted((ROOT / "docs").rglob("*.svg")), ids=lambda path: path.name
 )

@@ -1,4 +1,4 @@
-"""Every configuration that the documents show is one, and what they name stands there.
+"""Every configuration that the documents show is one.
 
 Beside configurations there are the fleet file of several-vehicles.md, the bridge's file of rf.md,
 and what is preceded by ``<!-- not tested: where it is read -->``.
@@ -53,11 +53,3 @@ def test_an_example_is_a_configuration_that_may_fly(example: Path) -> None:
         assert all(examine_trajectory(member.lab).ok for member in read_fleet(example).members)
     elif example.name != "vehicle.toml":  # that one is a part of another
         assert examine_trajectory(load(example, Config)).ok
-
-
-def test_the_steps_of_a_pose_stand_in_the_files_that_are_named() -> None:
-    page = (ROOT / "docs/explanation/architecture.md").read_text("utf-8")
-    steps = re.findall(r"^\d+\. `(\S+\.py)` `(\w+)`", page, re.M)
-    assert len(steps) > 20
-    for file, function in steps:
-        assert f"def {function}(" in (ROOT / file).read_text("utf-8"), (file, function)

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from groundstation import __version__
+from tests.seeded_faults import CONCERNED, FAULTS, PACKAGES, copy_checkout, file_of
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
@@ -93,3 +94,19 @@ def test_both_programs_say_their_version(command: str) -> None:
     script = Path(sys.executable).with_name(command)
     said = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
     assert said.stdout == f"{command} {__version__}\n"
+
+
+def test_each_seeded_fault_has_its_line_in_a_copy_that_lacks_no_module(tmp_path: Path) -> None:
+    copy = tmp_path / "checkout"
+    copy_checkout(copy)
+    for package in (*PACKAGES, "tests"):
+        ours, theirs = (
+            {path.relative_to(at) for path in (at / package).rglob("*.py")} for at in (ROOT, copy)
+        )
+        assert ours == theirs
+    assert {file_of(copy, fault).name for fault in FAULTS} == {
+        Path(name).name for name in CONCERNED
+    }
+    assert all(
+        (copy / "tests" / test).exists() for tests in CONCERNED.values() for test in tests.split()
+    )

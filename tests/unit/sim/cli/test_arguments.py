@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from groundstation.__main__ import (
+    COMMANDS as FLYING,
+    GONE,
     MOVED,
     main as flying_main,
     parser as flying_parser,
@@ -16,14 +18,25 @@ from groundstation.__main__ import (
 from groundstation.config import ArgumentError, ConfigError, load
 from groundstation.interfaces.cli import commands as flying
 from groundstation.recording.records import MAGIC
+from groundstation.runtime import Groups, build_parser
 from groundstation.settings import Config
 from sim.__main__ import (
+    COMMANDS as SIMULATING,
+    GONE as SIM_GONE,
     MOVED as SIM_MOVED,
     main as simulating_main,
     parser as simulating_parser,
 )
 from sim.cli import commands as simulating
 from tests.e2e.stations import run_here
+
+
+@pytest.mark.parametrize(("groups", "names", "most"), [(FLYING, 4, 20), (SIMULATING, 1, 10)])
+def test_help_lists_few_commands_in_groups(groups: Groups, names: int, most: int) -> None:
+    listed = [name for group in groups.values() for name in group if " " not in name]
+    assert len(groups) == names and len(listed) <= most
+    shown = build_parser("program", "", groups).format_help()
+    assert all(f"\n  {name} " in shown for name in listed)
 
 
 @pytest.mark.parametrize(
@@ -141,6 +154,19 @@ def test_words_that_are_gone_are_followed_by_what_to_do_instead(
 def test_a_command_whose_options_hold_the_words_of_one_that_is_gone_gets_no_advice() -> None:
     done = run_here(simulating_main, "dev", "faults", "--kind", "honest", "--forced", "nothing")
     assert done.returncode == 2 and "is gone" not in done.stderr
+
+
+@pytest.mark.parametrize(("parser", "gone"), [(FLY, GONE), (SIM, SIM_GONE)])
+def test_what_is_said_to_be_gone_is_gone(
+    parser: Callable[[], ArgumentParser], gone: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    read_later = {"report --format tex", "report --format png"}  # a list: by the command itself
+    made = parser()
+    for spelling in gone.keys() - read_later:
+        with pytest.raises(SystemExit, match="2"):
+            made.parse_args([*spelling.split(), "x"])
+        told = capsys.readouterr().err
+        assert "unrecognized arguments" in told or "invalid choice" in told
 
 
 def test_a_controller_that_there_is_not_is_blamed_on_the_option_that_named_it() -> None:
