@@ -155,3 +155,19 @@ def test_a_broker_a_dashboard_and_a_client_that_die_or_freeze_change_no_byte_tha
     assert set(outside.done) == {"broker", "dashboard", "client"}
     assert len(attended) > 1000
     assert attended == alone()
+
+
+def test_a_client_that_is_obeyed_changes_what_leaves(tmp_path: Path) -> None:
+    config = msgspec.structs.replace(CONFIG, status=StatusConfig(path=str(tmp_path / "mqx.sock")))
+
+    async def beside(flight: Flight, _: Stage) -> None:
+        async with crew(config, flight, lambda text, *_: pytest.fail(text), needed=True):
+            await until(lambda: flight.state is State.TRACKING)
+            _reader, writer = await asyncio.open_unix_connection(config.status.path)
+            writer.write(b'{"id": 1, "ask": "land"}\n')
+            await until(lambda: flight.state in FINAL)
+            writer.close()
+
+    disturbed, undisturbed = left(beside), alone()
+    assert disturbed != undisturbed
+    assert disturbed[: len(disturbed) // 5] == undisturbed[: len(disturbed) // 5]  # up to there

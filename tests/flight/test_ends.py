@@ -18,6 +18,21 @@ STRUCK_S = 2.0
 """On the trajectory when something happens [s]."""
 
 
+def test_poses_that_stop_are_answered_by_a_bring_down_and_then_by_silence() -> None:
+    wire = fly_beside(after(STRUCK_S, cover_cameras))
+    stopped_s = wire.begun_s + STRUCK_S
+    assert wire.state is State.ABORTED
+    assert "no pose for" in wire.reason
+    assert "bring-down" in wire.reason
+    last, final, _ = wire.frames[-1]
+    assert stopped_s + 0.15 + 1.5 <= last <= stopped_s + 0.25 + 2.0 + 1e-9
+    assert final == 0.0
+    # Nothing at all leaves afterwards, not even a heartbeat: the socket is closed.
+    assert max(t for t, _ in wire.sent) <= stopped_s + 2.30
+    touchdown = wire.stage.plant.floor.touchdown_m_s
+    assert touchdown is not None and touchdown < 2.0
+
+
 async def land_at_once(flight: Flight, _: Stage) -> None:
     flight.land("changed my mind")
 

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from groundstation.core.messages import Pose
+from groundstation.core.messages import Pose, tell_lines
 from groundstation.pose.sources import Gate
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
@@ -48,3 +48,11 @@ def test_a_push_is_flown_through_on_stamps_that_jitter(
     row = fly_fault(push, fault, "tracking", overrides=NEAR)
     assert row.reaction == "flies on", row.why
     assert row.far_m < 1.0
+
+
+def test_a_tracker_that_shows_a_hidden_body_where_it_was_last_is_found_out() -> None:
+    world, config = prepare(SCENARIOS["paper"], ["sim.occlusion_s=0.1", "sim.mishap_period_s=4"])
+    told: list[str] = []
+    result = fly(world, config, seed=0, duration_s=8.0, watch=tell_lines(told.append))
+    assert result.completed, result.why
+    assert any("frozen (the same to the last bit" in line for line in told)

@@ -160,6 +160,11 @@ def test_a_gust_beyond_all_limits_ends_the_flight_softly() -> None:
     assert known(flown.touchdown_m_s) < 3.5
 
 
+def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
+    flown = mission(nothing, "sim.wind_step=[5.0, 0.0, 0.0]", GUST, figure_s=20.0)
+    assert flown.landed, flown.fault
+
+
 def test_a_hold_at_full_thrust_lands_though_tones_are_flown_in_it() -> None:
     """A wind down of 8 m/s² asks for a little more than the vehicle has."""
 
@@ -170,6 +175,20 @@ def test_a_hold_at_full_thrust_lands_though_tones_are_flown_in_it() -> None:
     lenient = ("guards.error_m=50.0", "guards.speed_m_s=50.0", "vehicle.hover_range=[0.5, 1.9]")
     flown = mission(push_down, *lenient)
     assert "thrust at its limit" in flown.fault
+
+
+def test_a_bridge_s_own_period_is_what_its_frames_are_late_by() -> None:
+    told: list[float] = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        guards = known(flight._controller._guards)
+        told.append(guards._view.period_s())
+        await tracking(flight)
+        told.append(guards._view.period_s())
+
+    assert fly("paper", *SHORT, "sim.frame_period_s=0.011", link="rf_bridge", script=script).landed
+    # What is assumed until it is connected, and what the bridge then tells.
+    assert told == [0.0225, 0.011]
 
 
 def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:

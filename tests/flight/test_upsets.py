@@ -1,6 +1,7 @@
 """``groundstation-sim dev upsets``: large pushes and drawn starts, and the table of both."""
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -109,6 +110,18 @@ def test_a_row_is_judged_by_the_best_baseline(
     assert line.endswith(f"| {said} | {said} |")
     assert f"{within} of 1 rows are within 1.1" in table
     assert "| `paper`, pid | 90.0 % | 10.0 % | 2.00 | - | - |" in table
+
+
+def test_the_peaks_in_the_readme_are_those_of_the_page() -> None:
+    readme, page = ((ROOT / name).read_text("utf-8") for name in ("README.md", PAGE))
+    (laws,), (peaks,) = (
+        re.findall(rf"^\| {row} \|.*", page, re.M)
+        for row in (r"peak, cm .*?", "`paper`, figure: step 5")
+    )
+    by_law = dict(zip(laws.split(" | "), peaks.split(" | "), strict=True))
+    laws = ("adaptive", "pid", "geometric", "l1", "indi")
+    told = " | ".join(by_law[law].split(" (")[0] for law in laws)
+    assert f"({PAGE})) | {told} |" in readme
 
 
 def test_the_command_writes_its_table(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -6,7 +6,10 @@ from typing import Any
 import pytest
 
 from groundstation.core.control import (
+    HOLDING,
+    TRACKING,
     TRANSIT,
+    FlightProfile,
     Gains,
     push,
     sine_error,
@@ -161,3 +164,15 @@ def test_the_last_command_of_a_flight_without_poses_falls_and_ends_without_thrus
     assert (command.pose_id, command.deadline_s) == (0, 0.52)
     assert command.thrust_n < VEHICLE.mass_kg * G
     assert command.bring_down[-1].thrust_n == 0.0
+
+
+@pytest.mark.parametrize(
+    ("profile", "values"),
+    [(TRANSIT, (1.0, 1.0, 1.0)), (HOLDING, (1.0, 1.0, 0.0)), (TRACKING, (0.0, 0.0, 0.0))],
+)
+def test_a_recording_tells_by_which_profile_is_flown(
+    profile: FlightProfile, values: tuple[float, ...]
+) -> None:
+    told: list[Any] = []
+    Pilot(VEHICLE, Gains(), 0.25, 0.0, tell=told.append).use_profile(profile)
+    assert [(one.what, one.values) for one in told] == [("ease", values)]

@@ -263,6 +263,13 @@ def test_an_answer_before_the_question_is_not_one() -> None:
     assert not scene.run(0.1).handshake.done
 
 
+def test_disarming_waits_until_the_autopilot_believes_that_it_stands() -> None:
+    refused = refuse(MavCommand.ARM_DISARM, 1, 1, 0, words="Disarming denied: not landed")
+    scene = Scene(PX4, disarming, refused).run()
+    assert scene.handshake.done
+    assert [(m.param1, m.param2) for _, m in scene.asked] == [(0.0, 0.0)] * 3
+
+
 def heartbeat(*, armed: bool) -> Any:
     return D.MAVLink_heartbeat_message(2, ARDUPILOT, 1 | (128 if armed else 0), 9, 4, 3)
 
