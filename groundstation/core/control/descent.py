@@ -11,7 +11,7 @@ slightly less than hover thrust, and decreases with time.
 Half and double of a constant were flown by `groundstation-sim dev faults paper --state descent`
 with `--fault gust`, which as they are goes 1.18 m aside, `--fault "motors: 70 %"`, which meets the
 floor at 0.57 m/s, and `--fault "position late" --link mavlink`, at 0.69 m/s. Blind: `--fault
-"position frozen: north-west" --state moving`, 4.53 m aside; `--link dsm` with `--fault "position
+"position frozen: north-west" --state moving`, 5.58 m aside; `--link dsm` with `--fault "position
 frozen: x"`, 1.45 m/s, `--fault "mirrored: z"`, 1.79 m/s, and `--fault "position frozen" --state
 take-off`, 1.14 m/s.
 """
@@ -29,14 +29,14 @@ SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]. Half: gust 1.49 m; double: 0.85 m."""
 BLIND_SPEED_GAIN = 2.5
 """Acceleration per horizontal speed of the model, which has no noise [1/s]: 4 m/s are braked by g,
-the most that ``attitude.TILT_LIMIT_RAD`` gives. Half: north-west 5.98 m; double: 3.69 m."""
+the most that ``attitude.TILT_LIMIT_RAD`` gives. Half: north-west 7.56 m; double: 4.49 m."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no
 more. Half: gust 1.91 m; double: 0.82 m."""
 BLIND_ATTITUDE_GAIN = 8.0
 """Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a
-vehicle that leans along its velocity is turned within .4 s. Half: north-west 5.32 m; double:
-5.05 m."""
+vehicle that leans along its velocity is turned within .4 s. Half: north-west 5.98 m; double:
+6.14 m."""
 WIND_LIMIT_M_S2 = 8.0
 """Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8. Half
 and double: no change."""

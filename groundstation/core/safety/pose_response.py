@@ -85,6 +85,9 @@ variance, a the corner: .12 s at the slowest tone, .02 s at the fastest."""
 OWN_WAY_MEMORY_S = 1.0 / PASS_RAD_S
 """Correlation time of the residual of positions at the law's own motion [s]: the high pass lets it
 through."""
+MODEL_ERROR = 0.025
+"""Share of the law's own motion by which the model may be wrong [-]: half an interval of poses at
+100 Hz, 5 ms of lag at the loop's 5 rad/s."""
 NOISE_MEMORY_S = 0.02
 """Longest correlation time of the poses' own noise [s]."""
 LATENESSES_S = tuple(0.1 * n for n in range(1, 5))
@@ -267,7 +270,8 @@ class Response:
         if tones2.max() < least * least and own2.max() < own.least * own.least:
             return NO_ALARM
         found = _regress(along)
-        tones, is_known = self._judge_tones(along, found, time_s, noise)
+        model2 = MODEL_ERROR * MODEL_ERROR * own2[:, None, None]
+        tones, is_known = self._judge_tones(along, found, time_s, noise, model2)
         moved_s = time_s
         if math.isfinite(own.burst_s):
             bursts = self._bursts - np.array([bursts for _, _, bursts in begun])
@@ -287,13 +291,13 @@ class Response:
         self._kept.append((self._time_s, self._integrals, self._bursts))
 
     def _judge_tones(
-        self, along: Array, found: "_Regression", time_s: Array, noise: float
+        self, along: Array, found: "_Regression", time_s: Array, noise: float, model2: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the excess of the responses to the tones [-], and where the poses are known to
         respond.
 
         ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4,
-        4).
+        4); ``model2``: mean square by which the model of v is wrong, shape (windows, 1, 1).
         """
         rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / time_s)
         is_excited = rms >= TONES_LEAST * self._least
@@ -302,7 +306,7 @@ class Response:
         is_excited &= is_excited[0]
         if not is_excited.any():
             return np.zeros_like(rms), is_excited
-        errors = self._find_errors(found, 0, time_s, self._memory_s, noise)
+        errors = self._find_errors(found, 0, time_s, self._memory_s, noise, model2)
         commanded = along[..., 0, 0] + along[..., 0, 1]
         alone = along[..., 0, 2:] / np.maximum(commanded, RIDGE)[..., None]
         beyond = np.minimum(np.abs(found.slopes[..., 0, :]), np.abs(alone)) - LIMITS
@@ -351,15 +355,18 @@ class Response:
         time_s: Array,
         memory_s: float,
         noise: float,
+        model2: Array | float = 0.0,
     ) -> Array:
         """Return the standard errors of the responses to u (``signal`` 0) or v (1).
 
         Shape (windows, directions, 2).
+
+        ``model2``: mean square by which the model of the other signal is wrong.
         """
         # Few samples know little of their own scatter: the assumed residual is a prior worth some
         # samples, and the interval is wider, as by Student's distribution.
         window_s, noise2 = time_s[..., None], noise * noise
-        prior = PRIOR_SAMPLES * memory_s * self._least * self._least
+        prior = PRIOR_SAMPLES * memory_s * self._least * self._least + window_s * model2
         freedom = window_s / memory_s - 2.0
         beside_noise = (np.maximum(found.residual - window_s * noise2, 0.0) + prior) / freedom
         variance = (beside_noise + noise2 * NOISE_MEMORY_S) * found.inverse[
