@@ -238,7 +238,7 @@ async def test_a_broker_that_comes_back_misses_no_event(
             assert listener.got[STATE] == ["tracking"]
         assert not task.done()
     said = [record.message for record in caplog.records if record.name == "groundstation.mqtt"]
-    assert [line.partition(" ")[0] for line in said] == ["no", "publishing", "no", "publishing"]
+    assert [line.partition(" ")[0] for line in said] == ["not", "publishing", "not", "publishing"]
 
 
 @in_real_time

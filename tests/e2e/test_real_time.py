@@ -79,7 +79,7 @@ def test_ctrl_z_does_not_freeze_what_flies_and_signals_that_end_programs_land_it
         station.send_signal(number)
         told, _ = station.communicate(timeout=60)
         assert "Ctrl-Z is ignored" in told
-        assert f"{number.name}: landing" in told
+        assert f"{number.name}: asked to land" in told
         assert station.returncode == 0
 
 

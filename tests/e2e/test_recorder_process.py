@@ -236,7 +236,7 @@ def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit(
         assert run.returncode == 0, out
         path = the_recording(room.recordings)
         assert f"recording to {path}" in out
-        assert out.rstrip().endswith(f"(2.50 s were flown); recorded in {path}"), out
+        assert re.search(r"\(2\.5\d s were flown\); recorded in " + re.escape(str(path)), out), out
         recording = Recording(path)
         topics = [entry.topic for entry in recording.entries()]
         assert recording.whole
@@ -276,7 +276,7 @@ def test_a_flight_lands_although_its_recorder_was_killed() -> None:
         assert run.returncode == 0, out
         assert "WARNING: the recorder has died (-9); the flight goes on" in out
         assert "landed and disarmed" in out
-        assert re.search(r"\(1.00 s were flown\); not recorded$", out.rstrip()), out
+        assert re.search(r"\(1\.0\d s were flown\); not recorded$", out.rstrip()), out
         assert len(list(Recording(the_recording(room.recordings)).entries())) > 10
 
 

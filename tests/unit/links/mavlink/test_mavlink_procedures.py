@@ -80,7 +80,7 @@ def every(period_s: float, count: int, from_s: float = 0.0) -> list[float]:
         (ReadVersion, PX4, None, every(0.5, 3), 1.5, None),
         (AskMode, PX4, None, every(0.1, 15), 1.5, LinkLost),
         (Kill, PX4, None, every(0.05, 100), 5.0, LinkLost),
-        (lambda autopilot: ReadAll(autopilot, ["A"]), PX4, None, every(0.5, 4), 2.0, None),
+        (lambda autopilot: ReadAll(autopilot, ["A"]), PX4, None, every(0.5, 6), 3.0, None),
         # A refusal is final once the autopilot had 0.3 s for its words ...
         (disarming, PX4, DENIED, [0.0], 0.3, LinkRejected),
         (disarming, ARDUPILOT, TEMPORARILY_REJECTED, [0.0], 0.3, LinkRejected),
