@@ -94,9 +94,9 @@ BLIND_HELD_S = 1.0
 """Time in addition to that [s]: what holds the vehicle may release it. Half: `--kind honest --fault
 "hand holds" --state hold --link dsm` falls .5 m; double: no change."""
 BLIND_BRAKE_S = 0.5
-"""The same for one that climbs, which nothing holds [s]: braking takes longer than at its limit.
-`rotors_mqx --seed 5 --fault "mirrored: z" --state hold --link dsm`: 4.3 m/s; half: 4.5; double:
-3.0, but motors that turn on the floor longer than is allowed."""
+"""Time in addition for a vehicle that climbs, which nothing holds [s]: braking takes longer than at
+its limit. `rotors_mqx --seed 5 --fault "mirrored: z" --state hold --link dsm`: 4.3 m/s; half: 4.5;
+double: 3.0, but motors that turn on the floor longer than is allowed."""
 LEAST_SINE = 1e-6
 """Sine of the angle to upside down below which the turn to level has no axis [-]. Rounding."""
 
@@ -107,8 +107,9 @@ def blind_descent_limit_s(height_m: float, climb_m_s: float, gravity: float) -> 
     It brakes that climb, and sinks from the top. ``height_m`` is the largest height above the floor
     that the vehicle may have at its beginning [m]; ``gravity`` is g [m/s²].
     """
-    climb_s = max(0.0, climb_m_s) / (LARGEST_FALL_SHARE * gravity)
-    climb_m = 0.5 * climb_s * max(0.0, climb_m_s)
+    climb_m_s = max(0.0, climb_m_s)
+    climb_s = climb_m_s / (LARGEST_FALL_SHARE * gravity)
+    climb_m = 0.5 * climb_s * climb_m_s
     more_s = max(BLIND_HELD_S, climb_s + climb_m / BLIND_MEAN_SINK_M_S + BLIND_BRAKE_S)
     return height_m / BLIND_MEAN_SINK_M_S + more_s
 

@@ -110,7 +110,7 @@ def test_v_and_its_decrease_are_with_what_observer_and_law_disagree_in(
 
 
 def test_what_noise_adds_follows_its_intensity() -> None:
-    """By steady gains of a Butterworth filter, w = (q²/i)^(1/8): three axes, half the curvature."""
+    """A Butterworth filter's steady gains, w = (q²/i)^(1/8): three axes, half the curvature."""
     law = Gains(sigma_slope=2.0, k2=1.5, rho_slope=0.5, wind_rate_noise=3.0)
     intensity = 0.002**2 * 0.01
     w = (3.0**2 / intensity) ** 0.125

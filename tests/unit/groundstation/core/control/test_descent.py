@@ -130,7 +130,7 @@ def test_blind_its_motors_stop_no_higher_by_its_model_than_a_fall_of_a_third_of_
     longest_s = blind_descent_limit_s(height_m, climbs_m_s, G)
     descent, sinks_m_s = begin(blind=True), -climbs_m_s
     for n in range(math.ceil(longest_s / PERIOD_S)):
-        shares = lifts(descent, estimate(PERIOD_S * n, sinks_m_s=sinks_m_s))
-        sinks_m_s += PERIOD_S * G * (1.0 - shares)
+        share = lifts(descent, estimate(PERIOD_S * n, sinks_m_s=sinks_m_s))
+        sinks_m_s += PERIOD_S * G * (1.0 - share)
         height_m -= PERIOD_S * sinks_m_s
     assert height_m < 0.33

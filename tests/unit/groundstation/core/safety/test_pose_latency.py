@@ -23,7 +23,7 @@ def true(time_s: float, strength: float) -> tuple[Quat, tuple[float, float, floa
 def found(
     late_s: float, *, strength: float = 0.1, askew: Quat = so3.IDENTITY, seconds: float = 15.0
 ) -> float | None:
-    """What is found of poses at 50 Hz stamped ``late_s`` too late, and attitudes at 20 Hz."""
+    """Latency of poses at 50 Hz stamped ``late_s`` too late, by attitudes at 20 Hz."""
     latency, rng = PoseLatency(), np.random.default_rng(1)
     told = 0
     for k in range(round(50 * seconds)):
@@ -74,7 +74,7 @@ def test_a_gap_and_a_clock_that_jumps_are_no_latency() -> None:
 def answered(
     late_s: float, *, seconds: float = 15.0, hz: int = 50, askew: Quat = so3.IDENTITY
 ) -> ResponseLatency:
-    """What is found of poses alone whose turns come ``late_s`` later than the commands' model."""
+    """Latency of poses alone, whose turns come ``late_s`` later than the commands' model."""
     response, rng = ResponseLatency(), np.random.default_rng(1)
     for k in range(1, round(hz * seconds)):
         stamp, dt = k / hz, 1.0 / hz

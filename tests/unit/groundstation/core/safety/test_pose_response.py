@@ -120,7 +120,7 @@ def test_poses_that_show_something_else_are_accused(share: tuple[Pair, Pair]) ->
 def test_a_model_that_is_wrong_by_20_ms_of_lag_accuses_nobody(
     late_s: float, own_m: float, own_rad_s: float, seed: int
 ) -> None:
-    """What is left of the law's own motion widens the error."""
+    """The residual of the law's own motion widens the error."""
     true = ((1.0, 0.0), (0.0, 1.0))
     late = asked(true, seed=seed, own_m=own_m, own_rad_s=own_rad_s, late_s=late_s)
     assert late.tones < 0.5

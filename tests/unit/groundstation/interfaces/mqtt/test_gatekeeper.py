@@ -196,7 +196,7 @@ def test_what_expired_stays_so_even_if_the_clock_is_set_back(desk: Desk) -> None
 
 
 def test_a_request_from_a_clock_ahead_is_not_obeyed_once_its_time_has_come(desk: Desk) -> None:
-    """Who has such a clock is heard again once it is right, though its numbers are smaller then."""
+    """A client with such a clock is heard again once it is right, with smaller numbers."""
     ahead = sealed(10**9, expires_ms=NOW_MS + 3_600_000)
     desk.take(ahead)
     assert desk.take(ahead, wall_ms=NOW_MS + 3_599_000) is None

@@ -54,7 +54,7 @@ def test_a_recording_that_was_cut_off_is_read_up_to_the_cut(flight: Path, tmp_pa
 
 
 def played(steer: Callable[[Playback], None], seconds: float) -> list[News]:
-    """What a playback of 60 s brings in so many seconds, steered first, in virtual time."""
+    """Snapshots of a playback of 60 s in so many seconds, steered first, in virtual time."""
 
     async def listen() -> list[News]:
         playback = Playback(HELLO, [sample(0.1 * i) for i in range(601)])
