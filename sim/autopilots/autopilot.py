@@ -537,9 +537,8 @@ class SimulatedAutopilot(Dialect):
         self.armed = False
         self.failsafe = False
         """True while it says that it acts because set-points stopped."""
-        self.battery: tuple[float, float] | None = None
-        """Its voltage [V] and charge [0..1], told by SYS_STATUS; None where it has no way to
-        measure them."""
+        self.battery_share: float | None = None
+        """Charge of its battery [0..1], told by SYS_STATUS; None where it can't measure it."""
         self.lacks = ""
         self.has_estimate = True
         """False while its estimator knows no position yet, as for some 40 s after a boot: it tells
@@ -763,16 +762,12 @@ class SimulatedAutopilot(Dialect):
         return d.MAVLink_autopilot_version_message(0, FIRMWARE, 0, 0, 0, *commits, 0, 0, self.uid)
 
     def _sys_status(self, now_s: float) -> Message:
-        d, battery = self.codec.dialect, self.battery
+        d, share = self.codec.dialect, self.battery_share
         told = d.MAV_SYS_STATUS_PREARM_CHECK if self.tells_prearm_enabled else 0
         health = d.MAV_SYS_STATUS_PREARM_CHECK if self.armed or self._passes_checks(now_s) else 0
-        millivolts, percent = (
-            (0xFFFF, -1)
-            if battery is None
-            else (round(1e3 * battery[0]), round(100.0 * battery[1]))
-        )
+        percent = -1 if share is None else round(100.0 * share)
         return d.MAVLink_sys_status_message(
-            told, told, health, 0, millivolts, -1, percent, 0, 0, 0, 0, 0, 0
+            told, told, health, 0, 0xFFFF, -1, percent, 0, 0, 0, 0, 0, 0
         )
 
     def _rc_channels(self, boot_s: float) -> Message:

@@ -27,7 +27,7 @@ from groundstation.lab import DoctorOrders, run_doctor
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit
 from groundstation.settings import Config
-from links.mavlink.protocol import MavCommand, MavlinkCodec
+from links.mavlink.protocol import MavCommand, MavlinkCodec, load_dialect
 from sim.autopilots import Airworthy, Make, Px4, make_ardupilot, make_px4
 from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
@@ -207,8 +207,6 @@ IDLES = 0.12
 """Mean motor output of rotors that lift nothing [-]."""
 WATCHED_S = 20.0
 """Time that the world goes on after a strike [s]."""
-ODOMETRY_NUMBER = bytes((0x4B, 0x01, 0x00))
-"""Message number of ODOMETRY, low byte first: it forwards poses."""
 LATE_S = 0.2
 """Extra delay of late poses [s]."""
 STOPPED_S = 1.5
@@ -235,8 +233,9 @@ async def interrupt(scene: Scene) -> None:
 
 
 async def stop_forwarding(scene: Scene) -> None:
-    """No pose reaches the autopilot any more; commands do."""
-    known(scene.stage.onboard).passes = lambda datagram: datagram[7:10] != ODOMETRY_NUMBER
+    """No pose reaches the autopilot any more; commands do. ODOMETRY forwards poses."""
+    odometry = load_dialect().MAVLINK_MSG_ID_ODOMETRY.to_bytes(3, "little")
+    known(scene.stage.onboard).passes = lambda datagram: datagram[7:10] != odometry
 
 
 def _loop() -> SuspendableLoop:

@@ -67,12 +67,8 @@ FIGURE_S = 5.0
 """Duration of the figure where nothing ends it early [s]."""
 NEAR = ("trajectory.centre_ned=[0.093,-1.507,0]",)
 """The figure begins 1 m above the place at which the scenario's vehicle holds: a short way."""
-DESCENT_AFTER_S = 1.0
-"""The failsafe descent is asked for after so long on the figure [s]."""
-MOVES_AFTER_S = 0.5
-"""A point is asked for so long after the begin of a hold, and so is the way back [s]."""
 MOVES_BY = (0.9, 0.6, -0.3)
-"""Where that point is from where it holds [m, NED]."""
+"""Point that is asked for, from where it holds [m, NED]."""
 LOOK_S = 0.005
 """Period at which the moment of the strike is looked for [s]."""
 HONEST_FIGURE_S = 9.0
@@ -374,15 +370,16 @@ class DeckFlight:
     async def _wait_for(self, moment: Moment) -> None:
         """Wait for ``moment``, and judge from then on.
 
-        A point to go to, or a failsafe descent, is asked for: no flight comes to it by itself.
+        A point to go to (at the moment *hold*), or a failsafe descent (at *tracking*), is asked
+        for: no flight comes to it by itself.
         """
         flight, moves = self.flight, self._moves
         while True:
             if moves.state is State.TRACKING and flight.started_s is not None:
                 moves.since_s = flight.started_s  # the figure, not the way onto it
-            if moment.state is State.DESCENT and moves.lasts(State.TRACKING, DESCENT_AFTER_S):
+            if moment.state is State.DESCENT and MOMENTS["tracking"].has_lasted(moves):
                 flight.ask(Request(Ask.DESCEND, "the deck"))
-            if moment.state is State.MOVING and moves.lasts(State.HOLD, MOVES_AFTER_S):
+            if moment.state is State.MOVING and MOMENTS["hold"].has_lasted(moves):
                 place = self._find_place()
                 point = Waypoint(*(here + by for here, by in zip(place, MOVES_BY, strict=True)))
                 flight.ask(Request(Ask.GOTO, "the deck", (point,)))
@@ -396,7 +393,7 @@ class DeckFlight:
         """Ask for the way back from the point that was asked for: a flight holds there."""
         while True:
             await asyncio.sleep(LOOK_S)
-            if self._moves.lasts(State.HOLD, MOVES_AFTER_S):
+            if MOMENTS["hold"].has_lasted(self._moves):
                 self.flight.ask(Request(Ask.RETURN, "the deck"))
                 return
 

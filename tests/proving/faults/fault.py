@@ -232,9 +232,13 @@ class Moment(NamedTuple):
     climbed_m: float = -math.inf
     """Least height above the floor [m]."""
 
+    def has_lasted(self, moves: Moves) -> bool:
+        """Whether a flight with ``moves`` has been in its state for as long."""
+        return moves.lasts(self.state, self.after_s)
+
     def is_now(self, moves: Moves, height_m: float) -> bool:
         """Whether it has come for a flight with ``moves``, ``height_m`` above the floor [m]."""
-        return height_m >= self.climbed_m and moves.lasts(self.state, self.after_s)
+        return height_m >= self.climbed_m and self.has_lasted(moves)
 
 
 MOMENTS = {

@@ -31,18 +31,12 @@ from tests.proving.faults.pictures import Picture, Way, late
 
 SAG_STEP_S = 0.1
 """Time between the steps of a battery's collapse [s]."""
-FULL_V = 3.9
-"""Cell voltage before that collapse [V]."""
-EMPTY_V = 3.1
-"""Cell voltage after it [V]."""
 GUST_M_S2 = (3.0, 2.0, 1.0)
 """Acceleration by a gust, NED [m/s²]."""
 TURN_PER_SEED_RAD = math.radians(137.5)
 """Angle from one seed's disturbances to the next one's: no two of some seeds are alike [rad]."""
 GRASP_PER_S2 = 400.0
 """Stiffness of a hand, for the vehicle's mass [1/s²]."""
-GRASP_MOST_M_S2 = 60.0
-"""Strongest pull of a hand, for the vehicle's mass [m/s²]."""
 STEP_S = 0.01
 """Step of what moves a vehicle, or its heading, little by little [s]."""
 TETHER_PER_S2 = 40.0
@@ -211,7 +205,7 @@ async def sag(scene: Scene, to_share: float, within_s: float) -> None:
     for step in range(1, steps + 1):
         share = 1.0 - step / steps
         scene.stage.plant.weaken(scene.now_s, to_share + (1.0 - to_share) * share)
-        scene.stage.autopilot.battery = EMPTY_V + (FULL_V - EMPTY_V) * share, share
+        scene.stage.autopilot.battery_share = share
         await asyncio.sleep(SAG_STEP_S)
 
 
@@ -267,12 +261,10 @@ async def grasp(scene: Scene, for_s: float) -> None:
     place = scene.stage.plant.truth(scene.now_s).position_ned
 
     def pull(body: Body) -> Vec3:
-        force = [
+        north, east, down = (
             GRASP_PER_S2 * (there - here) - damping_per_s * speed
             for there, here, speed in zip(place, body.position, body.velocity, strict=True)
-        ]
-        share = min(1.0, GRASP_MOST_M_S2 / max(math.hypot(*force), GRASP_MOST_M_S2))
-        north, east, down = (share * one for one in force)
+        )
         return north, east, down
 
     scene.stage.plant.pull = pull

@@ -207,8 +207,6 @@ KNOWN = MotionLimits(up_m=2.0, aside_m=5.0, speed_m_s=4.5)
 """Limits of those."""
 SPOOL_M = 0.8
 """Highest without a lift-off that is seen: thrust rises, and then the motors stop [m]."""
-SPOOL_M_S = 3.0
-"""Fastest touchdown from there [m/s]."""
 TOUCHDOWN_M_S = 1.0
 """Fastest touchdown where the height is believed, or an autopilot flies [m/s]."""
 RATES_TOUCHDOWN_M_S = 2.5
@@ -251,7 +249,7 @@ LIMITS = (
     f"{KNOWN.speed_m_s:g} m/s",
     f"leans: {TILT_DEG:g}°",
     "meets the floor; behind a radio where the height failed; without a lift-off that was seen: "
-    f"{TOUCHDOWN_M_S:g}; {RATES_TOUCHDOWN_M_S:g}; {SPOOL_M_S:g} m/s",
+    f"{TOUCHDOWN_M_S:g}; {RATES_TOUCHDOWN_M_S:g}; {STRICT.speed_m_s:g} m/s",
     f"thrust in an open-loop descent, and above what hovers in all: {MOST_SHARE:g}x what hovers, "
     f"{OVER_HOVER_S:g} s",
     f"commands lift after the answer: height / {LIFT_SINK_M_S:g} m/s + {LIFT_MORE_S:g} s",
@@ -493,11 +491,14 @@ def _unseen(state: str, truth: Truth) -> bool:
 def _measure_touchdown(
     fault: Fault, state: str, seen: Observations, touchdown_m_s: float
 ) -> Measure:
-    """Return the touchdown: harder where neither height nor an attitude loop is left."""
+    """Return the touchdown: harder where neither height nor an attitude loop is left.
+
+    Without a lift-off that is seen the motors only stop: no more than its speed is limited.
+    """
     doubted = not seen.height_believed or any(after in NO_HEIGHT for _, after, _ in seen.answers)
     most = TOUCHDOWN_M_S
     if _unseen(state, seen.truth):
-        most = SPOOL_M_S
+        most = STRICT.speed_m_s
     elif fault.link != "mavlink" and fault.poses is not Poses.TRUE and doubted:
         most = RATES_TOUCHDOWN_M_S
     return Measure(touchdown_m_s / most, f"it met the floor at {touchdown_m_s:.2f} m/s")
