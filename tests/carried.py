@@ -10,6 +10,8 @@ from groundstation.lab.pose_stream import Carry, Sample
 from links.core import Attitude
 from sim.world import HOLD_S, MOVE_S, make_hand
 
+START: tuple[Vec3, Quat] = ((0.7, -0.4, -0.1), so3.IDENTITY)
+"""Place [m, NED] and attitude in which a vehicle stands before it is carried."""
 Measure = Callable[[Vec3, Quat], tuple[Vec3, Quat]]
 """What a tracker says of a true pose, NED and FRD."""
 
@@ -29,7 +31,7 @@ def carried(
 ) -> tuple[Carry, list[Attitude]]:
     """Moves by a 50 Hz tracker, stamped ``late_s`` late, and attitudes at 100 Hz."""
     draw = random.Random(seed + 1)
-    at, carry, attitudes = make_hand(seed, moves=moves), Carry(), []
+    at, carry, attitudes = make_hand(seed, *START, moves), Carry(), []
     turn = so3.from_euler_zyx(0.0, 0.0, math.radians(30.0))
 
     def noisy(q: Quat) -> Quat:

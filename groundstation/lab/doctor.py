@@ -20,7 +20,7 @@ import msgspec
 from groundstation.config import ConfigError, parse_number, refuse_io
 from groundstation.core.messages import notice
 from groundstation.lab.doctor_advice import (
-    AUX_CHANNELS,
+    FLIGHT_CHANNELS,
     RATE_MOST_DEG_S,
     RATE_UNIT_DEG_S,
     Advice,
@@ -229,10 +229,10 @@ def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
         if rate % RATE_UNIT_DEG_S or rate > RATE_MOST_DEG_S:
             raise ValueError(notice("doctor.full_rate", axis=axis, rate_deg_s=rate))
     arm = link.map.arm
-    if arm is None or arm.channel < 5:
+    if arm is None or arm.channel <= FLIGHT_CHANNELS:
         raise ValueError(notice("doctor.arm_channel"))
-    count = link.codec().channels
-    meets = dict.fromkeys(range(5, 5 + AUX_CHANNELS), (1500.0, 1500.0))
+    aux = range(FLIGHT_CHANNELS + 1, link.codec().channels + 1)
+    meets = dict.fromkeys(aux, (1500.0, 1500.0))
     for fixed in link.map.fixed:
         meets[fixed.channel] = (1500.0 + half_us * fixed.position,) * 2
     for moved in (link.map.thrust, *sticks.values(), link.map.throttle_copy, arm):
@@ -253,8 +253,8 @@ def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
         ),
         throttle_low=link.map.thrust.low,
         own_curve=own_curve,
-        arm=(arm.channel - 5, armed_us, disarmed_us),
-        aux_us=tuple(meets[channel] for channel in range(5, min(count, 4 + AUX_CHANNELS) + 1)),
+        arm=(arm.channel - aux.start, armed_us, disarmed_us),
+        aux_us=tuple(meets[channel] for channel in aux),
     )
 
 

@@ -591,8 +591,6 @@ def _advise_delay(facts: VehicleFacts) -> Advice:
 
 FLIGHT_CHANNELS = 4
 """Channels of sticks and throttle of a Betaflight."""
-AUX_CHANNELS = 12
-"""Channels of a Betaflight beside these."""
 EMPTY_SLOT = "0 0 900 900 0 0"
 """Row that assigns no mode."""
 ARM_MODE = 0

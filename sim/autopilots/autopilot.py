@@ -302,25 +302,19 @@ class HoldAttitude:
 
 
 class Climb:
-    """Keep a vertical speed; turn as told, or level out."""
+    """Level out, and keep a vertical speed."""
 
-    def __init__(
-        self, hover: float, climb_m_s: float, rates_rad_s: Vec3 | None, begin_s: float
-    ) -> None:
-        """``hover`` is the thrust 0..1 that about holds the vehicle (PX4: MPC_THR_HOVER).
-
-        No rates: level out.
-        """
+    def __init__(self, hover: float, climb_m_s: float, begin_s: float) -> None:
+        """``hover`` is the thrust 0..1 that about holds the vehicle (PX4: MPC_THR_HOVER)."""
         self._hover = hover
         self._climb = climb_m_s
-        self._rates = rates_rad_s
         self._time_s = begin_s
         self._integral = 0.0
 
     def fly(self, truth: TrueState) -> tuple[float, Vec3]:
-        """Thrust towards the vertical speed, and the rates."""
+        """Thrust towards the vertical speed, and the rates to level."""
         elapsed, self._time_s = truth.time_s - self._time_s, truth.time_s
-        if truth.on_ground and self._climb <= 0.0:
+        if truth.on_ground:
             return 0.0, (0.0, 0.0, 0.0)
         too_fast = truth.velocity_ned[2] + self._climb
         integral = self._integral + SPEED_INTEGRAL_GAIN * too_fast * elapsed
@@ -329,7 +323,7 @@ class Climb:
         down = so3.to_body(truth.attitude, (0.0, 0.0, 1.0))
         thrust = self._hover * (1.0 + upward / GRAVITY) / max(down[2], 0.5)
         level = (-ATTITUDE_GAIN * down[1], ATTITUDE_GAIN * down[0], 0.0)
-        return min(max(thrust, 0.0), 1.0), level if self._rates is None else self._rates
+        return min(max(thrust, 0.0), 1.0), level
 
 
 class Descend(Climb):
@@ -337,7 +331,7 @@ class Descend(Climb):
 
     def __init__(self, hover: float, begin_s: float, *, brakes: bool = False) -> None:
         """``hover``: see the base; one that ``brakes`` knows its speed, and leans against it."""
-        super().__init__(hover, -DESCENT_M_S, None, begin_s)
+        super().__init__(hover, -DESCENT_M_S, begin_s)
         self._brakes = brakes
 
     def fly(self, truth: TrueState) -> tuple[float, Vec3]:

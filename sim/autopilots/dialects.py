@@ -7,9 +7,8 @@ ArduCopter:
   needed to arm.
 - GUIDED needs a position: with EK3_SRC1_POSXY 0 (none) it is refused, in the words of the
   firmware's sources.
-- Thrust means thrust only where GUID_OPTIONS has bit 3 set; else it is a climb rate, 0.5 being
-  none.
-- ATC_ANGLE_BOOST raises the thrust of a leaning vehicle by 1 / cos(lean).
+- Thrust means thrust, of a leaning vehicle too: with other GUID_OPTIONS, or with ATC_ANGLE_BOOST,
+  our link does not arm it.
 - A set-point without thrust, or with some but not all rates, is no set-point: it hovers where it
   is.
 - Armed, its rotors stand for 2 s and more; then the first thrust above zero spools them up for
@@ -40,8 +39,7 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import ClassVar
 
-from groundstation.core.geometry import so3
-from links.mavlink.protocol import ARDUPILOT, PX4, THRUST_AS_THRUST, MavResult, MavSeverity
+from links.mavlink.protocol import ARDUPILOT, PX4, MavResult, MavSeverity
 from sim.autopilots.autopilot import (
     ARDUPILOT_PARAMETERS,
     PX4_PARAMETERS,
@@ -64,8 +62,6 @@ class CopterMode(IntEnum):
 
 
 FOLLOWING = (CopterMode.GUIDED, CopterMode.GUIDED_NOGPS)
-CLIMB_M_S = 2.5
-"""Climb rate at full thrust where thrust is no thrust [m/s] (WPNAV_SPEED_UP)."""
 SHORTEST_US = 4000.0
 """Shortest interval of a message [µs]."""
 ARMING_DELAY_S = 2.4
@@ -125,15 +121,12 @@ class ArduPilotAutopilot(SimulatedAutopilot):
             or (all(masked) and attitude is None)
         ):
             self._setpoint_s = math.inf  # no set-point that could stop
-            self._fly_by(Climb(self._hover, 0.0, None, now_s), now_s)
-        elif int(self.parameters["GUID_OPTIONS"]) & THRUST_AS_THRUST:
-            thrust = self._boost_thrust(min(max(set_point.thrust, 0.0), 1.0), now_s)
+            self._fly_by(Climb(self._hover, 0.0, now_s), now_s)
+        else:
+            thrust = min(max(set_point.thrust, 0.0), 1.0)
             self._fly_by(HoldAttitude(attitude, thrust) if attitude is not None else None, now_s)
             if self._pilot is None:
                 self._airframe.act(now_s, thrust, rates_or_zero(set_point))
-        else:
-            climb_m_s = 2.0 * CLIMB_M_S * (min(max(set_point.thrust, 0.0), 1.0) - 0.5)
-            self._fly_by(Climb(self._hover, climb_m_s, rates_or_zero(set_point), now_s), now_s)
         self._airframe.release(now_s)
         self._has_flown = self._has_flown or not self._airframe.truth(now_s).on_ground
         return []
@@ -149,12 +142,6 @@ class ArduPilotAutopilot(SimulatedAutopilot):
             self._spooled_s = now_s + (self.parameters["MOT_SPOOL_TIME"] if stands else 0.0)
         return now_s >= self._spooled_s
 
-    def _boost_thrust(self, thrust: float, now_s: float) -> float:
-        if not self.parameters["ATC_ANGLE_BOOST"]:
-            return thrust
-        upright = so3.third_column(self._airframe.truth(now_s).attitude)[2]
-        return min(thrust / max(upright, 0.1), 1.0)
-
     @property
     def _silence_due_s(self) -> float:
         if not self.armed or self.mode not in FOLLOWING or self._levelling:
@@ -163,7 +150,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
 
     def _fall_silent(self, now_s: float) -> list[bytes]:
         self._levelling = True
-        self._fly_by(Climb(self._hover, 0.0, None, now_s), now_s)
+        self._fly_by(Climb(self._hover, 0.0, now_s), now_s)
         return []
 
     # ---- commands

@@ -490,7 +490,6 @@ class PulseReceiver(Receiver):
         give: Callable[[Sequence[float] | None], None],
         config: RfLinkConfig,
         *,
-        failsafe: Failsafe = "cut",
         lose: Callable[[], bool] = lambda: False,
     ) -> None:
         """``give`` takes the pulses of all channels [µs] with each frame, and None where there are
@@ -498,7 +497,7 @@ class PulseReceiver(Receiver):
         """
         super().__init__(config, lose=lose)
         self._give = give
-        self.failsafe_gives = failsafe
+        self.failsafe_gives: Failsafe = "cut"
         """Output once frames have stopped; may be changed in flight."""
         self._half_us, _ = describe_pulses(config)
         self._count = config.codec().channels

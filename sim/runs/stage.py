@@ -243,7 +243,7 @@ class Stage:
                 return
             print("the hand carries it", flush=True)
             began, now = loop.time(), plant.truth(loop.time())
-            at = make_hand(seed, start=(now.position_ned, now.attitude))
+            at = make_hand(seed, now.position_ned, now.attitude)
 
             def lead(time_s: float, thrust: float) -> Body:
                 place, attitude, rates = at(time_s - began)

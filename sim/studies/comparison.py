@@ -578,9 +578,8 @@ class EqualTerms:
     What does not beat the best so far is not put to the floors, as it can't win.
     """
 
-    def __init__(self, best_cm: float = math.inf) -> None:
-        """``best_cm``: the cost to beat."""
-        self._best = best_cm
+    def __init__(self) -> None:
+        self._best = math.inf
 
     def __call__(
         self, search: Search, gains: dict[str, float], flyers: Flyers, number: int

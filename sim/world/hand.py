@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.lab import MOVES, CarryMove
 
-START: tuple[Vec3, Quat] = ((0.7, -0.4, -0.1), so3.IDENTITY)
-"""Where it stands where nobody says."""
 MOVE_S = 1.6
 """Duration of one move [s]."""
 HOLD_S = 1.2
@@ -22,19 +20,14 @@ RATES_BASE_S = 0.01
 
 
 def make_hand(
-    seed: int,
-    *,
-    start: tuple[Vec3, Quat] = START,
-    moves: Sequence[CarryMove] = MOVES,
-    nose_deg: float = 0.0,
+    seed: int, place: Vec3, attitude: Quat, moves: Sequence[CarryMove] = MOVES
 ) -> Callable[[float], tuple[Vec3, Quat, Vec3]]:
     """The true place, attitude and body rates [rad/s] at a time [s].
 
-    It makes the ``moves``, some 8 degrees and a tenth beside what is shown.
+    From ``place`` [m, NED] and ``attitude`` it makes the ``moves``, some 8 degrees and a tenth
+    beside what is shown.
     """
     draw = random.Random(seed)
-    place = start[0]
-    attitude = so3.multiply(start[1], so3.from_euler_zyx(0.0, 0.0, math.radians(nose_deg)))
     stops = [(place, attitude)]
     for move in moves:
         x, y, z = (part + draw.gauss(0.0, 0.08) for part in move.axis)

@@ -22,6 +22,7 @@ from sim.time import VirtualTimeLoop
 from sim.trackers import TrackedBody, make_tracker
 from sim.world import TrueState, make_hand
 from tests.airframe_double import Brick
+from tests.carried import START
 from tests.known import known
 from tests.loops import in_virtual_time
 
@@ -48,7 +49,7 @@ class Hand(Brick):
 
     def __init__(self, seed: int) -> None:
         super().__init__(1.0, held=True)
-        self._at = make_hand(seed)
+        self._at = make_hand(seed, *START)
 
     def truth(self, time_s: float) -> TrueState:
         place, attitude, rates = self._at(max(time_s - 1.0, 0.0))

@@ -1,7 +1,5 @@
 """``compare --equal-margins``: who may win a search, and what is flown again of it."""
 
-import math
-
 import pytest
 
 from groundstation.core.control.controllers import Pid
@@ -34,13 +32,9 @@ def search() -> Search:
     return module._search(LAW)
 
 
-def judged(
-    position: float, velocity: float, best_cm: float = math.inf
-) -> tuple[TuningTrial, Judges]:
-    judges = Judges()
-    return EqualTerms(best_cm)(
-        search(), {"p_position": position, "p_velocity": velocity}, judges, 1
-    ), judges
+def judged(position: float, velocity: float) -> TuningTrial:
+    gains = {"p_position": position, "p_velocity": velocity}
+    return EqualTerms()(search(), gains, Judges(), 1)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +48,7 @@ def judged(
 def test_what_breaks_a_floor_never_wins_and_says_which(
     position: float, velocity: float, why: str
 ) -> None:
-    trial, _ = judged(position, velocity)
+    trial = judged(position, velocity)
     assert trial.broken == [why]
     assert trial.cost >= CRASH_CM
 

@@ -32,7 +32,6 @@ from links.mavlink.protocol.odometry_codec import Odometry, odometry, origin
 from links.mavlink.protocol.procedures import (
     MULTIROTORS,
     STREAM_S,
-    THRUST_AS_THRUST,
     WHOLE_BITS,
     AskMode,
     AutopilotAddress,

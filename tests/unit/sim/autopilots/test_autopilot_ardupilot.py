@@ -1,7 +1,5 @@
 """sim/autopilots/dialects.py behaves towards a ground station as ArduCopter does."""
 
-import math
-
 import pytest
 
 from groundstation.core.geometry import so3
@@ -14,10 +12,8 @@ from tests.unit.links.mavlink.test_mavlink_autopilot import PERIOD_S, Flight
 class CopterFlight(Flight):
     """Flight of a simulated ArduCopter."""
 
-    def __init__(self, airframe: Brick | None = None, **parameters: float) -> None:
-        super().__init__(
-            airframe or Brick(5.0, held=True), ArduPilotAutopilot, parameters=parameters
-        )
+    def __init__(self, airframe: Brick | None = None) -> None:
+        super().__init__(airframe or Brick(5.0, held=True), ArduPilotAutopilot, parameters={})
 
     def masked(self, mask: int, thrust: float = 0.5) -> None:
         target = self.codec.dialect.MAVLink_set_attitude_target_message
@@ -43,20 +39,6 @@ def test_it_arms_in_guided_without_a_stream_and_nowhere_else() -> None:
     assert flight.command(MavCommand.ARM_DISARM, 1.0) == 4
     assert "not armable" in flight.words
     flight.arm()
-
-
-@pytest.mark.parametrize(("thrust", "climb_m_s"), [(0.5, 0.0), (0.7, 1.0), (0.3, -1.0)])
-def test_without_the_option_thrust_is_a_climb_rate(thrust: float, climb_m_s: float) -> None:
-    flight = CopterFlight(Brick(20.0, held=True), GUID_OPTIONS=0.0).arm()
-    flight.stream(3.0, thrust)
-    assert flight.climb_m_s() == pytest.approx(climb_m_s, abs=0.1)
-
-
-def test_angle_boost_raises_the_thrust_of_a_leaning_vehicle() -> None:
-    flight = CopterFlight(ATC_ANGLE_BOOST=1.0).arm()
-    flight.airframe.attitude = so3.from_euler_zyx(math.radians(60.0), 0.0, 0.0)
-    flight.stream(PERIOD_S, 0.3)
-    assert flight.airframe.acts[-1][1] == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize("mask", [128 + 64, 128 + 1, 128 + 6, 128 + 7])

@@ -16,7 +16,8 @@ first."""
 class Pulses:
     def __init__(self, config: RfLinkConfig, failsafe: Failsafe = "cut") -> None:
         self.given: list[Sequence[float] | None] = []
-        self.receiver = PulseReceiver(self.given.append, config, failsafe=failsafe)
+        self.receiver = PulseReceiver(self.given.append, config)
+        self.receiver.failsafe_gives = failsafe
 
 
 def crsf_of(counts: Sequence[int]) -> bytes:
