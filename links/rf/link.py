@@ -462,7 +462,7 @@ class PacedLink:
         if report is not None:
             self._feel(report.telemetry)
         # A report from before the newest arming says nothing about it.
-        if report is None or (report.arming == self._arming and report.over):
+        if report is None or (report.arming == self._arming and (report.over or report.port)):
             ends = self._deadman.stop
         elif self._heard.why_lost() or (report.arming == self._arming and report.deaf):
             ends = self._deadman.hold

@@ -173,6 +173,9 @@ REPORT_S = 0.2
 """Longest time between two reports [s]."""
 STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""
+STUCK_S = 0.25
+"""A port that has taken nothing for this long counts as lost until it takes a frame [s]: the newest
+command is then past its deadline, and a shorter pause is flown through. As a wire of MAVLink."""
 REOPEN_S = 0.1
 """Wait before a port is opened again [s]: no frames leave meanwhile."""
 TELEMETRY_MAX_AGE_S = 5.0
@@ -243,9 +246,16 @@ class KeptPort:
         self.port = port
         self.why_closed = "not opened yet"
         """Why it can't be used; empty where it can."""
+        self._why_stuck = ""
+        self._stuck_since_s = math.inf
         self.fresh = False
         """True from its opening until the first frame has left."""
         self._reopen_s = now_s
+
+    @property
+    def why_silent(self) -> str:
+        """Why nothing leaves: it can't be used, or takes nothing; empty where frames do."""
+        return self.why_closed or self._why_stuck
 
     def reopen(self, now_s: float) -> bool:
         """Open it where that is due; whether it was opened."""
@@ -258,7 +268,27 @@ class KeptPort:
             self._reopen_s = now_s + REOPEN_S
             return False
         self.why_closed, self.fresh = "", True
+        self._unstick()
         return True
+
+    def write(self, frame: bytes, now_s: float) -> bool:
+        """Send one frame; False, with nothing sent, where earlier bytes still wait.
+
+        Raises:
+            OSError: the port is gone.
+        """
+        left = self.port.write(frame)
+        self.fresh = False
+        if left:
+            self._unstick()
+        else:
+            self._stuck_since_s = min(self._stuck_since_s, now_s)
+            if now_s - self._stuck_since_s > STUCK_S:
+                self._why_stuck = link_notice("module.port_stuck").text
+        return left
+
+    def _unstick(self) -> None:
+        self._why_stuck, self._stuck_since_s = "", math.inf
 
     def lose(self, error: OSError, now_s: float) -> None:
         """Close the port, which is gone, and wait before it is opened again."""
@@ -339,7 +369,7 @@ class FramePacer:
         self._frame = b""
         self._due_s = self._made_s = now_s
         self._heir = ""
-        self._tell_s, self._told = now_s, (0, True, False)
+        self._tell_s, self._told = now_s, (0, True, False, False)
         self._port = KeptPort(port, now_s)
         self._reopen(now_s)
 
@@ -432,11 +462,10 @@ class FramePacer:
         if kept.why_closed:
             return
         try:
-            left = kept.port.write(self._frame)
+            left = kept.write(self._frame, now_s)
         except OSError as error:
             self._lose(error, now_s)
             return
-        kept.fresh = False
         if left:
             counts.frames += 1
             counts.repeated += self._says is not None and self._says is self._said
@@ -483,13 +512,14 @@ class FramePacer:
         """Whether a report is due: after each arming, when all is over, and every so often."""
         return now_s >= self._tell_s or self._told != self._stands(now_s)
 
-    def _stands(self, now_s: float) -> tuple[int, bool, bool]:
+    def _stands(self, now_s: float) -> tuple[int, bool, bool, bool]:
         """Number of the arming.
 
-        Whether nothing lifts any more; and whether commands of it come that count no more.
+        Whether nothing lifts any more; whether commands of it come that count no more; and whether
+        the port takes nothing.
         """
-        over = self._deadman.phase(now_s) is Phase.OVER
-        return self._arming.number, over, self._arming.deaf and not over
+        over, deaf = self._deadman.phase(now_s) is Phase.OVER, self._arming.deaf
+        return self._arming.number, over, deaf and not over, bool(self._port.why_silent)
 
     def _obeys(self, seen_s: float) -> bool:
         """Whether a command that is fresh could still count, by what was last seen to leave."""
@@ -509,7 +539,7 @@ class FramePacer:
     ) -> PacerReport:
         """The pacer as it is now."""
         self._tell_s, self._told = now_s + REPORT_S, self._stands(now_s)
-        arming, over, deaf = self._told
+        arming, over, deaf, _ = self._told
         counts, downlink = self._counts, self._downlink
         return PacerReport(
             now_s=now_s,
@@ -520,7 +550,7 @@ class FramePacer:
             lost=counts.lost,
             repeated=counts.repeated,
             refused=self._deadman.refused,
-            port=self._port.why_closed,
+            port=self._port.why_silent,
             received=downlink.received,
             dropped={**counts.errors, **downlink.decoder.dropped},
             late_us=self._lateness.percentiles_us(),

@@ -315,6 +315,11 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
         "the module's port is gone ({why})",
         "check the module's cable and supply",
     ),
+    NoticeTemplate(
+        "module.port_stuck",
+        "the module's port takes nothing any more",
+        "check the module's cable and supply, and its adapter",
+    ),
     # Flight controllers with Betaflight, by their own port.
     NoticeTemplate("board.other_firmware", "{port}: expected Betaflight, this is {found!r}"),
     NoticeTemplate(

@@ -153,6 +153,18 @@ def test_how_late_frames_left_and_which_were_left_out_is_counted() -> None:
     assert bench.pacer.report(bench.now).lost == 2, "without a port nothing was due"
 
 
+def test_a_port_that_takes_nothing_is_told_until_it_takes_a_frame_and_then_brings_down() -> None:
+    bench = flying()
+    bench.port.stuck = True
+    bench.flown(0.2)
+    assert not bench.pacer.report(bench.now).port
+    bench.flown(0.1)
+    assert "takes nothing" in bench.pacer.report(bench.now).port
+    bench.port.stuck = False
+    assert lifting(bench.frame())
+    assert not bench.pacer.report(bench.now).port
+
+
 def test_disarm_frames_leave_from_the_first_frame_on() -> None:
     bench = Bench()
     assert all(map(is_disarm, bench.flown(1.0)))
