@@ -21,7 +21,7 @@ from sim.studies.campaign.campaign import Folder, command, draw_world, fields, o
 from tests.e2e.stations import run_here
 from tests.flight.flights import campaign_of, ticks_to
 
-DURATION_S = 16.0
+DURATION_S = 16.5
 SEEDS = range(3, 7)
 
 
@@ -61,7 +61,7 @@ def test_an_interrupted_campaign_flies_only_what_is_missing(
 @pytest.mark.parametrize(
     ("other", "key"),
     [
-        (_campaign(duration_s=17.0), "duration_s = 16.0, now it is 17.0"),
+        (_campaign(duration_s=17.0), "duration_s = 16.5, now it is 17.0"),
         (_campaign("controller.kb=0.01"), "told.controller.kb"),
         (_campaign("sim.wind_turbulence=0.3"), "sim.wind_turbulence = 0.2"),
         (_campaign(draws=("mass", "wind")), "drawn.gain = thrust_gain 0.8 to 1.1"),
@@ -156,7 +156,7 @@ NOT_BATCHED = {
 
 
 @pytest.mark.parametrize(("words", "complaint"), [
-    ("--duration 15", "--duration: expected seconds, more than 15 and"),
+    ("--duration 16", "--duration: expected seconds, more than 16 and"),
     ("--set sim.thrust_gain=0.9", "sim.thrust_gain: a campaign draws it"),
     ("--draw losses --set sim.outage_s=0.1", "sim.outage_s: a campaign draws it, from 0 to 0.15"),
     ("--draw mass,luck", "--draw: expected some of ['mass', 'lags'"),
@@ -174,7 +174,9 @@ def test_the_command_prints_one_object_and_says_that_a_kernel_has_no_effect(
     rows: list[CampaignRow], tmp_path: Path
 ) -> None:
     Folder(tmp_path, _campaign().settings()).add(rows)
-    words = f"campaign --first-seed 3 --flights 4 --duration 16 --out {tmp_path} --json --kernel c"
+    words = (
+        f"campaign --first-seed 3 --flights 4 --duration 16.5 --out {tmp_path} --json --kernel c"
+    )
     done = run_here(main, *words.split())
     assert done.returncode == 0
     assert "--kernel has no effect" in done.stderr

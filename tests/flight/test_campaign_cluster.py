@@ -24,7 +24,7 @@ SEEDS = range(3)
 
 def _campaign() -> Campaign:
     world, config = prepare(SCENARIOS["adverse"], [])
-    return Campaign(scenario="adverse", world=world, config=config, duration_s=15.1, overrides=[])
+    return Campaign(scenario="adverse", world=world, config=config, duration_s=16.1, overrides=[])
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_a_scheduler_and_two_workers_fly_the_same_rows_and_the_loss_of_one_worke
                 _campaign(), SEEDS, crew, batch=1, out=tmp_path / "out", on_progress=kill_one
             ) == (rows, 3)
         words = (
-            f"groundstation-sim campaign --flights 3 --duration 15.1 --json --cluster {address} "
+            f"groundstation-sim campaign --flights 3 --duration 16.1 --json --cluster {address} "
             f"--out {tmp_path}/out"
         )
         monkeypatch.setattr("sys.argv", words.split())

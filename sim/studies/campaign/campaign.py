@@ -29,7 +29,7 @@ import numpy as np
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import STEADY_S
+from groundstation.core.messages import LEAST_JUDGED_S
 from groundstation.machine import write_whole
 from groundstation.runtime import require_package
 from groundstation.settings import Config
@@ -314,7 +314,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
                 whatever is set, or too short flights.
         """
         require_batchable(self.world, self.config)
-        check_duration(self.duration_s, STEADY_S)
+        check_duration(self.duration_s, LEAST_JUDGED_S)
         for name in self.draws:
             if name not in DRAWS:
                 raise ConfigError(
