@@ -18,7 +18,7 @@ import shlex
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Mapping
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -207,9 +207,11 @@ def longest_landing_s(config: Config) -> float:
 USER = r"\A[A-Za-z0-9_][A-Za-z0-9_.@-]*\Z"
 """Name or number of a user of the system, or of a domain. systemd also takes ``a b`` and ``"root"``
 as names, and expands ``%``."""
-UNIT_ESCAPES = (("\\", "\\\\"), ("\n", "\\n"), ("%", "%%"), ("$", "$$"))
+UNIT_ESCAPES = (("\\", "\\\\"), ("\n", "\\n"), ("%", "%%"))
 """Characters that systemd reads in another way than a shell within quotes (systemd.service(5),
 "Command lines"), and how they are written."""
+ARGUMENT_ESCAPES = (*UNIT_ESCAPES, ("$", "$$"))
+"""The same of arguments: systemd expands variables in all words but the program's path."""
 
 
 def unit_file(config: Config, path: Path, overrides: list[str], *, user: str) -> str:
@@ -224,19 +226,26 @@ def unit_file(config: Config, path: Path, overrides: list[str], *, user: str) ->
         form = f"a user's name matching {describe_pattern(USER)}"
         raise ConfigError("--user", notice("value.form", form=form, found=user))
     sets = [word for override in overrides for word in ("--set", override)]
-    words = [*_program(), "daemon", str(path.resolve()), *sets]
-    command = shlex.join(words)
-    for letter, escaped in UNIT_ESCAPES:
-        command = command.replace(letter, escaped)
+    program, *arguments = _program()
+    arguments += ["daemon", str(path.resolve()), *sets]
+    words = (_quote(word, ARGUMENT_ESCAPES) for word in arguments)
     landing_s = longest_landing_s(config)
     text = Template((Path(__file__).parent / "groundstation.service").read_text("utf-8"))
     return text.substitute(
         vehicle=config.vehicle.name,
-        command=command,
+        command=" ".join((_quote(program, UNIT_ESCAPES), *words)),
         user=user,
         stop_s=f"{landing_s:.0f}",
         landing_s=f"{landing_s:.0f}",
     )
+
+
+def _quote(word: str, escapes: Iterable[tuple[str, str]]) -> str:
+    """``word`` of a command line as systemd reads it."""
+    quoted = shlex.quote(word)
+    for letter, escaped in escapes:
+        quoted = quoted.replace(letter, escaped)
+    return quoted
 
 
 def _program() -> list[str]:
