@@ -70,12 +70,14 @@ def main() -> None:
         if log is not None:
             log.flush()
             log.sync()
-            is_removed = log.is_removed
+            is_removed, has_ended = log.is_removed, log.has_ended
             log.close()
             if forget:
                 _forget(log.path)
             elif not is_removed:  # else the flight tells its figures, as not recorded
-                _tell_figures(log.path, log.headline)
+                _tell_figures(
+                    log.path, log.headline, "recorded in part" if has_ended else "recorded"
+                )
 
 
 def _forget(path: Path) -> None:
@@ -86,14 +88,18 @@ def _forget(path: Path) -> None:
     _tell(notice("recording.forgotten", name=path.name))
 
 
-def _tell_figures(path: Path, headline: FlightHeadline) -> None:
-    """Tell the figures of a flight that is over, and where its recording is.
+def _tell_figures(path: Path, headline: FlightHeadline, recorded: str) -> None:
+    """Tell the figures of a flight that is over, and where and how far it is ``recorded``.
 
-    What is missing there has been told.
+    Why a part is missing has been told.
     """
     if headline.rms_m is None or headline.max_m is None:
         told = notice(
-            "recording.short", flown_s=headline.flown_s, least_s=LEAST_JUDGED_S, path=path
+            "recording.short",
+            flown_s=headline.flown_s,
+            least_s=LEAST_JUDGED_S,
+            recorded=recorded,
+            path=path,
         )
     else:
         told = notice(
@@ -102,6 +108,7 @@ def _tell_figures(path: Path, headline: FlightHeadline) -> None:
             from_s=STEADY_S,
             rms_cm=100.0 * headline.rms_m,
             max_cm=100.0 * headline.max_m,
+            recorded=recorded,
             path=path,
         )
     _tell(told)

@@ -13,7 +13,7 @@ import msgspec
 from groundstation.core.messages import Say, Sentence, notice
 from groundstation.machine import IdleSlots, RecordingConfig
 from groundstation.recording.records import About, LossRecord, Record
-from links.io import start_child
+from links.io import describe_exit, start_child
 
 PIPE_BYTES = 1 << 20
 """Size of the pipe, where the system allows it: several seconds of flight."""
@@ -201,5 +201,5 @@ class RecorderProcess:
             code = self._process.wait()  # its end of the pipe closes with its last breath
             self._close_out()
             if code:
-                self._say(notice("recording.died", code=code))
+                self._say(notice("recording.died", how=describe_exit(code)))
             self._gone.set_result(None)

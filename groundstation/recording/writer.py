@@ -118,6 +118,11 @@ class LastingFile:
         """Whether nobody can find it any more, while it is open here."""
         return os.fstat(self._fd).st_nlink == 0 and not self._path.exists()
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether an error has ended it."""
+        return not self._alive
+
     def _end(self, error: OSError) -> None:
         """Write nothing more, and tell the operator why."""
         if self._alive:
@@ -232,6 +237,11 @@ class FlightLog:
     def is_removed(self) -> bool:
         """Whether somebody has removed NAME.mcap since it was made."""
         return self._file.is_removed
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether an error has ended NAME.mcap before the flight's end."""
+        return self._file.has_ended
 
     def flush(self) -> None:
         """Write what there is."""

@@ -1,6 +1,6 @@
 """Wires of the links: addresses, datagrams, serial ports, key files, the computer's sleep."""
 
-from links.io.child import make_child_command, open_child, start_child
+from links.io.child import describe_exit, make_child_command, open_child, start_child
 from links.io.key_file import KEY_BYTES, make_key, read_key
 from links.io.network import beyond, format_address, is_loopback, parse_address
 from links.io.wires import (

@@ -1,5 +1,6 @@
 """Child: a process that runs one of our own modules, and how it is started."""
 
+import signal
 import subprocess
 import sys
 
@@ -47,3 +48,11 @@ async def open_child(
     return await asyncio.create_subprocess_exec(
         *make_child_command(module, *words), start_new_session=apart, **wires
     )
+
+
+def describe_exit(code: int) -> str:
+    """Describe how a process ended, by its ``code`` as :class:`subprocess.Popen` has it."""
+    if code >= 0:
+        return f"exit code {code}"
+    named = {number.value: number.name for number in signal.Signals}
+    return named.get(-code, f"signal {-code}")  # real-time signals have no name

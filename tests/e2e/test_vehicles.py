@@ -127,3 +127,13 @@ def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) ->
         station.wait(60)
         wait_until(lambda: not any(Path(f"/proc/{child}").exists() for child in children))
     assert not list(tmp_path.glob("*.sock"))
+
+
+def test_where_a_core_does_not_get_ready_the_others_tell_who_it_is(tmp_path: Path) -> None:
+    file, log = fleet_file(tmp_path), tmp_path / "log"
+    (tmp_path / "bee.sock").mkdir()  # so bee's core has no socket, and ends
+    words = program("groundstation", "fleet", file, "--arm", "ant", "--arm", "bee")
+    with started(words, log) as station:
+        assert station.wait(60) == 1
+    told = "aborted: ended before take-off: nobody is armed: bee did not get ready"
+    assert re.search(rf"ant +\| .* {told}", log.read_text())

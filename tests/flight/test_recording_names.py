@@ -69,7 +69,7 @@ def test_a_flight_ends_with_its_error_figures_and_the_path(
 ) -> None:
     path, _, _ = recorded()
     headline = quick_headline(path)[1]
-    _tell_figures(path, headline)
+    _tell_figures(path, headline, "recorded")
     sentence = json.loads(capfd.readouterr().out)
     told = sentence["text"]
     assert told.endswith(f"recorded in {path}") and sentence["severity"] == "info"

@@ -9,12 +9,12 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "recording.figures",
         "error {rms_cm:.2f} cm RMS, {max_cm:.2f} cm at most, from {from_s:g} s on of "
-        "{flown_s:.1f} s on the trajectory; recorded in {path}",
+        "{flown_s:.1f} s on the trajectory; {recorded} in {path}",
     ),
     NoticeTemplate(
         "recording.short",
         "no error figures, which take {least_s:g} s on the trajectory ({flown_s:.2f} s were "
-        "flown); recorded in {path}",
+        "flown); {recorded} in {path}",
     ),
     NoticeTemplate(
         "recording.none_figures",

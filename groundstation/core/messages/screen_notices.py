@@ -65,7 +65,7 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     # The process behind a dashboard.
     NoticeTemplate("screen.served", "a ground station serves {path} already; to see it: {again}"),
-    NoticeTemplate("screen.core_ended", "it has ended, exit code {code}: {last}"),
+    NoticeTemplate("screen.core_ended", "it has ended ({how}): {last}"),
     NoticeTemplate(
         "screen.begins_anew",
         "the dashboard has failed and begins anew; the ground station goes on as process {pid}",
@@ -118,7 +118,7 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("fleet.no_relay", "the relay did not begin: nothing was started"),
     NoticeTemplate(
         "fleet.relay_ended",
-        "WARNING: the relay has ended ({code}): no vehicle gets poses any more, and their guards "
+        "WARNING: the relay has ended ({how}): no vehicle gets poses any more, and their guards "
         "bring each of them down",
     ),
     NoticeTemplate("fleet.nobody_armed", "nobody is armed: {names} did not get ready"),
@@ -126,7 +126,7 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("fleet.core_early", "{name}: its core has ended before it could fly"),
     NoticeTemplate(
         "fleet.core_died",
-        "{name}: WARNING: its core has died ({signal}) and is not started again: the vehicle "
+        "{name}: WARNING: its core has died ({how}) and is not started again: the vehicle "
         "does what it does when commands stop. The others fly on",
     ),
     NoticeTemplate("fleet.core_ended", "{name}: its core has ended ({code})"),

@@ -88,7 +88,7 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "recording.died",
-            "WARNING: the recorder has died ({code}); the flight goes on and is no longer recorded",
+            "WARNING: the recorder has died ({how}); the flight goes on and is no longer recorded",
         ),
         # The service, its log, and signals.
         NoticeTemplate("log.lost", "{count} log lines were lost: nobody read them"),

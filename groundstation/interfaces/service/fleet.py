@@ -29,7 +29,7 @@ from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
 from groundstation.machine import ApiError, socket_path, write_whole
 from groundstation.runtime import Exit
 from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served
-from links.io import open_child
+from links.io import describe_exit, open_child
 
 AGAIN_S = 0.2
 """Period at which a core without a socket yet is asked again [s]."""
@@ -77,7 +77,7 @@ class Supervisor:
         """The processes, by the vehicle's name."""
         self.relay: asyncio.subprocess.Process | None = None
         """The process that hands poses on, where there is one."""
-        self._passed_on: set[signal.Signals] = set()
+        self._sent: set[signal.Signals] = set()
 
     async def run(self) -> Exit:
         """Run all until each has ended; 0 where every flight went as it was meant to, else 1."""
@@ -129,7 +129,7 @@ class Supervisor:
     async def _watch_relay(self, relay: asyncio.subprocess.Process) -> None:
         code = await self._listen("relay", relay)
         if any(core.returncode is None for core in self.cores.values()):
-            self._say(str(notice("fleet.relay_ended", code=code)))
+            self._say(str(notice("fleet.relay_ended", how=describe_exit(code))))
 
     async def _start_core(
         self, member: Member, folder: Path, held: int
@@ -159,16 +159,19 @@ class Supervisor:
         ends: set[asyncio.Future[Any]] = {all_ready, *watching.values()}
         try:
             await asyncio.wait(ends, timeout=READY_S, return_when=asyncio.FIRST_COMPLETED)
-            late = [
-                name for name, task in ready.items() if not task.done() or watching[name].done()
-            ]
+            ended = [name for name, core in watching.items() if core.done()]
+            late = ended or [name for name, task in ready.items() if not task.done()]
         finally:
             for task in (all_ready, *ready.values()):
                 task.cancel()
         if late:
             if self._arm:
-                self._say(str(notice("fleet.nobody_armed", names=", ".join(late))))
-                self._pass_on(signal.SIGTERM)
+                told = notice("fleet.nobody_armed", names=", ".join(late))
+                self._say(str(told))
+                why = Request(Ask.LAND, told.text)
+                asked = [ask_station(why, name, socket) for name, socket in sockets.items()]
+                await asyncio.gather(*asked, return_exceptions=True)  # not of one without a socket
+                self._send(signal.SIGTERM)
             return
         for name in self._arm:
             refused = await arm_vehicle(name, sockets[name])
@@ -177,11 +180,11 @@ class Supervisor:
 
     async def _watch(self, name: str) -> int:
         code = await self._listen(name, self.cores[name])
-        if -code in self._passed_on:  # in flight it handles every signal that we pass on
+        if -code in self._sent:  # in flight it handles every signal that we send
             self._say(str(notice("fleet.core_early", name=name)))
             return Exit.DONE
         if code < 0:
-            self._say(str(notice("fleet.core_died", name=name, signal=signal.Signals(-code).name)))
+            self._say(str(notice("fleet.core_died", name=name, how=describe_exit(code))))
         else:
             self._say(str(notice("fleet.core_ended", name=name, code=code)))
         return code
@@ -206,18 +209,22 @@ class Supervisor:
             self._say(f"{name:{self._width}} | {text}")
 
     def _pass_on(self, number: signal.Signals) -> None:
-        told = []
         # The same to a core; but while it starts, SIGTERM ends it in silence, and SIGINT with
         # Python's own traceback.
-        sent = signal.SIGTERM if number is signal.SIGINT else number
-        self._passed_on.add(sent)
+        told = self._send(signal.SIGTERM if number is signal.SIGINT else number)
+        names = ", ".join(told) or "nobody: all have ended"
+        self._say(str(notice("fleet.passed_on", signal=number.name, names=names)))
+
+    def _send(self, number: signal.Signals) -> list[str]:
+        """Send ``number`` to every core that lives; the names of their vehicles."""
+        told = []
+        self._sent.add(number)
         for name, core in self.cores.items():
             with suppress(ProcessLookupError):
                 if core.returncode is None:
-                    core.send_signal(sent)
+                    core.send_signal(number)
                     told.append(name)
-        names = ", ".join(told) or "nobody: all have ended"
-        self._say(str(notice("fleet.passed_on", signal=number.name, names=names)))
+        return told
 
 
 async def _python(

@@ -106,7 +106,7 @@ from groundstation.machine import (
 from groundstation.recording import Entry, Recording, refuse_recordings
 from groundstation.settings import Config, is_rehearsal
 from links.core import LinkStatus
-from links.io import start_child
+from links.io import describe_exit, start_child
 from links.text import printable
 
 NAME = "tui"
@@ -892,7 +892,8 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     def describe_end() -> str:
         if core.poll() is None:
             return ""
-        return str(notice("screen.core_ended", code=core.returncode, last=_last_line(log)))
+        how = describe_exit(core.returncode)
+        return str(notice("screen.core_ended", how=how, last=_last_line(log)))
 
     def show(says: str) -> tuple[Dashboard, int]:
         dashboard = Dashboard(
