@@ -37,9 +37,9 @@ def _load() -> list[Golden]:
 FRAMES = _load()
 
 
-def golden(message: str, sender: str = "PX4") -> Golden:
-    """The first frame of that kind from a sender whose name begins so."""
-    return next(g for g in FRAMES if g.message == message and g.sender.startswith(sender))
+def golden(message: str) -> Golden:
+    """The first frame of that kind from a PX4."""
+    return next(g for g in FRAMES if g.message == message and g.sender.startswith("PX4"))
 
 
 def same(a: Any, b: Any) -> bool:

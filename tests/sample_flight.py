@@ -52,9 +52,7 @@ class Outspoken(Sampled):
         return super().ask(request)
 
 
-def sample(
-    time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text: str = "Armed by us"
-) -> Snapshot:
+def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking") -> Snapshot:
     """The made-up flight ``time_s`` after its start: a figure of eight with some error."""
     phase = 0.5 * time_s
     reference: Vec3 = (1.2 * math.sin(phase), 0.8 * math.sin(2.0 * phase), -1.0)
@@ -110,7 +108,7 @@ def sample(
             expired=0,
             received=120,
             dropped={"bad_checksum": 1},
-            text=text,
+            text="Armed by us",
         ),
         certificate=Certificate(
             state="holds",

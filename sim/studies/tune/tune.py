@@ -326,9 +326,7 @@ TIMES_NOMINAL = 5.0
 """A flight with a larger multiple of the nominal error has failed [-]."""
 FLOOR_CM = 10.0
 """Smaller errors never count as a failure [cm]."""
-LONGEST_S = 0.320
-"""Delays tried go no further [s]."""
-DELAYS = (0.005, LONGEST_S, 0.001)
+DELAYS = (0.005, 0.320, 0.001)
 """First step of a search for a delay, its last one, and how near it is told [s]."""
 FACTORS = (math.log(1.1), math.log(8.0), math.log(1.02))
 """First step of a search for a factor, its last one, and how near it is told, as logarithms [-]."""
@@ -576,7 +574,7 @@ def format_margin(margin: Margin) -> str:
     """``+38 ms`` or ``1.62x``; ``> +320 ms`` where nothing tried failed."""
     if margin.unit == "s":
         return (
-            f"> +{1e3 * LONGEST_S:.0f} ms"
+            f"> +{1e3 * margin.holds:.0f} ms"
             if margin.fails is None
             else f"+{1e3 * margin.fails:.0f} ms"
         )

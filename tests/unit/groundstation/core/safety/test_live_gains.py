@@ -30,15 +30,13 @@ class Flown:
         self.steps: list[tuple[str, float]] = []
         self.told: list[str] = []
 
-    def on(
-        self, for_s: float, error_m: float = 0.01, v: float = 0.01, *, counts: bool = True
-    ) -> "Flown":
+    def on(self, for_s: float, error_m: float = 0.01, v: float = 0.01) -> "Flown":
         rest = (0.0, 0.0, 0.0)
         motion = Motion((error_m, 0.0, -1.0), rest, (1.0, 0.0, 0.0, 0.0), 1.0, rest)
         estimate = Estimate(self.time_s, motion, rest, rest, 1.0)
         for _ in range(round(for_s / PERIOD_S)):
             self.time_s += PERIOD_S
-            step, told = self.live.update(self.time_s, estimate, HERE, v, counts=counts)
+            step, told = self.live.update(self.time_s, estimate, HERE, v, counts=True)
             if step is not None:
                 self.steps.append(step)
             if told is not None:
