@@ -606,8 +606,6 @@ TILT_WANDER_S = 10.0
 """Correlation time of that error [s]."""
 UPRIGHT_PER_S = 0.1
 """Gain of the accelerometers' correction of the tilt [1/s]."""
-LONGEST_S = 0.1
-"""Longest interval whose mean acceleration is used [s]; over a longer one there is none."""
 
 
 class Horizon:
@@ -643,11 +641,10 @@ class Horizon:
         x, y, z = _scale(WANDER_RAD * math.sqrt(1.0 - keep * keep), next(self._normals))
         self._wander = (keep * a + x, keep * b + y, keep * c + z)
         (u, v, _), (u0, v0, _) = truth.velocity_ned, last.velocity_ned
-        free = since <= LONGEST_S and not truth.on_ground
         north, east = (
-            ((u - u0) / (since * self._gravity), (v - v0) / (since * self._gravity))
-            if free
-            else (0.0, 0.0)
+            (0.0, 0.0)
+            if truth.on_ground
+            else ((u - u0) / (since * self._gravity), (v - v0) / (since * self._gravity))
         )
         pull = 1.0 - math.exp(-since * UPRIGHT_PER_S)
         a, b = self._pulled
