@@ -1,5 +1,6 @@
 """A few cells of the fault deck (`groundstation-sim dev faults`), and what its judge finds."""
 
+import asyncio
 import math
 
 import pytest
@@ -22,7 +23,7 @@ from tests.proving.faults import (
     page,
     text,
 )
-from tests.proving.faults.faults import dropout
+from tests.proving.faults.faults import dropout, push_along
 from tests.proving.faults.judge import OPEN_LOOP, TOUCHDOWN_M_S, Thrust, WireJudge
 
 STATION, VEHICLE = ("127.0.0.1", 14540), ("127.0.0.1", 49152)
@@ -153,6 +154,26 @@ def test_a_bring_down_by_rates_alone_is_too_hard_for_a_vehicle_that_could_land_i
     assert not row.safe
     assert "it met the floor at" in row.why
     assert row.ended == OPEN_LOOP
+
+
+@pytest.mark.tried(1)  # ways of a push
+@pytest.mark.parametrize(
+    ("where", "peak_m_s2", "lasts_s", "covered_s"),
+    [("down", 6.0, 1.0, 0.6), ("aside", 10.0, 0.4, 0.3)],
+)
+def test_a_hand_that_covers_the_markers_throws_no_vehicle(
+    where: str, peak_m_s2: float, lasts_s: float, covered_s: float
+) -> None:
+    async def press(scene: Scene) -> None:
+        async with asyncio.TaskGroup() as hand:
+            hand.create_task(push_along(where, peak_m_s2, lasts_s)(scene))
+            await asyncio.sleep(covered_s)
+            await dropout(scene)
+
+    row = fly_fault("covered", Fault(press, link="dsm", poses=Poses.GONE), "hold")
+    assert row.highest_m < 2.0
+    assert row.sideways_m < 2.0
+    assert row.fastest_m_s < 5.0
 
 
 def test_a_flight_is_flown_to_its_end_however_far_it_goes() -> None:

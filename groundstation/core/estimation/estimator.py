@@ -811,22 +811,18 @@ class ModelEstimator:
         )
         return self.disturbance
 
-    def hold(self, disturbance: Vec3, effectiveness: float, *, at_once: bool = False) -> None:
-        """Hold ``disturbance`` [m/s², NED] and λ̂ until :meth:`resume`, as the poses are suspect.
-
-        The disturbance is held from the next pose on, or ``at_once``, where none may arrive.
-        """
+    def hold(self, disturbance: Vec3, effectiveness: float) -> None:
+        """Hold ``disturbance`` [m/s², NED] from the next pose on, and λ̂, until :meth:`resume`."""
         self._held = disturbance
-        if at_once:
-            self.disturbance, self._disturbance_rate = disturbance, ZERO
         self._effectiveness = self._effectiveness._replace(value=effectiveness)
 
     def believe(self, motion: Motion, disturbance: Vec3, effectiveness: float) -> None:
         """Set the motion at the newest pose's stamp, regardless of that pose.
 
-        Hold disturbance and λ̂.
+        Hold disturbance, from now on, and λ̂.
         """
-        self.hold(disturbance, effectiveness, at_once=True)
+        self.hold(disturbance, effectiveness)
+        self.disturbance, self._disturbance_rate = disturbance, ZERO
         self.motion = motion
         self._path = [(self._stamp, begin_response(motion), 0)]
 

@@ -241,11 +241,13 @@ class Pilot:
             self._coast += rest_s
         if state.descent is None or (blind and not state.descent.blind):
             state.estimator.frozen = True  # no thrust scale from poses that may be false
-            before, wind = state.trusted_before(), state.wind.value
-            if blind and not state.health.is_position_usable:
+            before = state.trusted_before()
+            wind = state.wind.value or before.disturbance
+            if blind:
+                # What poses said last is not believed, even if nothing contradicts them: a hand
+                # that covers the markers has pushed before, and poses are late before they stop.
                 motion, wind = state.reckoning.reckon(before, state.newest_s), before.disturbance
                 state.estimator.believe(motion, wind, before.effectiveness)
-            wind = wind or before.disturbance
             sinks = state.estimator.predict(
                 max(self._last_s or 0.0, state.newest_s)
             ).motion.velocity[2]
