@@ -252,6 +252,15 @@ def test_an_autopilot_that_tells_when_it_flies_is_judged_there_alone(tmp_path: P
         examine_flight(imported(tmp_path, ulog(tmp_path, 11.5), "px4-ulog"))
 
 
+def test_a_recording_that_was_cut_off_says_so_with_its_figures(tmp_path: Path) -> None:
+    whole, path = recorded("paper", duration_s=SECONDS)[0].read_bytes(), tmp_path / "cut.mcap"
+    path.write_bytes(whole[: len(whole) // 2])
+    assert "the recording was cut off. This is from" in describe_flight(examine_flight(path))
+    path.write_bytes(whole[: len(whole) // 40])
+    with pytest.raises(ConfigError, match=r"holds \d+ poses, limit 50; the recording was cut off"):
+        examine_flight(path)
+
+
 FIGURES = "name pose_hz gap_max_ms jitter_ms noise_across_mm noise_along_mm nis3"
 KEYS = {*FIGURES.split(), "prediction", "identified", "told", "untold"}
 

@@ -101,6 +101,8 @@ class EvidenceFlight:
     """Number of entries changed or left out at the import, by reason."""
     own: bool
     """Whether this program flew it."""
+    trouble: str
+    """Why the rest of the recording is not here, as ``Recording.trouble``; empty where all is."""
 
 
 def load_flight(path: Path, config: Config | None = None) -> EvidenceFlight:
@@ -111,6 +113,7 @@ def load_flight(path: Path, config: Config | None = None) -> EvidenceFlight:
     Raises:
         ConfigError: it is none, or holds too few poses.
     """
+    trouble = ""
     if path.suffix != ".tlog":
         with refuse_recordings():
             recording = Recording(path)
@@ -120,6 +123,7 @@ def load_flight(path: Path, config: Config | None = None) -> EvidenceFlight:
             else:
                 config = read_flown_config(about, path).config
                 messages = list(_translate(recording, config))
+            trouble = recording.trouble
     else:
         mapping = load_mapping("ardupilot-tlog")
         imported = read_flight(mapping, [path])
@@ -128,16 +132,18 @@ def load_flight(path: Path, config: Config | None = None) -> EvidenceFlight:
     own = "imported" not in about
     poses, flags, sent = _sort_messages(messages, may_fly=not own)
     if len(poses) < LEAST_POSES:
-        raise ConfigError(
-            "FLIGHT", notice("evidence.few_poses", count=len(poses), least=LEAST_POSES), str(path)
-        )
+        short = f"; the recording {trouble}" if trouble else ""
+        says = notice("evidence.few_poses", count=len(poses), least=LEAST_POSES, short=short)
+        raise ConfigError("FLIGHT", says, str(path))
     told = MappedVehicle()
     if not own:
         told = msgspec.json.decode(about["vehicle_told"], type=MappedVehicle)
     source = about.get("source", "simulation" if about.get("scenario") else "our own")
     left_out = msgspec.json.decode(about.get("notes", "{}"), type=dict[str, int])
     hover = float(about["hover"]) if about.get("hover") else None
-    return EvidenceFlight(path, source, poses, flags, sent, hover, told, config, left_out, own)
+    return EvidenceFlight(
+        path, source, poses, flags, sent, hover, told, config, left_out, own, trouble
+    )
 
 
 def _sort_messages(
@@ -640,6 +646,7 @@ def examine_flight(
         "noise_along_mm": round(1e3 * noise.along_m, 4),
         "velocity_off_m_s": _measure_velocity(flight.poses[air], at_s, place),
         "left_out": flight.left_out,
+        "trouble": flight.trouble,
         "note": why_not_judged(flight, at_s, place) if not flight.own else "",
         "doubt": "",
         "told": {},
@@ -704,6 +711,8 @@ def describe_flight(facts: dict[str, Any]) -> str:
         f"{facts['noise_along_mm']:.3f} mm along it; stamps off by {facts['jitter_ms']:.2f} ms; "
         f"NIS/3 {_text(facts['nis3'])}",
     ]
+    if facts["trouble"]:
+        lines.append(f"  the recording {facts['trouble']}. This is from what is in it before.")
     if facts["velocity_off_m_s"] is not None:
         lines.append(
             f"  its own velocity is {facts['velocity_off_m_s']:.3f} m/s RMS from that of its "

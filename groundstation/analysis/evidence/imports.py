@@ -10,6 +10,7 @@ file has: of CSV the file itself, of a ULog its topics, of an ArduPilot .bin its
 recording of ours its channels.
 """
 
+import csv
 import json
 import math
 import os
@@ -209,7 +210,7 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
             raise ConfigError("FILE", notice("file.unread", path=path, why=why)) from None
         except UnicodeDecodeError as error:
             raise ConfigError("FILE", notice("file.not_utf8", at=error.start), str(path)) from None
-        except (ValueError, TypeError, KeyError, IndexError, zlib.error) as error:
+        except (ValueError, TypeError, KeyError, IndexError, csv.Error, zlib.error) as error:
             why = " ".join(str(error).split())
             raise ConfigError(
                 "FILE", notice("import.damaged", form=form, why=why), str(path)

@@ -183,7 +183,9 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     # Evidence of a flight by another controller.
     NoticeTemplate(
-        "evidence.few_poses", "it holds {count} poses, limit {least}", "record a longer flight"
+        "evidence.few_poses",
+        "it holds {count} poses, limit {least}{short}",
+        "record a longer flight",
     ),
     NoticeTemplate(
         "evidence.few_flown",

@@ -150,8 +150,9 @@ def test_several_bodies_ask_for_a_name(tmp_path: Path) -> None:
         ),
         ("motive", motive().replace("Global", "Local"), "Space is Local, expected Global"),
         ("qtm", qtm(included="3D"), "DATA_INCLUDED is 3D, expected 6D"),
+        ("motive", motive() + '"' + "x" * 200_000, "is no motive file, or damaged: field larger"),
     ],
-    ids=["unit", "rotation", "space", "markers"],
+    ids=["unit", "rotation", "space", "markers", "open quote"],
 )
 def test_what_a_program_states_and_is_not_read_is_refused(
     mapping: str, text: str, says: str, tmp_path: Path
