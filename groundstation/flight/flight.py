@@ -161,7 +161,8 @@ class Flight:
         event, why, now = EVENT_OF[request.ask], request.why, self._now()
         self._publish(RequestRecord(now, request.ask, why))
         if not self._controller.mission.allows(event):
-            name = "mission.hold_first" if request.ask is Ask.GOTO else "mission.not_possible"
+            helps = request.ask is Ask.GOTO and self._controller.mission.allows(Event.HOLD)
+            name = "mission.hold_first" if helps else "mission.not_possible"
             refusal = notice(name, ask=request.ask, state=self.state)
             self.say(notice("mission.refused_asker", refusal=refusal, why=why) if why else refusal)
             return Reply.of(False, refusal)

@@ -68,6 +68,7 @@ def test_it_flies_straight_to_a_point_turns_as_asked_and_holds_there_until_told(
 
 def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> None:
     async def script(flight: Flight, _: Stage) -> None:
+        assert goto(flight, NEAR).says == f"goto is not possible while {flight.state}"
         await hold_first(flight)
         assert goto(flight, Waypoint(2.0, 2.0, 0.0), Waypoint(-2.0, 2.0, 0.0)).done
         await asyncio.sleep(1.5)

@@ -188,12 +188,15 @@ WIND_S = 5.0
 class Playback(Feed):
     """A recording, played back."""
 
-    def __init__(self, hello: FlightIdentity, snapshots: Sequence[Snapshot]) -> None:
+    def __init__(
+        self, hello: FlightIdentity, snapshots: Sequence[Snapshot], trouble: str = ""
+    ) -> None:
         """Whom it is about, and the snapshots in their order.
 
-        It begins at the first one, playing.
+        It begins at the first one, playing. ``trouble`` says why the rest is missing.
         """
         self._hello, self._snapshots = hello, snapshots
+        self._trouble = trouble
         self._times = [snapshot.time_s for snapshot in snapshots]
         self._at_s = self._times[0] if snapshots else 0.0
         self._speed = SPEEDS.index(1.0)
@@ -260,7 +263,8 @@ class Playback(Feed):
         """For the operator: where it is, and how fast it goes."""
         whole = self._times[-1] - self._times[0] if self._times else 0.0
         pace = "stopped" if self.paused else f"×{SPEEDS[self._speed]:g}"
-        return f"RECORDING {self.passed_s:.1f}/{whole:.1f} s {pace}"
+        trouble = f"; it {self._trouble}" if self._trouble else ""
+        return f"RECORDING {self.passed_s:.1f}/{whole:.1f} s {pace}{trouble}"
 
 
 _TICK = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov")
@@ -308,6 +312,11 @@ class Tape:
         self._gains = {
             PREFIX + name: float(value) for name, value in named.items() if value is not None
         }
+
+    @property
+    def trouble(self) -> str:
+        """Why the rest of it is missing, once it was read; empty where it is whole."""
+        return self._recording.trouble
 
     def snapshots(self) -> Iterator[Snapshot]:
         """Yield the recording's snapshots to its end, or to its damage."""
@@ -977,7 +986,8 @@ def open_playback(log: Path, at_s: float | None) -> Playback:
     """
     with refuse_recordings():
         tape = Tape(log)
-    playback = Playback(tape.hello, list(tape.snapshots()))
+    snapshots = list(tape.snapshots())
+    playback = Playback(tape.hello, snapshots, tape.trouble)
     if at_s is not None:
         if not at_s >= 0.0:
             raise ConfigError("--at", notice("screen.at", at_s=at_s))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.core.messages import Ask, Snapshot
-from groundstation.interfaces.tui.app import Playback, Tape
+from groundstation.interfaces.tui.app import Playback, Tape, open_playback
 from groundstation.interfaces.tui.model import FRAME_S, FlightIdentity, Jump, News
 from sim.time import VirtualTimeLoop
 from tests.recordings import recorded
@@ -51,6 +51,7 @@ def test_a_recording_that_was_cut_off_is_read_up_to_the_cut(flight: Path, tmp_pa
     whole = flight.read_bytes()
     cut.write_bytes(whole[: len(whole) // 2])
     assert 0 < len(list(Tape(cut).snapshots())) < len(list(Tape(flight).snapshots()))
+    assert open_playback(cut, None).where().endswith("; it was cut off")
 
 
 def played(steer: Callable[[Playback], None], seconds: float) -> list[News]:
