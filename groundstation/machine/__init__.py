@@ -27,6 +27,7 @@ from groundstation.machine.recordings import (
 from groundstation.machine.register import (
     BRIDGE,
     FILE,
+    FLEET,
     ApiError,
     Running,
     StatusConfig,

@@ -219,6 +219,8 @@ def hold_lock(socket: Path, vehicle: str) -> Iterator[None]:
 SUFFIX = ".running"
 BRIDGE = "rf-bridge"
 """Command of a process that paces another computer's commands, and has no flight of its own."""
+FLEET = "fleet"
+"""Command of a process that starts the cores of a fleet, and will arm them."""
 
 
 class Running(msgspec.Struct, frozen=True, kw_only=True):
@@ -226,9 +228,9 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
 
     pid: int
     command: str
-    """``fly``, ``daemon`` or ``rf-bridge``."""
+    """``fly``, ``daemon``, ``fleet`` or ``rf-bridge``."""
     vehicle: str
-    """Its name; of a bridge, its address."""
+    """Its name; of a bridge, its address; of a fleet, the names of all."""
     socket: str = ""
     """Its status socket; empty without one."""
     body: str = ""

@@ -9,9 +9,18 @@ from pathlib import Path
 import pytest
 
 from links.io import make_key
-from tests.e2e.stations import beside, free_udp_port, line_of, program, run_command, served
+from tests.e2e.stations import (
+    beside,
+    free_udp_port,
+    line_of,
+    program,
+    run_command,
+    served,
+    wait_until,
+)
 from tests.e2e.test_daemon import running
 from tests.e2e.test_real_time import seen
+from tests.e2e.test_vehicles import fleet_file, passes_on, started
 
 
 def stop_all() -> "subprocess.CompletedProcess[str]":
@@ -78,3 +87,16 @@ def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None
     finally:
         os.close(master)
         os.close(slave)
+
+
+def test_a_fleet_that_only_starts_is_ended_before_it_arms(tmp_path: Path) -> None:
+    words, log = program("groundstation", "fleet", fleet_file(tmp_path)), tmp_path / "log"
+    with started([*words, "--arm", "ant", "--arm", "bee"], log) as station:
+        wait_until(lambda: passes_on(station.pid))
+        stopped = stop_all()
+        station.wait(60)
+    who = f"fleet of ant, bee (process {station.pid})"
+    assert f"{who}: it was starting, and is ended before it arms" in stopped.stdout
+    assert stopped.returncode == 0, stopped.stderr
+    assert "SIGHUP: passed on to ant, bee" in log.read_text("utf-8")
+    assert stop_all().stdout == "nothing flies here\n"

@@ -102,6 +102,7 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
         "{who}: goes on, as what flies by it lands by its station's commands. kill {pid} ends it "
         "and brings down what flies; kill -QUIT {pid} stops its motors",
     ),
+    NoticeTemplate("stop_all.fleet", "{who}: it was starting, and is ended before it arms"),
     NoticeTemplate(
         "stop_all.needs_yes",
         "stops the motors of {names} in the air: without a terminal it needs --yes",

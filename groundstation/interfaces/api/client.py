@@ -41,6 +41,7 @@ from groundstation.interfaces.api.messages import (
 )
 from groundstation.machine import (
     BRIDGE,
+    FLEET,
     ApiError,
     Running,
     find_socket,
@@ -331,7 +332,7 @@ def _find_flight(vehicle: str | None, socket: Path | None) -> Running | None:
     there = [
         one
         for one in running_processes()
-        if one.command != BRIDGE
+        if one.command not in (BRIDGE, FLEET)
         and vehicle in (None, one.vehicle)
         and (socket is None or socket.absolute() == Path(one.socket))
     ]
@@ -407,6 +408,10 @@ async def _stop(one: Running, ask: Ask, why: str) -> StopReport:
     who = f"{one.vehicle} (process {one.pid})"
     if one.command == BRIDGE:
         return _bridge(one, ask)
+    if one.command == FLEET:
+        # To land, a signal that never asks for more: cores that fly are asked themselves, too.
+        send_signal(one, signal.SIGQUIT if ask is Ask.KILL else signal.SIGHUP)
+        return StopReport(True, str(notice("stop_all.fleet", who=who)))
     try:
         async with (
             asyncio.timeout(STOP_ANSWER_S),

@@ -14,7 +14,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensur
 from groundstation.interfaces.api import ask_station, snapshots
 from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
-from groundstation.machine import ApiError, socket_path, write_whole
+from groundstation.machine import FLEET, ApiError, Running, registration, socket_path, write_whole
 from groundstation.runtime import Exit
 from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served
 from links.io import describe_exit, open_child
@@ -78,10 +78,20 @@ class Supervisor:
         self.relay: asyncio.subprocess.Process | None = None
         """The process that hands poses on, where there is one."""
         self._sent: set[signal.Signals] = set()
+        self._starting = ExitStack()
+        """Entry in the register until all are armed: `stop-all` ends a fleet that only starts."""
 
     async def run(self) -> Exit:
-        """Run all until each has ended; 0 where every flight went as it was meant to, else 1."""
+        """Run all until each has ended; 0 where every flight went as it was meant to, else 1.
+
+        Raises:
+            ApiError: the folder of sockets is not ours alone.
+        """
         loop = asyncio.get_running_loop()
+        if self._arm:
+            fleet = f"fleet of {', '.join(member.name for member in self._fleet.members)}"
+            entry = Running(pid=os.getpid(), command=FLEET, vehicle=fleet)
+            self._starting.enter_context(registration(entry))
         # The relay lives for as long as anybody holds the other end of this pipe: we, or a core
         # that outlives us.
         relay_lives, held = os.pipe()
@@ -99,6 +109,7 @@ class Supervisor:
                 codes = await asyncio.gather(*watching.values())
                 arming.cancel()
             finally:
+                self._starting.close()
                 os.close(held)
                 os.close(relay_lives)
                 for number in SIGNALS:
@@ -177,6 +188,7 @@ class Supervisor:
             refused = await arm_vehicle(name, sockets[name])
             if refused:
                 self._say(str(notice("fleet.not_armed", name=name, why=refused)))
+        self._starting.close()
 
     async def _watch(self, name: str) -> int:
         code = await self._listen(name, self.cores[name])
@@ -286,7 +298,10 @@ def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> Exit:
         print(describe_core(found, found.members[names.index(args.show)]))
         return Exit.DONE
     _require_flyable(found, args.fleet)
-    return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), say).run())
+    try:
+        return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), say).run())
+    except ApiError as error:
+        raise ConfigError("XDG_RUNTIME_DIR", str(error)) from None
 
 
 def require_flyable(config: Config) -> Config:
