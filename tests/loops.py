@@ -1,14 +1,15 @@
 """Both event loops that application code runs on, for tests of what must work on either."""
 
 import asyncio
+import contextlib
 import gc
 import inspect
 from collections import deque
-from collections.abc import Awaitable, Callable, Coroutine, MutableSequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, MutableSequence
 from contextvars import Context, ContextVar
 from functools import wraps
 from heapq import heapify, heappush
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import pytest
 
@@ -89,6 +90,27 @@ async def until(true: Callable[[], Any], within_s: float = 60.0) -> None:
     async with asyncio.timeout(within_s):
         while not true():
             await asyncio.sleep(0.005)
+
+
+class Part(Protocol):
+    """A flight, a simulated side, an autopilot at its socket."""
+
+    def run(self) -> Coroutine[Any, Any, Any]:
+        """Go on until cancelled."""
+
+
+R = TypeVar("R", bound=Part)
+
+
+@contextlib.asynccontextmanager
+async def running(part: R) -> AsyncIterator[R]:
+    """Within it ``part`` runs."""
+    task = asyncio.create_task(part.run())
+    try:
+        yield part
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
 
 async def free_address() -> str:

@@ -23,7 +23,7 @@ from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.radio import PtyWire, RfPeer, RfReceiver, WirePort
 from sim.radio.radio import opened_on
 from tests.airframe_double import Brick
-from tests.loops import free_address, in_virtual_time, is_virtual, on_either_loop, until
+from tests.loops import free_address, in_virtual_time, is_virtual, on_either_loop, running, until
 
 THRUST_MAX_N = 2.0
 BRING_DOWN = (
@@ -211,15 +211,13 @@ def idle() -> Command:
 @contextlib.asynccontextmanager
 async def connected(bench: Bench) -> AsyncIterator[CommandLink]:
     await bench.prepare()
-    peer = asyncio.create_task(bench.run())
     link = make_link(bench.config, thrust_max_n=THRUST_MAX_N, **bench.wires)
-    try:
-        await link.connect()
-        yield link
-    finally:
-        await link.close()
-        peer.cancel()
-        await asyncio.gather(peer, return_exceptions=True)
+    async with running(bench):
+        try:
+            await link.connect()
+            yield link
+        finally:
+            await link.close()
 
 
 @contextlib.asynccontextmanager

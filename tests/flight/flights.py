@@ -5,7 +5,6 @@ import contextlib
 import math
 import struct
 from collections.abc import (
-    AsyncIterator,
     Awaitable,
     Callable,
     Iterable,
@@ -37,24 +36,13 @@ from sim.studies.tune.tune import Sortie
 from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.flown_once import once
 from tests.known import known
-from tests.loops import until
+from tests.loops import running, until
 from tests.proving.faults import CASES, NEAR, DeckFlight, Fault, Row, find_fault
 
 A = TypeVar("A")
 T = TypeVar("T")
 Certified = tuple[float, float, float]
 """Time [s], V with the truth for what is estimated, and the error [m], at a command."""
-
-
-@contextlib.asynccontextmanager
-async def running(stage: Stage) -> AsyncIterator[Stage]:
-    """Within it the simulated side runs."""
-    task = asyncio.create_task(stage.run())
-    try:
-        yield stage
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 CLIMB = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0")

@@ -14,9 +14,8 @@ from groundstation.machine import sleep_until
 from sim.autopilots import AUTOPILOTS
 from sim.runs import Stage, confirm_at, fly
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.flights import running
 from tests.known import known
-from tests.loops import in_virtual_time
+from tests.loops import in_virtual_time, running
 
 AUTOPILOT = pytest.mark.parametrize("autopilot", AUTOPILOTS)
 

@@ -15,8 +15,7 @@ from groundstation.pose.sources import describe_drop
 from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody
-from tests.flight.flights import running
-from tests.loops import in_virtual_time
+from tests.loops import in_virtual_time, running
 from tests.proving.faults import stand_between
 
 BEGIN_S = 3.0

@@ -16,9 +16,8 @@ from sim.autopilots import Px4Autopilot
 from sim.runs import Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.external_poses import ExternalPoses
-from tests.flight.flights import running
 from tests.known import known
-from tests.loops import in_virtual_time, until
+from tests.loops import in_virtual_time, running, until
 
 ON = "link.forward.enabled=true"
 
@@ -36,12 +35,8 @@ def ready(
     async def main() -> Stage:
         async with running(Stage(world, config, seed=1, autopilot=autopilot)) as stage:
             external.append(ExternalPoses.of(stage))
-            waiting = asyncio.create_task(
-                make_flight(config, confirm=confirm_at(1e6), wires=stage.wires).run()
-            )
-            await meanwhile(stage, external[0])
-            waiting.cancel()
-            await asyncio.gather(waiting, return_exceptions=True)
+            async with running(make_flight(config, confirm=confirm_at(1e6), wires=stage.wires)):
+                await meanwhile(stage, external[0])
         return stage
 
     stage = in_virtual_time(main)()

@@ -14,7 +14,7 @@ from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from tests.known import known
-from tests.loops import in_virtual_time
+from tests.loops import in_virtual_time, running
 
 SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]
 AUTOPILOT_ADDRESS = 14540
@@ -36,13 +36,9 @@ def watched(
     async def main() -> PoseStreamSummary:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, VirtualTimeLoop)
-        stage = asyncio.create_task(Stage(world, config, seed=2).run())
         loop.tap = tap
-        try:
+        async with running(Stage(world, config, seed=2)):
             return await listen(config_told, seconds)
-        finally:
-            stage.cancel()
-            await asyncio.gather(stage, return_exceptions=True)
 
     return in_virtual_time(main)(), sent
 

@@ -18,7 +18,7 @@ from sim.runs import Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from tests.known import known
-from tests.loops import in_virtual_time, until
+from tests.loops import in_virtual_time, running, until
 
 Script = Callable[["Bench"], Awaitable[None]]
 AUTOPILOT = pytest.mark.parametrize("autopilot", AUTOPILOTS)
@@ -68,17 +68,16 @@ def held(
                 ]
 
         loop.tap = tap
-        running = asyncio.create_task(stage.run())
-        ends = make_ends(config, stage.wires)
-        holding = asyncio.create_task(hold(config, *ends, bench.ordered.wait(), bench.news.append))
-        try:
-            await script(bench)
-        finally:
-            bench.ordered.set()
-            await holding
-            await asyncio.sleep(2.0)
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
+        async with running(stage):
+            ends = make_ends(config, stage.wires)
+            news = bench.news.append
+            holding = asyncio.create_task(hold(config, *ends, bench.ordered.wait(), news))
+            try:
+                await script(bench)
+            finally:
+                bench.ordered.set()
+                await holding
+                await asyncio.sleep(2.0)
         return bench
 
     return in_virtual_time(main)()
@@ -172,11 +171,9 @@ def test_a_hand_that_only_disarms_stops_what_another_has_left() -> None:
     async def main() -> tuple[list[News], Stage]:
         world, config = prepare(SCENARIOS["paper"], [])
         stage, told = Stage(world, config, 0), list[News]()
-        running = asyncio.create_task(stage.run())
         stage.autopilot.armed = True
-        await disarm(*make_ends(config, stage.wires), told.append)
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
+        async with running(stage):
+            await disarm(*make_ends(config, stage.wires), told.append)
         return told, stage
 
     told, stage = in_virtual_time(main)()

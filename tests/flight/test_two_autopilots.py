@@ -13,8 +13,7 @@ from links.io import parse_address
 from links.mavlink.protocol import MavCommand
 from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.flights import running
-from tests.loops import in_virtual_time
+from tests.loops import in_virtual_time, running
 from tests.unit.links.mavlink.test_mavlink_link import Endpoint
 
 T = TypeVar("T")

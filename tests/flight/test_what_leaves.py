@@ -31,9 +31,9 @@ from sim.runs import Stage, confirm_at, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World
-from tests.flight.flights import cover_cameras, read_set_points, running
+from tests.flight.flights import cover_cameras, read_set_points
 from tests.known import known
-from tests.loops import in_virtual_time, until
+from tests.loops import in_virtual_time, running, until
 
 Tap = Callable[[float, tuple[str, int], tuple[str, int], bytes], None]
 Event = Callable[[Flight, Stage], None]
@@ -110,17 +110,15 @@ def struck(world: World, config: Config, tap: Tap, event: Event) -> tuple[Comman
     async def main() -> tuple[Command, float, float]:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, VirtualTimeLoop)
-        async with running(Stage(world, config, 0)) as stage:
-            flight = make_flight(config, confirm=confirm_at(1.0), wires=stage.wires)
-            flying = asyncio.create_task(flight.run())
+        stage = Stage(world, config, 0)
+        flight = make_flight(config, confirm=confirm_at(1.0), wires=stage.wires)
+        async with running(stage), running(flight):
             await until(lambda: flight.state is State.HOLD)
             await asyncio.sleep(1.003)
             loop.tap, struck_s = tap, loop.time()
             event(flight, stage)
             await asyncio.sleep(4.0)
             tick, period_s = flight._controller.tick, flight._link.period_s
-            flying.cancel()
-            await asyncio.gather(flying, return_exceptions=True)
         assert tick is not None
         return tick.command, period_s, struck_s
 

@@ -22,8 +22,7 @@ from links.io import parse_address
 from links.mavlink.protocol import frame_end
 from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
-from tests.flight.flights import running
-from tests.loops import free_address, in_real_time
+from tests.loops import free_address, in_real_time, running
 
 pytestmark = pytest.mark.real_time
 

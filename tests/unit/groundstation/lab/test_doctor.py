@@ -38,7 +38,7 @@ from sim.autopilots import (
 )
 from sim.autopilots.autopilot import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 from tests.airframe_double import Brick
-from tests.loops import in_virtual_time
+from tests.loops import in_virtual_time, running
 
 HERE = ("127.0.0.1", 14540)
 HOVER = 0.080 * 9.81 / 1.37
@@ -80,16 +80,12 @@ def visit(
         return f"{answer}\n"
 
     async def main() -> int:
-        peer = asyncio.create_task(AutopilotPeer(seen.autopilot, HERE).run())
         config = from_dict({}, Config, set_)
         who: Callable[[str], Awaitable[str]] | None = ask if answer is not None else None
-        try:
+        async with running(AutopilotPeer(seen.autopilot, HERE)):
             return await run_doctor(
                 config, DoctorOrders("doctor", folder=folder, **(orders or {})), who, lines.append
             )
-        finally:
-            peer.cancel()
-            await asyncio.gather(peer, return_exceptions=True)
 
     seen.code = in_virtual_time(main)()
     seen.said = "\n".join(lines)

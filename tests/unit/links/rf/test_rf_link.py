@@ -12,7 +12,7 @@ from links.rf.channel_map import ArmSwitch, ChannelMap
 from sim.radio import FAILSAFE_S, RfPeer, RfReceiver, WirePort
 from sim.radio.radio import opened_on
 from tests.airframe_double import Brick, RfRoom, command, idle
-from tests.loops import in_virtual_time
+from tests.loops import in_virtual_time, running
 
 CONFIG = DsmLinkConfig(map=ChannelMap(arm=ArmSwitch(channel=5)))
 
@@ -33,18 +33,16 @@ async def room(
     config: DsmLinkConfig | CrsfLinkConfig = CONFIG, *, armed: bool = False
 ) -> AsyncIterator[Room]:
     it = Room(config)
-    peer = asyncio.create_task(it.peer.run())
-    try:
-        await it.link.connect()
-        if armed:
-            await it.link.arm(idle)
-        yield it
-    finally:
-        with contextlib.suppress(LinkLost):
-            await it.link.kill()
-        await it.link.close()
-        peer.cancel()
-        await asyncio.gather(peer, return_exceptions=True)
+    async with running(it.peer):
+        try:
+            await it.link.connect()
+            if armed:
+                await it.link.arm(idle)
+            yield it
+        finally:
+            with contextlib.suppress(LinkLost):
+                await it.link.kill()
+            await it.link.close()
 
 
 @in_virtual_time

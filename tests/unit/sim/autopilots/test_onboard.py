@@ -12,7 +12,7 @@ from sim.autopilots.onboard import Firmware, OnboardFirmware, take_number
 from sim.runs import from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import FourRotors, Quadrotor, TrueState, Wind, generator, rows
-from tests.loops import in_virtual_time
+from tests.loops import in_virtual_time, running
 
 STATION = ("127.0.0.1", 14540)
 
@@ -73,12 +73,10 @@ def fly(
         await loop.create_datagram_endpoint(lambda: station, local_addr=STATION)
         board = OnboardFirmware(plant, firmware, STATION)
         board.passes = lambda _: passes
-        flying = asyncio.create_task(board.run())
-        await asyncio.sleep(0.1)
-        station.transport.sendto(b"set-point", ("127.0.0.1", 61000))
-        await asyncio.sleep(seconds - 0.1)
-        flying.cancel()
-        await asyncio.gather(flying, return_exceptions=True)
+        async with running(board):
+            await asyncio.sleep(0.1)
+            station.transport.sendto(b"set-point", ("127.0.0.1", 61000))
+            await asyncio.sleep(seconds - 0.1)
 
     in_virtual_time(main)()
     return firmware, plant, station
