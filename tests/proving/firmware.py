@@ -23,6 +23,7 @@ from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from sim.time import in_virtual_time
 from sim.world import FourRotors
 from tests.known import known
+from tests.loops import running
 from tests.proving.takeoff_start import HEAD, SEEDS, TakeOff, describe, fly_take_off
 
 SHORT = (
@@ -61,18 +62,15 @@ async def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutco
     loop = asyncio.get_running_loop()
     stage = Stage(world, config, 0, autopilot=BETAFLIGHT)
     flight = make_flight(config, confirm=confirm_at(2.0), wires=stage.wires)
-    running = [asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())]
-    while flight.state is not State.TRACKING:  # noqa: ASYNC110  # no event tells it
-        await asyncio.sleep(0.001)
-    await asyncio.sleep(0.503)
-    board = known(stage.board)
-    struck_s = loop.time()
-    board.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
-    strike(stage)
-    await asyncio.sleep(WATCHED_S)
-    for task in running:
-        task.cancel()
-    await asyncio.gather(*running, return_exceptions=True)
+    async with running(stage), running(flight):
+        while flight.state is not State.TRACKING:  # noqa: ASYNC110  # no event tells it
+            await asyncio.sleep(0.001)
+        await asyncio.sleep(0.503)
+        board = known(stage.board)
+        struck_s = loop.time()
+        board.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
+        strike(stage)
+        await asyncio.sleep(WATCHED_S)
     return StrikeOutcome(motors, stage.plant.floor.hardest_m_s)
 
 

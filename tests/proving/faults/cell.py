@@ -27,7 +27,7 @@ from groundstation.core.messages import (
 from groundstation.core.mission import State
 from groundstation.flight import Give, make_flight
 from groundstation.recording import Record
-from links.core import thrust as thrust_of
+from links.core import BRING_DOWN_LIMIT_S, thrust as thrust_of
 from sim.autopilots import Px4Autopilot
 from sim.radio import FAILSAFE_S
 from sim.runs import MISSION_CONFIRM_S, Stage, confirm_at, from_floor
@@ -359,7 +359,7 @@ class DeckFlight:
         wire, config, struck_s = self._wire, self._config, self._truth.struck_s
         if wire.wrong:
             return wire.wrong
-        most_s = config.flight.coast_s + config.guards.level_s + 2.0 + BLIND_S
+        most_s = config.flight.coast_s + config.guards.level_s + BRING_DOWN_LIMIT_S + BLIND_S
         lifted_s = self._thrust.last_lift_s - struck_s
         if self._fault.poses is Poses.GONE and self._thrust.last_lift_s > struck_s + most_s:
             return f"a command that lifts left {lifted_s:.2f} s after the last true pose"
