@@ -270,7 +270,11 @@ class Response:
         if tones2.max() < least * least and own2.max() < own.least * own.least:
             return NO_ALARM
         found = _regress(along)
-        model2 = MODEL_ERROR * MODEL_ERROR * own2[:, None, None]
+        # Where less than half of the tones' motion is measured at all, no error of the model of v
+        # is the cause: it would be measured, too.
+        measured2, tones_along2 = along[..., :3, :3].sum(axis=(-2, -1)), along[..., 0, 0]
+        moves = measured2 >= LEAST_RESPONSE * LEAST_RESPONSE * tones_along2
+        model2 = np.where(moves, MODEL_ERROR * MODEL_ERROR * own2[:, None], 0.0)[..., None]
         tones, is_known = self._judge_tones(along, found, time_s, noise, model2)
         moved_s = time_s
         if math.isfinite(own.burst_s):
@@ -297,7 +301,8 @@ class Response:
         respond.
 
         ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4,
-        4); ``model2``: mean square by which the model of v is wrong, shape (windows, 1, 1).
+        4); ``model2``: mean square by which the model of v is wrong, shape (windows, directions,
+        1).
         """
         rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / time_s)
         is_excited = rms >= TONES_LEAST * self._least

@@ -133,6 +133,20 @@ def test_the_model_may_be_wrong_by_a_fortieth_of_the_laws_own_motion(
     assert (asked(((0.0, 0.0), (0.0, 0.0)), own_m=own_m).tones >= 1.0) is is_accused
 
 
+@pytest.mark.parametrize("own_m", [0.02, 0.04, 0.08])
+def test_poses_that_stand_are_accused_however_far_the_law_moves_by_itself(own_m: float) -> None:
+    draw, peak_m = random.Random(0), math.sqrt(2.0) * own_m
+
+    def poses() -> Iterator[Seen]:
+        for n in range(300):
+            u, v = swing(n * DT_S)
+            north, east = peak_m * math.sin(5.0 * n * DT_S), peak_m * math.cos(5.0 * n * DT_S)
+            noise = draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)
+            yield (noise[0] - u - north, noise[1] - v - east), (u, v), (north, east)
+
+    assert max(alarm.tones for alarm in feed(poses())) >= 1.0
+
+
 def blown() -> Iterator[Seen]:
     """Poses of a law that holds a place in wind."""
     passes, draw = HighPass(3), random.Random(1)
