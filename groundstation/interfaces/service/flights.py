@@ -211,7 +211,7 @@ UNIT_ESCAPES = (("\\", "\\\\"), ("\n", "\\n"), ("%", "%%"))
 """Characters that systemd reads in another way than a shell within quotes (systemd.service(5),
 "Command lines"), and how they are written."""
 ARGUMENT_ESCAPES = (*UNIT_ESCAPES, ("$", "$$"))
-"""The same of arguments: systemd expands variables in all words but the program's path."""
+"""Characters of arguments: systemd expands variables in all words but the program's path."""
 
 
 def unit_file(config: Config, path: Path, overrides: list[str], *, user: str) -> str:
