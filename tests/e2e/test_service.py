@@ -73,6 +73,8 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path, monkeypatch: pytest.Monke
     restart = ("Restart=on-failure", "RestartPreventExitStatus=2 3")
     for line in ("Type=notify", "KillMode=mixed", *restart):
         assert line in text.splitlines()
+    rest = text.replace("a $b%%c", "")  # the folder
+    assert "$" not in "\n".join(line for line in rest.splitlines() if not line.startswith("#"))
     program = shutil.which("systemd-analyze")
     if program is None:
         pytest.skip(LEFT_OUT + "the unit file was not looked at, for want of systemd-analyze")

@@ -11,9 +11,9 @@ slightly less than hover thrust, and decreases with time.
 Half and double of a constant were flown by `groundstation-sim dev faults paper --state descent`
 with `--fault gust`, which as they are goes 1.18 m aside, `--fault "motors: 70 %"`, which meets the
 floor at 0.57 m/s, and `--fault "position late" --link mavlink`, at 0.69 m/s. Blind: `--fault
-"position frozen: north-west" --state moving`, 5.58 m aside; `--link dsm` with `--fault "position
-frozen: x"`, 1.45 m/s, `--fault "mirrored: z"`, 1.79 m/s, and `--fault "position frozen" --state
-take-off`, 1.14 m/s.
+"position frozen: north-west" --state moving`, 4.53 m aside; `--link dsm` with `--fault "position
+frozen: x"`, 1.44 m/s, `--fault "mirrored: z"`, 1.79 m/s, and `--fault "position frozen" --state
+take-off`, 1.21 m/s.
 """
 
 import math
@@ -29,14 +29,14 @@ SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]. Half: gust 1.49 m; double: 0.85 m."""
 BLIND_SPEED_GAIN = 2.5
 """Acceleration per horizontal speed of the model, which has no noise [1/s]: 4 m/s are braked by g,
-the most that ``attitude.TILT_LIMIT_RAD`` gives. Half: north-west 7.56 m; double: 4.49 m."""
+the most that ``attitude.TILT_LIMIT_RAD`` gives. Half: north-west 5.98 m; double: 3.69 m."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no
 more. Half: gust 1.91 m; double: 0.82 m."""
 BLIND_ATTITUDE_GAIN = 8.0
 """Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a
-vehicle that leans along its velocity is turned within .4 s. Half: north-west 5.98 m; double:
-6.14 m."""
+vehicle that leans along its velocity is turned within .4 s. Half: north-west 5.32 m; double:
+5.05 m."""
 WIND_LIMIT_M_S2 = 8.0
 """Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8. Half
 and double: no change."""
@@ -79,11 +79,11 @@ BLIND_PULL_GROWTH_M_S3 = 0.3
 Half and double: no change."""
 BLIND_SINK_GAIN = 4.0
 """Vertical acceleration per error of the model's sink rate: against a climb, and against a sink
-rate beyond the planned one, as a large tilt costs height [1/s]. Half: take-off 1.21 m/s; double:
-1.06 m/s."""
+rate beyond the planned one, as a large tilt costs height [1/s]. Half: take-off 1.25 m/s; double:
+1.20 m/s."""
 BLIND_LIFT_M_S = 0.7
 """Integral of its upward part over a blind descent [m/s]: the model has no floor and falls on.
-Half: z 1.99 m/s; double: 1.43 m/s."""
+Half: z 1.99 m/s; double: 1.13 m/s."""
 BLIND_WIND_DOWN_M_S2 = 1.5
 """Largest vertical disturbance that is compensated in a blind descent, down or up [m/s²].
 Half and double: no change."""

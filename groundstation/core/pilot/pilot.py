@@ -237,11 +237,11 @@ class Pilot:
         """
         self._switch("descend", sink_m_s, float(blind), rest_s)
         state = self.state
+        before = state.trusted_before()
         if state.descent is None:
             self._coast += rest_s
         if state.descent is None or (blind and not state.descent.blind):
             state.estimator.frozen = True  # no thrust scale from poses that may be false
-            before = state.trusted_before()
             wind = state.wind.value or before.disturbance
             if blind:
                 # What poses said last is not believed, even if nothing contradicts them: a hand
@@ -257,9 +257,8 @@ class Pilot:
         state.descent.sink_m_s = sink_m_s
         state.descent.blind = blind
         self._watch.restart()
-        trusted = state.trusted_before().motion
-        motion = state.estimator.motion or trusted
-        height_m = self._floor - min(motion.position[2], trusted.position[2])
+        motion = state.estimator.motion or before.motion
+        height_m = self._floor - min(motion.position[2], before.motion.position[2])
         return blind_descent_limit_s(height_m, -motion.velocity[2], self._gravity)
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
