@@ -100,7 +100,8 @@ class Shutdown:
         self._say(notice("flight.poses_go_on" if self.forwards else "flight.still_heard"))
         while self._turns() and not self.leave.is_set() and (self.forwards or now_s() < until_s):
             with suppress(TimeoutError):
-                await asyncio.wait_for(self.leave.wait(), MONITOR_PERIOD_S)
+                async with asyncio.timeout(MONITOR_PERIOD_S):
+                    await self.leave.wait()
         self.stays = False
         if self.killed:
             return

@@ -177,7 +177,8 @@ async def listen(
             left_s = math.inf if seconds is None else seconds
             while left_s > 0.0 and not stopped.is_set():
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(stopped.wait(), min(REFRESH_S, left_s))
+                    async with asyncio.timeout(min(REFRESH_S, left_s)):
+                        await stopped.wait()
                 left_s -= REFRESH_S
                 if show is not None:
                     show(look(ears))

@@ -101,7 +101,8 @@ async def _hold_armed(
     pilot.set_on_floor()
     await source.start(take)
     await link.connect()
-    await asyncio.wait_for(come.wait(), config.flight.pose_wait_s)
+    async with asyncio.timeout(config.flight.pose_wait_s):
+        await come.wait()
     await link.examine()
     if link.status.unfit:
         raise LinkError(link.status.unfit)

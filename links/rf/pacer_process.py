@@ -142,7 +142,8 @@ async def open_process(
     pacer = PacerProcess(config.manner, process, ours, mailbox, report)
     pacer.give(PacerSetup(config, thrust_max_n))  # type: ignore[arg-type]  # the one message that is no order
     try:
-        hello = await asyncio.wait_for(asyncio.shield(first), START_LIMIT_S)
+        async with asyncio.timeout(START_LIMIT_S):
+            hello = await asyncio.shield(first)
         if hello is None:
             raise LinkLost(link_notice("module.ended_at_once", code=process.wait()))
         if not started - OURS_S <= hello.now_s <= loop.time() + OURS_S:

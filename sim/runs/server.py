@@ -134,7 +134,8 @@ async def serve(
             stage.offer_hand(seed)
         try:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(_run(stage), duration_s)
+                async with asyncio.timeout(duration_s):
+                    await _run(stage)
         finally:
             if pty is not None:
                 pty.close()
@@ -213,7 +214,8 @@ async def serve_fleet(
             flush=True,
         )
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(_run(stage), duration_s)
+            async with asyncio.timeout(duration_s):
+                await _run(stage)
     for lab, one in zip(labs, stage.stages, strict=True):
         if one.plant.floor.touchdown_m_s is not None:
             print(

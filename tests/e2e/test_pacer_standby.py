@@ -18,7 +18,7 @@ from links.core import Command, LinkLost, LinkMisuse, Segment
 from links.io import make_key
 from links.rf import Channels, DsmLinkConfig, PacedLink, SerialRfLink
 from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
-from links.rf.pacer_process import PacerProcess
+from links.rf.pacer_process import PacerProcess, open_process
 from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
 from tests.e2e.stations import children_of, free_udp_port
@@ -164,7 +164,8 @@ class Bridged(Flight):
 
     async def lines(self) -> str:
         """What the bridge has said, once it has ended."""
-        out, _ = await asyncio.wait_for(self.bridge.communicate(), 60.0)
+        async with asyncio.timeout(60.0):
+            out, _ = await self.bridge.communicate()
         self.said += out.decode()
         return self.said
 
@@ -350,13 +351,35 @@ async def test_a_bridge_that_is_told_to_end_lets_nothing_go_but_the_bring_down(
     async with begun(Bridged(tmp_path)) as it:
         ended = time.monotonic()
         it.bridge.send_signal(number)
-        await asyncio.wait_for(it.bridge.wait(), 60.0)  # its station goes on commanding
+        async with asyncio.timeout(60.0):
+            await it.bridge.wait()
         assert it.seen[-1][0] < ended + COAST_S + DOWN_S + 0.5 + 1.0
         lifted = [time_s for time_s, sticks in it.seen if sticks.armed]
         assert ended + DOWN_S < lifted[-1] < ended + COAST_S + DOWN_S + 0.1
         it.is_down()
         it.is_one_writers()
         assert "the vehicle is disarmed" in await it.lines()
+
+
+@pytest.mark.parametrize("turns", range(2))
+@in_real_time
+async def test_a_cancellation_that_comes_with_the_pacers_first_report_ends_it(turns: int) -> None:
+    loop, wire, before = asyncio.get_running_loop(), PtyWire(), children_of(os.getpid())
+
+    def cancel(turns: int) -> None:
+        if turns:
+            loop.call_soon(cancel, turns - 1)
+        else:
+            opening.cancel()
+
+    config = DsmLinkConfig(port=wire.path, period_s=PERIOD_S, map=MAP)
+    opening = asyncio.create_task(open_process(config, 2.0, lambda _: cancel(turns)))
+    try:
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+        assert children_of(os.getpid()) == before
+    finally:
+        wire.close()
 
 
 async def harass(seed: int) -> str:

@@ -124,7 +124,8 @@ async def strike(stage: str, number: signal.Signals) -> Case:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(station.pid, signal.SIGKILL)
         await end
-        await asyncio.wait_for(reader, 60.0)
+        async with asyncio.timeout(60.0):
+            await reader
     finally:
         reader.cancel()
         await stamped.close()

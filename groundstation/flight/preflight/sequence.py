@@ -178,7 +178,8 @@ class ArmingSequence:
         await self._link.connect()
         wait = self._config.flight.pose_wait_s
         try:
-            await asyncio.wait_for(self.first_pose.wait(), wait)
+            async with asyncio.timeout(wait):
+                await self.first_pose.wait()
         except TimeoutError:
             raise FlightEnded(
                 notice("fault.no_first_pose", wait_s=wait, why=self._explain_silence())

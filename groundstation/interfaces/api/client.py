@@ -155,7 +155,8 @@ class StationClient:
         self._answers[number] = future
         self._writer.write(encode_order(order))
         try:
-            return await asyncio.wait_for(future, ANSWER_S)
+            async with asyncio.timeout(ANSWER_S):
+                return await future
         except TimeoutError:
             raise ApiError(notice("station.no_answer", path=self._path, limit_s=ANSWER_S)) from None
         finally:
@@ -268,7 +269,8 @@ async def open_client(path: Path, name: str = "client") -> AsyncIterator[Station
         raise ApiError(notice("station.other_user", path=path, user=owner(path))) from None
     try:
         try:
-            await asyncio.wait_for(client.ready, ANSWER_S)
+            async with asyncio.timeout(ANSWER_S):
+                await client.ready
         except TimeoutError:
             raise ApiError(notice("station.no_greeting", path=path, limit_s=ANSWER_S)) from None
         yield client

@@ -447,7 +447,8 @@ class Daemon:
             next_flight = notice("service.next", state=self._flight.state, pause_s=PAUSE_S)
             self._notify.send(f"STATUS={next_flight}")
             with suppress(TimeoutError):
-                await asyncio.wait_for(self._stop.wait(), PAUSE_S)
+                async with asyncio.timeout(PAUSE_S):
+                    await self._stop.wait()
         return Exit.DONE
 
     async def _fly(self) -> FlightOutcome:

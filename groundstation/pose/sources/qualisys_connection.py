@@ -105,7 +105,8 @@ class QtmConnection(asyncio.Protocol):
             SourceError: no answer.
         """
         try:
-            await asyncio.wait_for(self._qtm.set_version(version), self._timeout)
+            async with asyncio.timeout(self._timeout):
+                await self._qtm.set_version(version)
         except TimeoutError:
             raise SourceError(notice("qualisys.no_version", version=version)) from None
         except QRTCommandException:

@@ -129,7 +129,8 @@ async def test_a_bring_down_that_was_slept_through_is_not_played_to_its_end(
     before = set_points(autopilot)
     await asyncio.sleep(3.0)
     assert set_points(autopilot) == before
-    await asyncio.wait_for(link.silent(), 0.1)
+    async with asyncio.timeout(0.1):
+        await link.silent()
 
 
 @scene()
