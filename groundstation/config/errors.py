@@ -69,7 +69,7 @@ def element_path(path: KeyPath, index: int) -> KeyPath:
 
 
 @contextmanager
-def refuse_io(key: str, id: str, path: Path | str, source: str = "") -> Iterator[None]:
+def refuse_io(key: str, id: str, path: Path | str) -> Iterator[None]:
     """Report by ``key`` why the block fails.
 
     ``id`` names the sentence about ``path``, such as ``file.unwritten``.
@@ -84,12 +84,11 @@ def refuse_io(key: str, id: str, path: Path | str, source: str = "") -> Iterator
         yield
     except OSError as error:
         named = error.filename if error.filename is not None and Path(path).is_dir() else path
-        raise ConfigError(
-            key, config_notice(id, path=named, why=error.strerror or error), source
-        ) from None
+        why = error.strerror or error
+        raise ConfigError(key, config_notice(id, path=named, why=why)) from None
     except UnicodeDecodeError as error:
-        why = config_notice("file.not_utf8", at=error.start)
-        raise ConfigError(key, config_notice(id, path=path, why=why), source) from None
+        fault = config_notice("file.not_utf8", at=error.start)
+        raise ConfigError(key, config_notice(id, path=path, why=fault)) from None
 
 
 def locate(error: msgspec.ValidationError) -> tuple[str, str]:

@@ -283,9 +283,9 @@ def running_processes(services: Path = SERVICES) -> list[Running]:
     )
 
 
-def foreign_services(services: Path = SERVICES) -> list[Path]:
+def foreign_services() -> list[Path]:
     """Folders of services that run for another user."""
-    return [folder for folder in _services(services) if folder.stat().st_uid != os.geteuid()]
+    return [folder for folder in _services(SERVICES) if folder.stat().st_uid != os.geteuid()]
 
 
 def _folders() -> set[Path]:

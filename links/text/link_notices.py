@@ -216,7 +216,7 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "hint.guid_options",
-        "it would take our thrust as a climb rate. Set GUID_OPTIONS to 8 (bit 3, thrust as "
+        "it would take our thrust as a climb rate. Add 8 to GUID_OPTIONS (bit 3, thrust as "
         "thrust; `groundstation doctor` does), then arm again.",
     ),
     NoticeTemplate(

@@ -220,8 +220,8 @@ def matrix(q: Quat) -> tuple[Vec3, Vec3, Vec3]:
     )
 
 
-def from_matrix(rows: tuple[Vec3, Vec3, Vec3], ops: Ops = FLOATS) -> Quat:
-    """The quaternion of a rotation matrix given as its rows (floats only; w >= 0)."""
+def from_matrix(rows: tuple[Vec3, Vec3, Vec3]) -> Quat:
+    """The quaternion of a rotation matrix given as its rows (w >= 0)."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     trace = a + e + i
     if trace > 0.0:
@@ -232,7 +232,7 @@ def from_matrix(rows: tuple[Vec3, Vec3, Vec3], ops: Ops = FLOATS) -> Quat:
         q = (c - g, b + d, 1.0 + e - a - i, f + h)
     else:
         q = (d - b, c + g, f + h, 1.0 + i - a - e)
-    w, x, y, z = normalize(q, ops)
+    w, x, y, z = normalize(q)
     return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)
 
 

@@ -136,13 +136,13 @@ class VisionEstimate(NamedTuple):
     attitude: Quat
 
 
-def encode_vision(codec: MavlinkCodec, vision: VisionEstimate, resets: int = 0) -> bytes:
+def encode_vision(codec: MavlinkCodec, vision: VisionEstimate) -> bytes:
     """Return the frame, for simulators and tests."""
     d = codec.dialect
     angles = so3.euler_zyx(vision.attitude)
     return codec.pack(
         d.MAVLink_vision_position_estimate_message(
-            round(vision.time_s * 1e6), *vision.position, *angles, [float("nan")] * 21, resets
+            round(vision.time_s * 1e6), *vision.position, *angles, [float("nan")] * 21
         )
     )
 

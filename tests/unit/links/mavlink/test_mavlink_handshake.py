@@ -123,7 +123,7 @@ def test_what_is_given_up_while_ardupilots_rotors_stand_has_been_ordered() -> No
             {"GUID_OPTIONS": 9.0, "ATC_ANGLE_BOOST": 1.0},
             ("ATC_ANGLE_BOOST is 1: it would raise our thrust", "Set ATC_ANGLE_BOOST to 0"),
         ),
-        ({"GUID_OPTIONS": 0.0}, ("GUID_OPTIONS is 0", "climb rate", "Set GUID_OPTIONS to 8")),
+        ({"GUID_OPTIONS": 0.0}, ("GUID_OPTIONS is 0", "climb rate", "Add 8 to GUID_OPTIONS")),
     ],
 )
 def test_ardupilot_that_would_misunderstand_our_thrust_is_not_armed(
