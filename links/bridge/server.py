@@ -46,6 +46,7 @@ from links.rf import (
     RfLinkConfig,
     Serve,
     Stop,
+    end_pacer,
     open_process,
 )
 from links.text import link_notice
@@ -120,8 +121,7 @@ class KeptPacer:
             self._say(link_notice("bridge.restarts").text)
         except asyncio.CancelledError:
             self._ends = True
-            pacer.give(End(self._config.disarm_s))
-            await pacer.wait_for_end()
+            await end_pacer(pacer, self._config.disarm_s)
             raise
         finally:
             self._pacer = None

@@ -157,7 +157,7 @@ class HeardPacer:
         self._missed()
 
 
-async def end(pacer: Pacer, linger_s: float) -> None:
+async def end_pacer(pacer: Pacer, linger_s: float) -> None:
     """Have ``pacer`` end once the vehicle is down and disarm frames have left for ``linger_s`` [s].
 
     Then let go.
@@ -398,7 +398,7 @@ class PacedLink:
             return
         linger_s = self._heard.manner.disarm_s if self._arming else 0.0
         try:
-            await end(pacer, linger_s)
+            await end_pacer(pacer, linger_s)
         finally:
             if self._heard.pacer is pacer:
                 self._heard.let_go()

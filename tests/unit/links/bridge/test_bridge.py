@@ -379,6 +379,17 @@ async def test_a_bridge_that_ends_takes_no_command_any_more_and_tells_the_statio
 
 
 @in_virtual_time
+async def test_a_bridge_whose_pacers_stand_still_ends_all_the_same() -> None:
+    async with room(armed=True) as it:
+        pacer: Any = it.wire.pacer
+        pacer.lose_commander(stopped=True)
+        it.running.cancel()
+        async with asyncio.timeout(5.0):
+            await asyncio.wait([it.running])
+        assert it.running.cancelled()
+
+
+@in_virtual_time
 async def test_the_operator_of_the_bridge_can_stop_the_motors() -> None:
     async with room(armed=True) as it:
         await it.stream(1.0, 0.3)
