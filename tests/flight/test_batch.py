@@ -1,12 +1,15 @@
 """Batches of flights agree with whole flights one at a time: two simulators cannot drift apart."""
 
+import numpy as np
 import pytest
 
 from groundstation.core.geometry import Vec3
+from groundstation.core.vehicle import ActuatorCommand
 from sim.batch import fly_batch
+from sim.batch.batch import ReceivedCommands
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.world import Wind
+from sim.world import Wind, generator
 from tests.flight.flights import flown
 
 SEEDS = 2
@@ -50,6 +53,20 @@ def test_every_law_is_thrown_and_pushed_in_a_batch_as_in_a_whole_flight(kind: st
     assert batch.gust_back_s[0] == pytest.approx(verdict.gust_back_s, abs=0.006)
     assert batch.settle_s[0] == pytest.approx(verdict.settle_s, abs=0.006)
     assert batch.lowest_m[0] > world.start_ned[2], "it sinks at first"
+
+
+def test_the_first_frame_arrives_and_each_later_one_as_its_own_draw_says() -> None:
+    world, _ = prepare(SCENARIOS["paper"], ["sim.frame_loss=0.5"])
+    seeds, level = range(8), (0.0, 0.0, 0.0)
+    received = ReceivedCommands([world] * len(seeds), seeds, 1.0)
+    arrived = []
+    for frame in range(3):
+        before = received.thrust.copy()
+        command = ActuatorCommand(0.2 + 0.1 * frame, level)
+        received.take(frame, 0.0, command, world.thrust_max_n, world.thrust_curve)
+        arrived.append((received.thrust != before).tolist())
+    draws = [generator(seed, "frame loss").random(2) >= world.frame_loss for seed in seeds]
+    assert arrived == [[True] * len(seeds), *np.transpose(draws).tolist()]
 
 
 def test_a_last_frame_whose_every_step_ends_after_the_flight_adds_nothing() -> None:

@@ -8,7 +8,7 @@ import pytest
 from groundstation.core.geometry import Vec3, so3
 from links.mavlink.protocol import MavCommand, MavlinkCodec
 from sim.autopilots import Px4Autopilot, SimulatedAutopilot
-from sim.autopilots.dialects import Px4Mode
+from sim.autopilots.dialects import ArduPilotAutopilot, Px4Mode
 from tests.airframe_double import Brick
 
 PERIOD_S = 0.02
@@ -94,6 +94,19 @@ def test_it_speaks_first_and_sends_a_heartbeat_every_second() -> None:
     first = beats[0][1]
     told = (first.autopilot, first.type, first.base_mode & 128, first.get_srcSystem())
     assert told == (12, 2, 0, 1)
+
+
+@pytest.mark.parametrize("make", [Px4Autopilot, ArduPilotAutopilot])
+def test_who_asks_for_all_parameters_is_told_each_of_them_once(
+    make: Callable[..., SimulatedAutopilot],
+) -> None:
+    flight = Flight(make=make, parameters={})
+    request = flight.codec.dialect.MAVLink_param_request_list_message
+    flight.send(flight.codec.pack(request(1, 1)))
+    told = flight.messages("PARAM_VALUE")
+    names = {one.param_id for one in told}
+    assert len(names) == len(told) > 1
+    assert {one.param_count for one in told} == {len(names)}
 
 
 def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:

@@ -1,8 +1,9 @@
 """The gate: poses that can't be true, how they are told, and when a new place is believed."""
 
+import asyncio
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
@@ -10,8 +11,9 @@ from hypothesis import given, strategies as st
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, PoseStatus, Sentence
-from groundstation.pose.sources import Gate, GateConfig, describe_drop
+from groundstation.pose.sources import Gate, GateConfig, GatedSource, describe_drop
 from groundstation.pose.sources.intake import Outbreaks
+from tests.loops import in_virtual_time
 
 DT = 0.02
 COAST_S = 0.25
@@ -240,3 +242,28 @@ def test_drops_of_before_the_first_look_are_news_and_an_unsteady_clock_is_told_b
     told = look_on(*((now_s, status, None) for now_s, status in looks))
     assert told[:2] == [(0.0, "pose.dropping"), (1.9, "pose.unsteady_clock")]
     assert told[2:] == [(2.1, "pose.steady_clock"), (2.1, "pose.passed")]
+
+
+class HandFed:
+    """A source that delivers what a test feeds it."""
+
+    status = PoseStatus(22, {})
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        self.feed = deliver
+
+    async def close(self) -> None:
+        pass
+
+
+@in_virtual_time
+async def test_a_source_with_a_gate_counts_its_moves_and_tells_that_poses_are_lost() -> None:
+    source, told = HandFed(), list[Sentence]()
+    gated = GatedSource(source, GateConfig(), lost_s=COAST_S, say=told.append)
+    await gated.start(lambda pose: None)
+    for n, resets in ((0, 0), (1, 1), (2, 2)):
+        source.feed(pose(n, reset_count=resets))
+    assert gated.status.origin_moves == 2
+    await asyncio.sleep(1.0)
+    assert [event.id for event in told] == ["pose.elsewhere", "pose.elsewhere", "pose.lost"]
+    await gated.close()
