@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from groundstation.analysis.evidence import import_command
-from groundstation.analysis.evidence.flight import MEASURED
+from groundstation.analysis.evidence.flight import MEASURED, SETPOINT
 from groundstation.analysis.evidence.imports import load_mapping, read_flight
 from groundstation.analysis.evidence.text_tables import CsvLayout, read_csv_table, read_qtm_tables
 from groundstation.config import ConfigError
@@ -359,6 +359,13 @@ def test_a_restart_is_no_disorder(tmp_path: Path) -> None:
     assert len(poses(tmp_path, twice, str(write(tmp_path, "map.toml", MAPPING)))) == 200
 
 
+def test_what_is_imported_is_stamped_by_its_own_times(tmp_path: Path) -> None:
+    file = write(tmp_path, "run.csv", "\n".join(["t,x,y,z", *ORDERED]))
+    poses(tmp_path, file, str(write(tmp_path, "map.toml", MAPPING)))
+    stamps = [entry.stamp_ns for entry in Recording(tmp_path / "flight.mcap").entries()]
+    np.testing.assert_allclose(np.diff(stamps), 1e7, atol=1.0)
+
+
 def test_attitudes_of_a_table_of_their_own_stand_between_quaternions_of_either_sign(
     tmp_path: Path,
 ) -> None:
@@ -384,3 +391,16 @@ def test_attitudes_of_a_table_of_their_own_stand_between_quaternions_of_either_s
         q = pose.attitude
         yaw_rad = so3.euler_zyx((q.w, q.x, q.y, q.z))[2]
         assert yaw_rad == pytest.approx(pose.time_s + 0.01, abs=1e-4)
+
+
+def test_thrust_is_a_share_of_the_full_signal_and_follows_the_hover_signal(tmp_path: Path) -> None:
+    signals = [(1000.0, 800.0), (1000.0, 1000.0), (1200.0, 800.0)] * 99
+    rows = [f'{0.01 * n},0,0,-1,{u},{h},"[[0],0.1]"' for n, (u, h) in enumerate(signals)]
+    command = (
+        '[[command]]\nthrust = ["u"]\nthrust_full = 2000\nhover = "h"\n'
+        'rates = ["r.0", "r.1", "r.0"]\n'
+    )
+    mapping = write(tmp_path, "map.toml", MAPPING + command)
+    file = write(tmp_path, "run.csv", "\n".join(["t,x,y,z,u,h,r", *rows]))
+    told = read_flight(load_mapping(str(mapping)), [file]).of(SETPOINT)
+    assert [one.thrust for one in told[:3]] == pytest.approx([0.5, 0.4, 0.6])
