@@ -23,8 +23,8 @@ from tests.proving.faults import (
     page,
     text,
 )
-from tests.proving.faults.faults import dropout, push_along
-from tests.proving.faults.judge import OPEN_LOOP, TOUCHDOWN_M_S, Thrust, WireJudge
+from tests.proving.faults.faults import cut, dropout, push_along
+from tests.proving.faults.judge import OPEN_LOOP, STRICT, TOUCHDOWN_M_S, Thrust, WireJudge
 
 STATION, VEHICLE = ("127.0.0.1", 14540), ("127.0.0.1", 49152)
 FAR = ("trajectory.centre_ned=[0,0,0]",)
@@ -159,7 +159,7 @@ def test_a_bring_down_by_rates_alone_is_too_hard_for_a_vehicle_that_could_land_i
 @pytest.mark.tried(1)  # ways of a push
 @pytest.mark.parametrize(
     ("where", "peak_m_s2", "lasts_s", "covered_s"),
-    [("down", 6.0, 1.0, 0.6), ("aside", 10.0, 0.4, 0.3)],
+    [("down", 6.0, 1.0, 0.6), ("up", 6.0, 1.0, 0.6), ("aside", 10.0, 0.4, 0.3)],
 )
 def test_a_hand_that_covers_the_markers_throws_no_vehicle(
     where: str, peak_m_s2: float, lasts_s: float, covered_s: float
@@ -171,9 +171,22 @@ def test_a_hand_that_covers_the_markers_throws_no_vehicle(
             await dropout(scene)
 
     row = fly_fault("covered", Fault(press, link="dsm", poses=Poses.GONE), "hold")
-    assert row.highest_m < 2.0
-    assert row.sideways_m < 2.0
-    assert row.fastest_m_s < 5.0
+    assert row.highest_m < 0.5
+    assert row.sideways_m < 2.5
+    assert row.fastest_m_s < STRICT.speed_m_s
+
+
+def test_a_blind_descent_does_not_count_on_commands_that_a_link_that_stalled_has_lost() -> None:
+    async def stall(scene: Scene) -> None:
+        await cut(0.25)(scene)
+        await asyncio.sleep(0.25)
+        await dropout(scene)
+
+    own_estimate = ("sim.own_estimate=false",)
+    row = fly_fault("stall", Fault(stall, poses=Poses.GONE, overrides=own_estimate), "tracking")
+    assert row.ended == OPEN_LOOP
+    assert row.sideways_m < 1.0
+    assert row.fastest_m_s < STRICT.speed_m_s
 
 
 def test_a_flight_is_flown_to_its_end_however_far_it_goes() -> None:

@@ -244,9 +244,11 @@ class Pilot:
             state.estimator.frozen = True  # no thrust scale from poses that may be false
             wind = state.wind.value or before.disturbance
             if blind:
-                # What poses said last is not believed, even if nothing contradicts them: a hand
-                # that covers the markers has pushed before, and poses are late before they stop.
-                motion, wind = state.reckoning.reckon(before, state.newest_s), before.disturbance
+                # A force that the poses have shown since is not believed, even if nothing
+                # contradicts them: a hand that covers the markers has pushed before.
+                motion, wind = state.estimator.motion or before.motion, before.disturbance
+                if not state.health.is_position_usable:
+                    motion = state.reckoning.reckon(before, state.newest_s)
                 state.estimator.believe(motion, wind, before.effectiveness)
             sinks = state.estimator.predict(
                 max(self._last_s or 0.0, state.newest_s)

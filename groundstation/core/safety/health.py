@@ -534,11 +534,10 @@ class PoseHealth:
         tones, own = max(places.tones, heights.tones), max(places.own, heights.own)
         self.position_alarm = max(tones, own, self._turns.yaw_alarm)
         self.alarm = max(self.attitude_alarm, self.position_alarm)
-        self.is_confirmed = turns.is_known and places.is_known and self.alarm < SUSPECT_ALARM
+        is_position_known = places.is_known and heights.is_known
+        self.is_confirmed = turns.is_known and is_position_known and self.alarm < SUSPECT_ALARM
         if self.is_attitude_usable and self.alarm < CALM_ALARM:
-            self.is_position_usable = self.is_position_usable or (
-                places.is_known and heights.is_known
-            )
+            self.is_position_usable = self.is_position_usable or is_position_known
         if self.alarm < CALM_ALARM and not self.has_failed:
             self.calm_s = now_s
             self.believed_until_s = now_s - SHORTEST_S
