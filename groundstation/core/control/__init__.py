@@ -5,6 +5,7 @@ from groundstation.core.control.adaptive import (
     HOLD,
     Adaptive,
     Gains,
+    Proof,
     bound_decrease,
     calm_gains,
     hold_gains,

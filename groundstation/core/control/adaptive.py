@@ -5,7 +5,8 @@ Its configuration is the section ``[controller]``: every gain and switch with un
 reason.
 """
 
-from typing import Annotated, Any, Literal
+from enum import Enum
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 
@@ -144,7 +145,7 @@ class Adaptive:
     def __init__(self, vehicle: Vehicle, gains: Gains, ops: Ops = FLOATS) -> None:
         """Start with b̂ = 0, as the paper does."""
         self._ops = ops
-        self._certificate = bound_decrease(gains)
+        self._certificate = str(bound_decrease(gains))
         self._vehicle = vehicle
         self._gains = gains
         self._hold = vehicle.frame_period_s
@@ -168,7 +169,7 @@ class Adaptive:
     def regain(self, gains: Gains) -> None:
         """Use other gains from now on; b̂ and the memory stay."""
         self._gains = gains
-        self._certificate = bound_decrease(gains)
+        self._certificate = str(bound_decrease(gains))
 
     def begin(self, disturbance: Vec3) -> None:
         """Let b̂ begin at ``disturbance`` [m/s², NED], estimated before the first command."""
@@ -399,17 +400,45 @@ def describe_step(
 _SUSPENDED = "none: adaptation is suspended while the tilt or a command is at its limit"
 
 
-def bound_decrease(gains: Gains) -> str:
+class Proof(Enum):
+    """Proof of the decrease of V."""
+
+    NONE = "none"
+    PAPER = "paper"
+    COMPOSITE = "composite"
+
+
+class DecreaseBound(NamedTuple):
+    """Bound on the decrease of V, in words ``proof: says``."""
+
+    proof: Proof
+    says: str
+
+    def __str__(self) -> str:
+        return f"{self.proof.value}: {self.says}"
+
+
+def bound_decrease(gains: Gains) -> DecreaseBound:
     """Which bound on V holds for these gains, for a constant wind and no lag
     (docs/explanation/law-proof.md).
     """
     if gains.kb == 0.0:
-        return "none: adaptation is off (controller.kb = 0)"
+        return DecreaseBound(Proof.NONE, "adaptation is off (controller.kb = 0)")
     if gains.composite == "off":
-        return "paper: V falls at least by W"
+        return DecreaseBound(Proof.PAPER, "V falls at least by W")
     if gains.composite == "raw":
-        return "none: the raw form of composite adaptation has no proof"
-    beyond = max(1.0, ((gains.b_bound + gains.epsilon) / gains.b_bound) ** 2 - 1.0)
-    if gains.kb**2 * gains.kappa * beyond**2 >= 4.0 * min(gains.k3, gains.k3_down):
-        return "none: the proof needs kb² κ < 4 k3"
-    return "composite: V and the observer's error fall together, by a share of W at least"
+        return DecreaseBound(Proof.NONE, "the raw form of composite adaptation has no proof")
+    if gains.kb**2 * gains.kappa * projection_slope(gains) ** 2 >= 4.0 * least_k3(gains):
+        return DecreaseBound(Proof.NONE, "the proof needs kb² κ < 4 k3")
+    falls = "V and the observer's error fall together, by a share of W at least"
+    return DecreaseBound(Proof.COMPOSITE, falls)
+
+
+def projection_slope(gains: Gains) -> float:
+    """L of docs/explanation/law-proof.md: Lipschitz constant of the projection [-]."""
+    return max(1.0, ((gains.b_bound + gains.epsilon) / gains.b_bound) ** 2 - 1.0)
+
+
+def least_k3(gains: Law) -> float:
+    """The smaller of the horizontal and the vertical k3 [1/s]."""
+    return min(gains.k3, gains.k3_down)

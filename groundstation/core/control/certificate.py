@@ -23,7 +23,14 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-from groundstation.core.control.adaptive import Gains, bound_decrease
+from groundstation.core.control.adaptive import (
+    DecreaseBound,
+    Gains,
+    Proof,
+    bound_decrease,
+    least_k3,
+    projection_slope,
+)
 from groundstation.core.control.backstepping import Law, axis
 from groundstation.core.estimation import Estimation
 from groundstation.core.geometry import FLOATS, Real, Vec3, to_body
@@ -37,16 +44,16 @@ from groundstation.core.messages import (
 )
 from groundstation.core.vehicle import Motion, Vehicle
 
-NO_FUNCTION = "none: this controller comes without a Lyapunov function"
+NO_FUNCTION = DecreaseBound(Proof.NONE, "this controller comes without a Lyapunov function")
+NOT_ADAPTIVE = DecreaseBound(Proof.NONE, "the gains of the law alone")
 
 
 @lru_cache(16)
 def virtual_control_sup(law: Law) -> float:
-    """The largest |u*| on one axis [m/s²], over all position and speed errors (u* is odd: z1_dot >
-    0 is enough).
+    """The largest |u*| on one axis [m/s²], over all position and speed errors.
 
-    A coarse grid far beyond where Ω' has made u* fall again (one half of it, as u* is odd), then
-    three finer ones around its best point.
+    A coarse grid far beyond where Ω' has made u* fall again (half of it, z1 <= 0, as u* is odd),
+    then three finer ones around its best point.
     """
     m = law.sigma_bound
     z1, z1_span = 0.0, 10.0 * m / law.sigma_slope
@@ -108,19 +115,17 @@ class Decrease(NamedTuple):
 
 def decrease(law: Law) -> Decrease:
     """Return the bound of these gains in flight."""
-    name = bound_decrease(law) if isinstance(law, Gains) else "none: the gains of the law alone"
-    left = 1.0
-    if name.startswith("composite") and isinstance(law, Gains):
-        beyond = max(1.0, ((law.b_bound + law.epsilon) / law.b_bound) ** 2 - 1.0)
-        left = 1.0 - 0.5 * law.kb * beyond * math.sqrt(law.kappa / min(law.k3, law.k3_down))
-    # Without a d̂ of its own b̃ has no estimate: V_known may rise by the range of V's last term.
-    spare = (
-        0.5 * (2.0 * law.b_bound + law.epsilon) ** 2 / law.kb if name.startswith("paper") else 0.0
-    )
-    share = 0.0 if name.startswith("none") else 0.5 * left
-    return Decrease(
-        name, share, COVERED_RATE_M_S3**2 / (2.0 * left * min(law.k3, law.k3_down)), spare
-    )
+    bound = bound_decrease(law) if isinstance(law, Gains) else NOT_ADAPTIVE
+    left, spare = 1.0, 0.0
+    if bound.proof is Proof.COMPOSITE and isinstance(law, Gains):
+        slope = projection_slope(law)
+        left = 1.0 - 0.5 * law.kb * slope * math.sqrt(law.kappa / least_k3(law))
+    elif bound.proof is Proof.PAPER:
+        # Without a d̂ of its own b̃ has no estimate: V_known may rise by the range of V's last term.
+        spare = 0.5 * (2.0 * law.b_bound + law.epsilon) ** 2 / law.kb
+    share = 0.0 if bound.proof is Proof.NONE else 0.5 * left
+    power = COVERED_RATE_M_S3**2 / (2.0 * left * least_k3(law))
+    return Decrease(str(bound), share, power, spare)
 
 
 class LyapunovMeasure(NamedTuple):
@@ -136,7 +141,7 @@ class LyapunovMeasure(NamedTuple):
     weight: float
     """1/(2 kb) [s²]; 0 without an observer that finds d̂ by itself."""
     kappa: float
-    """κ [1/s]; 0 likewise."""
+    """κ [s]; 0 likewise."""
 
     @property
     def pull(self) -> float:
@@ -157,7 +162,7 @@ def measure(config: Estimation) -> LyapunovMeasure:
     function.
     """
     law = config if isinstance(config, Law) else None
-    known = Decrease(NO_FUNCTION, 0.0, 0.0, 0.0) if law is None else decrease(law)
+    known = Decrease(str(NO_FUNCTION), 0.0, 0.0, 0.0) if law is None else decrease(law)
     if isinstance(config, Gains) and config.composite == "provable" and config.kb > 0.0:
         return LyapunovMeasure(law, known, 0.5 / config.kb, config.kappa)
     return LyapunovMeasure(law, known, 0.0, 0.0)
@@ -372,6 +377,11 @@ class ExcessWatch:
         """Time for which V_m has been above its bound and its spare [s]."""
         return self._rising.for_s
 
+    def end(self, time_s: float) -> None:
+        """Begin from V_m as it is: another V, or another reference."""
+        self.excess = 0.0
+        self._rising.end(time_s)
+
     def update(self, excess: float, frame: Frame, measure: LyapunovMeasure) -> Sentence | None:
         """Take the computed excess of one frame; return a sentence once it has lasted."""
         if self.excess == 0.0:
@@ -386,12 +396,7 @@ class ExcessWatch:
         if excess <= 0.0:
             return None
         self._sources.add(frame, measure.pull)
-        # While adaptation is suspended there is no bound, so that time does not count.
-        if (
-            excess <= spare
-            or last.decision.saturated
-            or not self._rising.extend(last.time_s, frame.dt)
-        ):
+        if excess <= spare or not self._rising.extend(last.time_s, frame.dt):
             return None
         for_s = self._sources.for_s
         return notice("certificate.above", for_s=for_s, largest=self._sources.name_largest(for_s))
@@ -406,7 +411,9 @@ class SuspensionWatch:
         self._sources, self._limited = EnergySources(mass_kg), Lasting(PINNED_S)
 
     def update(self, frame: Frame, measure: LyapunovMeasure, *, pinned: bool) -> Sentence | None:
-        """Take one frame; ``pinned``: the thrust at its limit is reported already."""
+        """Take one frame; ``pinned``: whether the thrust at its limit, which has a sentence of its
+        own, is the cause.
+        """
         last, dt = frame.last, frame.dt
         share = self.share
         share += dt / (dt + SUSPENDED_MEAN_S) * (float(last.decision.saturated) - share)
@@ -431,6 +438,7 @@ class CertificateMonitor:
 
     def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
         self._noise: tuple[float, float] | None = None
+        self._last: Look | None = None
         self._above = ExcessWatch(vehicle.mass_kg)
         self._suspension = SuspensionWatch(vehicle.mass_kg)
         self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
@@ -448,13 +456,13 @@ class CertificateMonitor:
         self._power = self._measure.decrease.power
         if self._noise is not None:
             self.noise(*self._noise)
-        self._quiet = self._state(suspended=False)
         self.restart()
 
     def restart(self) -> None:
         """The reference jumps, and V with it: begin from there."""
-        self._last: Look | None = None
-        self._above.excess = 0.0
+        if self._last is not None:
+            self._above.end(self._last.time_s)
+        self._last = None
 
     def noise(self, noise_m: float, interval_s: float) -> None:
         """The poses' noise as measured [m, 1σ per axis] and their mean interval [s]: D follows
@@ -473,14 +481,14 @@ class CertificateMonitor:
         warnings, self._opening, state = self._opening, (), NONE
         if last is not None and 0.0 < time_s - last.time_s < LASTING_S:
             warnings += self._find_warnings(last, now)
-            state = self._quiet
+            state = self._promise
             saturated, dt = last.decision.saturated, time_s - last.time_s
             self._watched_s += dt
             if saturated or self._above.excess > 0.0 or self._disturbance.for_s > 0.0:
                 state = self._state(suspended=saturated)
-                if state is VIOLATED:
+                if state == VIOLATED:
                     self._violated_s += dt
-                elif state is SUSPENDED:
+                elif state == SUSPENDED:
                     self._suspended_s += dt
         return CertificateReading(state, self._above.excess, warnings)
 
@@ -538,12 +546,15 @@ class CertificateMonitor:
             "certificate.thrust_margin", which=which, thrust_n=thrust_n, for_s=pinned.for_s
         )
 
+    @property
+    def _promise(self) -> str:
+        """State where nothing is exceeded or suspended."""
+        return HOLDS if self._measure.decrease.share > 0.0 else NONE
+
     def _state(self, *, suspended: bool) -> str:
         if max(self._above.for_s, self._disturbance.for_s) >= LASTING_S:
             return VIOLATED
-        if self._measure.law is None:
-            return NONE
-        return SUSPENDED if suspended else HOLDS if self._measure.decrease.share > 0.0 else NONE
+        return SUSPENDED if suspended and self._measure.law is not None else self._promise
 
     def reading(self) -> Certificate | None:
         """For screens; None before the second command."""

@@ -44,27 +44,30 @@ class GuardFinding(NamedTuple):
 
 
 class Escalation:
-    """Conversion of findings to steps: each no gentler than the last, the next one while its cause
-    lasts.
+    """Conversion of findings to steps: each no gentler than the last, the next one where a limit,
+    the same or another, is exceeded some time after it.
     """
 
     def __init__(self, lasting_s: float) -> None:
-        """``lasting_s``: duration of a cause after one step before the next [s]."""
+        """``lasting_s``: time after one step from which a finding is followed by the next [s]."""
         self._lasting = lasting_s
         self._step = GuardAction.WARN
         self._at_s = -math.inf
+        self._reason_id = ""
+        """Id of the sentence of the last step."""
 
     def escalate(self, finding: GuardFinding, now_s: float) -> GuardFinding | None:
         """Return the finding with the step to take now; None while the last step has its time."""
         if finding.step > self._step:
             escalated = finding
         elif self._step < finding.most and now_s - self._at_s > self._lasting:
-            escalated = finding._replace(
-                step=GuardAction(self._step + 1), reason=finding.reason.as_lasting()
-            )
+            reason = finding.reason
+            if reason.id == self._reason_id:
+                reason = reason.as_lasting()
+            escalated = finding._replace(step=GuardAction(self._step + 1), reason=reason)
         else:
             return None
-        self._step, self._at_s = escalated.step, now_s
+        self._step, self._at_s, self._reason_id = escalated.step, now_s, finding.reason.id
         return escalated
 
     def reset(self) -> None:
@@ -74,8 +77,9 @@ class Escalation:
 
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 Share = Annotated[float, msgspec.Meta(ge=0.01, le=1.0)]
+"""A share [-], or a time of which a mean of 1 s still knows [s]."""
 Angle = Annotated[float, msgspec.Meta(ge=2.0, le=90.0)]
-"""A tilt [deg]; less than 2 is in radians, of which 90 degrees are 1.6."""
+"""A tilt [deg]; below 2 it was probably meant in radians, of which 90 degrees are 1.6."""
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 
 
@@ -201,8 +205,8 @@ and half a period is jitter."""
 RESETS_S = 5.0
 """Time within which resets of the estimate behind the poses are counted [s]."""
 UNDER_FLOOR_M = 0.5
-"""Largest plausible depth of a pose under the floor [m]: PX4's own height was off by .65 m once in
-40 landings."""
+"""Largest plausible depth of a pose under the floor [m]: in 39 of 40 landings PX4's own height was
+within it, and once off by .65 m."""
 AT_LIMIT = 0.999
 """Share of a limit from which a command is at it [-]: rounding."""
 SURE_S = 0.06
@@ -256,7 +260,8 @@ class GuardView:
         self.late_frames = len(self._late)
         count = tick.pose.reset_count
         if self._reset_count not in (None, count):
-            self._reset_s = [at for at in self._reset_s if now_s - at < RESETS_S] + [now_s]
+            self._reset_s.append(now_s)
+        self._reset_s = [at for at in self._reset_s if now_s - at < RESETS_S]
         self._reset_count, self.resets = count, len(self._reset_s)
 
     @property
@@ -272,7 +277,7 @@ class GuardView:
         return angle_deg((x * p + y * q + z * r) / (math.sqrt(x * x + y * y + z * z) or 1.0))
 
     def nearest(self) -> Near | None:
-        """Other vehicle with the least braking distance left.
+        """Other vehicle with the least distance left after braking.
 
         None without ``separation.others``, or a sighting.
         """
@@ -437,7 +442,7 @@ class Guard(NamedTuple):
     """Where breaks count too: time constant of forgetting time beyond the limit [s]."""
 
 
-HOLD, LAND, DESCEND = GuardAction.HOLD, GuardAction.LAND, GuardAction.DESCEND
+WARN, HOLD, LAND, DESCEND = GuardAction
 GUARDS: tuple[Guard, ...] = (
     Guard("guard.tilt", "largest tilt", "guards.tilt_deg", "tilt_s", DESCEND, DESCEND, _tilt),
     Guard("guard.oscillation", "oscillation: angle between tilt and required tilt",
@@ -456,19 +461,19 @@ GUARDS: tuple[Guard, ...] = (
     Guard("guard.fence", "outside the fence", "fence", 0.0, LAND, DESCEND, _fence),
     Guard("guard.braking", "too fast before the fence", "fence.braking_m_s2", 0.0, HOLD, DESCEND,
         _braking),
-    Guard("guard.separation", "distance to another vehicle", "separation.distance_m", SURE_S,
-        LAND, LAND, _separation),
+    Guard("guard.separation", "distance to another vehicle (the upper of two holds)",
+        "separation.distance_m", SURE_S, LAND, LAND, _separation),
     Guard("guard.approach", "too fast towards another vehicle", "separation.braking_m_s2", SURE_S,
         HOLD, LAND,
           _approach),
-    Guard("guard.unseen", "another vehicle not sighted", "separation.stale_s", 0.0, HOLD, HOLD,
-        _unseen),
+    Guard("guard.unseen", "another vehicle not sighted (`separation.unknown` has what follows)",
+        "separation.stale_s", 0.0, WARN, LAND, _unseen),
     Guard("guard.pose_age", "age of poses on arrival", "guards.pose_age", AGED_S, LAND, LAND,
         _pose_age),
     Guard("guard.pose_resets", "resets behind the poses", "guards.pose_resets", 0.0, LAND,
         DESCEND, _pose_resets),
-    Guard("guard.under_floor", "a pose under the floor", "flight.floor_z_m", SURE_S, DESCEND,
-        DESCEND, _under_floor),
+    Guard("guard.under_floor", f"a pose {UNDER_FLOOR_M:g} m under the floor", "flight.floor_z_m",
+        SURE_S, DESCEND, DESCEND, _under_floor),
     Guard("guard.overruns", "late frames of the last 100", "guards.overruns", 0.0, LAND, DESCEND,
         _overruns),
     Guard("guard.round_trip", "round trip of the link", "guards.rtt_s", LONG_S, LAND, LAND,
@@ -500,11 +505,7 @@ class GuardLimit(NamedTuple):
     """Advice to the operator."""
 
 
-STEPS = {
-    GuardAction.HOLD: "hold",
-    GuardAction.LAND: "land",
-    GuardAction.DESCEND: "failsafe descent",
-}
+STEPS = {WARN: "warning", HOLD: "hold", LAND: "land", DESCEND: "failsafe descent"}
 """Steps in words."""
 
 
@@ -538,8 +539,10 @@ def list_limits(config: object, guards: GuardsConfig) -> list[GuardLimit]:
     return rows
 
 
-UNSEEN_STEPS = {"warn": GuardAction.WARN, "hold": GuardAction.HOLD, "land": GuardAction.LAND}
+UNSEEN_STEPS = {"warn": WARN, "hold": HOLD, "land": LAND}
 """Step by ``separation.unknown``, after ``separation.unknown_s``; before that it is a warning."""
+OF_OTHERS = ("guard.separation", "guard.approach")
+"""Rows about the nearest other vehicle."""
 OF_LINK = ("guard.round_trip", "guard.charge", "guard.voltage")
 """Rows that check the link, not the commands."""
 
@@ -552,8 +555,8 @@ class Guards:
         period_s: Callable[[], float], separation: Separation | None = None,
         floor_z_m: float = 0.0, gravity: float = GRAVITY, coast_s: float = math.inf,
     ) -> None:  # fmt: skip
-        """Take the limits; ``period_s`` returns the link's time between two commands [s], called
-        with each command.
+        """Take the limits; ``period_s`` returns the link's time between two commands [s]: it is
+        asked at each command, as the link may change it.
 
         ``separation`` is from other vehicles; ``floor_z_m`` is the position of a vehicle on the
         floor [m, NED], ``gravity`` the controller's [m/s²], ``coast_s`` the longest use of one pose
@@ -568,11 +571,13 @@ class Guards:
         }
 
     def check_command(self, tick: Tick, state: State) -> GuardFinding | None:
-        """Return the gravest finding of one command."""
+        """Return the gravest finding of one command: by its step, then by its last one."""
         self._view.add_command(tick, is_guided=state is not State.DESCENT)
         found = [self._check(guard, tick.time_s) for guard in GUARDS if guard.id not in OF_LINK]
         return max(
-            (one for one in found if one is not None), key=lambda one: one.step, default=None
+            (one for one in found if one is not None),
+            key=lambda one: (one.step, one.most),
+            default=None,
         )
 
     def check_link(self, status: LinkStatus, now_s: float) -> GuardFinding | None:
@@ -586,7 +591,7 @@ class Guards:
         is_beyond, memory_s = numbers is not None, guard.memory_s
         for_s = _lasts_s(guard, view.config)
         if memory_s > 0.0:
-            # Of time beyond the limit without a break, a part has been forgotten by then.
+            # The sum forgets: of for_s [s] without a break so much is left in it.
             held_s = self._recent[guard.id].add(is_beyond, now_s)
             for_s = -memory_s * math.expm1(-for_s / memory_s)
         else:
@@ -596,9 +601,9 @@ class Guards:
             config = view.separation.config
             unseen_s = self._since.held_s("unseen long", is_beyond, now_s)
             is_long = unseen_s >= config.unknown_s - ROUNDING_S
-            step = most = UNSEEN_STEPS[config.unknown] if is_long else GuardAction.WARN
-        if guard.id == "guard.separation" and (near := view.nearest()) is not None and near.beneath:
-            step = most = GuardAction.HOLD  # the lower one lands: down upon another would be worse
+            step = most = UNSEEN_STEPS[config.unknown] if is_long else WARN
+        if guard.id in OF_OTHERS and (near := view.nearest()) is not None and near.beneath:
+            step = most = HOLD  # the lower one lands: down upon another would be worse
         if numbers is None or held_s < for_s - ROUNDING_S:
             return None
         return GuardFinding(step, notice(guard.id, **numbers), most=most)

@@ -45,6 +45,21 @@ def test_a_v_that_only_stands_still_although_it_must_fall_is_told_once() -> None
     )
 
 
+@pytest.mark.parametrize("gains", [Gains(k2=1.0), None])
+def test_other_gains_and_another_reference_begin_without_the_violation(gains: Gains | None) -> None:
+    watch = CertificateMonitor(VEHICLE, Gains())
+    flown(watch, decided(SWINGS), 2.0)
+    calm = decided(values())
+    if gains is None:
+        watch.restart()
+    else:
+        watch.regain(gains)
+    assert flown(watch, calm, 2.0, start_s=2.1) == []
+    assert watch.look(4.2, HOVER, calm).state == "holds"
+    reading = watch.reading()
+    assert reading is not None and reading.state == "holds"
+
+
 def test_a_v_within_its_bound_is_not_told() -> None:
     watch = CertificateMonitor(VEHICLE, Gains())
     calm = decided(values(v_known=0.03, w=0.99 * decrease(Gains()).power / decrease(Gains()).share))

@@ -169,9 +169,10 @@ def test_the_limits_of_a_configuration_are_listed_row_by_row_as_the_table_has_th
 
 
 def test_an_estimate_that_is_reset_again_and_again_lands() -> None:
-    found = findings(shown(0.02 * i, reset_count=i // 20) for i in range(110))
+    found = findings(shown(0.02 * i, reset_count=min(i // 20, 5)) for i in range(300))
     assert all(one is None for one in found[:100])
     assert found[100] is not None and "5 resets" in found[100].reason.text
+    assert all(one is None for one in found[270:]), "5 s after the first there were four"
 
 
 def test_of_several_the_gravest_is_told() -> None:
@@ -179,6 +180,9 @@ def test_of_several_the_gravest_is_told() -> None:
     told = findings((shown(PERIOD_S * i, **outside) for i in range(50)), FENCE)
     steps = [one.step for one in told if one is not None]
     assert steps == [GuardAction.LAND] * 5 + [GuardAction.DESCEND] * 45
+    weak = (shown(PERIOD_S * i, effectiveness=0.6, reset_count=i // 20) for i in range(110))
+    *_, last = findings(weak)
+    assert last is not None and (last.step, last.most) == (GuardAction.LAND, GuardAction.DESCEND)
 
 
 def test_a_descent_has_no_reference_to_be_far_from() -> None:
@@ -258,6 +262,12 @@ def test_what_lasts_is_answered_by_one_step_after_the_other_and_never_by_a_gentl
     assert escalation.escalate(brake, 3.0) is None
     assert escalation.escalate(tilt, 3.1) == tilt
     assert escalation.escalate(brake, 99.0) is None
+    escalation.reset()
+    assert escalation.escalate(brake, 100.0) == brake
+    assert escalation.escalate(GuardFinding(GuardAction.LAND, EMPTY), 100.1) is not None
+    other_limit = escalation.escalate(brake, 103.0)
+    assert other_limit is not None and other_limit.step is GuardAction.DESCEND
+    assert other_limit.reason == NEAR_FENCE, "it is not the one that lasts"
     escalation.reset()
     assert escalation.escalate(brake, 150.0) == brake, "an operator who sends it on begins anew"
     empty, other = GuardFinding(GuardAction.LAND, EMPTY, most=GuardAction.LAND), Escalation(2.0)

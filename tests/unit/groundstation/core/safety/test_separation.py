@@ -160,6 +160,7 @@ def guarded(others: Others, config: SeparationConfig = PLACE) -> Guards:
         (REST, (0.4, 0.0, -1.0), REST, "LAND, at most LAND"),
         (REST, (0.1, 0.0, -1.4), REST, "LAND, at most LAND"),  # it is above: land
         (REST, (0.1, 0.0, -0.6), REST, "HOLD, at most HOLD"),  # it is beneath: stay
+        ((0.0, 0.0, 1.0), (0.1, 0.0, 0.2), REST, "HOLD, at most HOLD"),  # and do not go there
         (REST, HERE, REST, "LAND, at most LAND"),
         (REST, (0.6, 0.0, -1.0), REST, ""),  # who keeps away is left alone
         ((-1.0, 0.0, 0.0), (0.6, 0.0, -1.0), REST, ""),
