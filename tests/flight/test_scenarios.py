@@ -121,6 +121,12 @@ def test_a_gust_front_is_rejected_within_a_second() -> None:
     assert known(verdict.gust_back_s) < 1.0
 
 
+def test_the_wind_that_is_found_is_that_of_the_flights_last_second() -> None:
+    verdict = flown("gust_front").verdict
+    assert verdict.wind_true == pytest.approx((1.6, -0.05, 0.2))
+    assert verdict.wind_estimate == pytest.approx(verdict.wind_true, abs=0.05)
+
+
 def test_the_printed_law_alone_does_not_fly_the_papers_vehicle() -> None:
     verdict = flown("paper", "controller.kind=uncompensated", duration_s=20.0).verdict
     assert verdict.settle_s is None

@@ -338,6 +338,17 @@ async def test_a_plug_pulled_at_the_bridge_is_told_at_the_station() -> None:
 
 
 @in_virtual_time
+async def test_a_bridge_tells_once_that_the_pacers_stand_by_brings_down() -> None:
+    async with room(armed=True) as it:
+        await it.stream(0.5, 0.2)
+        assert it.wire.pacer is not None
+        it.wire.pacer.strike()
+        await asyncio.sleep(2.0)
+        (told,) = (line for line in it.said if "stand-by has taken over" in line)
+        assert told.startswith("the pacer was killed; its stand-by has taken over")
+
+
+@in_virtual_time
 async def test_a_pacer_and_a_stand_by_that_die_at_the_bridge_are_started_again() -> None:
     async with room(armed=True) as it:
         await it.stream(1.0, 0.3)
