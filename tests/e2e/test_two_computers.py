@@ -1,6 +1,8 @@
 """Station, bridge and vehicle as three programs: the paper's two computers, here on one."""
 
+import re
 import signal
+import socket
 from pathlib import Path
 
 import pytest
@@ -60,11 +62,14 @@ def test_a_station_flies_the_vehicle_by_the_module_of_a_bridge(tmp_path: Path) -
             flown = run_command(program("groundstation", *words))
             assert flown.returncode == 0, flown.stdout + flown.stderr
             assert "landed and disarmed" in flown.stdout
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+                stranger.sendto(b"noise", ("127.0.0.1", port))
             bridge.send_signal(signal.SIGINT)
             out, _ = bridge.communicate(timeout=60)
             assert bridge.returncode == 0
     for told in ("commands", "the vehicle is armed", "the vehicle is disarmed", "leaves", "ending"):
         assert told in out
+    assert re.search("datagrams dropped: .*'not_ours': 1", out)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from groundstation.analysis.identify import find_outside
 from groundstation.analysis.report import read_columns, report_command
 from groundstation.analysis.report.figures import FIGURES
 from groundstation.analysis.report.flight import numbers
-from groundstation.analysis.report.page import result_table
+from groundstation.analysis.report.page import result_table, write_page
 from groundstation.config import ConfigError
 from groundstation.core.messages import SETTLED_M, CommandSent, Notice, TickRecord
 from groundstation.core.vehicle import Vehicle
@@ -151,6 +151,24 @@ def test_a_recording_that_was_cut_off_is_reported_as_far_as_it_goes(
     assert not flight["whole"]
     assert 0 < flight["commands"] < facts()["commands"]
     assert "cut off" in flight["ended"]["reason"]
+
+
+@pytest.mark.parametrize(
+    ("lacks", "says"),
+    [
+        ({}, []),
+        ({"whole": False}, ["was cut off"]),
+        ({"whole": False, "damaged_at": 4711}, ["is damaged at byte 4711"]),
+        ({"lost_records": 3}, ["3 records are missing"]),
+    ],
+)
+def test_the_page_warns_of_what_the_recording_lacks(
+    lacks: dict[str, Any], says: list[str], tmp_path: Path
+) -> None:
+    page = write_page(tmp_path, (), [facts() | {"told_outside": []} | lacks])
+    text = page.read_text("utf-8")
+    warnings = ("was cut off", "is damaged at byte 4711", "3 records are missing")
+    assert [warning for warning in warnings if warning in text] == says
 
 
 def test_the_numbers_need_no_matplotlib_and_the_page_says_that_it_does(
