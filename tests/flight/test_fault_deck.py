@@ -21,10 +21,18 @@ from tests.proving.faults import (
     fly_all,
     fly_together,
     page,
+    pictures,
     text,
 )
-from tests.proving.faults.faults import cut, dropout, push_along
-from tests.proving.faults.judge import OPEN_LOOP, STRICT, TOUCHDOWN_M_S, Thrust, WireJudge
+from tests.proving.faults.faults import MIRROR, cut, dropout, push_along
+from tests.proving.faults.judge import (
+    OPEN_LOOP,
+    RATES_TOUCHDOWN_M_S,
+    STRICT,
+    TOUCHDOWN_M_S,
+    Thrust,
+    WireJudge,
+)
 
 STATION, VEHICLE = ("127.0.0.1", 14540), ("127.0.0.1", 49152)
 FAR = ("trajectory.centre_ned=[0,0,0]",)
@@ -187,6 +195,27 @@ def test_a_blind_descent_does_not_count_on_commands_that_a_link_that_stalled_has
     assert row.ended == OPEN_LOOP
     assert row.sideways_m < 1.0
     assert row.fastest_m_s < STRICT.speed_m_s
+
+
+@pytest.mark.tried(1)  # poses that come back
+@pytest.mark.parametrize(
+    ("poses", "touchdown_m_s"), [(Poses.TRUE, TOUCHDOWN_M_S), (Poses.FALSE, RATES_TOUCHDOWN_M_S)]
+)
+def test_poses_that_come_back_in_a_blind_descent_are_flown_by_as_long_as_they_respond(
+    poses: Poses, touchdown_m_s: float
+) -> None:
+    async def cover(scene: Scene) -> None:
+        await dropout(scene)
+        await asyncio.sleep(0.3)
+        if poses is Poses.FALSE:
+            scene.between.picture = pictures.map_positions(scene.struck, MIRROR["x"])
+        assert scene.stage.mocap is not None
+        scene.stage.mocap.cover(False)
+
+    row = fly_fault("back", Fault(cover, link="dsm", poses=poses), "tracking")
+    assert row.sideways_m < STRICT.aside_m
+    assert row.fastest_m_s < 2.0
+    assert known(row.touchdown_m_s) < touchdown_m_s
 
 
 def test_a_flight_is_flown_to_its_end_however_far_it_goes() -> None:

@@ -194,8 +194,8 @@ class VehicleState:
             self._prepare_check(pose, before, pose.time_s - last.time_s)
             if not (self._follows_poses and health.is_calm):
                 self.check_response()
-        if reckons and health.is_position_usable:
-            self._reset_position(pose)
+        if self.is_blind and health.is_position_usable:
+            self._end_blind_descent(pose, reckons=reckons)
         return received.add(pose)
 
     def _accepts(self, pose: Pose, ahead: Ahead | None) -> bool:
@@ -211,10 +211,19 @@ class VehicleState:
             return True
         return self._gate.accepts(pose, now, ahead.motion, self.estimator.find_noise(now.velocity))
 
+    def _end_blind_descent(self, pose: Pose, *, reckons: bool) -> None:
+        """Descend by the poses again: they came back, or they respond again, if it ``reckons``."""
+        assert self.descent is not None, "a descent is blind"
+        if reckons:
+            self._reset_position(pose)
+        else:
+            self.health.suspect(pose.time_s)  # they may be of another body now
+        self.descent.blind = False
+
     def _reset_position(self, pose: Pose) -> None:
         """Take the position of ``pose`` and the velocity of the last poses, which respond again."""
         motion, first = self.estimator.motion, self.received.recent[0]
-        assert motion is not None and self.descent is not None, "a descent on the model has both"
+        assert motion is not None, "a descent on the model has a motion"
         h = pose.time_s - first.time_s
         u, v, w = ((p - q) / h for p, q in zip(pose.position_ned, first.position_ned, strict=True))
         measured = motion._replace(position=pose.position_ned, velocity=(u, v, w))
@@ -225,7 +234,6 @@ class VehicleState:
         self.reckoning.begin(
             Trusted(pose.time_s, measured, before.disturbance, before.effectiveness)
         )
-        self.descent.blind = False
 
     def replace_attitude(self, last: Pose, time_s: float, attitude: Quat) -> None:
         """Take the pose ``last`` for one of ``time_s`` [s] with another ``attitude``."""
@@ -317,8 +325,11 @@ class VehicleState:
         """
         health, was_suspect = self.health, self.health.is_suspect
         evaluate()
-        if was_suspect and health.is_confirmed and not health.is_suspect:
-            self.wind.confirm()
+        if was_suspect and health.state is HealthState.OK:
+            if health.is_confirmed:
+                self.wind.confirm()
+            if not self.is_uplink_lost:
+                self.estimator.resume()
         if turned is not None:
             self.response.add_pose(turned, health.turn, dt)
         if health.calm_s == now.time_s and not self.is_uplink_lost:
