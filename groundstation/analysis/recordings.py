@@ -71,8 +71,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     """Write the recording at ``path`` in another format, say what was written, and return 0.
 
     Raises:
-        ConfigError: a file is no recording, a channel has another name, or the result can't be
-            written.
+        ConfigError: a file is no recording, or so damaged that nothing can be read, a channel has
+            another name, or the result can't be written.
     """
     wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
     for name in wanted:
@@ -100,7 +100,9 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
         return Exit.DONE
     try:
         with refuse_io("--out", "file.unwritten", target):
-            written = _export(recording, form, wanted, target)
+            count, written = _export(recording, form, wanted, target)
+            if recording.trouble and not count:
+                raise ConfigError("LOG", notice("recording.nothing", trouble=recording.trouble))
     except ConfigError:
         if target.is_file():
             target.unlink()  # what was begun of it
@@ -113,16 +115,17 @@ def _short_of(recording: Recording) -> str:
     return "" if recording.whole else f"; the recording {recording.trouble}"
 
 
-def _export(recording: Recording, form: str, topics: list[str], target: Path) -> str:
-    """Write ``recording`` to ``target``; returns what was written."""
+def _export(recording: Recording, form: str, topics: list[str], target: Path) -> tuple[int, str]:
+    """Write ``recording`` to ``target``; returns how much was written, and the same in words."""
     if form == "mcap":
-        return f"{rewrite(recording, target, topics)} messages"
+        count = rewrite(recording, target, topics)
+        return count, f"{count} messages"
     rows = [
         count
         for count in write_tables(recording, form, topics or list(CHANNELS), target).values()
         if count
     ]
-    return f"{sum(rows)} rows of {len(rows)} channels"
+    return sum(rows), f"{sum(rows)} rows of {len(rows)} channels"
 
 
 def _file_name(topic: str) -> str:

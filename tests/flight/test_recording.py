@@ -210,6 +210,20 @@ def test_a_recording_that_was_cut_off_is_made_whole(
     assert made == Counter((entry.topic, entry.data) for entry in Recording(cut).entries())
 
 
+@pytest.mark.parametrize("form", ["csv", "mcap", "npz"])
+def test_an_export_of_which_nothing_can_be_read_is_refused(form: str, tmp_path: Path) -> None:
+    data = bytearray(recorded()[0].read_bytes())
+    at, chunk = 8, 6  # behind MCAP's magic bytes; the first record that holds messages
+    while data[at] != chunk:
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    data[at + 100] ^= 0xFF
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data)
+    with pytest.raises(ConfigError, match=rf"^LOG: nothing .* is damaged at byte {at}"):
+        export_command(damaged, form, [], target := tmp_path / f"made{SUFFIXES[form]}")
+    assert not target.is_file()
+
+
 TAKEN = r"^--out: .*mine is there already: name another, or remove it$"
 
 

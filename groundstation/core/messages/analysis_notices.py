@@ -39,6 +39,9 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("recording.no_mcap", "{path} is no MCAP file"),
     NoticeTemplate("recording.damaged", "{path} is damaged at byte {at}, before its flight begins"),
     NoticeTemplate(
+        "recording.nothing", "nothing that was asked for can be read: the recording {trouble}"
+    ),
+    NoticeTemplate(
         "recording.no_flight", "{path} is no recording of a flight, or was cut off before it began"
     ),
     NoticeTemplate("recording.no_column", "{topic} has no column {name!r}, but {columns}"),
