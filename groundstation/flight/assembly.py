@@ -233,7 +233,7 @@ def make_ends(
 
 
 Give = Callable[[Record], None]
-"""Takes records in their order; never waits, never raises."""
+"""Takes records in their order, and never waits; what it raises ends no flight."""
 
 
 STATUS_S = 0.2
@@ -388,13 +388,13 @@ async def recorder(
     quiet: IdleSlots,
     keep: Callable[[], bool] = lambda: True,
     *,
-    describe_error: Callable[[], Sentence | None] = lambda: None,
+    describe_tracking_error: Callable[[], Sentence | None] = lambda: None,
 ) -> AsyncIterator[Give | None]:
     """Record a flight in real time by a process of its own; None without ``recording.enabled``.
 
     Records are handed over in ``quiet`` slots. ``keep`` returns at the end whether the recording is
-    kept. If the recorder has not told the flight's error, ``describe_error`` returns the sentence
-    about it.
+    kept. If the recorder has not told the flight's tracking error, ``describe_tracking_error``
+    returns the sentence about it.
     """
     process = None
     if config.recording.enabled:
@@ -406,6 +406,6 @@ async def recorder(
         if process is not None:
             await process.close(keep=kept)
         if kept and (process is None or not process.has_told_error):
-            error = describe_error()
+            error = describe_tracking_error()
             if error is not None:
                 say(error)

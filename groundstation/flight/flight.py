@@ -224,9 +224,9 @@ class Flight:
             gains=self._live.now,
         )
 
-    def describe_error(self) -> Sentence:
+    def describe_tracking_error(self) -> Sentence:
         """Describe the error of a finished flight for which the recorder did not."""
-        return self._statistics.describe_error()
+        return self._statistics.describe_tracking_error()
 
     # ---- from beginning to end
 
@@ -339,7 +339,7 @@ class Flight:
         state = self.state
         for warning in tick.certificate.warnings:
             self.say(warning.as_warning(), "certificate")
-        suspicious, self._suspicious = self._suspicious, self._pilot.state.is_suspicious
+        suspicious, self._suspicious = self._suspicious, self._pilot.state.are_poses_doubted
         if self._suspicious and not suspicious and self._link.autopilot is not None:
             # A vehicle that somebody has taken over does not respond either.
             self._link.autopilot.ask_mode()

@@ -134,8 +134,8 @@ class FlightStatistics:
             late_octaves=tuple(self._lateness.octaves) if self._lateness.count else (),
         )
 
-    def describe_error(self) -> Sentence:
-        """Describe the error of a finished flight for which the recorder did not."""
+    def describe_tracking_error(self) -> Sentence:
+        """Describe the tracking error of a finished flight for which the recorder did not."""
         rms_m, max_m = self._steady.rms_m, self._steady.max_m
         flown_s = self._flown_s
         if rms_m is None or max_m is None:

@@ -111,7 +111,7 @@ class Dialect(ABC):
         """Answer the main and sub mode of a MavCommand.DO_SET_MODE, and frames to send first."""
 
     @abstractmethod
-    def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
+    def _answer_arming(self, now_s: float) -> tuple[int, str]:
         """The result and the words that deny arming; ACCEPTED where nothing does."""
 
     def _passes_checks(self, now_s: float) -> bool:
@@ -119,7 +119,7 @@ class Dialect(ABC):
         return not self.lacks
 
     @abstractmethod
-    def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
+    def _answer_disarming(self, now_s: float) -> tuple[int, str]:
         """The result and the words that deny disarming; ACCEPTED where nothing does."""
 
     @abstractmethod
@@ -484,7 +484,7 @@ def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> li
 
 
 LANDED_S = 1.0
-"""Time on the ground after which the autopilot reports it as landed [s]; it looks once a second."""
+"""Time on the ground after which it counts as landed [s]; it looks with each HEARTBEAT."""
 CONTROL_S = 0.01
 """Period of its own control loop [s]."""
 
@@ -583,7 +583,7 @@ class SimulatedAutopilot(Dialect):
         return frames
 
     def reboot(self, now_s: float) -> None:
-        """Begin anew, as after a brown-out: the motors stop, and nothing is remembered."""
+        """Boot again, as after a brown-out: the motors stop. Its mode and parameters stay."""
         self._disarm(now_s, "")
         self._boot_s = -math.inf
 
@@ -692,7 +692,7 @@ class SimulatedAutopilot(Dialect):
         result, words = (
             (MavResult.TEMPORARILY_REJECTED, self.lacks)
             if self.lacks
-            else self._refuses_to_arm(now_s)
+            else self._answer_arming(now_s)
         )
         if result != MavResult.ACCEPTED:
             return result, self._say(MavSeverity.CRITICAL, words)
@@ -704,7 +704,7 @@ class SimulatedAutopilot(Dialect):
     def _try_to_disarm(self, message: Message, now_s: float) -> tuple[int, list[bytes]]:
         if not self.armed:
             return MavResult.ACCEPTED, []
-        result, words = self._refuses_to_disarm(now_s)
+        result, words = self._answer_disarming(now_s)
         if message.param2 != FORCE and result != MavResult.ACCEPTED:
             return result, self._say(MavSeverity.CRITICAL, words) if words else []
         return MavResult.ACCEPTED, self._disarm(now_s, "Disarmed by external command")
@@ -778,5 +778,5 @@ class SimulatedAutopilot(Dialect):
 
 
 def whole(number: float) -> int:
-    """A parameter that stands for a whole number; -1 where it does not."""
+    """The whole part of a parameter; -1 where it is no number, or infinite."""
     return int(number) if math.isfinite(number) else -1

@@ -16,7 +16,7 @@ ArduCopter:
   set-point without any does nothing.
 - Set-points that stop: the last one is held for GUID_TIMEOUT, then it levels out and keeps its
   height; the mode stays and HEARTBEAT tells nothing. The next set-point is followed again.
-- Once it has flown, it refuses to disarm in GUIDED also on the ground; mode LAND comes down and
+- Once it has flown, it refuses to disarm also on the ground; mode LAND comes down and
   disarms by itself.
 - It has no ODOMETRY; nothing comes more often than 250 Hz, and it says so.
 
@@ -135,7 +135,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         """Whether its rotors follow set-points by now."""
         if (
             math.isinf(self._spooled_s)
-            and set_point.thrust != 0.0
+            and (set_point.thrust or 0.0) > 0.0
             and now_s >= self._armed_s + ARMING_DELAY_S
         ):
             stands = self._airframe.truth(now_s).on_ground
@@ -171,7 +171,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
             self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
         return MavResult.ACCEPTED, []
 
-    def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
+    def _answer_arming(self, now_s: float) -> tuple[int, str]:
         if self.mode == CopterMode.LAND:
             return MavResult.FAILED, "Arm: Land mode not armable"
         if self.mode == CopterMode.STABILIZE:
@@ -180,7 +180,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         self._armed_s, self._spooled_s = now_s, math.inf
         return MavResult.ACCEPTED, ""
 
-    def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
+    def _answer_disarming(self, now_s: float) -> tuple[int, str]:
         return (MavResult.FAILED if self._has_flown else MavResult.ACCEPTED), ""
 
     def _set_interval(
@@ -212,7 +212,7 @@ STREAM_GAP_S = 0.5
 HOVER_MEMORY_S = 1.0
 """Time constant with which it learns its hover thrust from the commanded one in the air [s]."""
 HOVER_RANGE = 0.3
-"""Largest distance of the learnt hover thrust from MPC_THR_HOVER [-]."""
+"""Largest difference of the learnt hover thrust from MPC_THR_HOVER, as a share of it [-]."""
 STREAM_S = 1.0
 """A stream counts after this long [s]."""
 
@@ -331,7 +331,7 @@ class Px4Autopilot(SimulatedAutopilot):
             self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
         return MavResult.ACCEPTED, []
 
-    def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
+    def _answer_arming(self, now_s: float) -> tuple[int, str]:
         if self._intended != Px4Mode.OFFBOARD or not self._streaming(now_s):
             return (
                 MavResult.TEMPORARILY_REJECTED,
@@ -344,7 +344,7 @@ class Px4Autopilot(SimulatedAutopilot):
             self._intended != Px4Mode.OFFBOARD or self._streaming(now_s)
         )
 
-    def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
+    def _answer_disarming(self, now_s: float) -> tuple[int, str]:
         return (
             (MavResult.ACCEPTED, "")
             if self._has_landed(now_s)

@@ -295,7 +295,10 @@ def test_a_flight_without_a_recording_ends_with_its_error_all_the_same(
 
     async def flown() -> None:
         async with recorder(
-            config, lambda told: said.append(str(told)), IdleSlots(), describe_error=lambda: own
+            config,
+            lambda told: said.append(str(told)),
+            IdleSlots(),
+            describe_tracking_error=lambda: own,
         ) as give:
             if give is not None:
                 give(LineRecord(0.0, "tracking", "on the trajectory"))

@@ -84,7 +84,7 @@ def test_the_error_that_a_flight_keeps_in_memory_is_that_of_its_recording() -> N
                 kept.take(Notice(time_s, state, text))
             case TickRecord(tick):
                 kept.take(CommandSent(tick))
-    told = kept.describe_error()
+    told = kept.describe_tracking_error()
     assert told.text.endswith(f"of {headline.flown_s:.1f} s on the trajectory; not recorded")
     assert told.numbers["rms_cm"] == pytest.approx(100.0 * known(headline.rms_m))
     assert told.numbers["max_cm"] == pytest.approx(100.0 * known(headline.max_m))

@@ -23,12 +23,13 @@ FIRST_CLIMB_SHARE = 1.2
 """Largest thrust of the first climb as a share of the hover thrust at lift-off [-], until the
 height has responded."""
 FIRST_CLIMB_S = 1.0
-"""Time after which that limit begins to grow [s]."""
+"""Time after lift-off from which that limit grows, and the tilt limit is that of transit [s]."""
 FIRST_CLIMB_GROWTH_PER_S = 0.5
 """Growth of that limit, as a share of the hover thrust [1/s]."""
 FIRST_CLIMB_M = 0.25
-"""Height at which the first climb is over [m]: until then the height is compared with the thrust
-directly, as the state at lift-off is known."""
+"""Height above the place of lift-off at which the first climb is over [m]. Until then the health of
+the poses compares the height with the thrust directly (:class:`~groundstation.core.safety.health.
+ClimbMonitor`): the state at lift-off is known."""
 FIRST_CLIMB_COSINE = math.cos(math.radians(30.0))
 """Cosine of the largest tilt in the first second of a climb, whose response is not known yet [-]:
 it holds against a wind of 5.7 m/s²."""
@@ -41,7 +42,8 @@ and follows a mirrored position at .84 g at most."""
 RATE_GAIN_PER_S = Gains().k_omega
 """Decay of body rates under another controller than ours [1/s]: our own k_ω."""
 LEAST_SINE = 1e-3
-"""Least sine of the tilt that the thrust limit is divided by [-]: below it no thrust reaches it."""
+"""Least sine times cosine of the tilt that the thrust limit is divided by [-]: for less no thrust
+reaches that limit."""
 UPLINK_LOST_SHARE = 0.95
 """Largest thrust while the uplink is lost, as a share of the hover thrust [-]: the vehicle sinks at
 ``UPLINK_LOST_SINK_M_S`` after 0.8 s."""
@@ -142,8 +144,8 @@ class TiltLimit(Limit):
 
 
 class ThrustLimit(Limit):
-    """Thrust in transit: the vehicle neither falls, nor accelerates sideways by more than at the
-    tilt limit.
+    """Thrust in transit: the vehicle falls by no more than LEAST_THRUST_SHARE allows, and
+    accelerates sideways by no more than at the tilt limit.
     """
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
@@ -189,7 +191,9 @@ class UplinkLostLimit(Limit):
         return self._vehicle.mass_kg / estimate.effectiveness * (self._gravity + down)
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
-        """Return ``drive`` with hover thrust at most, and small rates; see :class:`Limit`."""
+        """Return ``drive`` with slightly less than hover thrust at most, and small rates; see
+        :class:`Limit`.
+        """
         if not now.is_uplink_lost:
             return drive
         thrust, (roll, pitch, yaw) = drive

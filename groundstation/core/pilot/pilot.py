@@ -134,8 +134,9 @@ class Pilot:
         state.replace_attitude(last, time_s, attitude)
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
-        """Make ``trajectory``, begun at ``start_s`` on the event loop's clock [s], the
-        reference.
+        """Make ``trajectory``, begun at ``start_s`` on the event loop's clock [s], the reference.
+
+        Without a :meth:`lift_off` before, the vehicle is in the air, and is released now.
         """
         self._tell(TrajectoryRecord(start_s))
         if not self.state.is_released:
@@ -151,6 +152,7 @@ class Pilot:
 
     def use_profile(self, profile: FlightProfile) -> None:
         """Fly by ``profile`` from now on."""
+        # Twice, as recordings have always held it: gains and tones once eased apart.
         is_holding, is_transit = float(profile is not TRACKING), float(profile is TRANSIT)
         self._switch("ease", is_holding, is_holding, is_transit)
         self._profile = profile
@@ -229,11 +231,12 @@ class Pilot:
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> float:
         """Begin a failsafe descent, or change it.
 
-        ``blind``: take position and velocity from the model.
+        ``sink_m_s``: commanded sink rate [m/s]. ``blind``: take position and velocity from the
+        model. ``rest_s``: additional time for which one pose may be used from the first call on
+        [s].
 
-        ``rest_s`` is the additional time for which one pose may be used [s]. Return how long a
-        blind descent may last [s], from the largest height above the floor that the vehicle may
-        have, by the model or before the poses were suspect.
+        Return how long the descent may last [s], should it be blind: from the largest height above
+        the floor that the vehicle may have, by the model or before the poses were suspect.
         """
         self._switch("descend", sink_m_s, float(blind), rest_s)
         state = self.state
@@ -289,11 +292,11 @@ class Pilot:
             self._apply_gains()
         if descent is not None:
             reference = Reference(estimate.motion.position, (0.0, 0.0, descent.sink_m_s))
-        without = state.tones.take_out(estimate, heading(estimate.motion.attitude))
+        toneless = state.tones.take_out(estimate, heading(estimate.motion.attitude))
         interval = 0.0 if self._last_s is None or state.is_uplink_lost else time_s - self._last_s
         self._last_s = time_s
         decide = self._decide if descent is None else descent.decide
-        decision = decide(without, reference, interval)
+        decision = decide(toneless, reference, interval)
         pose_down_m, wind = pose.position_ned[2], state.wind.value or ZERO
         now = LimitInput(
             time_s,
@@ -316,7 +319,7 @@ class Pilot:
         if descent is not None and descent.blind:
             wind = descent.wind
         parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
-        certificate = self._watch.look(time_s, without.motion, decision)
+        certificate = self._watch.look(time_s, toneless.motion, decision)
         command = self._command(decision.drive, parts)
         tick = Tick(time_s, flight_time, pose, estimate, reference, decision, command, certificate)
         self._tell(tick)
@@ -326,7 +329,7 @@ class Pilot:
         """Gain set of now: that of the profile, unless the poses are far apart or suspect."""
         if self.state.received.apart_s > SPARSE_S:
             return calm_gains
-        return self._profile.suspect_gains if self.state.is_suspicious else self._profile.gains
+        return self._profile.suspect_gains if self.state.are_poses_doubted else self._profile.gains
 
     def _decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """Return the command of the law."""
@@ -339,12 +342,14 @@ class Pilot:
 
     def _excite(self, time_s: float, drive: ActuatorCommand) -> ActuatorCommand:
         """Return ``drive`` with excitation tones, where they are needed and the law leaves room for
-        them.
+        them: not before the first climb is over, and so never in a flight that began in the air.
         """
         settled = self._limits.first_climb.find_climbed_s(time_s) > EXCITATION_DELAY_S
-        is_calm = self.state.descent is not None or self._profile.is_excited
+        is_excited = self.state.descent is not None or self._profile.is_excited
         level = (
-            SUSPECT_LEVEL if self.state.health.is_suspect or self.state.is_blind else float(is_calm)
+            SUSPECT_LEVEL
+            if self.state.health.is_suspect or self.state.is_blind
+            else float(is_excited)
         )
         tones = self.state.tones
         is_possible = settled and not self.state.is_uplink_lost and tones.has_room(drive)
@@ -358,8 +363,8 @@ class Pilot:
         """Return the last command where commands are too late: zero rates, slightly less than hover
         thrust.
 
-        Times are as in :meth:`surrender`. A late bring-down would brake a vehicle that does not
-        fall.
+        Times are as in :meth:`surrender`. No bring-down follows: it would come late, too, and brake
+        a fall that is over.
         """
         self._switch("let_go", hold_s)
         pose = self.state.newest_pose

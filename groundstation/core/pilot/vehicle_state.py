@@ -149,7 +149,7 @@ class VehicleState:
         return -math.inf if newest is None else newest.time_s
 
     @property
-    def is_suspicious(self) -> bool:
+    def are_poses_doubted(self) -> bool:
         """Whether the poses are suspected, or have failed."""
         return self.health.state is not HealthState.OK
 

@@ -461,11 +461,11 @@ class Daemon:
         def keep() -> bool:
             return self._armed > before or self._once
 
-        def describe_error() -> Sentence | None:
-            return self._flight.describe_error() if self._armed > before else None
+        def describe_tracking_error() -> Sentence | None:
+            return self._flight.describe_tracking_error() if self._armed > before else None
 
         async with recorder(
-            self._config, _log, self._quiet, keep, describe_error=describe_error
+            self._config, _log, self._quiet, keep, describe_tracking_error=describe_tracking_error
         ) as give:
             self._flight = self._make_flight(give)
             renewing = asyncio.ensure_future(self._renew(self._flight))
@@ -595,10 +595,12 @@ async def _fly(
     timer = StepTimer.start()
     flight: Flight | None = None
 
-    def describe_error() -> Sentence | None:
-        return None if flight is None else flight.describe_error()
+    def describe_tracking_error() -> Sentence | None:
+        return None if flight is None else flight.describe_tracking_error()
 
-    async with recorder(config, say, quiet, describe_error=describe_error) as give:
+    async with recorder(
+        config, say, quiet, describe_tracking_error=describe_tracking_error
+    ) as give:
         subscribers = (tell_lines(write),)
         flight = make_flight(
             config,
