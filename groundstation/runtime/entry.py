@@ -385,7 +385,11 @@ class Program(argparse.ArgumentParser):
             return self.below[args[0]].parse_known_args(args[1:], namespace)
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+            told = f"unrecognized arguments: {' '.join(unknown)}"
+            takes_words = any(a.nargs == "*" and not a.option_strings for a in self._actions)
+            if takes_words and not any(word.startswith("--") for word in unknown):
+                told += "; write the options before or behind all other words, not between them"
+            self.error(told)
         return found, unknown
 
     def format_help(self) -> str:

@@ -200,8 +200,8 @@ class StopDetector:
                 continue
             driven = lasts_s >= DRIVEN_S and abs(way) > DRIVEN_WAYS * room_m
             self.is_driven |= driven
-            pushed_far = driven and abs(way) > 0.5 * DRIVEN_M_S2 * lasts_s * lasts_s
-            if abs(moved) > least_m_s or pushed_far:
+            is_pushed = driven and abs(speed) > DRIVEN_M_S2 * lasts_s
+            if abs(moved) > least_m_s or is_pushed:
                 stopped_s = since_s
         return stopped_s
 

@@ -77,6 +77,11 @@ UNKNOWN = "error: unrecognized arguments:"
             (SIM, f"{command} --seed -1", f"--seed: {WHOLE} '-1'")
             for command in ("fly", "serve", "dev faults", "tune")
         ),
+        (
+            FLY,
+            "request goto --vehicle mqx 0 0 -0.5",
+            f"{UNKNOWN} 0 0 -0.5; write the options before or behind all other words",
+        ),
         (SIM, "mission --seed 1.5", f"--seed: {WHOLE} '1.5'"),
         (SIM, "campaign --first-seed -1", f"--first-seed: {WHOLE} '-1'"),
         (SIM, "mission --seed 1_0", f"--seed: {WHOLE} '1_0'"),
