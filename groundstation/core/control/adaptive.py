@@ -400,7 +400,7 @@ def describe_step(
 _SUSPENDED = "none: adaptation is suspended while the tilt or a command is at its limit"
 
 
-class Proof(Enum):
+class DecreaseProof(Enum):
     """Proof of the decrease of V."""
 
     NONE = "none"
@@ -411,7 +411,7 @@ class Proof(Enum):
 class DecreaseBound(NamedTuple):
     """Bound on the decrease of V, in words ``proof: says``."""
 
-    proof: Proof
+    proof: DecreaseProof
     says: str
 
     def __str__(self) -> str:
@@ -423,15 +423,17 @@ def bound_decrease(gains: Gains) -> DecreaseBound:
     (docs/explanation/law-proof.md).
     """
     if gains.kb == 0.0:
-        return DecreaseBound(Proof.NONE, "adaptation is off (controller.kb = 0)")
+        return DecreaseBound(DecreaseProof.NONE, "adaptation is off (controller.kb = 0)")
     if gains.composite == "off":
-        return DecreaseBound(Proof.PAPER, "V falls at least by W")
+        return DecreaseBound(DecreaseProof.PAPER, "V falls at least by W")
     if gains.composite == "raw":
-        return DecreaseBound(Proof.NONE, "the raw form of composite adaptation has no proof")
+        return DecreaseBound(
+            DecreaseProof.NONE, "the raw form of composite adaptation has no proof"
+        )
     if gains.kb**2 * gains.kappa * projection_slope(gains) ** 2 >= 4.0 * least_k3(gains):
-        return DecreaseBound(Proof.NONE, "the proof needs kb² κ < 4 k3")
+        return DecreaseBound(DecreaseProof.NONE, "the proof needs kb² κ < 4 k3")
     falls = "V and the observer's error fall together, by a share of W at least"
-    return DecreaseBound(Proof.COMPOSITE, falls)
+    return DecreaseBound(DecreaseProof.COMPOSITE, falls)
 
 
 def projection_slope(gains: Gains) -> float:

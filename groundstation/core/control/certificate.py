@@ -25,8 +25,8 @@ from typing import NamedTuple
 
 from groundstation.core.control.adaptive import (
     DecreaseBound,
+    DecreaseProof,
     Gains,
-    Proof,
     bound_decrease,
     least_k3,
     projection_slope,
@@ -44,8 +44,8 @@ from groundstation.core.messages import (
 )
 from groundstation.core.vehicle import Motion, Vehicle
 
-NO_FUNCTION = DecreaseBound(Proof.NONE, "this controller comes without a Lyapunov function")
-NOT_ADAPTIVE = DecreaseBound(Proof.NONE, "the gains of the law alone")
+NO_FUNCTION = DecreaseBound(DecreaseProof.NONE, "this controller comes without a Lyapunov function")
+NOT_ADAPTIVE = DecreaseBound(DecreaseProof.NONE, "the gains of the law alone")
 
 
 @lru_cache(16)
@@ -117,13 +117,13 @@ def decrease(law: Law) -> Decrease:
     """Return the bound of these gains in flight."""
     bound = bound_decrease(law) if isinstance(law, Gains) else NOT_ADAPTIVE
     left, spare = 1.0, 0.0
-    if bound.proof is Proof.COMPOSITE and isinstance(law, Gains):
+    if bound.proof is DecreaseProof.COMPOSITE and isinstance(law, Gains):
         slope = projection_slope(law)
         left = 1.0 - 0.5 * law.kb * slope * math.sqrt(law.kappa / least_k3(law))
-    elif bound.proof is Proof.PAPER:
+    elif bound.proof is DecreaseProof.PAPER:
         # Without a d̂ of its own b̃ has no estimate: V_known may rise by the range of V's last term.
         spare = 0.5 * (2.0 * law.b_bound + law.epsilon) ** 2 / law.kb
-    share = 0.0 if bound.proof is Proof.NONE else 0.5 * left
+    share = 0.0 if bound.proof is DecreaseProof.NONE else 0.5 * left
     power = COVERED_RATE_M_S3**2 / (2.0 * left * least_k3(law))
     return Decrease(str(bound), share, power, spare)
 

@@ -38,7 +38,13 @@ from groundstation.config import (
     parse_number,
     strip_metadata,
 )
-from groundstation.core.control import ControllerConfig, Custom, Gains, Proof, bound_decrease
+from groundstation.core.control import (
+    ControllerConfig,
+    Custom,
+    DecreaseProof,
+    Gains,
+    bound_decrease,
+)
 from groundstation.pose.sources import ViconConfig
 from groundstation.runtime import __version__
 from groundstation.settings import Config
@@ -130,7 +136,7 @@ def loses_proof(controller: ControllerConfig) -> bool:
     """
     if not isinstance(controller, Gains) or controller.composite == "raw" or controller.kb == 0.0:
         return False
-    return bound_decrease(controller).proof is Proof.NONE
+    return bound_decrease(controller).proof is DecreaseProof.NONE
 
 
 def _numbers(controller: ControllerConfig) -> dict[str, tuple[mi.FloatType, float | None]]:

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from groundstation.config import ConfigError
-from groundstation.core.control import Gains, Proof, bound_decrease
+from groundstation.core.control import DecreaseProof, Gains, bound_decrease
 from sim.scenarios import SCENARIOS
 from sim.studies.tune import (
     AXES,
@@ -162,7 +162,7 @@ def test_gains_without_the_proof_are_never_flown() -> None:
     trials = run(_search(keys=["k2", "k3", "kb=0.2:8", "kappa=1:40"]), judges, trials=25)
     for sortie in judges.flights:
         assert isinstance(sortie.stage.config.controller, Gains)
-        assert bound_decrease(sortie.stage.config.controller).proof is Proof.COMPOSITE
+        assert bound_decrease(sortie.stage.config.controller).proof is DecreaseProof.COMPOSITE
     # So the bounds do not keep it by themselves.
     assert max(trial.gains["kb"] for trial in trials) > 1.0
 
