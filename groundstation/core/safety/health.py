@@ -98,7 +98,7 @@ DRIVEN_S = 0.3
 to be suspect [s]: wind that the law rejects has the same effect."""
 DRIVEN_M_S2 = 1.5
 """Mean acceleration of the model meanwhile, beside the wind before, from which the position is
-frozen [m/s²]: wind that the law rejected came to 1.05 in 80 flights of `adverse` and `storm`."""
+frozen [m/s²]: wind that the law rejected came to 1.10 in 60 flights of `adverse` and `storm`."""
 DRIVEN_WAYS = 10.0
 """Displacement of the model meanwhile, as a multiple of the range that counts as constant [-]."""
 STOP_S = 2.0 * DRIVEN_S
