@@ -241,7 +241,7 @@ def test_an_autopilot_that_lands_after_an_abort_can_still_be_killed(autopilot: s
 
 def test_motors_that_run_on_the_floor_are_stopped_by_force(monkeypatch: pytest.MonkeyPatch) -> None:
     denied = MavResult.TEMPORARILY_REJECTED, "Disarming denied: not landed"
-    monkeypatch.setattr(Px4Autopilot, "_refuses_to_disarm", lambda self, now_s: denied)
+    monkeypatch.setattr(Px4Autopilot, "_answer_disarming", lambda self, now_s: denied)
     flown, stage = mission_on_stage(*SHORT, script=nothing)
     assert flown.landed
     assert "stopped by force" in flown.why
