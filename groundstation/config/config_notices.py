@@ -22,6 +22,9 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("value.whole_number", "expected a whole number, {least} or more, got {found!r}"),
     NoticeTemplate("value.underscore", "expected a number without `_`, got {found!r}"),
     NoticeTemplate("value.refused", "{value}: {why}"),
+    NoticeTemplate(
+        "command.divided", "write the options before or behind all other words, not between them"
+    ),
     NoticeTemplate("command.gone", "`{words}` is gone", "{instead}"),
     NoticeTemplate("option.only_with", "is for {option} alone", "leave it out"),
     NoticeTemplate(

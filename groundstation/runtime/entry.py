@@ -388,7 +388,9 @@ class Program(argparse.ArgumentParser):
             told = f"unrecognized arguments: {' '.join(unknown)}"
             takes_words = any(a.nargs == "*" and not a.option_strings for a in self._actions)
             if takes_words and not any(word.startswith("--") for word in unknown):
-                told += "; write the options before or behind all other words, not between them"
+                from groundstation.config import config_notice
+
+                told += f"; {config_notice('command.divided')}"
             self.error(told)
         return found, unknown
 

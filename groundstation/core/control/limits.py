@@ -28,8 +28,8 @@ FIRST_CLIMB_GROWTH_PER_S = 0.5
 """Growth of that limit, as a share of the hover thrust [1/s]."""
 FIRST_CLIMB_M = 0.25
 """Height above the place of lift-off at which the first climb is over [m]. Until then the health of
-the poses compares the height with the thrust directly (:class:`~groundstation.core.safety.health.
-ClimbMonitor`): the state at lift-off is known."""
+the poses (``ClimbMonitor``) compares the height with the thrust directly, as the state at lift-off
+is known."""
 FIRST_CLIMB_COSINE = math.cos(math.radians(30.0))
 """Cosine of the largest tilt in the first second of a climb, whose response is not known yet [-]:
 it holds against a wind of 5.7 m/s²."""

@@ -249,7 +249,8 @@ class Pilot:
             if blind:
                 # A force that the poses have shown since is not believed, even if nothing
                 # contradicts them: a hand that covers the markers has pushed before.
-                motion, wind = state.estimator.motion or before.motion, before.disturbance
+                wind = before.disturbance
+                motion = state.estimator.motion or before.motion
                 if not state.health.is_position_usable:
                     motion = state.reckoning.reckon(before, state.newest_s)
                 state.estimator.believe(motion, wind, before.effectiveness)
@@ -363,8 +364,8 @@ class Pilot:
         """Return the last command where commands are too late: zero rates, slightly less than hover
         thrust.
 
-        Times are as in :meth:`surrender`. No bring-down follows: it would come late, too, and brake
-        a fall that is over.
+        Times are as in :meth:`surrender`. The same thrust is held in place of a bring-down, which
+        would come late, too, and brake a vehicle that does not fall.
         """
         self._switch("let_go", hold_s)
         pose = self.state.newest_pose

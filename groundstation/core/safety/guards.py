@@ -77,7 +77,7 @@ class Escalation:
 
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 Share = Annotated[float, msgspec.Meta(ge=0.01, le=1.0)]
-"""A share [-], or a time of which a mean of 1 s still knows [s]."""
+"""A share [-], or a time of at most 1 s [s]."""
 Angle = Annotated[float, msgspec.Meta(ge=2.0, le=90.0)]
 """A tilt [deg]; below 2 it was probably meant in radians, of which 90 degrees are 1.6."""
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
@@ -442,7 +442,10 @@ class Guard(NamedTuple):
     """Where breaks count too: time constant of forgetting time beyond the limit [s]."""
 
 
-WARN, HOLD, LAND, DESCEND = GuardAction
+WARN = GuardAction.WARN
+HOLD = GuardAction.HOLD
+LAND = GuardAction.LAND
+DESCEND = GuardAction.DESCEND
 GUARDS: tuple[Guard, ...] = (
     Guard("guard.tilt", "largest tilt", "guards.tilt_deg", "tilt_s", DESCEND, DESCEND, _tilt),
     Guard("guard.oscillation", "oscillation: angle between tilt and required tilt",

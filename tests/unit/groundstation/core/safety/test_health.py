@@ -310,7 +310,8 @@ def test_a_picture_that_freezes_is_stopped_dead_unless_its_motion_was_slow_or_lo
         (0.3, False, False),
         (1.0, False, True),
         (1.25, False, True),
-        (1.5, True, True),
+        (1.4, False, True),
+        (1.45, True, True),
         (2.5, True, True),
     ],
 )
