@@ -42,12 +42,18 @@ def fleet_file(folder: Path, names: Sequence[str] = ("ant", "bee")) -> Path:
     return folder / "fleet.toml"
 
 
-def core_of(supervisor: int, name: str) -> int:
-    """The process that flies ``name``, by the file that it was given."""
+def find_core(supervisor: int, name: str) -> int | None:
+    """The process that flies ``name``, by the file that it was given, once there is one."""
     for child in children_of(supervisor):
         if f"/{name}.toml".encode() in Path(f"/proc/{child}/cmdline").read_bytes():
             return child
-    raise AssertionError(f"{name} has no core")
+    return None
+
+
+def core_of(supervisor: int, name: str) -> int:
+    core = find_core(supervisor, name)
+    assert core is not None, f"{name} has no core"
+    return core
 
 
 def passes_on(process: int) -> bool:
@@ -133,7 +139,12 @@ def test_where_a_core_does_not_get_ready_the_others_tell_who_it_is(tmp_path: Pat
     file, log = fleet_file(tmp_path), tmp_path / "log"
     (tmp_path / "bee.sock").mkdir()  # so bee's core has no socket, and ends
     words = program("groundstation", "fleet", file, "--arm", "ant", "--arm", "bee")
+    why = "nobody is armed: bee did not get ready"
     with started(words, log) as station:
+        wait_until(lambda: find_core(station.pid, "ant"))
+        ant = core_of(station.pid, "ant")
+        os.kill(ant, signal.SIGSTOP)  # it starts more slowly than the other takes to fail
+        until(log, why)
+        os.kill(ant, signal.SIGCONT)
         assert station.wait(60) == 1
-    told = "aborted: ended before take-off: nobody is armed: bee did not get ready"
-    assert re.search(rf"ant +\| .* {told}", log.read_text())
+    assert re.search(rf"ant +\| .* aborted: ended before take-off: {why}", log.read_text())

@@ -54,10 +54,23 @@ async def arm_vehicle(name: str, socket: Path) -> str:
     return "" if answer.done else answer.says
 
 
+async def tell_end(why: Request, name: str, socket: Path) -> None:
+    """Ask the core of ``name`` to end, as soon as it can be asked: it may only start yet."""
+    while True:
+        with suppress(OSError, ApiError):
+            await ask_station(why, name, socket)
+            return
+        await asyncio.sleep(AGAIN_S)
+
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 """Passed on to every core, which knows what each means: land, failsafe descent, motors off."""
 READY_S = 120.0
 """Timeout for the relay to begin, and then for all cores to be ready to be armed [s]."""
+END_S = 20.0
+"""Timeout for a core to take a request that it end before its take-off; a signal follows [s].
+
+The start of a core takes 2 s, on a loaded machine of two processors up to 10."""
 
 
 class Supervisor:
@@ -180,8 +193,9 @@ class Supervisor:
                 told = notice("fleet.nobody_armed", names=", ".join(late))
                 self._say(str(told))
                 why = Request(Ask.LAND, told.text)
-                asked = [ask_station(why, name, socket) for name, socket in sockets.items()]
-                await asyncio.gather(*asked, return_exceptions=True)  # not of one without a socket
+                await asyncio.gather(
+                    *(self._end_core(why, name, sockets[name], watching[name]) for name in sockets)
+                )
                 self._send(signal.SIGTERM)
             return
         for name in self._arm:
@@ -189,6 +203,14 @@ class Supervisor:
             if refused:
                 self._say(str(notice("fleet.not_armed", name=name, why=refused)))
         self._starting.close()
+
+    async def _end_core(
+        self, why: Request, name: str, socket: Path, watched: "asyncio.Future[int]"
+    ) -> None:
+        """Ask one core to end, so that its flight tells ``why``, unless it has ended."""
+        asked = asyncio.ensure_future(tell_end(why, name, socket))
+        await asyncio.wait((asked, watched), timeout=END_S, return_when=asyncio.FIRST_COMPLETED)
+        asked.cancel()
 
     async def _watch(self, name: str) -> int:
         code = await self._listen(name, self.cores[name])
