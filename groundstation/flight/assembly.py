@@ -28,7 +28,7 @@ from groundstation.core.messages import (
     Subscriber,
     notice,
 )
-from groundstation.core.safety import MONITORS, Monitors
+from groundstation.core.pilot import MONITORS, Monitors
 from groundstation.flight.flight import Flight
 from groundstation.flight.hold_to_run import make_hold
 from groundstation.flight.preflight import Company

@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import msgspec
 
+from groundstation.core.health import Failure
 from groundstation.core.messages import (
     Ask,
     Check,
@@ -30,8 +31,8 @@ from groundstation.core.messages import (
     notice,
 )
 from groundstation.core.mission import ALARMING, EVENT_OF, ON_GROUND, Event, State
-from groundstation.core.pilot import Pilot
-from groundstation.core.safety import Failure, LiveGains, Monitors
+from groundstation.core.pilot import Monitors, Pilot
+from groundstation.core.safety import LiveGains
 from groundstation.flight.command_loop import CommandLoop, FrameLateness
 from groundstation.flight.controller import FlightController
 from groundstation.flight.hold_to_run import HoldWatch

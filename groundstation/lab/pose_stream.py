@@ -35,8 +35,8 @@ from groundstation.core.geometry import (
     rotation_vector,
     so3,
 )
+from groundstation.core.health import PoseLatency
 from groundstation.core.messages import Excess, Pose, PoseStatus, notice
-from groundstation.core.safety import PoseLatency
 from links.core import Attitude
 from links.text import Sentence
 

@@ -182,7 +182,7 @@ TELEMETRY_MAX_AGE_S = 5.0
 """Age after which a module's telemetry is dropped [s]."""
 ATTITUDE_LATENCY_S = 0.05
 """Age of an attitude when the module reports it [s]: it waits for a slot of the radio. The
-comparison with poses tries 0.1 s either way (groundstation/core/safety/witness.py)."""
+comparison with poses tries 0.1 s either way (groundstation/core/health/witness.py)."""
 STEER = 0.02
 """Largest shift of a frame, as a share of the period, where the module asks for it [-]."""
 READ_BYTES = 512

@@ -27,7 +27,7 @@ from groundstation.core.messages import (
     ignore,
 )
 from groundstation.core.mission import State
-from groundstation.core.safety import MONITORS, Monitors
+from groundstation.core.pilot import MONITORS, Monitors
 from groundstation.core.trajectory import Trajectory
 from groundstation.flight import Flight, FlightOutcome, Give, make_flight
 from groundstation.machine import sleep_until

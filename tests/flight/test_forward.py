@@ -7,9 +7,9 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
+from groundstation.core.health.pose_gate import PoseGate
 from groundstation.core.messages import Ask, FlightEvent, Notice, Reply, Request, tell_lines
 from groundstation.core.mission import State
-from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.flight import Flight, make_flight
 from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots import Px4Autopilot

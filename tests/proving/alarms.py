@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import msgspec
 
 from groundstation.config import ConfigError
+from groundstation.core.health import HealthState, PoseHealth
 from groundstation.core.messages import Pose
-from groundstation.core.safety import HealthState, Monitors, PoseHealth
+from groundstation.core.pilot import Monitors
 from groundstation.flight import Flight
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.runtime import Exit

@@ -9,8 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from groundstation.core.geometry import Vec3, so3
+from groundstation.core.health import Failure, health
 from groundstation.core.messages import Sentence
-from groundstation.core.safety import Failure, health
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import Body, Quadrotor, Wind
 from tests.proving.faults import (

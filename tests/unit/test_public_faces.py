@@ -39,11 +39,15 @@ HEAVY = {"asyncio", "matplotlib", "msgspec", "numpy", "pandas", "pymavlink", "sc
         ("from groundstation.__main__ import parser; parser().format_help()", HEAVY),
         ("from sim.__main__ import parser; parser().format_help()", HEAVY),
         (
+            "from groundstation.interfaces import cli",
+            {"groundstation.flight", "matplotlib", "mcap", "numpy", "pandas", "scipy", "textual"},
+        ),
+        (
             "from groundstation import simulate; simulate(duration=0.1, record=False)",
             {"matplotlib", "mcap", "multiprocessing", "pandas", "scipy", "textual"},
         ),
     ],
-    ids=["import", "help", "help of the simulator", "a simulated flight"],
+    ids=["import", "help", "help of the simulator", "a request", "a simulated flight"],
 )
 def test_nothing_heavy_is_loaded_where_nothing_needs_it(code: str, without: set[str]) -> None:
     told = f"import sys\n{code}\nprint(*sys.modules)"

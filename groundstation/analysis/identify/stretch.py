@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.config import ConfigError
+from groundstation.core.health import PoseLatency
 from groundstation.core.messages import Pose, notice
 from groundstation.core.mission import State
-from groundstation.core.safety import PoseLatency
 from groundstation.recording import Recording
 from groundstation.settings import Config, read_flown_config
 from links.mavlink.protocol import LONGEST_S, NEWEST, MavlinkCodec, Trip, attitude_of

@@ -49,3 +49,4 @@ from groundstation.core.estimation.estimator import (
     widen_covariance,
 )
 from groundstation.core.estimation.reckoning import Reckoning, Trusted
+from groundstation.core.estimation.significance import HIGHLY_SIGNIFICANT, SIGNIFICANT

@@ -30,6 +30,7 @@ from groundstation.core.control import (
     plan_model_descent,
 )
 from groundstation.core.geometry import ZERO, Quat, Vec3, heading
+from groundstation.core.health import PoseHealth
 from groundstation.core.messages import (
     GAIN,
     Certificate,
@@ -45,7 +46,6 @@ from groundstation.core.messages import (
     ignore,
 )
 from groundstation.core.pilot.vehicle_state import VehicleState
-from groundstation.core.safety import PoseHealth
 from groundstation.core.trajectory import Reference, Trajectory
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
 from links.core import Command, Segment

@@ -10,14 +10,14 @@ import msgspec
 from groundstation.core.control import ControllerConfig, Descent, ExcitationTones
 from groundstation.core.estimation import Ahead, ModelEstimator, Reckoning, Trusted
 from groundstation.core.geometry import ZERO, Quat, Vec3, heading, interpolate
-from groundstation.core.messages import Estimate, Pose
-from groundstation.core.safety import (
+from groundstation.core.health import (
     SUSPECT_M_S2,
     HealthState,
     PoseGate,
     PoseHealth,
     ResponseLatency,
 )
+from groundstation.core.messages import Estimate, Pose
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 WIND_MEMORY_S = 3.0

@@ -1,6 +1,4 @@
-"""Safety: guards, geofence, separation, health of the poses, take-off, touchdown, second
-witness.
-"""
+"""Safety: guards, geofence, separation, live gains, take-off, touchdown."""
 
 from groundstation.core.safety.geofence import Fence, FenceConfig, Separation, SeparationConfig
 from groundstation.core.safety.guards import (
@@ -14,11 +12,7 @@ from groundstation.core.safety.guards import (
     GuardsConfig,
     list_limits,
 )
-from groundstation.core.safety.health import SUSPECT_M_S2, Failure, HealthState, PoseHealth
-from groundstation.core.safety.latency import PoseLatency, ResponseLatency
 from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
-from groundstation.core.safety.monitors import MONITORS, Monitors
-from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.core.safety.takeoff import (
     WANDERING_M,
     Spool,
@@ -35,4 +29,3 @@ from groundstation.core.safety.touchdown import (
     LandingConfig,
     Touchdown,
 )
-from groundstation.core.safety.witness import MOUNTING_DEG, Agreement, Witness

@@ -18,10 +18,10 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 
+from groundstation.core.estimation import SIGNIFICANT
 from groundstation.core.geometry import Vec3, angle_deg, subtract, third_column
 from groundstation.core.messages import ROUNDING_S, Pose, Sentence, notice
 from groundstation.core.safety.geofence import Fence
-from groundstation.core.safety.significance import SIGNIFICANT
 from groundstation.core.vehicle import Vehicle
 from links.text import to_ms, to_percent
 

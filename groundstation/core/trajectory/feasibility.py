@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
-import numpy as np
 
 from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, arrays, scale
 from groundstation.core.trajectory.reference import LOOKED_AT_S, Reference, Trajectory
@@ -454,6 +453,8 @@ def _share(
 
     None without one.
     """
+    import numpy as np
+
     # All instants at once: they are computed a dozen times.
     ops = arrays()
     whole: Any = [

@@ -11,25 +11,20 @@ next phase is what comes back. The caller owns time and wires.
 import math
 from typing import Protocol
 
+from groundstation.core.health import Failure, HealthState, PoseHealth, PoseLatency, Witness
 from groundstation.core.messages import NoticeKind, Others, Pose, Sentence, Tick, Waypoint, notice
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
-from groundstation.core.pilot import Pilot
+from groundstation.core.pilot import Monitors, Pilot
 from groundstation.core.safety import (
     LATE_PERIODS,
     OFF_REFERENCE_M,
     Escalation,
-    Failure,
     GuardAction,
     GuardFinding,
     Guards,
-    HealthState,
-    Monitors,
-    PoseHealth,
-    PoseLatency,
     Spool,
     SpoolUp,
     StandingPoses,
-    Witness,
     limit_n,
 )
 from groundstation.core.trajectory import Reference

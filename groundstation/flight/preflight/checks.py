@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from groundstation.core.control import Law, thrust_bound
 from groundstation.core.geometry import FARTHEST_M, Vec3, angle_deg, third_column
+from groundstation.core.health import MOUNTING_DEG, Agreement
 from groundstation.core.messages import (
     ROUNDING_S,
     SIGHTING_S,
@@ -25,8 +26,6 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import HoldToRun
 from groundstation.core.safety import (
-    MOUNTING_DEG,
-    Agreement,
     Fence,
     GuardsConfig,
     Separation,

@@ -15,9 +15,9 @@ import msgspec
 from msgspec.structs import replace
 
 from groundstation.core.geometry import Vec3, so3
+from groundstation.core.health import Failure
 from groundstation.core.messages import IdleRecord, TickRecord
 from groundstation.core.mission import State
-from groundstation.core.safety import Failure
 from groundstation.recording import Record
 from groundstation.settings import Config
 from links.core import Command, Segment, signal

@@ -6,15 +6,10 @@ A flight comes to its strike with the real monitor and guards; its copies differ
 import math
 from typing import Any
 
+from groundstation.core.health import HealthState, PoseGate, PoseHealth
 from groundstation.core.messages import Pose
-from groundstation.core.safety import (
-    GuardFinding,
-    Guards,
-    HealthState,
-    Monitors,
-    PoseGate,
-    PoseHealth,
-)
+from groundstation.core.pilot import Monitors
+from groundstation.core.safety import GuardFinding, Guards
 from groundstation.flight import Flight
 from links.core import LinkStatus
 

@@ -15,10 +15,10 @@ from groundstation.core.control import (
     sine_error,
 )
 from groundstation.core.geometry import IDENTITY, ZERO, Quat
+from groundstation.core.health import PoseHealth
 from groundstation.core.messages import Estimate, Pose, SwitchRecord
 from groundstation.core.pilot import Pilot
 from groundstation.core.pilot.vehicle_state import MeanDisturbance
-from groundstation.core.safety import PoseHealth
 from groundstation.core.trajectory import Hold
 from groundstation.core.vehicle import Motion, Vehicle
 

@@ -10,8 +10,9 @@ import pytest
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry.so3 import from_euler_zyx
+from groundstation.core.health import Agreement
 from groundstation.core.messages import Check, Others, Pose, PoseStatus, Verdict
-from groundstation.core.safety import Agreement, StandingPoses
+from groundstation.core.safety import StandingPoses
 from groundstation.flight.preflight import (
     Checks,
     Company,

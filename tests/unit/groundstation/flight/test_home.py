@@ -8,8 +8,8 @@ import pytest
 from groundstation.core.geometry import IDENTITY
 from groundstation.core.messages import Pose, notice
 from groundstation.core.mission import Event
-from groundstation.core.pilot import Pilot
-from groundstation.core.safety import MONITORS, SpoolUp
+from groundstation.core.pilot import MONITORS, Pilot
+from groundstation.core.safety import SpoolUp
 from groundstation.flight.controller import FlightController
 from sim.scenarios import SCENARIOS, prepare
 

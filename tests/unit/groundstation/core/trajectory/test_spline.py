@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import ExcitationConfig, Trajectory
 from groundstation.core.trajectory.shapes import Excitation, SamplesConfig, WaypointsConfig
-from groundstation.core.trajectory.waypoints import smoothest
+from groundstation.core.trajectory.splines import smoothest
 from groundstation.flight.preflight import examine_trajectory
 from groundstation.settings import Config
 

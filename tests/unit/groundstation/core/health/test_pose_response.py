@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import pytest
 from hypothesis import given, strategies as st
 
-from groundstation.core.safety.pose_response import (
+from groundstation.core.health.pose_response import (
     BLOCK_S,
     LATENESSES_S,
     LEAST_TURN_RAD,

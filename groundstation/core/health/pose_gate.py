@@ -10,9 +10,9 @@ import math
 from collections import deque
 from typing import NamedTuple, Protocol, TypeVar
 
+from groundstation.core.estimation import HIGHLY_SIGNIFICANT
 from groundstation.core.geometry import Vec3, add_scaled, scale, subtract
 from groundstation.core.messages import Pose
-from groundstation.core.safety.significance import HIGHLY_SIGNIFICANT
 from groundstation.core.vehicle import Motion
 
 PUSH_M_S2 = 10.0

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import pytest
 
 from groundstation.core.geometry import IDENTITY, ZERO, Quat, multiply, so3
+from groundstation.core.health import Agreement, Witness
 from groundstation.core.messages import Pose
-from groundstation.core.safety import Agreement, Witness
 from links.core import Attitude
 
 POSE_S = 0.02

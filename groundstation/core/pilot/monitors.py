@@ -6,8 +6,8 @@ A study flies with others of its own. Sans-IO.
 from collections.abc import Callable
 from typing import NamedTuple
 
-from groundstation.core.safety.guards import Guards
-from groundstation.core.safety.health import PoseHealth
+from groundstation.core.health import PoseHealth
+from groundstation.core.safety import Guards
 
 
 class Monitors(NamedTuple):

@@ -3,7 +3,7 @@
 A tracker and an autopilot on the same body measure the same tilt and the same turning, even if
 their norths differ. At the instants of the autopilot's messages two things are compared:
 
-- *Turning*, in two ways: by the regression of :mod:`groundstation.core.safety.pose_response`, with
+- *Turning*, in two ways: by the regression of :mod:`groundstation.core.health.pose_response`, with
   the autopilot's turn in the place of the model's, and by the latency at which both fit best.
 - *Tilt*: the angle between both directions of gravity, less the same angle at rest before arming
   (the mounting offset). An autopilot without a velocity source takes a part of a lasting lean for
@@ -34,9 +34,8 @@ from groundstation.core.geometry import (
     rotation_vector,
     third_row,
 )
-from groundstation.core.messages import ROUNDING_S, Pose, Sentence, notice
-from groundstation.core.safety.latency import ATTITUDES_KEPT
-from groundstation.core.safety.pose_response import (
+from groundstation.core.health.latency import ATTITUDES_KEPT
+from groundstation.core.health.pose_response import (
     BLOCK_S,
     LEAST_TURN_RAD,
     OWN_TURN,
@@ -47,6 +46,7 @@ from groundstation.core.safety.pose_response import (
     LatenessMonitor,
     Response,
 )
+from groundstation.core.messages import ROUNDING_S, Pose, Sentence, notice
 from links.core import Attitude
 
 GAP_S = 0.13

@@ -34,8 +34,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from groundstation.core.estimation import HIGHLY_SIGNIFICANT, SIGNIFICANT
 from groundstation.core.messages import ROUNDING_S
-from groundstation.core.safety.significance import HIGHLY_SIGNIFICANT, SIGNIFICANT
 
 POSE_GAP_S = 0.26
 """Interval of poses after which comparisons with the model begin anew [s]: ``flight.coast_s``,

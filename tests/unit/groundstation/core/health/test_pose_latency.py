@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from groundstation.core.geometry import Quat, multiply, so3
+from groundstation.core.health import PoseLatency, ResponseLatency
 from groundstation.core.messages import Pose
-from groundstation.core.safety import PoseLatency, ResponseLatency
 from links.core import Attitude
 
 NOISE_RAD = 0.002

@@ -15,10 +15,10 @@ autopilot's attitude, δ is the latency of the poses alone.
 import math
 from collections import deque
 
+from groundstation.core.estimation import SIGNIFICANT
 from groundstation.core.geometry import Quat, Vec3, interpolate, third_row
+from groundstation.core.health.pose_response import POSE_GAP_S
 from groundstation.core.messages import Pose, Sentence, notice
-from groundstation.core.safety.pose_response import POSE_GAP_S
-from groundstation.core.safety.significance import SIGNIFICANT
 from links.core import Attitude
 from links.text import to_ms
 

@@ -4,9 +4,9 @@ A pose is believed as long as it responds to the commands. The tests, each deriv
 docs/explanation/trust.md:
 
 - response of attitude, position and height to the commands
-  (:mod:`groundstation.core.safety.pose_response`);
+  (:mod:`groundstation.core.health.pose_response`);
 - acceleration beyond 1 g that no command explains
-  (:class:`groundstation.core.safety.pose_gate.PushMonitor`);
+  (:class:`groundstation.core.health.pose_gate.PushMonitor`);
 - frozen position: constant along a direction, though the model moves;
 - yaw rate that no command explains;
 - height behind the thrust, just off the floor.
@@ -21,10 +21,10 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from groundstation.core.control import FIRST_CLIMB_M
+from groundstation.core.estimation import SIGNIFICANT
 from groundstation.core.geometry import Vec3, add, conjugate, multiply, rotation_vector, subtract
-from groundstation.core.messages import ROUNDING_S, Pose, Sentence
-from groundstation.core.safety.pose_gate import PUSH_BASE_S, PUSH_M_S2, PushMonitor
-from groundstation.core.safety.pose_response import (
+from groundstation.core.health.pose_gate import PUSH_BASE_S, PUSH_M_S2, PushMonitor
+from groundstation.core.health.pose_response import (
     BLOCK_S,
     BLOCKS,
     DIAGONAL,
@@ -44,7 +44,7 @@ from groundstation.core.safety.pose_response import (
     LatenessMonitor,
     Response,
 )
-from groundstation.core.safety.significance import SIGNIFICANT
+from groundstation.core.messages import ROUNDING_S, Pose, Sentence
 from groundstation.core.vehicle import ActuatorResponse, Motion
 
 

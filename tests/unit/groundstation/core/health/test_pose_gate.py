@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from groundstation.core.geometry import Vec3, add, scale
+from groundstation.core.health.pose_gate import PoseGate, PushMonitor
 from groundstation.core.messages import Pose
-from groundstation.core.safety.pose_gate import PoseGate, PushMonitor
 from groundstation.core.vehicle import Motion
 
 PERIOD_S = 0.02

@@ -7,9 +7,9 @@ import pytest
 
 from groundstation.core import geometry as geo
 from groundstation.core.geometry import FLOATS, IDENTITY, ZERO, Quat, Vec3, so3
+from groundstation.core.health import HealthState, PoseHealth
+from groundstation.core.health.health import ClimbMonitor, StopDetector, YawMonitor
 from groundstation.core.messages import Pose
-from groundstation.core.safety import HealthState, PoseHealth
-from groundstation.core.safety.health import ClimbMonitor, StopDetector, YawMonitor
 from groundstation.core.vehicle import (
     ActuatorCommand,
     Motion,
