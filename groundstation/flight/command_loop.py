@@ -16,12 +16,8 @@ from groundstation.core.pilot import Pilot
 from groundstation.flight.controller import LAST_CHANCE_S, FlightController
 from groundstation.flight.preflight import FlightEnded
 from groundstation.machine import wake
-from links.core import Command, CommandLink, LinkError, Phase
+from links.core import STALL_S, TICK_S, Command, CommandLink, LinkError, Phase
 from links.text import to_ms
-
-AT_ONCE_S = 1e-6
-"""Times closer than this are equal [s]: timers fire up to a clock tick early, in virtual time
-without end."""
 
 
 class Pacing:
@@ -49,7 +45,7 @@ class Pacing:
         The last command left at ``left_s``, and its deadline is ``deadline_s``.
         """
         period, chance = self._link.period_s, deadline_s - LAST_CHANCE_S
-        if chance <= left_s + AT_ONCE_S:
+        if chance <= left_s + TICK_S:
             chance = math.inf  # it has been used
         if self._link.follows_poses:
             await self._wait(min(left_s + 0.5 * period, chance), min(left_s + 1.5 * period, chance))
@@ -87,8 +83,6 @@ class Pacing:
 
 STALL_CHECK_S = 0.02
 """Longest time between two calls of :meth:`StallDetector.note_running` [s]."""
-STALL_S = 0.06
-"""A longer time without a look means that the program was stalled [s]."""
 DRAIN_S = 0.01
 """Data read within this time after a stall does not count [s]: a socket is drained within some
 milliseconds."""

@@ -15,6 +15,7 @@ from typing import NamedTuple, TypeAlias
 import msgspec
 
 from links.mavlink.protocol import MULTIROTORS
+from links.rf import BoardMode
 
 Value: TypeAlias = float | str
 """A number, or a word of Betaflight's."""
@@ -593,8 +594,6 @@ FLIGHT_CHANNELS = 4
 """Channels of sticks and throttle of a Betaflight."""
 EMPTY_SLOT = "0 0 900 900 0 0"
 """Row that assigns no mode."""
-ARM_MODE = 0
-"""Number of Betaflight's mode ARM."""
 LEVEL_MODES = {
     1: "ANGLE", 2: "HORIZON", 3: "ALTHOLD", 5: "MAG", 6: "HEADFREE", 11: "POS HOLD",
     12: "PASSTHRU", 27: "FAILSAFE",
@@ -808,7 +807,7 @@ def _advise_slots(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advi
     parsed = {name: _parse_slot(row) for name, row in slots.items() if name.startswith("aux ")}
     used = {name: slot for name, slot in parsed.items() if slot[2] < slot[3]}
     free = next((name for name in parsed if name not in used), "aux 0")
-    arming = next((name for name, slot in used.items() if slot[0] == ARM_MODE), free)
+    arming = next((name for name, slot in used.items() if slot[0] == BoardMode.ARM), free)
     channel, armed_us, disarmed_us = facts.arm
     name_of = {name: LEVEL_MODES.get(slot[0], "ARM") for name, slot in used.items()}
     return [
@@ -845,10 +844,10 @@ def _arms_by(facts: ReceiverFacts) -> Rule:
     def accepts(value: Value) -> bool:
         mode, at, begin, end, logic, linked = _parse_slot(value)
         here = begin <= armed_us < end and not begin <= disarmed_us < end
-        return (mode, at, logic, linked) == (ARM_MODE, channel, 0, 0) and here
+        return (mode, at, logic, linked) == (BoardMode.ARM, channel, 0, 0) and here
 
     words = f"ARM on AUX{channel + 1}, on {armed_us:.0f} and off {disarmed_us:.0f} µs"
-    return Rule(words, accepts, lambda _: f"{ARM_MODE} {channel} {span} 0 0")
+    return Rule(words, accepts, lambda _: f"{BoardMode.ARM:d} {channel} {span} 0 0")
 
 
 def _stays_out(facts: ReceiverFacts) -> Rule:
@@ -858,7 +857,7 @@ def _stays_out(facts: ReceiverFacts) -> Rule:
         mode, at, begin, end, _, _ = _parse_slot(value)
         low, high = facts.aux_us[at] if at < len(facts.aux_us) else (0.0, math.inf)
         met = begin < end and begin <= high and low < end
-        return begin >= end or (mode != ARM_MODE and not (met and mode in LEVEL_MODES))
+        return begin >= end or (mode != BoardMode.ARM and not (met and mode in LEVEL_MODES))
 
     words = "no mode of its own that our frames would meet"
     return Rule(words, accepts, lambda _: EMPTY_SLOT)

@@ -54,9 +54,6 @@ from links.text import link_notice
 AGAIN_S = 1.0
 """Wait before the next start of a pacer that ended within this time or could not be started [s].
 Chosen."""
-FULL_THRUST = 1.0
-"""Full thrust for the pacer [-]: stations send thrusts as shares of the full signal
-(links/bridge/codec.py, ``Up``)."""
 
 
 class KeptPacer:
@@ -110,9 +107,8 @@ class KeptPacer:
         """Start a pacer and wait for its end."""
         self._quiet, self._relieved = None, False
         try:
-            pacer = self._pacer = await self._open_pacer(
-                self._config, FULL_THRUST, self._take_report
-            )
+            # Stations send thrusts as shares of the full signal (links/bridge/codec.py, ``Up``).
+            pacer = self._pacer = await self._open_pacer(self._config, 1.0, self._take_report)
         except LinkError as error:
             self._say(str(error))
             return

@@ -3,6 +3,9 @@
 from links.core.deadman import (
     BRING_DOWN_LIMIT_S,
     DEADLINE_LIMIT_S,
+    STALL_S,
+    STUCK_S,
+    TICK_S,
     Arrival,
     Attitude,
     Command,

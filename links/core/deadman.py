@@ -516,6 +516,13 @@ BRING_DOWN_LIMIT_S = 2.0
 DEADLINE_LIMIT_S = 1.1
 """Furthest deadline [s from now]: no pose vouches for more than 1 s, nor one whose stamp lies in
 the future (but for the jitter of clocks)."""
+TICK_S = 1e-6
+"""Tolerance for a timer's instant [s]: timers fire up to a clock tick early."""
+STALL_S = 0.06
+"""A program that has not run for longer than this was stalled [s]."""
+STUCK_S = 0.25
+"""A wire or port that takes nothing for longer than this is lost [s]: the newest command is past
+its deadline by then, and a shorter pause is flown through."""
 NUMBER_LIMIT = 1e30
 """Largest number in a command: a 32-bit float on the wire holds it."""
 

@@ -9,7 +9,7 @@ was set back: so the newest one is kept on disk beside the key, and the next run
 
 Transports: UDP, TCP or a serial port. A frame leaves at once or never. TCP repeats what got lost,
 so a command may arrive late. Against that a frame is dropped where older ones have waited for their
-acknowledgement for longer than ``TCP_QUEUE_S``, and after ``STALL_S`` of that the connection is
+acknowledgement for longer than ``TCP_QUEUE_S``, and after ``STUCK_S`` of that the connection is
 reset (SO_LINGER 0). What the other end has acknowledged and not read yet is out of our hands:
 prefer UDP where there is a choice.
 """
@@ -26,7 +26,7 @@ from errno import EADDRINUSE
 from pathlib import Path
 from typing import Any
 
-from links.core import Arrival, LinkError, LinkLost, LinkMisuse
+from links.core import STUCK_S, Arrival, LinkError, LinkLost, LinkMisuse
 from links.io import (
     NETWORK,
     Datagrams,
@@ -103,8 +103,6 @@ class UdpTransport(asyncio.DatagramProtocol):
 
 TCP_QUEUE_S = 0.1
 """Frames may wait for the other end this long [s]; a delayed acknowledgement takes 0.04."""
-STALL_S = 0.25
-"""A wire that takes nothing for this long is closed [s]: what waits in it grows stale."""
 
 
 class StreamTransport(asyncio.Protocol):
@@ -171,7 +169,7 @@ class TcpTransport(StreamTransport):
         self._watch = None
         if self._ear is None:
             return
-        if self._waited_s() > STALL_S:
+        if self._waited_s() > STUCK_S:
             self._end(link_notice("mavlink.tcp_silent").text)
         elif self._unacknowledged:
             self._watch = self._loop.call_later(TCP_QUEUE_S / 4, self._look)
@@ -231,7 +229,7 @@ class SerialTransport(StreamTransport):
         now = self._loop.time()
         if self._full_since_s is None:
             self._full_since_s = now
-        elif now - self._full_since_s > STALL_S:
+        elif now - self._full_since_s > STUCK_S:
             self._end(link_notice("mavlink.port_stuck").text)
         return "full"
 

@@ -14,6 +14,8 @@ from typing import Self
 import msgspec
 
 from links.core import (
+    STALL_S,
+    TICK_S,
     Arrival,
     Attitude,
     Command,
@@ -57,12 +59,6 @@ from links.text import link_notice
 
 REPEAT_AFTER = 2.0
 """A command is first repeated after this many periods; before, the next one may just be late."""
-MARGIN_S = 1e-6
-"""Delay of a timer's turn after the deadman's change [s]: timers fire a tick early."""
-
-
-STOOD_S = 0.06
-"""A turn that comes so late finds a program that stood still [s]."""
 
 
 class Transmitter:
@@ -114,7 +110,7 @@ class Transmitter:
         await self._silent.wait()
 
     def _next(self, now_s: float, wait_s: float) -> float:
-        return min(now_s + wait_s, self._deadman.changes_s(now_s) + MARGIN_S)
+        return min(now_s + wait_s, self._deadman.changes_s(now_s) + TICK_S)
 
     def _set(self) -> None:
         if self._loop is not None:
@@ -127,10 +123,10 @@ class Transmitter:
         if self._loop is None:
             return
         now = self._loop.time()
-        if now < self._due_s - MARGIN_S:  # a newer command has moved it
+        if now < self._due_s - TICK_S:  # a newer command has moved it
             self._set()
             return
-        if now > self._due_s + STOOD_S and self._read != (read := self._count_read()):
+        if now > self._due_s + STALL_S and self._read != (read := self._count_read()):
             # The program stood still: what waits to be read comes first, as it may say that the
             # vehicle is another's.
             self._read, self._timer = read, self._loop.call_later(0.0, self._turn)

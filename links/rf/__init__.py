@@ -2,6 +2,7 @@
 
 from links.rf.betaflight_codec import (
     PROMPT,
+    BoardMode,
     MspReader,
     describe_change,
     describe_pulses,

@@ -24,6 +24,8 @@ import math
 import re
 import struct
 from enum import IntEnum
+from functools import reduce
+from operator import xor
 from typing import NamedTuple
 
 from links.rf.codec import FrameReader, RfLinkConfig
@@ -43,6 +45,12 @@ class MspCommand(IntEnum):
     """Unique id of the processor."""
 
 
+class BoardMode(IntEnum):
+    """Modes of a board, by their numbers; a status has a bit for each."""
+
+    ARM = 0
+
+
 VARIANT = b"BTFL"
 PROMPT = "\n# "
 """Prompt of the command line."""
@@ -50,8 +58,6 @@ _REQUEST, _ANSWERS = b"$M<", (b"$M>", b"$M!")
 _FRAME_BYTES = 6
 """Bytes of a frame beside its payload [B]."""
 _MODES = struct.Struct("<6xI")
-_ARMED = 1
-"""Bit of the modes of a status: ARM."""
 _REFUSES = re.compile(r"###ERROR|invalid|unknown|parse error", re.IGNORECASE)
 _ROWS = re.compile(
     r"^(aux|rxrange|rxfail) (\d+) ([ahs\d][\d ]*?)\s*$|^(map) ([A-Z0-9]{8})\s*$", re.MULTILINE
@@ -104,7 +110,7 @@ def is_armed(status: bytes) -> bool:
     if len(status) < _MODES.size:
         raise ValueError(f"expected at least {_MODES.size} bytes of status, got {len(status)}")
     (modes,) = _MODES.unpack_from(status)
-    return bool(modes & _ARMED)
+    return bool(modes >> BoardMode.ARM & 1)
 
 
 def find_refusal(answer: str) -> str | None:
@@ -167,7 +173,4 @@ def describe_pulses(config: RfLinkConfig) -> tuple[float, str]:
 
 
 def _xor(data: bytes) -> int:
-    check = 0
-    for byte in data:
-        check ^= byte
-    return check
+    return reduce(xor, data, 0)

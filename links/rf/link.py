@@ -31,7 +31,8 @@ from links.text import link_notice
 ANEW_S = 0.01
 """An attitude that is not so much newer than the last is the same one, reported again [s]."""
 SILENT_S = 1.0
-"""A pacer that reports nothing for so long stands still, or can't be heard [s]."""
+"""A pacer that reports nothing for so long, or no arming so long after its end, stands still, or
+can't be heard [s]."""
 END_LIMIT_S = DEADLINE_LIMIT_S + BRING_DOWN_LIMIT_S + SILENT_S
 """Longest wait for a pacer to end [s]: the longest command, its bring-down, and its word of it."""
 
@@ -172,8 +173,6 @@ async def end_pacer(pacer: Pacer, linger_s: float) -> None:
         pacer.forget()
 
 
-OBEY_LIMIT_S = 1.0
-"""An arming that the pacer has not taken so long after its end has failed [s]."""
 _UNTIMELY = link_notice("module.untimely").text
 
 _CLOSED = "on a link that is not connected"
@@ -314,7 +313,7 @@ class PacedLink:
             while due < obeys_s or heard.newest.arming != self._arming:
                 if not self._send(idle(), loop.time()) and not self._stopped:
                     raise LinkError(link_notice("arming.idle_expired"))
-                if due > obeys_s + OBEY_LIMIT_S:
+                if due > obeys_s + SILENT_S:
                     raise LinkLost(link_notice("arming.not_taken"))
                 due += manner.period_s
                 if due < loop.time():

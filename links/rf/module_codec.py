@@ -231,15 +231,6 @@ _LENGTHS = range(2, 63)
 _CHANNEL_BYTES = 22
 """Length of the packed channels [bytes]."""
 
-ORDER = ChannelMap(
-    roll=Stick(channel=1),
-    pitch=Stick(channel=2),
-    thrust=Throttle(channel=3),
-    yaw=Stick(channel=4, full_rate_deg_s=300.0),
-    arm=ArmSwitch(channel=5),
-)
-"""Aileron, elevator, throttle, rudder, and arming on channel 5."""
-
 
 class CrsfLinkConfig(
     RfLinkConfig,
@@ -262,7 +253,13 @@ class CrsfLinkConfig(
     period_s: Annotated[
         float, msgspec.Meta(ge=0.001, le=0.1, description="Time between two frames [s].")
     ] = 0.004
-    map: ChannelMap = ORDER
+    map: ChannelMap = ChannelMap(
+        roll=Stick(channel=1),
+        pitch=Stick(channel=2),
+        thrust=Throttle(channel=3),
+        yaw=Stick(channel=4, full_rate_deg_s=300.0),
+        arm=ArmSwitch(channel=5),
+    )
     lead_s: Annotated[
         float,
         msgspec.Meta(

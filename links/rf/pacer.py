@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeAlias
 
 import msgspec
 
-from links.core import Command, Deadman, Lateness, LinkMisuse, Phase, Segment
+from links.core import STALL_S, STUCK_S, Command, Deadman, Lateness, LinkMisuse, Phase, Segment
 from links.rf.channel_map import Channels
 from links.rf.codec import Manner, RfLinkConfig, RfTelemetry, Service
 from links.rf.module_codec import RfConfig
@@ -173,9 +173,6 @@ REPORT_S = 0.2
 """Longest time between two reports [s]."""
 STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""
-STUCK_S = 0.25
-"""A port that has taken nothing for this long counts as lost until it takes a frame [s]: the newest
-command is then past its deadline, and a shorter pause is flown through. As a wire of MAVLink."""
 REOPEN_S = 0.1
 """Wait before a port is opened again [s]: no frames leave meanwhile."""
 TELEMETRY_MAX_AGE_S = 5.0
@@ -613,16 +610,17 @@ LOOK_S = 0.01
 """Time between a look that finds the sign of life too old and the next [s]."""
 LATE_S = 0.005
 """A look that is later than this is ignored [s]: the watcher itself may have been suspended."""
-OLD_S = 0.06
-"""A sign of life older than this, and than one and a half frame periods, is too old [s]."""
 
 
 class StandbyWatch:
-    """Two looks in time, :data:`LOOK_S` apart, must find the sign of life too old."""
+    """Two looks in time, :data:`LOOK_S` apart, must find the sign of life too old.
+
+    That is older than a stall, and than one and a half frame periods.
+    """
 
     def __init__(self, period_s: float) -> None:
         """The sign comes every ``period_s`` [s]."""
-        self._old_s = max(OLD_S, 1.5 * period_s)
+        self._old_s = max(STALL_S, 1.5 * period_s)
         self.wait_s = self._old_s + 0.5 * period_s
         """Time from a sign of life to the next look [s]: half a period after it is too old."""
         self._suspects = False

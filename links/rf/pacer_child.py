@@ -21,7 +21,7 @@ import msgspec
 
 from links.io import Sleep
 from links.rf.pacer import MESSAGE_BYTES, FramePacer, Give, Order, PacerReport, PacerSetup
-from links.rf.shared_memory import FIRST, Lease, LeaseWord, Mailbox, SharedPort
+from links.rf.shared_memory import Lease, LeaseWord, Mailbox, SharedPort
 from links.text import link_notice
 
 PREPARE_S = 0.0004
@@ -81,7 +81,7 @@ def main() -> None:
     config, clock = setup.config, MonotonicClock()
     fifo, note = prioritise(config.fifo_priority, clock)
     standby = Standby(Lease(lease), Mailbox(held))
-    port = SharedPort(config.port, config.baud, standby.lease, FIRST, by_standby)
+    port = SharedPort(config.port, config.baud, standby.lease, standby.lease.generation, by_standby)
     pacer = FramePacer(config, setup.thrust_max_n, port, clock.now())
     disable_output_and_gc()
     commander = Commander(socket.socket(fileno=wire), Mailbox(mailbox), note, fifo, standby)

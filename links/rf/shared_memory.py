@@ -51,8 +51,6 @@ CAPACITY_BYTES = 16384
 _HEAD = struct.Struct("=QQQ")
 """Before a slot's value: its number, length and checksum."""
 _SLOT = _HEAD.size + CAPACITY_BYTES
-_SIZE = 64 + 2 * _SLOT
-"""Length of the memory [bytes]: signs of life, then two slots."""
 
 
 def _make_memory(name: str, size: int) -> int:
@@ -71,9 +69,9 @@ class Mailbox:
         Raises:
             OSError: there is none.
         """
-        self.fd = _make_memory("mailbox", _SIZE) if fd is None else fd
+        self.fd = _make_memory("mailbox", 64 + 2 * _SLOT) if fd is None else fd
         """File descriptor of the memory."""
-        self._memory = mmap.mmap(self.fd, _SIZE)
+        self._memory = mmap.mmap(self.fd, 0)
         self._bytes = memoryview(self._memory)
         self._words = self._bytes.cast("Q")  # a word is written by one store
         self.newest = 0
@@ -128,10 +126,6 @@ class LeaseWord(IntEnum):
     PACER = 1
     """Sign of life of the pacer."""
     STANDBY = 2
-
-
-FIRST = 0
-"""The pacer's generation; whoever takes over has the next."""
 
 
 class Superseded(Exception):

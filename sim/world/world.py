@@ -280,11 +280,9 @@ CORRELATION_S = (2.6, 2.6, 0.33)
 GRID_S = 0.0025
 """Turbulence moves once in this time, and is held between [s]."""
 # The lateral form (1 + √3 τs)/(1 + τs)² is √3 x - (√3 - 1) y: x has time τ and unit variance, y is
-# x through one more lag τ; E[x²] = 1, E[xy] = E[y²] = 1/2.
+# x through one more lag τ; E[x²] = 1, E[xy] = E[y²] = 1/2, so its variance is 2.
 ROOT3 = math.sqrt(3.0)
 """Root of 3, of Dryden's lateral filter."""
-LATERAL_RMS = math.sqrt(3.0 - ROOT3 * (ROOT3 - 1.0) + 0.5 * (ROOT3 - 1.0) ** 2)
-"""RMS of that filter's output for unit inputs."""
 KEEP: Vec3 = (
     math.exp(-GRID_S / CORRELATION_S[0]),
     math.exp(-GRID_S / CORRELATION_S[1]),
@@ -331,7 +329,7 @@ def compute_turbulence(eddies: Eddies, rms: Real) -> Vec3:
     (MIL-F-8785C, 3.7).
     """
     (x, y, z), twice_y, twice_z = eddies
-    k = rms / LATERAL_RMS
+    k = rms / math.sqrt(2.0)
     return (
         rms * x,
         k * (ROOT3 * y - (ROOT3 - 1.0) * twice_y),

@@ -12,12 +12,12 @@ from groundstation.core.control import bring_down, model_descent
 from groundstation.core.mission import State, operator
 from groundstation.core.safety import GuardsConfig
 from groundstation.flight import Flight, hold_to_run, make_flight
-from groundstation.flight.command_loop import DRAIN_S, STALL_S
+from groundstation.flight.command_loop import DRAIN_S
 from groundstation.flight.controller import LAST_CHANCE_S
 from groundstation.interfaces.api.client import STOP_ANSWER_S
 from groundstation.lab.props_off import STOP_S
 from groundstation.settings import Config, FlightConfig
-from links.core import Command
+from links.core import STALL_S, Command
 from links.core.deadman import BRING_DOWN_LIMIT_S, DEADLINE_LIMIT_S
 from links.mavlink import MavlinkLinkConfig
 from links.mavlink.connection import HEARTBEAT_S

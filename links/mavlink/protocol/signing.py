@@ -22,8 +22,6 @@ from pymavlink.dialects.v20 import minimal
 
 TICKS_PER_S = 100_000
 """Units of the time stamp in a second."""
-MINUTE = 60 * TICKS_PER_S
-"""A sender that was not heard yet may be this far behind our own time stamp (rule of the guide)."""
 
 
 class Signer:
@@ -59,7 +57,8 @@ class Signer:
         sender, stamp = frame[5:7] + frame[-13:-12], int.from_bytes(frame[-12:-6], "little")
         newest = self._newest.get(sender)
         if newest is None:
-            newest = max(self.stamp, self._clock()) - MINUTE - 1
+            # One that was not heard yet may be a minute behind us (rule of the guide).
+            newest = max(self.stamp, self._clock()) - 60 * TICKS_PER_S - 1
         if stamp <= newest:
             return "replayed"
         if keep:

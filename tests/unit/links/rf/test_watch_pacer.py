@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from links.rf import StandbyWatch
-from links.rf.shared_memory import FIRST, HeldPort, Lease, LeaseWord, SharedPort, Superseded
+from links.rf.shared_memory import HeldPort, Lease, LeaseWord, SharedPort, Superseded
 
 # A look 10 ms after a doubt, ignored where it is 5 ms late; a sign of life is too old at 60 ms.
 LOOK_S = 0.01
@@ -65,9 +65,9 @@ def test_a_pacer_that_has_not_begun_or_vouches_ahead_is_waited_for_and_looked_at
 def test_both_ends_of_a_lease_see_whose_turn_it_is_and_who_lives() -> None:
     lease = Lease()
     other = Lease(os.dup(lease.fd))
-    assert other.generation == FIRST
+    assert other.generation == 0
     lease.take()
-    assert other.generation == FIRST + 1
+    assert other.generation == 1
     lease.vouch(LeaseWord.PACER, 12.5)
     assert other.vouched_s(LeaseWord.PACER) == pytest.approx(12.5)
 
@@ -76,7 +76,10 @@ def test_a_port_is_held_in_common_and_let_go_in_common() -> None:
     far, near = pty.openpty()
     beside, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     lease = Lease()
-    port, held = SharedPort(os.ttyname(near), 125000, lease, FIRST, theirs), HeldPort(beside)
+    port, held = (
+        SharedPort(os.ttyname(near), 125000, lease, lease.generation, theirs),
+        HeldPort(beside),
+    )
     assert held.hear()
     assert held.fd is None
     port.open()
