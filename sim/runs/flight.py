@@ -44,8 +44,9 @@ CONFIRM_S = 1.0
 cameras."""
 DOWN = (State.LANDING, State.DESCENT, State.DISARMING)
 """Whoever meets the floor then has landed."""
-HANDSHAKE_LIMIT_S = 60.0
-"""A hand-shake that takes longer has failed [s, virtual]."""
+LIMIT_S = 120.0
+"""A hand-shake that takes longer, or a mission that takes so much longer than its figure, has
+failed [s, virtual]."""
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
@@ -252,7 +253,7 @@ async def _end_of(
 ) -> None:
     """Return when the flight has lasted ``duration_s`` [s], or its hand-shake far too long."""
     loop = asyncio.get_running_loop()
-    limit = loop.time() + HANDSHAKE_LIMIT_S
+    limit = loop.time() + LIMIT_S
     while (start := begun()) is None and not flight.done():
         if loop.time() > limit:
             return
@@ -275,14 +276,12 @@ def _why(crash: str | None, outcome: Any, failure: Any) -> str:
     for error in (outcome, failure):
         if isinstance(error, Exception):
             raise error
-    return f"the hand-shake took more than {HANDSHAKE_LIMIT_S:g} s"
+    return f"the hand-shake took more than {LIMIT_S:g} s"
 
 
 Script: TypeAlias = Callable[[Flight, Stage], Coroutine[Any, Any, None]]
 MISSION_CONFIRM_S = 3.0
 """When arming is confirmed, in virtual time [s]."""
-LIMIT_S = 120.0
-"""A mission that takes so much longer than its figure has failed [s, virtual]."""
 REST_S = 1.0
 """Time for which the world goes on after the end [s]."""
 

@@ -36,19 +36,6 @@ BETAFLIGHT = "betaflight"
 NO_LIMIT = (1e5, 1e5, 1e5)
 """Body rates that nothing reaches [deg/s]."""
 MQX = World()
-_IDEAL = msgspec.structs.replace(
-    MQX,
-    thrust_lag_s=0.0,
-    rate_lag_s=0.0,
-    rate_limits_deg_s=NO_LIMIT,
-    pose_noise_m=0.0,
-    attitude_noise_rad=0.0,
-    pose_latency_s=0.0,
-    pose_rate_hz=500.0,
-    frame_period_s=0.002,
-    step_s=0.002,
-    wind_mean=(0.4, -0.3, 0.5),
-)
 _ADVERSE = msgspec.structs.replace(
     MQX,
     thrust_gain=0.85,
@@ -339,7 +326,19 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario(
             name="ideal",
             summary="no lag, noise, latency or rate limit, 500 Hz: checks the theory",
-            world=_IDEAL,
+            world=msgspec.structs.replace(
+                MQX,
+                thrust_lag_s=0.0,
+                rate_lag_s=0.0,
+                rate_limits_deg_s=NO_LIMIT,
+                pose_noise_m=0.0,
+                attitude_noise_rad=0.0,
+                pose_latency_s=0.0,
+                pose_rate_hz=500.0,
+                frame_period_s=0.002,
+                step_s=0.002,
+                wind_mean=(0.4, -0.3, 0.5),
+            ),
             told=Vehicle(
                 thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=NO_LIMIT, frame_period_s=0.002
             ),

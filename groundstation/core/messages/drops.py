@@ -19,9 +19,6 @@ from links.text import Sentence, to_percent
 LOSSY_SHARE = 0.01
 """Share of messages above which losses are reported [-]: at 1 % one set-point or pose in 100 is
 missing."""
-EACH = 0.0
-"""Share for reasons that are reported from the first message on [-]: a correctly set up link has
-none."""
 REPEAT_FACTOR = 10.0
 """Growth of a reason's count after which it is reported again in flight [-]."""
 FEW = 3
@@ -31,8 +28,8 @@ FEW = 3
 class DropLimit(NamedTuple):
     """Limit above which one reason is reported."""
 
-    share: float
-    """Share of all messages [-]."""
+    share: float = 0.0
+    """Share of all messages [-]; 0: the first is reported, as a correctly set up link has none."""
     leaves: bool = False
     """Whether it counts sent messages, not received ones."""
 
@@ -40,18 +37,18 @@ class DropLimit(NamedTuple):
 LINK_DROPS: Mapping[str, DropLimit] = {
     "truncated": DropLimit(LOSSY_SHARE),
     "bad_crc": DropLimit(LOSSY_SHARE),
-    "unsigned": DropLimit(EACH),
-    "bad_signature": DropLimit(EACH),
-    "replayed": DropLimit(EACH),
-    "other_address": DropLimit(EACH),
+    "unsigned": DropLimit(),
+    "bad_signature": DropLimit(),
+    "replayed": DropLimit(),
+    "other_address": DropLimit(),
     "congested": DropLimit(LOSSY_SHARE, leaves=True),
     "full": DropLimit(LOSSY_SHARE, leaves=True),
     "undeliverable": DropLimit(LOSSY_SHARE, leaves=True),
     "port_stuck": DropLimit(LOSSY_SHARE, leaves=True),
-    "port_lost": DropLimit(EACH),
-    "bad_seal": DropLimit(EACH),
+    "port_lost": DropLimit(),
+    "bad_seal": DropLimit(),
     "replayed_or_late": DropLimit(LOSSY_SHARE),
-    "other_session": DropLimit(EACH),
+    "other_session": DropLimit(),
 }
 """Limit by reason; its sentence is ``link.REASON`` of the notices."""
 USUAL_POSE_DROPS = frozenset(
@@ -93,7 +90,7 @@ def find_link_drops(
     for reason, limit in LINK_DROPS.items():
         count = counts.get(reason, 0)
         total = count + sent if limit.leaves else incoming
-        if count and (limit.share == EACH or (count >= FEW and count > limit.share * total)):
+        if count and (not limit.share or (count >= FEW and count > limit.share * total)):
             numbers = {"count": count, "total": total, "percent": to_percent(count / total)}
             is_second_path = has_second_path or bool(link.warning)
             is_own = reason == "other_address" and is_second_path and len(link.other_addresses) == 1

@@ -218,9 +218,6 @@ class OverheardSource:
 BASE_S = 0.1
 """Time over which a body's speed is measured [s]: noise of 1 mm gives 0.014 m/s, and the speed is
 0.05 s old."""
-BASE_MIN_S = 0.5 * BASE_S
-"""Least time between the first two sightings that gives a speed [s]; before that it is taken as
-0."""
 SIGHTING_S = 0.5
 """Time for which a sighting counts [s]: for a body's place, for the prediction by its velocity, and
 as the begin of a measured speed. A vehicle that brakes by 1 m/s² is 0.13 m off the prediction by
@@ -240,7 +237,7 @@ class BodySighting(NamedTuple):
     position_ned: Vec3
     """Position [m]."""
     velocity_ned: Vec3
-    """Velocity [m/s]; zero within ``BASE_MIN_S`` of the first sighting."""
+    """Velocity [m/s]; zero within half of ``BASE_S`` of the first sighting."""
 
     def at(self, time_s: float) -> Vec3:
         """Position at ``time_s`` [s], with the speed kept."""
@@ -320,6 +317,6 @@ class Others:
             return None
         (first_s, (x0, y0, z0)), (last_s, (x, y, z)) = recent[0], recent[-1]
         dt = last_s - first_s
-        if dt < BASE_MIN_S:
+        if dt < 0.5 * BASE_S:
             return BodySighting(last_s, (x, y, z), (0.0, 0.0, 0.0))
         return BodySighting(last_s, (x, y, z), ((x - x0) / dt, (y - y0) / dt, (z - z0) / dt))

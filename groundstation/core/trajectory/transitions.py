@@ -28,8 +28,6 @@ SHORTENING = 1.12
 gentle, but continues the turn of its motion, and so goes beyond the limits."""
 LEAST_S = 0.4
 """Shortest blend [s]: between ends that are equal but for rounding it makes no step of the jerk."""
-_SAMPLES = tuple(i / INTERVALS for i in range(INTERVALS + 1))
-"""Shares of a blend's duration at which its peaks are searched."""
 Coefficients = tuple[float, float, float, float, float, float, float, float]
 
 
@@ -159,7 +157,8 @@ class Blend(Positioned):
     def peaks(self) -> tuple[float, float]:
         """Largest speed [m/s] and acceleration [m/s²]."""
         speed = acceleration = 0.0
-        for x in _SAMPLES:
+        for i in range(INTERVALS + 1):
+            x = i / INTERVALS
             v = a = 0.0
             for part in self._parts:
                 first, second, _ = differentiate(part, x)

@@ -57,8 +57,6 @@ WARN_RATE = 0.8
 """Share of the source's nominal rate below which the check warns [-]."""
 OLD_SHARE = 0.5
 """Pose age above which the check fails, as a share of ``flight.coast_s`` [-]."""
-WARN_AGE_S = 0.08
-"""Pose age above which the check warns [s]."""
 NOISE_M = 0.005
 """Position noise above this fails, 1σ per axis [m]: the excitation tones move the vehicle by 2 mm,
 and 4 mm of noise were flown (`groundstation-sim dev alarms --floors`)."""
@@ -72,14 +70,12 @@ WANDERED_M = 0.5
 GPS."""
 TILT_DEG = 15.0
 """Tilt at rest above this fails [°]."""
-WARN_TILT_DEG = 6.0
-"""Tilt at rest above this is a warning [°]."""
 FLOOR_M = 0.1
 """Largest difference between ``flight.floor_z_m`` and the height of the vehicle at rest [m]."""
 FLOOR_WANDERS_M = 1.0
 """Largest such difference if the poses have a velocity [m]."""
 WARN_SHARE = 0.5
-"""Share of the limit of noise and of round trip above which their checks warn [-]."""
+"""Share of the limit of age, noise, tilt and round trip above which their checks warn [-]."""
 BATTERY_MARGIN = 0.2
 """Charge above ``guards.battery_share`` below which the check warns [-]."""
 
@@ -225,7 +221,7 @@ class Checks:
         if source.unsteady_clock:
             return Check.of("pose age", Verdict.FAIL, describe_unsteady_clock())
         age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
-        verdict = find_verdict(age, min(WARN_AGE_S, fail), fail)
+        verdict = find_verdict(age, WARN_SHARE * fail, fail)
         if verdict is Verdict.FAIL and (why := explain_drops(source)):
             return report("pose age", verdict, "check.pose_age_why", age_ms=to_ms(age), why=why)
         return report("pose age", verdict, "check.pose_age", age_ms=to_ms(age))
@@ -276,7 +272,7 @@ class Checks:
     def _tilt(self, pose: Pose) -> Check:
         tilt = angle_deg(third_column(pose.attitude)[2])
         return report(
-            "tilt", find_verdict(tilt, WARN_TILT_DEG, TILT_DEG), "check.tilt", tilt_deg=tilt
+            "tilt", find_verdict(tilt, WARN_SHARE * TILT_DEG, TILT_DEG), "check.tilt", tilt_deg=tilt
         )
 
     def _witness(self, found: Agreement | None) -> Check:

@@ -2,6 +2,7 @@
 
 from groundstation.interfaces.api.client import (
     ANSWER_S,
+    END_S,
     StationClient,
     ask_station,
     open_client,

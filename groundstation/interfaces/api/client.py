@@ -291,6 +291,10 @@ async def snapshots(path: Path) -> AsyncIterator[Snapshot]:
                 yield message
 
 
+END_S = 20.0
+"""Timeout for a ground station that has not taken off to end [s].
+
+The start of one takes 2 s, on a loaded machine of two processors up to 10."""
 STOP_ANSWER_S = 1.0
 """Whom ``stop-all``, or a kill, has asked and who has not answered by then, gets a signal [s]."""
 

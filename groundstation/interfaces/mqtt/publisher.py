@@ -63,8 +63,9 @@ PAUSE_S = 1.0
 """Pause in reading after a flood of messages, and before each attempt to connect again [s]: a kill
 is repeated for 4 s."""
 
-ANSWERS_KEPT = 16
-"""Limit of the answers that wait for a slow broker [-]; no request waits for them."""
+KEPT = 100
+"""Limit of the answers, and of the events, that wait for a slow broker, or one that is away [-]; no
+request waits for them. Older ones are lost; events are counted."""
 
 Put = Callable[["aiomqtt.Client", Topic, bytes], Awaitable[None]]
 """Publishes to a topic."""
@@ -120,7 +121,7 @@ class RequestListener:
         self.counts = self._gate.counts
         """Number of requests by result."""
         self._session = ""
-        self._answers: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
+        self._answers: deque[bytes] = deque(maxlen=KEPT)
         self._more = asyncio.Event()
 
     def session_message(self) -> bytes:
@@ -189,9 +190,6 @@ class RequestListener:
             await anext(client.messages)
         await self._subscribe(client)
 
-
-EVENTS_KEPT = 100
-"""At most this many events wait for a broker that is away; older ones are lost, and counted."""
 
 log = logging.getLogger("groundstation.mqtt")
 
@@ -290,7 +288,7 @@ class _Publisher:
                 )
                 self._more.set()
             seen = snapshot.events
-            while len(self._events) > EVENTS_KEPT:
+            while len(self._events) > KEPT:
                 self._events.popleft()
                 self._counts["events_lost"] += 1
 

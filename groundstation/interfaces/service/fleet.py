@@ -23,7 +23,7 @@ from groundstation.core.messages import Ask, Request, SourceError, notice
 from groundstation.core.mission import State
 from groundstation.flight import ensure_held
 from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensure_link
-from groundstation.interfaces.api import ask_station, snapshots
+from groundstation.interfaces.api import END_S, ask_station, snapshots
 from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
 from groundstation.machine import FLEET, ApiError, Running, registration, socket_path, write_whole
@@ -67,10 +67,6 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 """Passed on to every core, which knows what each means: land, failsafe descent, motors off."""
 READY_S = 120.0
 """Timeout for the relay to begin, and then for all cores to be ready to be armed [s]."""
-END_S = 20.0
-"""Timeout for a core to take a request that it end before its take-off; a signal follows [s].
-
-The start of a core takes 2 s, on a loaded machine of two processors up to 10."""
 
 
 class Supervisor:
@@ -207,7 +203,10 @@ class Supervisor:
     async def _end_core(
         self, why: Request, name: str, socket: Path, watched: "asyncio.Future[int]"
     ) -> None:
-        """Ask one core to end, so that its flight tells ``why``, unless it has ended."""
+        """Ask one core to end, so that its flight tells ``why``, unless it has ended.
+
+        A signal follows where it does not.
+        """
         asked = asyncio.ensure_future(tell_end(why, name, socket))
         await asyncio.wait((asked, watched), timeout=END_S, return_when=asyncio.FIRST_COMPLETED)
         asked.cancel()

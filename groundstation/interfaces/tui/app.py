@@ -50,13 +50,13 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, REPEAT_S, State
 from groundstation.core.safety import LIVE, PREFIX
-from groundstation.interfaces.api import OrderAnswer, StationClient, open_client, stop_all
+from groundstation.interfaces.api import END_S, OrderAnswer, StationClient, open_client, stop_all
 from groundstation.interfaces.tui.drawing import flight_time
 from groundstation.interfaces.tui.model import (
     BY_ASK,
     FRAME_S,
+    KEPT,
     ORDERS,
-    PLOT_SAMPLES,
     RETRY_S,
     SILENCE_S,
     Feed,
@@ -222,7 +222,7 @@ class Playback(Feed):
             if self._wound.is_set():
                 self._wound.clear()
                 yield Jump()
-                shown = max(0, until - PLOT_SAMPLES)
+                shown = max(0, until - KEPT)
             for snapshot in self._snapshots[shown:until]:
                 yield snapshot
             shown = max(shown, until)
@@ -867,10 +867,6 @@ class Dashboard(App[None]):
                 message=f"{notice('screen.left', vehicle=vehicle, state=state)}\n  see it again  "
                 f"groundstation tui {which}\n  land          groundstation request land {which}"
             )
-
-
-END_S = 20.0
-"""Timeout for a ground station on the ground to end [s]."""
 
 
 def tui_command(args: argparse.Namespace) -> int:

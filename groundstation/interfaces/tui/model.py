@@ -322,10 +322,9 @@ class GainRow(msgspec.Struct, frozen=True):
         return value if math.isfinite(value) else notice("screen.no_gain", typed=typed)
 
 
-PLOT_SAMPLES = 600
-"""Snapshots kept for the plots [-]: two minutes at 5 Hz."""
-LISTED_EVENTS = 600
-"""Newest events kept for the list [-]; chosen, some screens to scroll through."""
+KEPT = 600
+"""Snapshots kept for the plots, and events for the list [-]: two minutes at 5 Hz, and some screens
+to scroll through."""
 
 
 class PlotSample(msgspec.Struct, frozen=True):
@@ -354,8 +353,8 @@ class Picture:
         self.trouble = ""
         self.hello: FlightIdentity | None = None
         self.holder = NO_HOLDER
-        self.flown: deque[PlotSample] = deque(maxlen=PLOT_SAMPLES)
-        self.events: deque[Notice] = deque(maxlen=LISTED_EVENTS)
+        self.flown: deque[PlotSample] = deque(maxlen=KEPT)
+        self.events: deque[Notice] = deque(maxlen=KEPT)
         self.count = 0
         """Number of changes: a screen that has drawn this number needs no new drawing."""
 

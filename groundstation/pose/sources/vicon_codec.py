@@ -33,10 +33,6 @@ DATAGRAM_SIZES = (256, 512, 1024)
 """Sizes that Tracker offers [bytes]; room for 3, 6 and 13 objects."""
 NAME_BYTES = 24
 """Longest name of an object, in UTF-8."""
-MAX_TRANSLATION_MM = 1e6
-"""Largest plausible coordinate in a capture volume [mm]."""
-MAX_ROTATION_RAD = 7.0
-"""Largest plausible angle [rad]: a whole turn and some."""
 
 _HEADER = struct.Struct("<IB")
 _ITEM = struct.Struct("<BH24s6d")
@@ -112,15 +108,13 @@ def decode(datagram: bytes) -> tuple[int, tuple[ViconObject, ...]] | UnreadableV
     return frame_number, tuple(objects)
 
 
-def pose_of(item: ViconObject) -> tuple[Vec3, Quat] | Literal["not_finite", "absurd"]:
-    """Return position [m] and attitude of an object in the lab frame, or its implausibility."""
+def pose_of(item: ViconObject) -> tuple[Vec3, Quat] | None:
+    """Return position [m] and attitude of an object in the lab frame.
+
+    None where one of the numbers is none.
+    """
     if not all(map(math.isfinite, (*item.translation_mm, *item.rotation_rad))):
-        return "not_finite"
-    if (
-        max(map(abs, item.translation_mm)) > MAX_TRANSLATION_MM
-        or max(map(abs, item.rotation_rad)) > MAX_ROTATION_RAD
-    ):
-        return "absurd"
+        return None
     return item.position_m, quaternion_from_euler_xyz(item.rotation_rad)
 
 
@@ -209,8 +203,8 @@ class ViconReader(PoseReader):
         if self.is_second(arrival_s):
             return None
         seen = pose_of(own)
-        if isinstance(seen, str):
-            return self.intake.drop(seen)
+        if seen is None:
+            return self.intake.drop("not_finite")
         if self._drop_frozen and not any(own.translation_mm):
             return self.intake.drop("not_tracked")
         if (
