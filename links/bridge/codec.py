@@ -234,10 +234,6 @@ class ClockBounds:
         return 0.5 * (self.least_s + self.most_s)
 
 
-REMEMBERED = 256
-"""Number of datagrams after which an answer no longer counts [-]."""
-
-
 class BridgeEnd:
     """One station's, as the bridge keeps it."""
 
@@ -290,7 +286,6 @@ class StationEnd:
             )
         )
         self._sent_s[self._up.counter] = now_s
-        self._sent_s.pop(self._up.counter - REMEMBERED, None)
         return data
 
     def open(self, data: bytes, dropped: "Counter[str]", now_s: float) -> Down | None:
@@ -303,6 +298,7 @@ class StationEnd:
             return None
         self.heard_s, self._bridge_s = now_s, down.bridge_s
         self.heard = max(self.heard, down.heard)
+        self._sent_s = {at: sent for at, sent in self._sent_s.items() if at >= down.heard}
         sent_s = self._sent_s.get(down.heard)
         if sent_s is not None:
             self._clock.narrow(sent_s - down.bridge_s, now_s - down.bridge_s, now_s)

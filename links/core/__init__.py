@@ -1,6 +1,7 @@
 """Common parts of all links, sans-IO: the port, the dead man's switch, the thrust curve."""
 
 from links.core.deadman import (
+    BOTH_S,
     BRING_DOWN_LIMIT_S,
     DEADLINE_LIMIT_S,
     STALL_S,

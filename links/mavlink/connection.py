@@ -26,7 +26,7 @@ from errno import EADDRINUSE
 from pathlib import Path
 from typing import Any
 
-from links.core import STUCK_S, Arrival, LinkError, LinkLost, LinkMisuse
+from links.core import BOTH_S, STUCK_S, Arrival, LinkError, LinkLost, LinkMisuse
 from links.io import (
     NETWORK,
     Datagrams,
@@ -37,7 +37,6 @@ from links.io import (
     waiting,
 )
 from links.mavlink.protocol import (
-    BOTH_S,
     MOST_SENDERS,
     TICKS_PER_S,
     AutopilotAddress,

@@ -15,6 +15,8 @@ from contextvars import copy_context
 from functools import wraps
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
+from groundstation.core.messages import ROUNDING_S
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -109,9 +111,6 @@ def connect_ends(
 FREE_PORTS = range(61000, 65536)
 """Whoever asks for any port gets one of these: above those of Linux, as above every port that
 listens by default."""
-
-RESOLUTION_S = 1e-9
-"""Timers that are less apart are due in the same turn [s]."""
 
 Tap: TypeAlias = Callable[[float, Address, Address, bytes], None]
 
@@ -235,7 +234,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def __init__(self) -> None:
         self._clock = _Clock()
         super().__init__(self._clock)
-        self._clock_resolution = RESOLUTION_S
+        self._clock_resolution = ROUNDING_S  # timers less apart are due in the same turn
         self.endpoints: dict[Address, _Endpoint] = {}
         self.groups: dict[Address, list[_Endpoint]] = {}
         self.listeners: dict[Address, Listener] = {}

@@ -16,6 +16,7 @@ from groundstation.core.messages.notices import NOTICES, notice, notice_fact
 from groundstation.core.messages.pose import (
     BODIES_MAX,
     FAR_M,
+    RESETS_S,
     SIGHTING_S,
     Distrusts,
     Excess,

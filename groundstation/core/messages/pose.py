@@ -222,6 +222,9 @@ SIGHTING_S = 0.5
 """Time for which a sighting counts [s]: for a body's place, for the prediction by its velocity, and
 as the begin of a measured speed. A vehicle that brakes by 1 m/s² is 0.13 m off the prediction by
 then."""
+RESETS_S = 5.0
+"""Time within which resets of the estimate behind the poses, or moves of a source's origin, are
+counted [s]."""
 FAR_M = 1e6
 """Largest coordinate of a plausible position [m]: an autopilot's origin may lie beyond the
 horizon."""

@@ -14,7 +14,15 @@ from typing import Annotated, NamedTuple
 import msgspec
 
 from groundstation.core.geometry import add_scaled, angle_deg, subtract, third_column
-from groundstation.core.messages import NOTICES, ROUNDING_S, Numbers, Sentence, Tick, notice
+from groundstation.core.messages import (
+    NOTICES,
+    RESETS_S,
+    ROUNDING_S,
+    Numbers,
+    Sentence,
+    Tick,
+    notice,
+)
 from groundstation.core.mission import State
 from groundstation.core.safety.conditions import RecentTime, Since
 from groundstation.core.safety.geofence import Fence, Length, Near, Separation
@@ -202,8 +210,6 @@ FRAMES = 100
 LATE_PERIODS = 2.5
 """Periods after the last frame, or message, from which the next one is late [-]: one is missing,
 and half a period is jitter."""
-RESETS_S = 5.0
-"""Time within which resets of the estimate behind the poses are counted [s]."""
 UNDER_FLOOR_M = 0.5
 """Largest plausible depth of a pose under the floor [m]: in 39 of 40 landings PX4's own height was
 within it, and once off by .65 m."""

@@ -42,6 +42,7 @@ from groundstation.core.geometry import Frames, Quat, Vec3, so3
 from groundstation.core.messages import (
     FAR_M,
     NOTICES,
+    RESETS_S,
     Excess,
     Others,
     Pose,
@@ -49,6 +50,7 @@ from groundstation.core.messages import (
     Sentence,
     notice,
 )
+from links.core import BOTH_S
 from links.io import format_address
 
 T = TypeVar("T")
@@ -408,8 +410,6 @@ _AVERAGED = 50
 ALONE_S = 1.0
 """After this long without a pose of the known sender another one takes its place [s]: longer than a
 flight may use one pose, so that no flight goes over to it."""
-BOTH_S = 3.0
-"""Two senders count while both sent poses within this time [s], as with two autopilots."""
 FEW_POSES = 2
 """Largest number of poses of an address that may be one of many ports of one program [-]: some send
 each datagram from a new port."""
@@ -680,10 +680,8 @@ come near by chance, and would disturb the estimate. The allowance is never more
 however old the last pose is, a place a little aside of it is not where the vehicle has flown."""
 EXACT_TOLERANCE = 1e-6
 """Tolerance of a unit quaternion's squared length [-], as of 32-bit floats."""
-MOVES_S = 5.0
-"""Time within which moves of the source's origin are counted [s], as in the guard against them."""
 MANY_MOVES = 3
-"""Number of moves within ``MOVES_S`` that are reported as one fault, not each by itself [-]."""
+"""Number of moves within ``RESETS_S`` that are reported as one fault, not each by itself [-]."""
 UNANNOUNCED = 1 << 32
 """Added to ``reset_count`` for each place that was not announced: no source counts that far."""
 
@@ -774,8 +772,8 @@ class Gate:
         return None if self._track is None else self._track.last
 
     def count_moves(self, now_s: float) -> int:
-        """Count the moves of the source's origin within ``MOVES_S`` before ``now_s`` [s]."""
-        while self._moved_s and now_s - self._moved_s[0] >= MOVES_S:
+        """Count the moves of the source's origin within ``RESETS_S`` before ``now_s`` [s]."""
+        while self._moved_s and now_s - self._moved_s[0] >= RESETS_S:
             self._moved_s.popleft()
         return len(self._moved_s)
 
@@ -1059,7 +1057,7 @@ class Outbreak(msgspec.Struct):
 
 def describe_origin_moves(count: int) -> Sentence:
     """Describe a source that moves its origin again and again, and the remedy."""
-    return notice("pose.origin_moves", count=count, within_s=MOVES_S)
+    return notice("pose.origin_moves", count=count, within_s=RESETS_S)
 
 
 def describe_unsteady_clock() -> Sentence:

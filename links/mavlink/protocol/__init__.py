@@ -53,7 +53,7 @@ from links.mavlink.protocol.procedures import (
     landing,
     landing_disarmed,
 )
-from links.mavlink.protocol.senders import BOTH_S, TargetSenders
+from links.mavlink.protocol.senders import TargetSenders
 from links.mavlink.protocol.signing import TICKS_PER_S, Signer
 from links.mavlink.protocol.timesync import (
     ATTITUDE_HZ,

@@ -8,11 +8,9 @@ mavlink.io/en/messages/common.html, 148 AUTOPILOT_VERSION.
 
 from typing import Any
 
+from links.core import BOTH_S
 from links.mavlink.protocol.codec import MOST_SENDERS, Message
 from links.text import link_notice
-
-BOTH_S = 3.0
-"""Time that a second sender counts after its last frame [s]: three periods of HEARTBEAT."""
 
 
 def hardware_id(version: Message) -> str:
