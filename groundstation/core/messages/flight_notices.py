@@ -146,9 +146,13 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
             "bring-down",
         ),
         NoticeTemplate(
-            "fault.no_pose", "no pose for {age_ms:.0f} ms: the link plays its bring-down"
+            "fault.no_pose",
+            "no pose for {age_ms:.0f} ms, so the link plays its bring-down",
+            "check the tracker and its network",
         ),
-        NoticeTemplate("fault.pose_gap", "no pose for {age_ms:.0f} ms"),
+        NoticeTemplate(
+            "fault.pose_gap", "no pose for {age_ms:.0f} ms", "check the tracker and its network"
+        ),
         NoticeTemplate(
             "fault.slept", "the sending computer slept for {slept_s:.1f} s: arm again to fly"
         ),

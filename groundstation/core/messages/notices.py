@@ -222,7 +222,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "pose.position_mirrored",
             "the position moves against, or not with, the commanded accelerations",
-            "check pose.axes with `groundstation carry`",
+            "check pose.world and pose.body with `groundstation carry`",
         ),
         NoticeTemplate(
             "pose.stopped_dead",

@@ -12,39 +12,47 @@ _DROPS = {
     "3.0 or later",
     "wrong_layout": "a bit stream that is not known here: Motive's streaming settings, bit stream "
     "version, 4.1",
-    "failed": "the sender says that its odometry has failed (ODOMETRY.quality below 0)",
-    "not_tracked": "the tracker does not find the body: markers hidden?",
-    "frozen": "the same to the last bit: the body is hidden, or the tracker rounds "
-    "(gate.drop_frozen)",
+    "failed": "the sender says that its odometry has failed (ODOMETRY.quality below 0): restart "
+    "its estimator",
+    "not_tracked": "the tracker does not find the body: look for markers that are hidden, lost or "
+    "have moved",
+    "frozen": "the same to the last bit: look for hidden markers; where the tracker rounds, "
+    "pose.drop_frozen = false",
     "no_such_body": "the stream does not hold the vehicle's body: is its name right, has it been "
-    "switched off?",
+    "switched off? `groundstation check --watch` lists the names",
     "no_such_object": "the stream does not hold the vehicle's object: is its name right, has it "
-    "been switched off?",
+    "been switched off? `groundstation check --watch` lists the names",
     "same_name": "several bodies have the vehicle's name or streaming id: give each one of its own",
     "jump": "further from the last one than it can have flown (gate.jump_m): markers mixed up, or "
-    "another body",
-    "spin": "turned faster than it can have (gate.rate_deg_s): markers mixed up",
-    "too_fast": "faster than the vehicle can be (gate.speed_m_s)",
+    "another body; see the tracker's program",
+    "spin": "turned faster than it can have (gate.rate_deg_s): markers mixed up; see the tracker's "
+    "program",
+    "too_fast": "faster than the vehicle can be (gate.speed_m_s): is the position in metres?",
     "tilted": "on its back (gate.tilt_deg): are pose.world and pose.body right?",
-    "not_finite": "NaN or infinity in it",
-    "not_unit": "its quaternion has not length 1, or its matrix is no rotation",
-    "absurd": "numbers that no room holds",
+    "not_finite": "NaN or infinity in it: see what the sender computes, or whether the body is "
+    "hidden",
+    "not_unit": "its quaternion has not length 1, or its matrix is no rotation: correct the sender",
+    "absurd": "numbers that no room holds: is each in the unit that this source expects?",
     "absurd_stamp": "its time stamp is no time: is it in the wrong unit?",
-    "same_stamp": "the sender does not set its time stamp, or several poses have the same one",
+    "same_stamp": "the sender does not set its time stamp, or several poses have the same one: "
+    "have it stamp each pose anew",
     "out_of_order": "older than one before: was the sender's clock set back, or is more than one "
     "on this address?",
     "duplicate": "sent twice: is more than one sender on this address?",
-    "other_address": "somebody else sends to this address",
-    "second_sender": "a second program or computer sends poses of the vehicle to the same port",
+    "other_address": "somebody else sends to this address: end the program that should not",
+    "second_sender": "a second program or computer sends poses of the vehicle to the same port: "
+    "end the one that should not",
     "late": "older on arrival than flight.coast_s allows",
-    "truncated": "its end is missing: a bridge or network cuts datagrams, or loses a part of one",
+    "truncated": "its end is missing: a bridge or network cuts datagrams, or loses a part of one; "
+    "or something else sends to this port",
     "oversized": "longer than the protocol allows: does something else send to this port?",
     "garbage": "bytes that are not of this protocol: does something else send to this port?",
     "malformed": "not of this protocol: does something else send to this port?",
     "wrong_item": "not of this protocol: does something else send to this port?",
     "not_json": "no JSON: does something else send to this port?",
     "wrong_schema": "JSON without the fields of a pose: compare with docs/how-to/extend.md",
-    "bad_crc": "a wrong checksum: bytes were lost or changed on the way",
+    "bad_crc": "a wrong checksum: bytes were lost or changed on the way: check cable, "
+    "radio and speed of the port",
     "wrong_frame": "in a frame of coordinates that is not read here: send LOCAL_NED or LOCAL_FRD",
     "no_attitude": "no attitude came with the position: have the autopilot send "
     "ATTITUDE_QUATERNION",
@@ -61,15 +69,15 @@ _DROPS = {
 """Causes and remedies by reason."""
 _MEASURED_DROPS = {
     "jump": "{value:.2f} m from where the last ones were heading, limit {limit:.2f} m (gate.jump_m "
-    "and gate.acceleration_m_s2): markers mixed up, or another body",
+    "and gate.acceleration_m_s2): markers mixed up, or another body; see the tracker's program",
     "spin": "turned by {value:.0f}° since the last one, limit {limit:.0f}° (gate.rate_deg_s): "
-    "markers mixed up",
+    "markers mixed up; see the tracker's program",
     "too_fast": "{value:.1f} m/s, limit {limit:g} m/s (gate.speed_m_s): is the position in metres?",
     "tilted": "{value:.0f}° from upright, limit {limit:g}° (gate.tilt_deg): where it stands or "
     "flies upright, pose.body or pose.world names the axes wrongly (`groundstation carry` finds "
     "them); a vehicle that loops needs 180",
-    "frozen": "the same to the last bit for {value:.2f} s, limit {limit:g} s (gate.frozen_s): the "
-    "body is hidden, or the tracker rounds (gate.drop_frozen)",
+    "frozen": "the same to the last bit for {value:.2f} s, limit {limit:g} s (gate.frozen_s): "
+    "look for hidden markers; where the tracker rounds, gate.drop_frozen = false",
     "late": "{value:.0f} ms old when it came, limit {limit:.0f} ms (flight.coast_s): look for a "
     "queue in the network or the tracking computer, or a pose.rate_hz above the cameras' rate",
 }
@@ -85,7 +93,7 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
         for reason, meaning in _MEASURED_DROPS.items()
     ),
     NoticeTemplate("drop.other", "{reason}"),
-    NoticeTemplate("pose.origin_moved", "the source has moved its origin"),
+    NoticeTemplate("pose.origin_moved", "the source has moved its origin, or was started anew"),
     NoticeTemplate("pose.agreed", "all poses have agreed on it for {settle_s:g} s"),
     NoticeTemplate(
         "pose.elsewhere", "poses are {far_m:.2f} m and {turn_deg:.0f}° from before: {why}"
@@ -133,6 +141,10 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
         "is a measurement or a preview running?",
     ),
     NoticeTemplate("qualisys.bodies", "QTM at {server} does not report its bodies: {why}"),
-    NoticeTemplate("pose.lost", "poses are lost: none for {age_ms:.0f} ms"),
+    NoticeTemplate(
+        "pose.lost",
+        "poses are lost: none for {age_ms:.0f} ms, limit {limit_ms:.0f} ms (flight.coast_s)",
+        "check the tracker and its network",
+    ),
     NoticeTemplate("pose.back", "poses are back after {gap_s:.2f} s"),
 )

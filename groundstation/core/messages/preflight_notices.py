@@ -70,7 +70,8 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "check.witness_silent",
-        "the autopilot does not send its attitude, so nothing checks the poses' attitude",
+        "no attitude of the autopilot has poses beside it, so nothing checks the poses' attitude",
+        "have it send ATTITUDE_QUATERNION, and look for gaps in the poses",
     ),
     NoticeTemplate(
         "check.witness_unlike",

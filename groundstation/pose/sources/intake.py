@@ -1039,7 +1039,8 @@ class Outbreaks:
             return []
         self._lost = lost
         if lost:
-            return [notice("pose.lost", age_ms=1e3 * (now_s - newest.time_s))]
+            age_s = now_s - newest.time_s
+            return [notice("pose.lost", age_ms=1e3 * age_s, limit_ms=1e3 * self._lost_s)]
         return [
             notice("pose.back", gap_s=newest.time_s - before.time_s if before is not None else 0.0)
         ]

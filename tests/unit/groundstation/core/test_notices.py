@@ -2,15 +2,18 @@
 
 import ast
 import math
+import re
 from collections import Counter
 from functools import cache
 from pathlib import Path
 
 import msgspec
 
+from groundstation.config.schema import keys_of
 from groundstation.core.messages import NOTICES, Notice, NoticeTemplate, Sentence, Severity, notice
 from groundstation.flight.assembly import FlightRecorder
 from groundstation.recording import LineRecord, Record
+from groundstation.settings import Config
 from sim.text import SIM_NOTICES
 
 
@@ -152,3 +155,14 @@ def test_every_error_for_the_operator_is_a_row_of_the_table() -> None:
         and has_own_text(node, function)
     ]
     assert own_texts == []
+
+
+def test_a_key_of_the_configuration_that_a_sentence_names_is_there() -> None:
+    keys = {".".join(key.split(".")[:2]) for key in keys_of(Config)}
+    named = re.compile(rf"\b(?:{'|'.join({key.split('.')[0] for key in keys})})\.[a-z_0-9]+")
+    found = {
+        key: row.id for row in EVERY.values() for key in named.findall(row.sentence + row.remedy)
+    }
+    assert "gate.jump_m" in found, "keys are recognised"
+    of_the_system = {"limits.conf"}  # PAM's
+    assert found.keys() - keys - of_the_system == set()

@@ -187,7 +187,7 @@ AGREES = Agreement(
 WITNESSED: list[tuple[dict[str, Any], str, str]] = [
     ({"witness": AGREES}, "PASS", "1.2° apart"),
     ({"witness": AGREES._replace(alike=("roll", "pitch"))}, "PASS", "roll, pitch went the same"),
-    ({"witness": None}, "WARN", "does not send its attitude"),
+    ({"witness": None}, "WARN", "has poses beside it"),
     ({"witness": AGREES._replace(disagrees_since_s=0.5)}, "WARN", "is the vehicle being carried?"),
     ({"witness": AGREES._replace(mounting_deg=7.9)}, "PASS", "7.9° apart"),
     ({"witness": AGREES._replace(mounting_deg=8.1)}, "FAIL", "8.1° apart: is it the right body?"),

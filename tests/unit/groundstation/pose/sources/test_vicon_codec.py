@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from groundstation.pose.sources import ViconConfig
+from groundstation.pose.sources import ViconConfig, describe_drop
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import (
     ViconObject,
@@ -94,3 +94,19 @@ def test_a_misspelt_name_shows_the_names_that_are_there() -> None:
     reader = ViconReader("mqX", Intake(0.0, frame_s=0.02))
     assert reader.read(VICON.readable[1].datagram, 0.0) == ()
     assert reader.names == ("wand", "mqx")
+
+
+def test_text_on_the_port_is_told_as_perhaps_of_another_program() -> None:
+    reader = ViconReader(OURS, Intake(0.0, frame_s=0.02))
+    assert reader.read(b"hello world" * 20, 0.0) == ()
+    (reason,) = reader.status.dropped
+    assert "something else sends to this port" in str(describe_drop(reason))
+
+
+def test_a_hidden_body_is_told_with_what_to_do_and_the_key_of_this_source() -> None:
+    reader = ViconReader(OURS, Intake(0.0, frame_s=0.02))
+    for number in (1, 2):
+        reader.read(frame(number, 1.0), 0.02 * number)
+    (reason,) = reader.status.dropped
+    told = str(describe_drop(reason))
+    assert "look for hidden markers; where the tracker rounds, pose.drop_frozen = false" in told
