@@ -98,6 +98,7 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
         if recording.trouble and not sys.stderr.closed:
             print(f"groundstation: export: the recording {recording.trouble}", file=sys.stderr)
         return Exit.DONE
+    was_there = target.exists()
     try:
         with refuse_io("--out", "file.unwritten", target):
             count, written = _export(recording, form, wanted, target)
@@ -106,6 +107,9 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     except ConfigError:
         if target.is_file():
             target.unlink()  # what was begun of it
+        elif not was_there:
+            with suppress(OSError):  # not there, or some of its files are whole
+                target.rmdir()
         raise
     print(f"{target}: {written}{_short_of(recording)}")
     return Exit.DONE
@@ -202,6 +206,8 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
         if not args.folder.expanduser().is_dir():
             id = "file.no_folder" if args.folder.expanduser().exists() else "file.missing"
             raise ConfigError("--folder", notice(id, path=args.folder))
+        with refuse_io("--folder", "file.unread", args.folder):
+            next(args.folder.expanduser().iterdir(), None)  # glob is silent about it
         config = msgspec.structs.replace(config, folder=str(args.folder))
     folder = folder_of(config)
     removed = tidy(config, args.now_s) if args.tidy else []

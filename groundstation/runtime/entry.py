@@ -186,7 +186,13 @@ def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str,
     gc.disable()  # modules are never garbage: to look for any takes a fifth of the start
     import warnings
 
-    from groundstation.config import ArgumentError, ConfigError, RetiredKeyWarning, UserCodeFault
+    from groundstation.config import (
+        ArgumentError,
+        ConfigError,
+        RetiredKeyWarning,
+        UserCodeFault,
+        config_notice,
+    )
 
     show = warnings.showwarning
 
@@ -210,6 +216,12 @@ def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str,
         says = f"{error.option}: {error.problem}" if isinstance(error, ArgumentError) else error
         print(f"{parser.prog}: {says}", file=sys.stderr)
         return Exit.USAGE
+    except OSError as error:
+        if error.filename is None or error.errno not in PATH_ERRORS:
+            raise
+        unusable = config_notice("file.unusable", path=error.filename, why=error.strerror)
+        print(f"{parser.prog}: {unusable}", file=sys.stderr)
+        return Exit.USAGE
     except UserCodeFault as fault:
         print(f"{fault.frames()}{parser.prog}: {fault}", file=sys.stderr)
         return Exit.FAILED
@@ -219,6 +231,9 @@ def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str,
     finally:
         warnings.showwarning = show
 
+
+PATH_ERRORS = (errno.EACCES, errno.ENAMETOOLONG)
+"""Errors of the system with which pathlib.Path.exists ends: a path that a person has given."""
 
 CODES: dict[str, dict[int, str]] = {
     "fly": {

@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from itertools import pairwise
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
-from groundstation import load
+from groundstation import __main__ as groundstation, load
 from groundstation.machine import NonBlockingWriter
 from groundstation.recording import NoRecording, Recording
-from tests.e2e.stations import EXAMPLE, Room, beside, program, run_command, served
+from tests.e2e.stations import EXAMPLE, Room, beside, program, run_command, run_here, served
 from tests.known import known
 from tests.recordings import recorded
 
@@ -96,6 +97,7 @@ def test_a_log_that_can_not_be_written_is_told_before_anything_flies(tmp_path: P
 
 
 FULL = {
+    "export {log} --out {out}": "--out: cannot write {out}",
     "export {log} --format npz --out {out}.npz": "--out: cannot write {out}.npz",
     "export {log} --format mcap --out {out}.mcap": "--out: cannot write {out}.mcap",
     "logs import {poses} --map tum --out {out}.mcap": "--out: cannot write {out}.mcap",
@@ -207,3 +209,23 @@ def test_motors_stop_though_nobody_reads(
             assert process.wait(60) == 1
         requests = [entry.value()["what"] for entry in the_recording(room).entries(("/request",))]
     assert requests == ["kill"]
+
+
+@pytest.mark.parametrize(
+    "words", ["replay {}", "report {}", "logs --folder {}", "export {log} --out {}"]
+)
+def test_a_path_that_the_system_refuses_is_told_of_in_one_line(words: str) -> None:
+    name = 300 * "a"
+    done = run_here(groundstation.main, *words.format(name, log=recorded()[0]).split())
+    said = f"groundstation: cannot use {name}: File name too long\n"
+    assert (done.returncode, done.stderr) == (2, said)
+
+
+def test_a_folder_that_may_not_be_read_is_not_shown_as_empty(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refused = PermissionError(13, "Permission denied", str(tmp_path))
+    monkeypatch.setattr(Path, "iterdir", Mock(side_effect=refused))
+    done = run_here(groundstation.main, "logs", "--folder", tmp_path)
+    assert "--folder: cannot read" in done.stderr
+    assert done.returncode == 2

@@ -221,7 +221,7 @@ def test_an_export_of_which_nothing_can_be_read_is_refused(form: str, tmp_path: 
     damaged.write_bytes(data)
     with pytest.raises(ConfigError, match=rf"^LOG: nothing .* is damaged at byte {at}"):
         export_command(damaged, form, [], target := tmp_path / f"made{SUFFIXES[form]}")
-    assert not target.is_file()
+    assert not target.exists()
 
 
 TAKEN = r"^--out: .*mine is there already: name another, or remove it$"

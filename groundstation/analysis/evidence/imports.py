@@ -205,8 +205,10 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
     for path in paths:
         try:
             tables.update(read[form](path))
-        except (OSError, EOFError) as error:
-            why = getattr(error, "strerror", None) or error
+        except EOFError:
+            raise ConfigError("FILE", notice("import.cut_off"), str(path)) from None
+        except OSError as error:
+            why = error.strerror or error
             raise ConfigError("FILE", notice("file.unread", path=path, why=why)) from None
         except UnicodeDecodeError as error:
             raise ConfigError("FILE", notice("file.not_utf8", at=error.start), str(path)) from None

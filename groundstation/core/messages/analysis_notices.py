@@ -97,6 +97,9 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     # Files of other programs.
     NoticeTemplate("import.no_mapping", "expected a file or one of {known}, got {found!r}"),
     NoticeTemplate("import.damaged", "is no {form} file, or damaged: {why}"),
+    NoticeTemplate(
+        "import.cut_off", "it is packed by gzip, and its end is missing", "copy it here anew"
+    ),
     NoticeTemplate("import.no_ulog", "it does not begin with ULog"),
     NoticeTemplate(
         "import.no_version",

@@ -1,5 +1,6 @@
 """What trackers' programs export as text: Motive, QTM, ROS, TUM, and CSV of any layout."""
 
+import gzip
 import math
 from collections import Counter
 from pathlib import Path
@@ -404,3 +405,12 @@ def test_thrust_is_a_share_of_the_full_signal_and_follows_the_hover_signal(tmp_p
     file = write(tmp_path, "run.csv", "\n".join(["t,x,y,z,u,h,r", *rows]))
     told = read_flight(load_mapping(str(mapping)), [file]).of(SETPOINT)
     assert [one.thrust for one in told[:3]] == pytest.approx([0.5, 0.4, 0.6])
+
+
+@pytest.mark.parametrize("kept", [10, 200, -1])
+def test_a_packed_file_whose_end_is_missing_is_told_as_cut_off(kept: int, tmp_path: Path) -> None:
+    text = "\n".join(["t,x,y,z", *(f"{0.01 * n},{n % 7},{n % 11},{n % 13}" for n in range(500))])
+    (file := tmp_path / "run.csv.gz").write_bytes(gzip.compress(text.encode())[:kept])
+    mapping = load_mapping(str(write(tmp_path, "map.toml", MAPPING)))
+    with pytest.raises(ConfigError, match=r"its end is missing: copy it here anew$"):
+        read_flight(mapping, [file])
