@@ -62,6 +62,12 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
         "more than one could be meant: name one by --vehicle or --socket: {sockets}",
     ),
     NoticeTemplate(
+        "station.stopped",
+        "nothing is armed: all flights were ordered to land {age_s:.1f} s ago (stop-all), and this "
+        "program had begun already",
+        "start it again to fly",
+    ),
+    NoticeTemplate(
         "station.taken",
         "{vehicle} is flown by another ground station already (process {pid}, lock {path})",
         "stop that one, or give this one another vehicle.name or status.path",

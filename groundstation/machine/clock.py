@@ -7,12 +7,14 @@ are punctual.
 """
 
 import asyncio
+import os
 import select
 import selectors
 import sys
 import time
 from collections import deque
 from collections.abc import Awaitable
+from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -141,3 +143,14 @@ class IdleSlots:
             self._waiting.popleft()
         self._waiting.append(moment)
         return moment
+
+
+def uptime_s() -> float:
+    """Time since the start of the machine, whether it slept or not [s]."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+def begin_of_process_s() -> float:
+    """Time from the start of the machine to that of this process, by proc_pid_stat(5) [s]."""
+    behind_name = Path("/proc/self/stat").read_text("utf-8").rpartition(")")[2].split()
+    return int(behind_name[19]) / os.sysconf("SC_CLK_TCK")

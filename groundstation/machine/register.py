@@ -19,7 +19,9 @@ from typing import Annotated
 import msgspec
 
 from groundstation.config import config_notice
-from groundstation.machine.files import is_locked
+from groundstation.machine.clock import begin_of_process_s, uptime_s
+from groundstation.machine.files import is_locked, write_whole
+from links.text import Sentence
 
 FOLDER, FILE = stat.S_ISDIR, stat.S_ISREG
 
@@ -281,6 +283,35 @@ def running_processes(services: Path = SERVICES) -> list[Running]:
     return sorted(
         (one for one in found if one.pid != os.getpid()), key=lambda one: (one.vehicle, one.pid)
     )
+
+
+STOP = "stop-all"
+"""File in the folder of sockets with the time of the newest order that all flights land."""
+
+
+def note_stop() -> None:
+    """Note that all flights of this user are ordered to land now, for programs that only start."""
+    with suppress(ApiError):
+        own_directory(socket_folder())
+    for folder in _folders():
+        with suppress(OSError):
+            if is_ours(folder.lstat(), FOLDER):
+                write_whole(folder / STOP, f"{uptime_s()}\n")
+
+
+def explain_stop() -> Sentence | None:
+    """Return the reason not to arm where all flights were ordered to land since this process began.
+
+    To be called by a process that is registered: later orders reach it.
+    """
+    try:
+        ordered_s = float((socket_folder() / STOP).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    now_s = uptime_s()
+    if not begin_of_process_s() <= ordered_s <= now_s:  # a later one was before the machine's start
+        return None
+    return config_notice("station.stopped", age_s=now_s - ordered_s)
 
 
 def foreign_services() -> list[Path]:

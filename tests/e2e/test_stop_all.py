@@ -8,8 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from groundstation.core.messages import Ask
+from groundstation.interfaces.api import stop_all as ask_all
 from links.io import make_key
 from tests.e2e.stations import (
+    EXAMPLE,
     beside,
     free_udp_port,
     line_of,
@@ -100,3 +103,13 @@ def test_a_fleet_that_only_starts_is_ended_before_it_arms(tmp_path: Path) -> Non
     assert stopped.returncode == 0, stopped.stderr
     assert "SIGHUP: passed on to ant, bee" in log.read_text("utf-8")
     assert stop_all().stdout == "nothing flies here\n"
+
+
+def test_a_flight_in_its_first_moments_is_ended_before_it_arms(tmp_path: Path) -> None:
+    """It is in no register yet, so nobody can ask it or send it a signal."""
+    words = program("groundstation", "fly", EXAMPLE, "--arm", "mqx")
+    with started(words, tmp_path / "log") as flight:
+        asyncio.run(ask_all(Ask.LAND))
+        assert flight.wait(60) == 1
+    said = (tmp_path / "log").read_text("utf-8")
+    assert said.startswith("nothing is armed: all flights were ordered to land")

@@ -46,6 +46,7 @@ from groundstation.machine import (
     Running,
     find_socket,
     foreign_services,
+    note_stop,
     owner,
     running_processes,
     send_signal,
@@ -406,7 +407,11 @@ class StopReport(msgspec.Struct, frozen=True):
 
 
 async def stop_all(ask: Ask, why: str = "stop-all") -> list[StopReport]:
-    """Ask all that run to come down by ``ask``, each on its own: none waits for another."""
+    """Ask all that run to come down by ``ask``, each on its own: none waits for another.
+
+    Programs that only start end before they arm.
+    """
+    note_stop()  # first, so that one that is not in the register yet finds it
     return list(await asyncio.gather(*(_stop(one, ask, why) for one in running_processes())))
 
 

@@ -26,7 +26,15 @@ from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensur
 from groundstation.interfaces.api import END_S, ask_station, snapshots
 from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
-from groundstation.machine import FLEET, ApiError, Running, registration, socket_path, write_whole
+from groundstation.machine import (
+    FLEET,
+    ApiError,
+    Running,
+    explain_stop,
+    registration,
+    socket_path,
+    write_whole,
+)
 from groundstation.runtime import Exit
 from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served
 from links.io import describe_exit, open_child
@@ -101,6 +109,10 @@ class Supervisor:
             fleet = f"fleet of {', '.join(member.name for member in self._fleet.members)}"
             entry = Running(pid=os.getpid(), command=FLEET, vehicle=fleet)
             self._starting.enter_context(registration(entry))
+            if stopped := explain_stop():
+                self._starting.close()
+                self._say(stopped.text)
+                return Exit.FAILED
         # The relay lives for as long as anybody holds the other end of this pipe: we, or a core
         # that outlives us.
         relay_lives, held = os.pipe()

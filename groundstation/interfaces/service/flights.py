@@ -61,6 +61,7 @@ from groundstation.machine import (
     Latest,
     NonBlockingWriter,
     Taken,
+    explain_stop,
     find_socket,
     hold_lock,
     precise_loop,
@@ -575,6 +576,9 @@ def fly_command(
         with hold_lock(socket_path(config.status, config.vehicle.name), config.vehicle.name):
             logging.getLogger().addHandler(LogHandler(2, as_json=False, journal=False))
             with registration(entry_of(config, "fly", os.getpid())):
+                if stopped := explain_stop():
+                    write(stopped.text)
+                    return Exit.FAILED
                 return _run_precisely(_fly(config, confirm, write))
     except Taken as error:
         print(f"groundstation: {error}", file=sys.stderr)
@@ -639,6 +643,9 @@ def daemon_command(config: Config, *, arm: bool, once: bool, as_json: bool) -> E
             hold_lock(socket_path(config.status, config.vehicle.name), config.vehicle.name),
             registration(entry_of(config, "daemon", os.getpid())),
         ):
+            if arm and (stopped := explain_stop()):
+                log.error("%s", stopped)
+                return Exit.FAILED
             return _run_precisely(_serve(config, arm=arm, once=once))
     except (Taken, ApiError) as error:
         log.error("%s", error)

@@ -1,5 +1,6 @@
 """The register of running processes: there while they live, whole, locked, of this user only."""
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -10,8 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.machine import ApiError, Running, registration, running_processes, send_signal
-from groundstation.machine.register import SUFFIX
+from groundstation.machine import (
+    ApiError,
+    Running,
+    explain_stop,
+    note_stop,
+    registration,
+    running_processes,
+    send_signal,
+)
+from groundstation.machine.register import STOP, SUFFIX
+from tests.known import known
 
 ONE = Running(pid=os.getpid(), command="fly", vehicle="mqx", socket="/x/mqx.sock")
 PROGRAM = """
@@ -102,3 +112,36 @@ def test_flights_of_a_service_of_this_user_are_found_in_its_folder(
         monkeypatch.delenv("RUNTIME_DIRECTORY")
         assert running_processes(tmp_path / "nowhere") == []
         assert [one.vehicle for one in running_processes(services)] == ["bee"]
+
+
+LATE = """
+import sys, time
+from groundstation.machine import explain_stop
+print("begun", flush=True)
+sys.stdin.readline()
+print(explain_stop() or "may fly", flush=True)
+"""
+
+
+def test_what_began_before_an_order_to_land_all_does_not_arm_and_what_begins_later_may() -> None:
+    command = [sys.executable, "-c", LATE]
+    note_stop()
+    asyncio.run(asyncio.sleep(0.1))  # ten ticks of the system's clock of processes
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as later:  # type: ignore[call-overload]  # one table
+        assert known(later.stdout).readline() == "begun\n"
+        assert later.communicate("\n")[0] == "may fly\n"
+    with subprocess.Popen(command, **pipes) as before:  # type: ignore[call-overload]  # as above
+        assert known(before.stdout).readline() == "begun\n"
+        note_stop()
+        assert "all flights were ordered to land" in before.communicate("\n")[0]
+
+
+@pytest.mark.parametrize("found", ["", "1e99", "an hour ago"])
+def test_an_order_of_before_the_machine_started_or_of_no_time_stops_nothing(
+    found: str, folder: Path
+) -> None:
+    note_stop()
+    assert explain_stop() is not None
+    (folder / STOP).write_text(found)
+    assert explain_stop() is None
