@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from links.io import read_key
+from links.io import make_key, read_key
 from links.mavlink import StampFile
 from links.mavlink.protocol import MavlinkCodec, Signer
 from tests.mavlink_table import golden
@@ -17,6 +17,7 @@ from tests.mavlink_table import golden
 # By their numbers: a limit that the test took from the code would bear out any value.
 TICKS_PER_S = 100000
 MINUTE = 60 * TICKS_PER_S
+KEY_BYTES = 32
 
 KEY = bytes(range(32))
 NOW = 375_000_000 * TICKS_PER_S
@@ -217,3 +218,20 @@ def test_a_damaged_stamp_is_told_of(tmp_path: Path) -> None:
     (tmp_path / "key.stamp").write_text("yesterday")
     with pytest.raises(ValueError, match="remove it"):
         StampFile(path).first()
+
+
+def test_a_new_key_is_for_its_owner_alone_and_different_each_time(tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    make_key(first)
+    make_key(second)
+    assert first.stat().st_mode & 0o777 == 0o600
+    assert len(read_key(first)) == KEY_BYTES
+    assert read_key(first) != read_key(second)
+
+
+def test_a_key_is_never_written_over(tmp_path: Path) -> None:
+    make_key(tmp_path / "key")
+    before = read_key(tmp_path / "key")
+    with pytest.raises(ValueError, match="File exists"):
+        make_key(tmp_path / "key")
+    assert read_key(tmp_path / "key") == before
