@@ -144,30 +144,18 @@ def test_what_falls_has_not_touched_down(
 @pytest.mark.parametrize(
     ("heights_m", "sinks_m_s", "every_s", "stands_s"),
     [
-        (
-            [0.06, 0.01, 0.008, 0.0, 0.0, 0.0],
-            0.25,
-            0.22,
-            0.66,
-        ),  # few poses come: stands since the second one
-        (
-            [0.1, 0.1],
-            0.25,
-            0.42,
-            None,
-        ),  # poses that were held back begin again where they had ceased
+        # few poses come: stands since the second one
+        ([0.06, 0.01, 0.008, 0.0, 0.0, 0.0], 0.25, 0.22, 0.66),
+        # poses that were held back begin again where they had ceased
+        ([0.1, 0.1], 0.25, 0.42, None),
         ([0.1] * 40, 0.25, 0.02, None),  # it stood there before: a picture that stands in the air
         ([0.05] * 40, 0.25, 0.02, 0.44),  # since the first pose after that
         ([0.14] + [0.1] * 40, 0.25, 0.02, 0.44),  # a floor higher than told
         ([0.14] + [0.1] * 40, 0.16, 0.02, 0.66),  # told to sink slowly: so it may be slower
         ([0.14] + [0.1] * 40, 0.0, 0.02, None),  # a hover so low, and a landing that stops first
         ([0.2] * 40, 0.25, 0.02, None),  # a picture that stands in the air
-        (
-            [0.15 - 0.05 * 0.02 * i for i in range(100)],
-            0.25,
-            0.02,
-            None,
-        ),  # held back by its own cushion, but sinking
+        # held back by its own cushion, but sinking
+        ([0.15 - 0.05 * 0.02 * i for i in range(100)], 0.25, 0.02, None),
         ([0.0, 0.03] * 40, 0.25, 0.02, None),
     ],
 )
@@ -188,12 +176,8 @@ def test_poses_that_stand_low_while_it_is_told_to_sink_are_of_a_vehicle_on_the_f
 def test_three_presses_land_descend_and_kill_and_each_says_what_comes_next() -> None:
     interrupts = Interrupts()
     asked = [interrupts.press("SIGINT", t) for t in (0.0, 2.0, 4.0, 6.0)]
-    assert [request and request.ask for request, _ in asked] == [
-        Ask.LAND,
-        Ask.DESCEND,
-        Ask.KILL,
-        Ask.KILL,
-    ]
+    steps = [Ask.LAND, Ask.DESCEND, Ask.KILL, Ask.KILL]
+    assert [request and request.ask for request, _ in asked] == steps
     assert asked[0][1].text == "SIGINT: asked to land; once more: failsafe descent"
     assert "motors off" in asked[1][1].text
 

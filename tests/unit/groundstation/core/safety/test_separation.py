@@ -47,11 +47,7 @@ speeds = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 
 
 def seen(
-    place: Vec3,
-    velocity: Vec3 = REST,
-    *,
-    until_s: float = 1.0,
-    names: tuple[str, ...] = ("bee",),
+    place: Vec3, velocity: Vec3 = REST, *, until_s: float = 1.0, names: tuple[str, ...] = ("bee",)
 ) -> Others:
     """The others, each at ``place`` at ``until_s``, watched at 100 Hz for a quarter of a second."""
     others = Others(names)
