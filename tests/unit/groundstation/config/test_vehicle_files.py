@@ -2,7 +2,6 @@
 
 import math
 import re
-import sys
 import tomllib
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from groundstation.config import ConfigError, from_dict, load, presets
 from groundstation.core.control import Gains
 from groundstation.core.vehicle import Vehicle
 from groundstation.settings import Config
+from tests.e2e.stations import run_here
 
 PRESETS = presets(Vehicle)
 FULL = """name = "mine"
@@ -105,19 +105,12 @@ def test_a_vehicle_that_is_not_there_is_refused(section: str, words: str, tmp_pa
         vehicle(tmp_path, FULL, section=section)
 
 
-def test_the_command_lists_the_presets_and_prints_one_to_start_from(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    def run(*words: str) -> int:
-        monkeypatch.setattr(sys, "argv", ["groundstation", "vehicles", *words])
-        return main()
-
-    assert run() == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(PRESETS)
-    assert run("x500") == 0
-    assert vehicle(tmp_path, capsys.readouterr().out).name == "x500"
-    assert run("x501") == 2
-    assert "expected one of ['crazyflie'" in capsys.readouterr().err
+def test_the_command_lists_the_presets_and_prints_one_to_start_from(tmp_path: Path) -> None:
+    listed, shown, refused = (run_here(main, "vehicles", *x) for x in ([], ["x500"], ["x501"]))
+    assert [done.returncode for done in (listed, shown, refused)] == [0, 0, 2]
+    assert [line.split()[0] for line in listed.stdout.splitlines()] == list(PRESETS)
+    assert vehicle(tmp_path, shown.stdout).name == "x500"
+    assert "expected one of ['crazyflie'" in refused.stderr
 
 
 def test_the_bound_of_adaptation_follows_from_the_thrust_that_wind_may_take_unless_it_is_set() -> (

@@ -38,6 +38,7 @@ from sim.autopilots import (
 )
 from sim.autopilots.autopilot import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 from tests.airframe_double import Brick
+from tests.e2e.stations import run_here
 from tests.loops import in_virtual_time, running
 
 HERE = ("127.0.0.1", 14540)
@@ -328,13 +329,9 @@ def test_a_missing_firmware_or_compiler_is_said_with_what_to_do(
         ("--config=mine.toml", "--config: Betaflight flies one vehicle of a scenario"),
     ],
 )
-def test_betaflight_flies_behind_a_receiver_only(
-    option: str, says: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    command = ["groundstation-sim", "fly", "--autopilot", "betaflight", option]
-    monkeypatch.setattr("sys.argv", command)
-    assert main() == 2
-    assert says in capsys.readouterr().err
+def test_betaflight_flies_behind_a_receiver_only(option: str, says: str) -> None:
+    done = run_here(main, "fly", "--autopilot", "betaflight", option)
+    assert done.returncode == 2 and says in done.stderr
 
 
 ARM = "0 0 1700 2100 0 0"

@@ -9,6 +9,7 @@ from groundstation.config import ConfigError, dump, load
 from groundstation.core.trajectory import parse_course
 from groundstation.core.trajectory.shapes import SamplesConfig, WaypointsConfig
 from groundstation.settings import Config
+from tests.e2e.stations import run_here
 
 GOOD = """# a comment
 t_s, north_m, east_m, up_m, yaw_deg
@@ -170,11 +171,7 @@ def test_a_course_that_is_not_there_is_named(file: str, says: str, tmp_path: Pat
     (["land", "3"], "land: takes nothing behind it"),
 ])  # fmt: skip
 def test_points_that_lead_nowhere_are_refused_before_anybody_is_asked(
-    words: list[str],
-    says: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     head = "north_m,east_m,down_m\n"
@@ -184,6 +181,5 @@ def test_points_that_lead_nowhere_are_refused_before_anybody_is_asked(
     Path("nan.csv").write_text(head + "nan,0,-1\n0,0,-1\n")
     Path("turned.csv").write_text("north_m,east_m,down_m,yaw_deg\n0,0,-1,90\n0,0,-1,400\n")
     Path("many.csv").write_text(head + "".join(f"{0.1 * i},0,-1\n" for i in range(65)))
-    monkeypatch.setattr("sys.argv", ["groundstation", "request", *words])
-    assert main() == 2
-    assert says in capsys.readouterr().err
+    done = run_here(main, "request", *words)
+    assert done.returncode == 2 and says in done.stderr

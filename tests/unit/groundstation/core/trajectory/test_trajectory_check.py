@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,6 +30,7 @@ from groundstation.flight.preflight import (
     explain_refusal,
 )
 from groundstation.settings import Config
+from tests.e2e.stations import run_here
 
 G = 9.81
 pushes = st.tuples(*[st.floats(-6.0, 6.0)] * 3)
@@ -118,28 +118,22 @@ def test_what_asks_too_much_is_refused_with_the_time_the_limit_and_a_way_out(
     assert words in str(explain_refusal(config, report))
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["groundstation", *words])
-    return main()
-
-
-def test_the_command_says_pass_or_fail_and_by_its_exit_code_too(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    assert run(monkeypatch, "trajectory") == 0
-    assert capsys.readouterr().out.endswith("PASS\n")
-    assert run(monkeypatch, "trajectory", "--set", "limits.max_speed_m_s=0.4") == 1
-    assert "FAIL: at " in capsys.readouterr().out
-    assert run(monkeypatch, "trajectory", "--json", "--set", "limits.max_speed_m_s=0.4") == 1
-    facts = json.loads(capsys.readouterr().out)
+def test_the_command_says_pass_or_fail_and_by_its_exit_code_too(tmp_path: Path) -> None:
+    done = run_here(main, "trajectory")
+    assert done.returncode == 0 and done.stdout.endswith("PASS\n")
+    slow = ("trajectory", "--set", "limits.max_speed_m_s=0.4")
+    done, told = run_here(main, *slow), run_here(main, *slow, "--json")
+    assert (done.returncode, told.returncode) == (1, 1)
+    assert "FAIL: at " in done.stdout
+    facts = json.loads(told.stdout)
     assert (facts["kind"], facts["vehicle"]) == ("lemniscate", "mqx")
     assert (facts["pass"], facts["duration_s"]) == (False, None)
     assert [d["name"] for d in facts["demands"] if not d["ok"]] == ["speed"]
     path = tmp_path / "fast.toml"
     path.write_text("[trajectory]\nkind = 'lemniscate'\nspeed_m_s = 3.0\n")
-    for command in (("fly", str(path)), ("daemon", str(path))):
-        assert run(monkeypatch, *command) == 2
-        assert "groundstation: trajectory: at " in capsys.readouterr().err
+    for command in ("fly", "daemon"):
+        done = run_here(main, command, path)
+        assert done.returncode == 2 and "groundstation: trajectory: at " in done.stderr
 
 
 RADIUS_M = 2.0
