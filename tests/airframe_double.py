@@ -1,6 +1,7 @@
 """A point of mass 1 that turns at once and writes down what is done to it, and RF links to it."""
 
 import asyncio
+import itertools
 from typing import Any
 
 import msgspec
@@ -95,6 +96,14 @@ def command(thrust_n: float = 1.0, **changes: Any) -> Command:
 
 def idle() -> Command:
     return command(0.0, bring_down=())
+
+
+NONCES = itertools.count(1)
+
+
+def nonce(count: int) -> bytes:
+    """What a bridge or its station takes for a random number."""
+    return next(NONCES).to_bytes(count, "little")
 
 
 class RfRoom:

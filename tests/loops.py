@@ -125,6 +125,28 @@ async def free_address() -> str:
     return f"{host}:{port}"
 
 
+class Inbox(asyncio.DatagramProtocol):
+    """An end that keeps what comes: when [s], the bytes, and from where."""
+
+    transport: Any
+
+    def __init__(self) -> None:
+        self.got: list[tuple[float, bytes, Any]] = []
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Know the way out, too."""
+        self.transport = transport
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Keep it."""
+        self.got.append((asyncio.get_running_loop().time(), data, addr))
+
+    @property
+    def heard(self) -> list[bytes]:
+        """The bytes alone."""
+        return [data for _, data, _ in self.got]
+
+
 H = TypeVar("H", bound=asyncio.Handle)
 
 

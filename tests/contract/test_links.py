@@ -22,7 +22,7 @@ from links.rf.channel_map import ArmSwitch
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.radio import PtyWire, RfPeer, RfReceiver, WirePort
 from sim.radio.radio import opened_on
-from tests.airframe_double import Brick
+from tests.airframe_double import Brick, nonce
 from tests.loops import free_address, in_virtual_time, is_virtual, on_either_loop, running, until
 
 THRUST_MAX_N = 2.0
@@ -172,13 +172,6 @@ class BridgeBench:
 
     def arrived(self) -> int:
         return self.bridge.came
-
-
-NONCES = itertools.count(1)
-
-
-def nonce(count: int) -> bytes:
-    return next(NONCES).to_bytes(count, "little")
 
 
 BENCHES: dict[str, Callable[[], Bench]] = {

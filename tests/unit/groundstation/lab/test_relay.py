@@ -1,7 +1,6 @@
 """The relay: every datagram to every core, bytes unchanged; a core that is gone harms nobody."""
 
 import asyncio
-from typing import Any
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -12,28 +11,13 @@ from groundstation.lab.relay import SENDERS
 from groundstation.pose.sources import JsonConfig, send_by
 from groundstation.pose.sources.json_codec import encode, json_pose
 from links.io import parse_address
-from tests.loops import BOTH_LOOPS, Run, free_address, in_real_time, in_virtual_time
+from tests.loops import BOTH_LOOPS, Inbox, Run, free_address, in_real_time, in_virtual_time
 
 
-class Ear(asyncio.DatagramProtocol):
-    """A core that only listens."""
-
-    def __init__(self) -> None:
-        self.heard: list[bytes] = []
-        self.transport: Any = None
-
-    def datagram_received(self, data: bytes, addr: Any) -> None:
-        self.heard.append(data)
-
-
-async def ears(addresses: list[str]) -> list[Ear]:
-    found = []
-    for address in addresses:
-        loop = asyncio.get_running_loop()
-        transport, ear = await loop.create_datagram_endpoint(Ear, local_addr=parse_address(address))
-        ear.transport = transport
-        found.append(ear)
-    return found
+async def ears(addresses: list[str]) -> list[Inbox]:
+    """Cores that only listen."""
+    open_port = asyncio.get_running_loop().create_datagram_endpoint
+    return [(await open_port(Inbox, local_addr=parse_address(one)))[1] for one in addresses]
 
 
 async def speakers(address: str, count: int) -> list[asyncio.DatagramTransport]:
@@ -45,7 +29,7 @@ async def speakers(address: str, count: int) -> list[asyncio.DatagramTransport]:
     ]
 
 
-async def handed_on(sent: list[bytes], *, gone: bool) -> tuple[list[Ear], Relay]:
+async def handed_on(sent: list[bytes], *, gone: bool) -> tuple[list[Inbox], Relay]:
     """What three cores hear of ``sent``, the second of which may not be there."""
     targets = [await free_address() for _ in range(3)]
     listen = await free_address()

@@ -20,7 +20,7 @@ from links.rf.channel_map import ArmSwitch, ChannelMap
 from sim.radio import RfPeer, RfReceiver, WirePort
 from sim.radio.radio import opened_on
 from sim.time import VirtualTimeLoop
-from tests.airframe_double import DOWN, Brick, RfRoom, command, idle
+from tests.airframe_double import DOWN, Brick, RfRoom, command, idle, nonce
 from tests.loops import in_virtual_time
 
 # By their numbers: a limit that the test took from the code would bear out any value.
@@ -135,13 +135,6 @@ async def room(
         yield it
     finally:
         await it.leave()
-
-
-NONCES = itertools.count(1)
-
-
-def nonce(count: int) -> bytes:
-    return next(NONCES).to_bytes(count, "little")
 
 
 async def soon() -> None:

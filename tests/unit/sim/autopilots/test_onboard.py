@@ -12,7 +12,7 @@ from sim.autopilots.onboard import Firmware, OnboardFirmware, take_number
 from sim.runs import from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import FourRotors, Quadrotor, TrueState, Wind, generator, rows
-from tests.loops import in_virtual_time, running
+from tests.loops import Inbox, in_virtual_time, running
 
 STATION = ("127.0.0.1", 14540)
 
@@ -49,23 +49,12 @@ class Hoverer(Firmware):
         return heard
 
 
-class Station(asyncio.DatagramProtocol):
-    def __init__(self) -> None:
-        self.heard: list[tuple[float, bytes]] = []
-
-    def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]  # it is one
-        self.transport = transport
-
-    def datagram_received(self, data: bytes, addr: object) -> None:
-        self.heard.append((asyncio.get_running_loop().time(), data))
-
-
 def fly(
     folder: Path, seconds: float, *, passes: bool = True, ends_s: float = math.inf
-) -> tuple[Hoverer, Quadrotor, Station]:
+) -> tuple[Hoverer, Quadrotor, Inbox]:
     world, _ = from_floor(*prepare(SCENARIOS["rotors_quad1kg"], []), None)
     plant = Quadrotor(world, Wind(world, rows(generator(0, "turbulence").standard_normal, 3)))
-    firmware, station = Hoverer(folder), Station()
+    firmware, station = Hoverer(folder), Inbox()
     firmware.ends_s = ends_s
 
     async def main() -> None:
@@ -94,7 +83,7 @@ def test_its_motor_outputs_drive_the_rotors_of_the_plant(tmp_path: Path) -> None
 
 def test_a_datagram_reaches_it_in_its_next_step_and_its_answer_the_station(tmp_path: Path) -> None:
     _, _, station = fly(tmp_path, 0.2)
-    ((when_s, data),) = station.heard
+    ((when_s, data, _),) = station.got
     assert data == b"set-point"
     assert 0.1 <= when_s <= 0.105
 
