@@ -18,7 +18,7 @@ FLIGHTS ?=
 # Where a wrong branch may hurt somebody, and the tests that are about it.
 GUARDED := links/core/deadman.py,links/rf/pacer.py,groundstation/pose/sources/intake.py,$\
     groundstation/core/safety/guards.py,groundstation/core/mission/mission.py
-GUARDING := unit/links/core/test_deadman unit/links/core/test_thrust_curve unit/links/rf/test_pacer \
+GUARDING := unit/links/core/test_deadman unit/links/rf/test_pacer \
     unit/links/mavlink/test_sleep unit/links/rf/test_rf_link unit/links/mavlink/test_mavlink_link \
     unit/groundstation/pose/sources/test_gate unit/groundstation/pose/sources/test_source_clock \
     unit/groundstation/core/safety/test_guards unit/groundstation/core/health/test_health \

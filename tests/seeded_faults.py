@@ -39,7 +39,7 @@ CONCERNED = {
     "unit/groundstation/pose/sources/test_source_clock.py flight/test_gate.py",
     "mission.py": "unit/groundstation/core/mission/test_mission.py flight/test_missions.py "
     "flight/test_ends.py",
-    "backstepping.py": "unit/sim/studies/test_law_vectors.py property/test_law.py",
+    "backstepping.py": "property/test_law.py",
     "adaptive.py": "unit/groundstation/core/control/test_look_ahead.py "
     "property/test_composite_proof.py contract/test_controllers.py",
     "demand_limits.py": "property/test_demand_limits.py",

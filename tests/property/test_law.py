@@ -1,6 +1,8 @@
 """The law's theory as properties: shaping, projection (P1-P4), Lyapunov identity, bounds."""
 
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -23,6 +25,7 @@ from groundstation.core.control.backstepping import (
     within,
 )
 from groundstation.core.geometry import FLOATS, Quat, Vec3, arrays, so3
+from sim.studies import LIMIT, worst_disagreement
 
 LAW = Law()
 small = st.floats(-3.0, 3.0)
@@ -274,3 +277,26 @@ def test_arrays_of_vehicles_agree_with_one_vehicle_at_a_time(states: list[tuple[
         single = backstep(FLOATS, LAW, one, mass=0.08, drag=0.3)
         for a, e in zip(numbers(batch), numbers(single), strict=True):
             assert abs(np.asarray(a)[i] - e) <= 1e-9 * max(1.0, abs(e))
+
+
+# ---- what an independent implementation computed
+
+VECTORS = Path(__file__).parents[1] / "golden" / "control_law_vectors.json"
+
+
+def test_the_law_agrees_with_every_independent_vector() -> None:
+    worst, count = worst_disagreement(VECTORS)
+    assert count == 40
+    assert worst <= LIMIT
+
+
+@pytest.mark.parametrize(
+    ("factor", "worst"), [(2.0, 0.5), (math.nan, math.inf)], ids=["half of it", "no number"]
+)
+def test_a_disagreement_is_a_share_of_what_was_expected(
+    factor: float, worst: float, tmp_path: Path
+) -> None:
+    vector = json.loads(VECTORS.read_bytes())["vectors"][0]
+    vector["output"]["W"] *= factor
+    (tmp_path / "one.json").write_text(json.dumps({"vectors": [vector]}))
+    assert worst_disagreement(tmp_path / "one.json")[0] == pytest.approx(worst)

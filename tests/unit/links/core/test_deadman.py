@@ -1,4 +1,7 @@
-"""The dead man's switch: nothing stale leaves, one bring-down, and only a new arming ends it."""
+"""The dead man's switch: nothing stale leaves, one bring-down, and only a new arming ends it.
+
+And the curve of thrust, which a signal undoes.
+"""
 
 import math
 from typing import Any
@@ -8,7 +11,17 @@ import pytest
 from hypothesis import given, strategies as st
 
 from groundstation.core.geometry import so3
-from links.core import Attitude, Command, Deadman, LinkMisuse, Phase, Segment
+from links.core import (
+    Attitude,
+    Command,
+    Deadman,
+    LinkMisuse,
+    Phase,
+    Segment,
+    full_thrust_n,
+    signal,
+    thrust,
+)
 
 LEVEL = Segment(0.5, 0.7, (0.1, 0.0, 0.0))
 SINK = Segment(1.0, 0.6, (0.0, 0.0, 0.0))
@@ -149,3 +162,36 @@ def test_an_attitude_is_told_in_the_angles_by_which_it_was_turned(
     """About the body's z, y and x axes, one after the other (MAVLink's ATTITUDE)."""
     attitude = so3.from_euler_zyx(roll, pitch, yaw)
     assert Attitude(0.0, attitude, None).angles_rad == pytest.approx((roll, pitch, yaw), abs=1e-6)
+
+
+# ---- the curve of thrust
+
+share = st.floats(0.0, 1.0)
+
+
+@given(share, share)
+def test_the_signal_gives_the_thrust_that_was_asked_for(wanted: float, factor: float) -> None:
+    assert thrust(signal(wanted, factor), factor) == pytest.approx(wanted, abs=1e-12)
+
+
+@given(st.floats(0.05, 0.95), share)
+def test_the_signal_that_carries_the_vehicle_tells_the_full_thrust(
+    weight_share: float, factor: float
+) -> None:
+    hover = signal(weight_share, factor)
+    assert full_thrust_n(20.0 * weight_share, hover, factor) == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize(("thrust", "curve", "half"), [
+    (0.37, 0.0, 0.37),  # no curve
+    (0.25, 1.0, 0.5),  # thrust is the square of the signal
+    (0.3375, 0.65, 0.5),  # MOT_THST_EXPO 0.65: 0.65 * 0.25 + 0.35 * 0.5
+])  # fmt: skip
+def test_the_signal_is_the_inverse_of_the_curve(thrust: float, curve: float, half: float) -> None:
+    assert signal(thrust, curve) == pytest.approx(half)
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.65, 1.0])
+def test_thrust_beyond_the_range_is_clamped(factor: float) -> None:
+    assert signal(-0.1, factor) == 0.0
+    assert signal(1.5, factor) == 1.0

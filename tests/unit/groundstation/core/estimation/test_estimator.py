@@ -20,9 +20,17 @@ from groundstation.core.estimation.estimator import (
     turn_track,
     widen_covariance,
 )
-from groundstation.core.geometry import FLOATS, Vec3, so3
+from groundstation.core.geometry import FLOATS, IDENTITY, ZERO, Vec3, so3
 from groundstation.core.messages import Pose
-from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, lead
+from groundstation.core.vehicle import (
+    ActuatorCommand,
+    ActuatorResponse,
+    Motion,
+    Vehicle,
+    integrate,
+    integrate_motion,
+    lead,
+)
 from groundstation.core.vehicle.vehicle import approach
 from sim.world import Quadrotor, Wind, World, generator, rows
 
@@ -343,3 +351,24 @@ def test_covariances_turn_with_the_motion(turned_deg: float, across: float, alon
         ones, AlongTrack((1.0, 0.0, 0.0), fives), (math.cos(angle), 0.0, math.sin(angle))
     )
     assert [{round(one, 9) for one in found} for found in turned] == [{across}, {along}]
+
+
+DRAG = 0.8
+"""Linear drag [1/s]."""
+
+
+@pytest.mark.parametrize("duration_s", [0.02, 0.1, 0.2])
+@pytest.mark.parametrize(("speed_m_s", "push_m_s2"), [(2.0, 0.0), (0.0, 3.0), (-1.0, 5.0)])
+def test_a_steady_push_against_drag_is_exact_but_for_the_third_order_of_the_time(
+    duration_s: float, speed_m_s: float, push_m_s2: float
+) -> None:
+    motion = Motion(ZERO, (speed_m_s, 0.0, 0.0), IDENTITY, 0.0, ZERO)
+    response = ActuatorResponse(IDENTITY, 0.0, ZERO, ZERO, ZERO)
+    found = integrate_motion(motion, response, duration_s, 0.1, (push_m_s2, 0.0, 0.0), ZERO, DRAG)
+    gone, final = 1.0 - math.exp(-DRAG * duration_s), push_m_s2 / DRAG
+    way = final * duration_s + (speed_m_s - final) * gone / DRAG
+    beyond = (abs(speed_m_s) / 6.0 + push_m_s2 * duration_s / 24.0) * DRAG**2 * duration_s**3
+    assert found.position[0] == pytest.approx(way, abs=beyond)
+    assert found.velocity[0] == pytest.approx(
+        speed_m_s + (final - speed_m_s) * gone, abs=DRAG * beyond
+    )
