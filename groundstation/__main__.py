@@ -10,6 +10,7 @@ from groundstation.runtime import (
     Program,
     add_arguments,
     build_parser,
+    json_argument,
     path,
     seconds,
 )
@@ -72,10 +73,6 @@ RADIO: Arguments = {
 }
 
 
-def _json(other: str) -> Arguments:
-    return {"--json": {"action": "store_true", "help": f"print one JSON object instead of {other}"}}
-
-
 def _vehicle(words: str) -> Arguments:
     return {"--vehicle": {"metavar": "NAME", "help": words}}
 
@@ -116,7 +113,7 @@ DAEMON_UNIT: Arguments = {
 DAEMON_HEALTH: Arguments = {
     **_vehicle("not needed where only one is served here"),
     **SOCKET,
-    **_json("a line"),
+    **json_argument("a line"),
 }
 FLEET: Arguments = {
     "fleet": {"type": path, "metavar": "FLEET.toml"},
@@ -171,7 +168,7 @@ DOCTOR: Arguments = {
         "HOST:PORT",
     },
     "--yes": {"action": "store_true", "help": "do not ask before setting it"},
-    **_json("the table"),
+    **json_argument("the table"),
 }  # fmt: skip
 RADIO_BRIDGE: Arguments = {
     **OPTIONAL_CONFIG,
@@ -221,7 +218,7 @@ REPLAY: Arguments = {
     **_recording(metavar="LOG.mcap|FILE.tlog"),
     "--set": {"action": "append", "default": [], "dest": "overrides", "metavar": "KEY=VALUE"},
     "--config": {"type": path, "metavar": "FILE.toml"},
-    **_json("the report"),
+    **json_argument("the report"),
     "--trust-modules": {
         "action": "store_true", "help": "import the controller's module that LOG names: its code "
         "runs here",
@@ -239,7 +236,7 @@ LOGS: Arguments = {
         "action": "store_true",
         "help": "first remove what recording.keep_gb and keep_days let go",
     },
-    **_json("the table"),
+    **json_argument("the table"),
 }
 EXPORT: Arguments = {
     **_recording(),
@@ -265,7 +262,7 @@ VIEW: Arguments = {
 CHECK: Arguments = {
     **CONFIG,
     **REHEARSE,
-    **_json("the list"),
+    **json_argument("the list"),
     "--limits": {
         "action": "store_true",
         "help": "list the limits in flight, too, and what follows each",
@@ -305,7 +302,7 @@ IDENTIFY: Arguments = {
         "metavar": "DIR",
         "help": "write a page with the fits, and its figures",
     },
-    **_json("the table"),
+    **json_argument("the table"),
 }
 LOGS_IMPORT: Arguments = {
     "files": {"type": path, "nargs": "+", "metavar": "FILE"},
@@ -328,10 +325,10 @@ LOGS_IMPORT: Arguments = {
 }
 REPLAY_EVIDENCE: Arguments = {
     **_recording("files", "FLIGHT.mcap", f"imported, or our own; {RECORDING_HELP}", "*"),
-    **_json("the table"),
+    **json_argument("the table"),
 }
 MAKE_KEY: Arguments = {"file": {"type": path, "metavar": "FILE"}}
-TRAJECTORY: Arguments = {**OPTIONAL_CONFIG, **_json("the table")}
+TRAJECTORY: Arguments = {**OPTIONAL_CONFIG, **json_argument("the table")}
 CONFIG_VEHICLES: Arguments = {
     "name": {
         "nargs": "?",

@@ -9,6 +9,7 @@ from groundstation.runtime import (
     Groups,
     Program,
     build_parser,
+    json_argument,
     path,
     seconds,
 )
@@ -49,10 +50,6 @@ def _overrides(words: str = "as in fly") -> Arguments:
             "help": words,
         }
     }
-
-
-def _json(other: str) -> Arguments:
-    return {"--json": {"action": "store_true", "help": f"print one JSON object instead of {other}"}}
 
 
 def _write(words: str = "put the table between the file's markers") -> Arguments:
@@ -123,7 +120,7 @@ FLY: Arguments = {
         "sim.KEY changes the truth, controller.KEY (vehicle., pose., …) what the controller is "
         "told"),
     "--out": {"type": path, "metavar": "DIR", "help": "write the run's folder"},
-    **_json("the summary"),
+    **json_argument("the summary"),
 }  # fmt: skip
 MISSION: Arguments = {
     **SCENARIO,
@@ -136,7 +133,7 @@ MISSION: Arguments = {
     **_overrides(),
     "--vehicles": {"type": count, "default": 1, "metavar": "N", "help": "so many side by side "
     "(default 1)"},
-    **_json("the summary"),
+    **json_argument("the summary"),
 }  # fmt: skip
 SERVE: Arguments = {
     **_scenario("paper", "whose air and vehicle (default paper)"),
@@ -181,7 +178,7 @@ COMPARE: Arguments = {
     },
     "--trials": {"type": count, "metavar": "N", "help": "with it: sets of gains each (default 24)"},
     **WORKERS,
-    **_json("the table"),
+    **json_argument("the table"),
     **_write(),
 }  # fmt: skip
 CAMPAIGN: Arguments = {
@@ -208,7 +205,7 @@ CAMPAIGN: Arguments = {
     "--batch": {"type": count, "metavar": "N", "help": "flights at once (default: shared out, up "
     "to 500)"},
     "--kernel": {"choices": ["auto", "numpy", "c"], "help": "has no effect: numpy flies"},
-    **_json("the summary"),
+    **json_argument("the summary"),
 }  # fmt: skip
 TUNE: Arguments = {
     "--config": {"type": path, "metavar": "FILE.toml", "help": "for its vehicle (default: the "
@@ -223,7 +220,7 @@ TUNE: Arguments = {
     **_duration("of each flight (default 25 s)", 25.0),
     **_overrides(),
     **WORKERS,
-    **_json("text"),
+    **json_argument("text"),
     **_write("margins as a table between the file's markers"),
     "--out": {"type": path, "metavar": "FILE.toml", "help": "the tuned configuration; resumes "
     "its own search"},
@@ -251,11 +248,11 @@ BENCH: Arguments = {
     },
     "--seconds": {"type": seconds, "default": 30.0, "metavar": "S",
         "help": "links: length (default 30)"},
-    **_json("the table"),
+    **json_argument("the table"),
 }  # fmt: skip
 SHOW_SCENARIOS: Arguments = {
     "name": {"nargs": "?", "metavar": "NAME", "help": "every value of this one"},
-    **_json("text"),
+    **json_argument("text"),
 }
 FAULTS: Arguments = {
     "--seeds": {"type": count, "default": 1, "help": "fly each cell with so many seeds and tell "
@@ -276,7 +273,7 @@ FAULTS: Arguments = {
     },
     **_overrides(),
     **WORKERS,
-    **_json("the table"),
+    **json_argument("the table"),
     "--write": {
         "type": path, "nargs": "?", "const": path("docs/reference/fault-table.md"),
         "metavar": "FILE.md",
@@ -297,7 +294,7 @@ ALARMS: Arguments = {
         "action": "store_true", "help": "paper and adverse with delay, thrust, lag or noise that "
         "is told wrong",
     },
-    **_json("text"),
+    **json_argument("text"),
 }  # fmt: skip
 INTERVALS: Arguments = {
     **_scenarios(
@@ -318,7 +315,10 @@ UPSETS: Arguments = {
     **_write(),
 }
 CHECK_VECTORS: Arguments = {"file": {"type": path, "metavar": "FILE.json"}}
-FIRMWARE: Arguments = {**_json("the tables"), **_write("put the tables between the file's markers")}
+FIRMWARE: Arguments = {
+    **json_argument("the tables"),
+    **_write("put the tables between the file's markers"),
+}
 AUTOPILOTS: Arguments = {
     "--px4": {"type": path, "metavar": "FOLDER", "help": "PX4-Autopilot, after `make px4_sitl`"},
     "--ardupilot": {

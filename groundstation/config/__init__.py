@@ -38,7 +38,7 @@ from groundstation.config.sections import (
     resolve_files,
     shipped_texts,
 )
-from groundstation.config.toml_text import dump, parse_toml, read_toml, write_value
+from groundstation.config.toml_text import dump, parse_toml, read_toml, round_digits, write_value
 from groundstation.config.user_code import (
     MAKING_LIMIT_S,
     STEP_LIMIT_S,

@@ -9,6 +9,7 @@ from groundstation.runtime.entry import (
     Program,
     add_arguments,
     build_parser,
+    json_argument,
     path,
     raw_stream,
     require_package,

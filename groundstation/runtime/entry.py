@@ -335,6 +335,11 @@ def add_arguments(
         parser.add_argument(name, **options)
 
 
+def json_argument(other: str) -> "Mapping[str, Mapping[str, object]]":
+    """The argument ``--json`` of a command that else prints ``other``."""
+    return {"--json": {"action": "store_true", "help": f"print one JSON object instead of {other}"}}
+
+
 Groups = Mapping[str, Commands]
 """Heading in the program's help → the commands below it."""
 

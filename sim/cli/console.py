@@ -9,9 +9,6 @@ from typing import Any
 
 from groundstation.runtime import raw_stream
 
-PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
-"""Cabecinhas, Cunha, Silvestre, ACC 2013, section VI."""
-
 
 def typed_command() -> str:
     """The command that runs now, as it was typed: a document says by it how its figures are made
@@ -81,7 +78,10 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
 
     With ``paper``, beside those of the paper, whose flight it is.
     """
-    from groundstation.core.messages import LEAST_JUDGED_S  # --help imports this module, too
+    from groundstation.core.messages import (  # --help imports this module, too
+        LEAST_JUDGED_S,
+        PAPER,
+    )
 
     title = f"{facts['scenario']}, controller {facts['controller']}, seed {facts['seed']}"
     if not facts["completed"]:

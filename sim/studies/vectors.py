@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.core.control import Law, LawState, backstep
-from groundstation.core.geometry import FLOATS, Vec3
+from groundstation.core.geometry import FLOATS, subtract
 from sim.text import notice
 
 LIMIT = 1e-9
@@ -61,8 +61,8 @@ def _compare(vector: dict[str, Any]) -> list[tuple[float, float]]:
     law = Law(**told, k3_down=told["k3"])
     given, reference = vector["input"], vector["input"]["reference"]
     state = LawState(
-        _difference(given["position"], reference["position"]),
-        _difference(given["velocity"], reference["velocity"]),
+        subtract(given["position"], reference["position"]),
+        subtract(given["velocity"], reference["velocity"]),
         tuple(given["velocity"]),
         tuple(given["attitude_wxyz"]),
         given["thrust"],
@@ -80,7 +80,3 @@ def _compare(vector: dict[str, Any]) -> list[tuple[float, float]]:
         else:
             pairs.append((actual, expected))
     return pairs
-
-
-def _difference(a: list[float], b: list[float]) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

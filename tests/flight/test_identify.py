@@ -78,9 +78,9 @@ def test_the_vehicle_file_is_one_and_says_how_sure_it_is() -> None:
     vehicle = from_dict({"vehicle": {"file": path.name}}, Config, folder=path.parent).vehicle
     assert vehicle.name == "mqx"
     assert vehicle.mass_kg == 0.080
-    assert vehicle.thrust_lag_s == pytest.approx(value("thrust_lag"), rel=1e-4)
-    assert vehicle.rate_delay_s == pytest.approx(value("rate_delay"), rel=1e-4)
-    assert vehicle.thrust_delay_s == pytest.approx(value("thrust_delay"), rel=1e-4)
+    assert vehicle.thrust_lag_s == pytest.approx(value("thrust_lag"), rel=5e-4)
+    assert vehicle.rate_delay_s == pytest.approx(value("rate_delay"), rel=5e-4)
+    assert vehicle.thrust_delay_s == pytest.approx(value("thrust_delay"), rel=5e-4)
     assert vehicle.thrust_max_n == pytest.approx(1.37 * value("thrust_scale"), rel=0.03)
     text = path.read_text("utf-8")
     assert "95 % from" in text

@@ -26,12 +26,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from groundstation.analysis.evidence.flight import Column
 from groundstation.config import ConfigError, parse_number
 from groundstation.core.geometry import so3
 from groundstation.core.messages import notice
 from groundstation.pose.sources import qualisys_codec
 
-Column: TypeAlias = NDArray[np.float64]
 Table: TypeAlias = Mapping[str, Column]
 
 LOOK_ROWS = 100

@@ -54,7 +54,7 @@ from groundstation.analysis.report import (
     html_table,
     save_figures,
 )
-from groundstation.config import ConfigError, from_dict, refuse_io, write_value
+from groundstation.config import ConfigError, from_dict, refuse_io, round_digits, write_value
 from groundstation.core.geometry import so3
 from groundstation.core.messages import QUANTILE_95, notice
 from groundstation.core.trajectory import ExcitationConfig
@@ -784,8 +784,6 @@ BESIDE = (
     "pose_latency",
 )
 """Parameters that are no keys of a vehicle."""
-DIGITS = 5
-"""Number of written digits [-]; no vehicle needs more."""
 
 
 def file_text(found: IdentifiedVehicle) -> str:
@@ -802,7 +800,7 @@ def file_text(found: IdentifiedVehicle) -> str:
         notes[key] = describe_parameter(one)
         if one.value is not None:
             sure = name != "drag" or (one.interval is not None and one.interval[0] > 0.0)
-            values[key] = _round(max(one.value, 0.0)) if sure else 0.0
+            values[key] = round_digits(max(one.value, 0.0)) if sure else 0.0
     _split_delays(found, values, notes)
     if told.link.thrust_curve is not None:
         values["thrust_curve"] = told.vehicle.thrust_curve
@@ -816,7 +814,7 @@ def file_text(found: IdentifiedVehicle) -> str:
         notes["thrust_max_n"] = (
             f"what the signal gives of which {told.vehicle.thrust_max_n:g} N were told"
         )
-        values["hover_n"] = _round(told.weight_n)
+        values["hover_n"] = round_digits(told.weight_n)
         notes["hover_n"] = "measured: with these figures the thrust that hovers is the weight"
     text = _write_toml(found, values, notes)
     try:
@@ -856,9 +854,9 @@ def _split_delays(found: IdentifiedVehicle, values: dict[str, Any], notes: dict[
         notes["command_delay_s"] = (
             f"told {number(values['command_delay_s'])}, and no more of it was found"
         )
-    values["command_delay_s"] = _round(common)
+    values["command_delay_s"] = round_digits(common)
     for key, one in ones.items():
-        values[key] = _round(max(whole[key] - common, 0.0))
+        values[key] = round_digits(max(whole[key] - common, 0.0))
         notes[key] = f"from leaving: {describe_parameter(one)}"
 
 
@@ -869,8 +867,8 @@ def _scale_thrust(found: IdentifiedVehicle, values: dict[str, Any]) -> None:
     scale = float(
         pushed.fit.condition_on(THRUST_NAMES.index("curve"), curve)[THRUST_NAMES.index("scale")]
     )
-    values["hover_thrust"] = _round(hover_signal(config, pushed.about, scale, curve))
-    values["thrust_max_n"] = _round(most_n(config, pushed.about, scale, curve))
+    values["hover_thrust"] = round_digits(hover_signal(config, pushed.about, scale, curve))
+    values["thrust_max_n"] = round_digits(most_n(config, pushed.about, scale, curve))
 
 
 def describe_parameter(one: IdentifiedParameter) -> str:
@@ -881,7 +879,3 @@ def describe_parameter(one: IdentifiedParameter) -> str:
     unit = f" {one.unit}" if one.unit else ""
     low, high = one.interval
     return f"{number(one.value)}{unit}, 95 % from {number(low)} to {number(high)}{told}"
-
-
-def _round(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}")

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from groundstation.analysis.report.flight import (
-    PAPER,
     Column,
     FlightColumns,
     drop_unknown,
@@ -24,7 +23,7 @@ from groundstation.analysis.report.flight import (
     numbers,
 )
 from groundstation.config import ConfigError
-from groundstation.core.messages import STEADY_S, begin_of_steady_part, notice
+from groundstation.core.messages import PAPER, STEADY_S, begin_of_steady_part, notice
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

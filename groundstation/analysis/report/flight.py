@@ -21,6 +21,7 @@ from groundstation.config import parse_toml
 from groundstation.core.messages import (
     FLOWN,
     MEAN_S,
+    PAPER,
     SATURATION_FROM_S,
     SETTLED_M,
     STEADY_S,
@@ -245,8 +246,6 @@ def _read_others(flown: FlightColumns, entries: list[Entry], count: int) -> None
     flown.arrivals_s = np.array(arrivals).reshape(-1, 2)
 
 
-PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
-"""Figures of the paper's own flight."""
 ABOUT = ("vehicle", "controller", "trajectory", "scenario", "seed", "clock", "started")
 PROGRAM = ("version", "git", "python", "system", "packages")
 

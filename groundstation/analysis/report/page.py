@@ -24,14 +24,19 @@ from groundstation.analysis.report.figures import (
     save_figures,
 )
 from groundstation.analysis.report.flight import (
-    PAPER,
     FlightColumns,
     NoCommand,
     numbers,
     read_columns,
 )
 from groundstation.config import ConfigError, refuse_io
-from groundstation.core.messages import SATURATION_FROM_S, STEADY_S, DisturbanceReading, notice
+from groundstation.core.messages import (
+    PAPER,
+    SATURATION_FROM_S,
+    STEADY_S,
+    DisturbanceReading,
+    notice,
+)
 from groundstation.machine import open_whole, write_whole
 from groundstation.recording import refuse_recordings
 from groundstation.runtime import Exit, require_package

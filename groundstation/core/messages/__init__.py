@@ -32,6 +32,7 @@ from groundstation.core.messages.snapshot import (
     GAIN,
     LEAST_JUDGED_S,
     MOST_POINTS,
+    PAPER,
     ROUNDING_S,
     SATURATION_FROM_S,
     SETTLED_M,

@@ -23,6 +23,8 @@ from groundstation.core.vehicle import ActuatorCommand, Motion
 from links.core import Command, LinkStatus
 from links.text import Numbers, Sentence, Severity, to_percent
 
+PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
+"""Figures of the paper's own flight: Cabecinhas, Cunha, Silvestre, ACC 2013, section VI."""
 SETTLED_M = 0.10
 """Error below which a flight has settled, if it stays there [m]. Chosen."""
 STEADY_S = 15.0

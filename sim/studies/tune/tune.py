@@ -36,6 +36,7 @@ from groundstation.config import (
     is_within_bounds,
     load,
     parse_number,
+    round_digits,
     strip_metadata,
 )
 from groundstation.core.control import (
@@ -71,8 +72,6 @@ KEYS: dict[str, tuple[str, ...]] = {
 controller of the user's own has all its options searched that are positive numbers."""
 AROUND = 4.0
 """Bounds are the default divided and multiplied by this."""
-DIGITS = 4
-"""Gains are tried as they are written down: with so many digits."""
 
 
 class Key(msgspec.Struct, frozen=True):
@@ -87,7 +86,7 @@ class Key(msgspec.Struct, frozen=True):
 
     def round(self, value: float) -> float:
         """``value`` with as many digits as are written down, within the bounds."""
-        return min(max(round_gain(value), self.low), self.high)
+        return min(max(round_digits(value), self.low), self.high)
 
 
 Point = Mapping[str, float]
@@ -123,11 +122,6 @@ def with_gains(controller: ControllerConfig, gains: Point) -> ControllerConfig:
     own = {name: value for name, value in gains.items() if name in controller.options}
     rest = {name: value for name, value in gains.items() if name not in own}
     return msgspec.structs.replace(controller, options={**controller.options, **own}, **rest)
-
-
-def round_gain(value: float) -> float:
-    """``value`` with as many digits as are written down."""
-    return float(f"{value:.{DIGITS}g}")
 
 
 def loses_proof(controller: ControllerConfig) -> bool:
@@ -187,8 +181,8 @@ def _find_key(controller: ControllerConfig, accepted: Mapping[str, Any], text: s
         ceiling = min(
             bound for bound in (kind.le, kind.lt and 0.999 * kind.lt, math.inf) if bound is not None
         )
-        low = min(round_gain(middle / AROUND), start)
-        high = max(min(round_gain(middle * AROUND), ceiling), start)
+        low = min(round_digits(middle / AROUND), start)
+        high = max(min(round_digits(middle * AROUND), ceiling), start)
         low = max(low, kind.ge if kind.ge is not None else low)
     return Key(name, low, high, start)
 
