@@ -101,7 +101,7 @@ FAULTS = (
     Fault("vicon_codec.py", "return (x / 1000.0, y / 1000.0, z / 1000.0)",
           "return (x / 1000.0, y / 1000.0, z / 100.0)"),
     Fault("bridge/codec.py", "if counter <= self.counter:", "if counter < self.counter:"),
-    Fault("natnet_codec.py", "error, bool(flags & TRACKED))", "error, True)"),
+    Fault("natnet_codec.py", "error, bool(flags & BodyFlag.TRACKED))", "error, True)"),
 )  # fmt: skip
 
 

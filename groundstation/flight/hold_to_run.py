@@ -17,7 +17,7 @@ from groundstation.runtime import require_package
 from groundstation.settings import OperatorConfig
 from links.core import CommandLink
 from links.mavlink import MavlinkConnection, MavlinkLink
-from links.mavlink.protocol import Message
+from links.mavlink.protocol import Message, load_dialect
 
 if TYPE_CHECKING:
     from evdev import InputDevice
@@ -127,8 +127,6 @@ RATE_HZ = 25.0
 """Requested rate of RC_CHANNELS [1/s]."""
 OLD_S = 0.5
 """A channel value older than this does not count [s]."""
-_RECEIVER = 0x10000
-"""MAV_SYS_STATUS_SENSOR_RC_RECEIVER."""
 _UNUSED = (0, 0xFFFF)
 """Values of a channel that does not exist."""
 
@@ -175,7 +173,8 @@ class ChannelInput:
             case "SYS_STATUS":
                 enabled = message.onboard_control_sensors_enabled
                 healthy = message.onboard_control_sensors_health
-                self._receives = not enabled & _RECEIVER or bool(healthy & _RECEIVER)
+                receiver = load_dialect().MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+                self._receives = not enabled & receiver or bool(healthy & receiver)
 
 
 LOOK_S = 0.01

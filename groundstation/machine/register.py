@@ -13,6 +13,7 @@ import signal
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from enum import IntEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -375,8 +376,10 @@ def send_signal(one: Running, number: signal.Signals) -> bool:
     return True
 
 
-PR_SET_PDEATHSIG = 1
-"""Option of prctl(2), from linux/prctl.h."""
+class Prctl(IntEnum):
+    """Options of prctl(2), from linux/prctl.h."""
+
+    SET_PDEATHSIG = 1
 
 
 def follow_parent(parent: int, number: signal.Signals) -> bool:
@@ -389,5 +392,5 @@ def follow_parent(parent: int, number: signal.Signals) -> bool:
     # Linux has it; elsewhere a child outlives its parent.
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
-        prctl(PR_SET_PDEATHSIG, int(number))
+        prctl(Prctl.SET_PDEATHSIG, int(number))
     return os.getppid() == parent

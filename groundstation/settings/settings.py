@@ -13,6 +13,7 @@ import hashlib
 import re
 import socket
 from collections.abc import Callable, Mapping
+from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
@@ -283,10 +284,11 @@ def ensure_served(room: RehearsalConfig, file: Path) -> None:
         raise ConfigError("--rehearse", notice("rehearse.no_terminal", path=room.serial, file=file))
 
 
-PORT = 1883
-"""MQTT port without TLS (IANA)."""
-PORT_TLS = 8883
-"""MQTT port with TLS (IANA)."""
+class MqttPort(IntEnum):
+    """Ports of a broker (IANA)."""
+
+    PLAIN = 1883
+    TLS = 8883
 
 
 class TlsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -427,7 +429,7 @@ class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     @property
     def tcp_port(self) -> int:
         """The port in force."""
-        return self.port or (PORT_TLS if self.tls.enabled else PORT)
+        return self.port or (MqttPort.TLS if self.tls.enabled else MqttPort.PLAIN).value
 
 
 _INPUT = re.compile(r"(?:KEY|BTN|ABS)_[A-Z0-9_]+")

@@ -70,10 +70,19 @@ class DsmFlag(IntFlag):
 
 _KNOWN_FLAGS = int(DsmFlag.DSMX | DsmFlag.DSM2 | DsmFlag.RANGE_CHECK | DsmFlag.BIND)
 _PROTOCOLS = {"rtf": DsmFlag(0), "dsm2": DsmFlag.DSM2, "dsmx": DsmFlag.DSM2 | DsmFlag.DSMX}
-_DSM_LARGEST = 1023
-"""Largest count of a DSM channel."""
 
-Count = Annotated[int, msgspec.Meta(ge=0, le=_DSM_LARGEST)]
+
+class DsmCount(IntEnum):
+    """Counts of a DSM channel."""
+
+    LOW = 96
+    """Count of the position -1, as EdgeTX has it."""
+    HIGH = 928
+    """Count of the position 1."""
+    LARGEST = 1023
+
+
+Count = Annotated[int, msgspec.Meta(ge=0, le=DsmCount.LARGEST.value)]
 
 
 class DsmLinkConfig(
@@ -97,10 +106,10 @@ class DsmLinkConfig(
     ] = 0
     low: Annotated[
         Count, msgspec.Meta(description="Count of position -1; 86 as the MLP4DSM transmitter.")
-    ] = 96
+    ] = DsmCount.LOW.value
     high: Annotated[
         Count, msgspec.Meta(description="Count of position 1; 938 as the MLP4DSM transmitter.")
-    ] = 928
+    ] = DsmCount.HIGH.value
 
     def __post_init__(self) -> None:
         if self.low >= self.high:
@@ -138,7 +147,7 @@ class DsmCodec:
         )
         frame = bytearray((flags, config.model_id))
         for i in range(self.channels):
-            count = counts(positions[i], low, high, _DSM_LARGEST)
+            count = counts(positions[i], low, high, DsmCount.LARGEST)
             frame += bytes((i << 2 | count >> 8, count & 0xFF))
         return bytes(frame)
 
@@ -150,7 +159,7 @@ class DsmCodec:
 class DsmDecoder(FrameReader[RfFrame]):
     """Finds frames by their shape: they have neither a first byte of their own nor a checksum."""
 
-    def __init__(self, low: int = 96, high: int = 928) -> None:
+    def __init__(self, low: int = DsmCount.LOW, high: int = DsmCount.HIGH) -> None:
         """``low`` and ``high`` are the counts of the positions -1 and 1."""
         super().__init__()
         self._low, self._high = low, high
@@ -212,6 +221,13 @@ class CrsfCommand(IntEnum):
     THIS_SYSTEM = 0x10
 
 
+class CrsfRadio(IntEnum):
+    """Sub-types of RADIO."""
+
+    TIMING = 0x10
+    """Period and offset of our frames."""
+
+
 class CrsfCount(IntEnum):
     """Counts of a CRSF channel."""
 
@@ -224,8 +240,6 @@ class CrsfCount(IntEnum):
 
 _ADDRESSES = frozenset(CrsfAddress)
 """First bytes that a CRSF frame may have."""
-_TIMING = 0x10
-"""CRSF sub-type of RADIO: period and offset of our frames."""
 _LENGTHS = range(2, 63)
 """Values of a CRSF frame's length byte."""
 _CHANNEL_BYTES = 22
@@ -392,7 +406,7 @@ def _decode_telemetry(kind: int, payload: bytes) -> RfTelemetry | None:
     if kind == CrsfFrame.MODE:
         text = payload.split(b"\0")[0].decode("ascii", "replace")
         return RfTelemetry(mode="".join(c for c in text if c.isprintable()))
-    if kind == CrsfFrame.RADIO and size >= 11 and payload[2] == _TIMING:
+    if kind == CrsfFrame.RADIO and size >= 11 and payload[2] == CrsfRadio.TIMING:
         return RfTelemetry(early_s=1e-7 * int.from_bytes(payload[7:11], "big", signed=True))
     return None
 

@@ -188,8 +188,6 @@ def pack_pulses(pulses: Sequence[int]) -> bytes:
 class Answer(NamedTuple):
     """Motor signals and counters of the firmware after one step."""
 
-    updates: int
-    """Number of motor updates so far."""
     cli_port: int
     """TCP port of its command line, on the loopback."""
     motors: FourRotors
@@ -258,9 +256,9 @@ class BetaflightFirmware:
             raise EOFError(notice("firmware.stands", name="Betaflight")) from None
         if len(heard) != _ANSWER.size:
             raise EOFError(notice("firmware.ended", name="Betaflight"))
-        updates, port, _, *motors = _ANSWER.unpack(heard)
+        _, port, _, *motors = _ANSWER.unpack(heard)
         a, b, c, d = motors
-        return Answer(updates, port, (a, b, c, d))
+        return Answer(port, (a, b, c, d))
 
     def read_settings(self) -> bytes:
         """Its settings as it has saved them."""

@@ -16,7 +16,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator
-from enum import IntFlag
+from enum import IntEnum, IntFlag
 from pathlib import Path
 from select import select
 from typing import NamedTuple
@@ -38,10 +38,6 @@ from sim.world import FourRotors, TrueState
 
 PROGRAM = "build/px4_sitl_default/bin/px4"
 """Program below the folder in which it was built."""
-SIMULATOR_PORT = 4560
-"""PX4 number n connects to this port + n."""
-OFFBOARD_PORT = 14540
-"""And sends MAVLink to this one + n (px4-rc.mavlink)."""
 BOOT_S = 8.0
 """Its start script has ended, and its attitude is aligned, so long after the first HIL_SENSOR
 [s]."""
@@ -74,6 +70,15 @@ _SIMULATOR_SYSTEM = 142
 """MAVLink system of a simulator [-]; PX4 does not look at it."""
 _SIMULATOR_COMPONENT = 200
 """MAVLink component of a simulator [-]; PX4 does not look at it."""
+
+
+class Px4Port(IntEnum):
+    """Ports that PX4 number 0 connects to; number n adds n."""
+
+    SIMULATOR = 4560
+    """TCP, for the simulator."""
+    OFFBOARD = 14540
+    """UDP, for MAVLink (px4-rc.mavlink)."""
 
 
 class SensorFields(IntFlag):
@@ -201,7 +206,7 @@ class Px4(Firmware):
     def __init__(self, program: Path, folder: Path, noise: Normals) -> None:
         """``program``: see :func:`find_program`."""
         super().__init__(folder)
-        self._number = take_number(self.mavlink, OFFBOARD_PORT)
+        self._number = take_number(self.mavlink, Px4Port.OFFBOARD)
         self._program, self._noise = program, noise
         self._codec = SimulatorCodec()
         self._port = MavlinkCodec(_SIMULATOR_SYSTEM, _SIMULATOR_COMPONENT)
@@ -230,7 +235,7 @@ class Px4(Firmware):
             "-w",
             ".",
         ]
-        with socket.create_server((LOOPBACK, SIMULATOR_PORT + self._number)) as listener:
+        with socket.create_server((LOOPBACK, Px4Port.SIMULATOR + self._number)) as listener:
             listener.settimeout(PATIENCE_S)
             self.start(
                 [*map(str, words), str(build / "etc")],

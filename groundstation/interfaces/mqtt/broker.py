@@ -28,9 +28,8 @@ KEEPALIVE_S = 5
 """The broker declares us lost after one and a half times this [s]."""
 TIMEOUT_S = 3.0
 """Timeout for the broker's answer, and for its taking what we send [s]."""
-LOGIN_REFUSED = (134, 135)
-"""Reason codes of a refused login, bad user name or password and not authorized: MQTT 5.0,
-section 3.2.2.2."""
+LOGIN_REFUSED = ("Bad user name or password", "Not authorized")
+"""Reasons of a refused login: MQTT 5.0, section 3.2.2.2."""
 SEND_BUFFER_BYTES = 16384
 """Send buffer for a broker that reads slowly [bytes]: some snapshots, not some minutes of them."""
 
@@ -137,7 +136,7 @@ def describe_error(error: Exception) -> str:
 
     why = re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error)))
     code = getattr(error, "rc", None)
-    if isinstance(code, ReasonCode) and code.value in LOGIN_REFUSED:
+    if isinstance(code, ReasonCode) and code.getName() in LOGIN_REFUSED:
         return notice("mqtt.login_refused", why=why).text
     return why or "the connection was lost"
 

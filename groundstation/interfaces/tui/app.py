@@ -226,11 +226,9 @@ class Playback(Feed):
             for snapshot in self._snapshots[shown:until]:
                 yield snapshot
             shown = max(shown, until)
-            try:
+            with suppress(TimeoutError):
                 async with asyncio.timeout(FRAME_S):
                     await self._wound.wait()
-            except TimeoutError:
-                pass
 
     def steer(self, what: str) -> None:
         """``pause`` (and on again), ``back``, ``on``, ``start``, ``slower`` or ``faster``."""

@@ -124,14 +124,25 @@ class SuffixFlag(IntEnum):
     BITSTREAM_CHANGED = 8
 
 
-TRACKED = 1
-"""Bit of a rigid body's flags."""
+class BodyFlag(IntEnum):
+    """Bits of a rigid body's flags."""
+
+    TRACKED = 1
+
 
 Version: TypeAlias = tuple[int, int]
-OLDEST: Version = (3, 0)
-"""Oldest version with ticks of the exposure."""
-SIZED: Version = (4, 1)
-"""Sections state their size from this version on."""
+
+
+class Since:
+    """Versions from which on the protocol has something."""
+
+    EXPOSURE: Version = (3, 0)
+    """Ticks of the exposure: no older version is read."""
+    SIZES: Version = (4, 1)
+    """Sizes of sections."""
+    TURNS: Version = (4, 2)
+    """A quaternion in a body's description."""
+
 
 _HEADER = struct.Struct("<HH")
 _SERVER = struct.Struct("<256s4s4sQHB4s")
@@ -213,7 +224,7 @@ def decode_server_info(payload: bytes) -> ServerInfo:
             tick).
     """
     name, _, (major, minor, *_), ticks, port, multicast, group = Payload(payload).take(_SERVER)
-    if (major, minor) < OLDEST:
+    if (major, minor) < Since.EXPOSURE:
         raise UnreadableNatNet("wrong_version")
     if ticks == 0:
         raise UnreadableNatNet("absurd")
@@ -247,7 +258,7 @@ def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
         UnreadableNatNet: truncated; wrong_layout (bodies of another size than ours).
     """
     walk = Payload(payload)
-    sized = version >= SIZED
+    sized = version >= Since.SIZES
     number = walk.count()
     walk.section(sized, _skip_marker_set)
     walk.section(sized, lambda walk: walk.skip(_POINT.size))  # unlabelled markers
@@ -290,12 +301,12 @@ def _skip_channels(walk: Payload) -> None:
 
 def _body(walk: Payload) -> RigidBody:
     number, x, y, z, qx, qy, qz, qw, error, flags = walk.take(_BODY)
-    return RigidBody(number, (x, y, z), (qx, qy, qz, qw), error, bool(flags & TRACKED))
+    return RigidBody(number, (x, y, z), (qx, qy, qz, qw), error, bool(flags & BodyFlag.TRACKED))
 
 
 def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_000_000) -> bytes:
     """Return the message FRAMEOFDATA with rigid bodies only, for simulators and tests."""
-    sized = version >= SIZED
+    sized = version >= Since.SIZES
 
     def section(elements: Iterable[bytes]) -> bytes:
         parts = list(elements)
@@ -303,7 +314,9 @@ def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_
         return U32.pack(len(parts)) + (U32.pack(len(data)) if sized else b"") + data
 
     bodies = (
-        _BODY.pack(b.id, *b.position, *b.quaternion_xyzw, b.error_m, TRACKED if b.tracked else 0)
+        _BODY.pack(
+            b.id, *b.position, *b.quaternion_xyzw, b.error_m, BodyFlag.TRACKED if b.tracked else 0
+        )
         for b in frame.bodies
     )
     ticks = frame.exposure_ticks
@@ -325,9 +338,6 @@ def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_
     return message(NatNetMessage.FRAMEOFDATA, b"".join(payload))
 
 
-TURNED: Version = (4, 2)
-"""A body's description holds a quaternion from this version on."""
-
 _BODY_DESCRIPTION = struct.Struct("<ii3f")
 
 
@@ -343,7 +353,7 @@ def decode_models(payload: bytes, version: Version) -> list[tuple[str, int]]:
     bodies: list[tuple[str, int]] = []
     for _ in range(walk.count()):
         kind = walk.count()
-        size = walk.count() if version >= SIZED else None
+        size = walk.count() if version >= Since.SIZES else None
         if kind == 0:
             walk.text()
             for _ in range(walk.count()):
@@ -365,7 +375,7 @@ def decode_models(payload: bytes, version: Version) -> list[tuple[str, int]]:
 def _body_description(walk: Payload, version: Version) -> tuple[str, int]:
     name = walk.text()
     number, *_ = walk.take(_BODY_DESCRIPTION)
-    if version >= TURNED:
+    if version >= Since.TURNS:
         walk.skip(_QUATERNION.size)
     markers = walk.count()
     walk.skip(markers * (_POINT.size + 4))
@@ -379,7 +389,7 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
     """Return MODELDEF with rigid bodies without markers, for simulators and tests."""
     parts = [U32.pack(len(bodies))]
     for name, number in bodies.items():
-        turn = bytes(_QUATERNION.size) if version >= TURNED else b""
+        turn = bytes(_QUATERNION.size) if version >= Since.TURNS else b""
         body = (
             name.encode()
             + b"\0"
@@ -387,7 +397,7 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
             + turn
             + U32.pack(0)
         )
-        parts += [U32.pack(1), U32.pack(len(body)) if version >= SIZED else b"", body]
+        parts += [U32.pack(1), U32.pack(len(body)) if version >= Since.SIZES else b"", body]
     return message(NatNetMessage.MODELDEF, b"".join(parts))
 
 

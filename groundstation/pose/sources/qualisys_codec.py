@@ -37,6 +37,13 @@ class RtPacket(IntEnum):
     EVENT = 6
 
 
+class RtComponent(IntEnum):
+    """Types of a component of a data packet."""
+
+    SIX_D = 5
+    """6D bodies."""
+
+
 LAST_TYPE = 9
 """Highest packet type of the protocol."""
 MAX_PACKET = 1 << 20
@@ -45,8 +52,6 @@ MAX_PACKET = 1 << 20
 _HEADER = struct.Struct("<II")
 _DATA = struct.Struct("<qII")
 _SIX_D = struct.Struct("<ihh")
-_SIX_D_TYPE = 5
-"""Type of a component with 6D bodies."""
 _BODY = struct.Struct("<12f")
 ORTHOGONAL = 1e-3
 """Largest difference of a rotation matrix from an orthogonal one [-]."""
@@ -132,7 +137,7 @@ def encode_data(stamp_us: int, frame: int, bodies: Iterable[tuple[Vec3, Quat] | 
         columns = [rows[row][column] for column in range(3) for row in range(3)]
         parts.append(_BODY.pack(1e3 * x, 1e3 * y, 1e3 * z, *columns))
     content = _SIX_D.pack(len(parts), 0, 0) + b"".join(parts)
-    component = _HEADER.pack(_HEADER.size + len(content), _SIX_D_TYPE) + content
+    component = _HEADER.pack(_HEADER.size + len(content), RtComponent.SIX_D) + content
     return packet(RtPacket.DATA, _DATA.pack(stamp_us, frame, 1) + component)
 
 
@@ -169,9 +174,9 @@ def decode_bodies(content: bytes) -> tuple[float, list[tuple[float, ...]]] | str
     """Return time stamp [s] and twelve numbers of each body in a data packet, or its fault."""
     try:
         components = dict(split_components(content))
-        if _SIX_D_TYPE not in components:
+        if RtComponent.SIX_D not in components:
             return "no_bodies"
-        six_d = components[_SIX_D_TYPE]
+        six_d = components[RtComponent.SIX_D]
         bodies = list(_BODY.iter_unpack(six_d[_SIX_D.size :]))
         if _SIX_D.unpack_from(six_d)[0] != len(bodies):
             return "absurd"

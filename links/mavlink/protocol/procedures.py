@@ -38,7 +38,7 @@ import struct
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from itertools import islice
 from typing import NamedTuple, Protocol
 
@@ -675,8 +675,13 @@ MULTIROTORS = {
 """HEARTBEAT.type of vehicles that thrust and body rates fly."""
 
 _LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
-THRUST_AS_THRUST = 8
-"""Bit of ArduCopter's GUID_OPTIONS: the thrust field is a thrust, no climb rate."""
+
+
+class GuidedOption(IntFlag):
+    """Bits of ArduCopter's GUID_OPTIONS."""
+
+    THRUST_AS_THRUST = 8
+    """The thrust field is a thrust, no climb rate."""
 
 
 def fitness(autopilot: AutopilotAddress) -> Handshake:
@@ -729,7 +734,7 @@ def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
         ParameterMust(
             autopilot,
             "GUID_OPTIONS",
-            lambda v: bool(v & THRUST_AS_THRUST),
+            lambda v: bool(v & GuidedOption.THRUST_AS_THRUST),
             link_notice("hint.guid_options"),
         ),
         ParameterMust(
