@@ -24,18 +24,14 @@ from links.text import link_notice
 
 BAUD = 115200
 """Speed of the port [bit/s]; a USB port takes any."""
-OPEN_S = 3.0
-"""Timeout of a board's first answer [s]."""
+PATIENCE_S = 5.0
+"""Timeout of a board's first answer, and of each by the command line [s]."""
 RESTART_S = 20.0
 """Timeout of a board's answer after a restart [s]."""
 ANSWER_S = 0.5
 """Timeout of an answer by MSP [s]."""
-LINE_S = 5.0
-"""Timeout of an answer by the command line [s]."""
 TRIES = 3
 """Attempts at each question."""
-APART_S = 0.2
-"""Between the two questions whether it is armed [s]."""
 AGAIN_S = 0.25
 """Wait before a port that is not there is tried again [s]."""
 
@@ -69,7 +65,7 @@ class Board:
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
-    async def open(self, within_s: float = OPEN_S) -> None:
+    async def open(self, within_s: float = PATIENCE_S) -> None:
         """Connect, and hear what it is; for a port that comes back, ``within_s`` [s].
 
         Raises:
@@ -110,7 +106,7 @@ class Board:
         if self._address is None:
             self._transport, _ = await NETWORK.get().open_serial(lambda: protocol, self.port, BAUD)
         else:
-            async with asyncio.timeout(OPEN_S):
+            async with asyncio.timeout(PATIENCE_S):
                 self._transport, _ = await NETWORK.get().open_stream(
                     lambda: protocol, *self._address
                 )
@@ -137,20 +133,18 @@ class Board:
         raise LinkLost(link_notice("board.silent"))
 
     async def ensure_disarmed(self) -> None:
-        """Ask it twice whether it is armed.
+        """Ask it whether it is armed.
 
         Raises:
             LinkRejected: it is, or does not say.
             LinkLost: it does not answer.
         """
-        for wait_s in (0.0, APART_S):
-            await asyncio.sleep(wait_s)
-            try:
-                armed = is_armed((await self.ask(MspCommand.STATUS)).payload)
-            except ValueError as error:
-                raise LinkRejected(link_notice("board.armed_unknown", why=error)) from None
-            if armed:
-                raise LinkRejected(link_notice("board.armed"))
+        try:
+            armed = is_armed((await self.ask(MspCommand.STATUS)).payload)
+        except ValueError as error:
+            raise LinkRejected(link_notice("board.armed_unknown", why=error)) from None
+        if armed:
+            raise LinkRejected(link_notice("board.armed"))
 
     async def enter(self) -> None:
         """Open the command line, unless it is open; the board can't be armed from then on.
@@ -199,7 +193,7 @@ class Board:
     async def _restart(self, word: str) -> None:
         said = b""
         try:
-            until_s = await self._write(word.encode() + b"\n", LINE_S)
+            until_s = await self._write(word.encode() + b"\n", PATIENCE_S)
             while b"Rebooting" not in said and (data := await self._read(until_s)):
                 said += data
         except LinkError:
@@ -210,7 +204,7 @@ class Board:
     async def _prompt_after(self, line: str, data: bytes) -> str:
         """Send ``data``, which means ``line``; returns the answer, up to the prompt behind it."""
         said = b""
-        until_s = await self._write(data, LINE_S)
+        until_s = await self._write(data, PATIENCE_S)
         while data := await self._read(until_s):
             said += data
             text = said.decode("ascii", "replace").replace("\r", "")
