@@ -21,11 +21,11 @@ from tests.seeded_faults import ROOT, catches, copy_checkout
 ROOMS = {
     "groundstation/core": "unit/groundstation/core property contract/test_controllers.py "
     "contract/test_trajectories.py",
-    "groundstation/pose": "unit/groundstation/pose property/test_vicon_codec.py "
+    "groundstation/pose": "unit/groundstation/pose property/test_codecs.py "
     "property/test_source_clock.py contract/test_poses.py flight/test_forward.py",
     "links/core": "unit/links/core contract/test_links.py",
-    "links/mavlink": "unit/links/mavlink property/test_mavlink_codec.py contract/test_links.py",
-    "links/rf": "unit/links/rf property/test_rf_codecs.py property/test_mailbox.py "
+    "links/mavlink": "unit/links/mavlink property/test_codecs.py contract/test_links.py",
+    "links/rf": "unit/links/rf property/test_codecs.py property/test_mailbox.py "
     "contract/test_links.py",
 }
 """Tests of each room."""

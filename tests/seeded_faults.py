@@ -43,12 +43,11 @@ CONCERNED = {
     "adaptive.py": "unit/groundstation/core/control/test_look_ahead.py "
     "property/test_composite_proof.py contract/test_controllers.py",
     "demand_limits.py": "property/test_demand_limits.py",
-    "protocol/codec.py": "unit/links/mavlink/test_mavlink_codec.py property/test_mavlink_codec.py",
+    "protocol/codec.py": "unit/links/mavlink/test_mavlink_codec.py property/test_codecs.py",
     "protocol/senders.py": "unit/links/mavlink/test_mavlink_senders.py",
     "protocol/signing.py": "unit/links/mavlink/test_mavlink_signing.py",
-    "module_codec.py": "unit/links/rf/test_rf_codecs.py property/test_rf_codecs.py",
-    "vicon_codec.py": "unit/groundstation/pose/sources/test_vicon_codec.py "
-    "property/test_vicon_codec.py",
+    "module_codec.py": "unit/links/rf/test_rf_codecs.py property/test_codecs.py",
+    "vicon_codec.py": "unit/groundstation/pose/sources/test_pose_codecs.py property/test_codecs.py",
     "bridge/codec.py": "unit/links/bridge/test_bridge.py",
     "natnet_codec.py": "unit/groundstation/pose/sources/test_servers.py "
     "unit/groundstation/pose/sources/test_pose_codecs.py",

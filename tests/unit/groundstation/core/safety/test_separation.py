@@ -24,7 +24,7 @@ from groundstation.core.safety.geofence import Near
 from groundstation.flight.preflight import Checks
 from groundstation.settings import Config
 from tests.unit.groundstation.core.safety.test_guards import CONFIG, PERIOD_S, VEHICLE, shown
-from tests.unit.groundstation.flight.test_checks import BASE, LINK, standing
+from tests.unit.groundstation.flight.test_preflight import BASE, LINK, standing
 
 # By their numbers: a limit that the test took from the code would bear out any value.
 GAP_S = 0.5
