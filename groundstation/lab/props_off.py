@@ -26,6 +26,7 @@ from groundstation.flight.preflight import (
 from groundstation.machine import ApiError, Taken, hold_lock, precise_loop, socket_path, to_the_end
 from groundstation.runtime import Exit
 from groundstation.settings import Config
+from links.core import NEWS_S
 from links.io import open_child
 from links.rf import AFTERLIFE_S
 from links.text import Sentence
@@ -39,8 +40,6 @@ STOP_S = 15.0
 failsafe of an autopilot. An order that nobody acknowledges is repeated for 5 s."""
 HEAR_S = 0.05
 """Time in which everything reported meanwhile is read [s]."""
-NEWS_S = 3.0
-"""Largest age of the vehicle's report [s]; it reports once a second."""
 TRIES = 3
 """Attempts at a step that the vehicle ends by disarming itself, and at a disarming."""
 

@@ -1,9 +1,9 @@
 """Common parts of all links, sans-IO: the port, the dead man's switch, the thrust curve."""
 
 from links.core.deadman import (
-    BOTH_S,
     BRING_DOWN_LIMIT_S,
     DEADLINE_LIMIT_S,
+    NEWS_S,
     STALL_S,
     STUCK_S,
     TICK_S,

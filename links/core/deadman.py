@@ -523,8 +523,8 @@ STALL_S = 0.06
 STUCK_S = 0.25
 """A wire or port that takes nothing for longer than this is lost [s]: the newest command is past
 its deadline by then, and a shorter pause is flown through."""
-BOTH_S = 3.0
-"""Time that a second sender counts after its last message [s]: three periods of HEARTBEAT."""
+NEWS_S = 3.0
+"""Age up to which what a sender has told still counts [s]: three periods of HEARTBEAT."""
 NUMBER_LIMIT = 1e30
 """Largest number in a command: a 32-bit float on the wire holds it."""
 

@@ -26,7 +26,7 @@ from errno import EADDRINUSE
 from pathlib import Path
 from typing import Any
 
-from links.core import BOTH_S, STUCK_S, Arrival, LinkError, LinkLost, LinkMisuse
+from links.core import NEWS_S, STUCK_S, Arrival, LinkError, LinkLost, LinkMisuse
 from links.io import (
     NETWORK,
     Datagrams,
@@ -533,8 +533,8 @@ class OtherTraffic:
             self._rival, self._rival_s = says.text, now_s
 
     def rival(self, now_s: float) -> str:
-        """Describe whoever else sent set-points in the last ``BOTH_S``; empty where nobody did."""
-        return self._rival if now_s - self._rival_s < BOTH_S else ""
+        """Describe whoever else sent set-points in the last ``NEWS_S``; empty where nobody did."""
+        return self._rival if now_s - self._rival_s < NEWS_S else ""
 
 
 POLL_S = 0.05
@@ -705,7 +705,7 @@ class MavlinkConnection:
 
     @property
     def rival(self) -> str:
-        """Describe whoever else sent set-points in the last ``BOTH_S``; empty where nobody did."""
+        """Describe whoever else sent set-points in the last ``NEWS_S``; empty where nobody did."""
         return "" if self._loop is None else self.others.rival(self._loop.time())
 
     @property

@@ -271,7 +271,7 @@ def test_a_broker_that_drops_a_connection_that_was_given_up_is_no_error(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """One that stood still accepts the old connection as it goes on, and drops it for the new."""
-    monkeypatch.setattr(mqtt_broker, "TIMEOUT_S", 0.1)
+    monkeypatch.setattr(mqtt_broker, "ANSWER_S", 0.1)
     accepted = bytes((0x20, 3, 0, 0, 0))  # CONNACK, MQTT 5.0, section 3.2
 
     async def accept_late(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

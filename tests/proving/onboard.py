@@ -207,8 +207,6 @@ IDLES = 0.12
 """Mean motor output of rotors that lift nothing [-]."""
 WATCHED_S = 20.0
 """Time that the world goes on after a strike [s]."""
-LATE_S = 0.2
-"""Extra delay of late poses [s]."""
 STOPPED_S = 1.5
 """Duration of a stopped process's standstill [s]."""
 PROCESS: ContextVar[bool] = ContextVar("process", default=False)
@@ -260,7 +258,7 @@ STRIKES: Mapping[str, tuple[Strike, bool]] = {
     "SIGSTOP for 1.5 s": (stop, True),
     "Ctrl-C": (interrupt, True),
     "poses frozen": (shows(still), True),
-    "poses 200 ms late": (comes_late(LATE_S, fresh=False), True),
+    "poses 200 ms late": (comes_late(0.2, fresh=False), True),
     "forwarder dead": (stop_forwarding, False),
     "a pilot takes over": (take_over, False),
 }

@@ -3,6 +3,7 @@
 from groundstation.interfaces.api.client import (
     ANSWER_S,
     END_S,
+    RETRY_S,
     StationClient,
     ask_station,
     open_client,

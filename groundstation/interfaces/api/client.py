@@ -55,7 +55,9 @@ from groundstation.runtime import Exit
 from links.text import printable
 
 ANSWER_S = 3.0
-"""Timeout for a station's hello, its answer and its next snapshot [s]: longer, and it hangs."""
+"""Timeout for a station's hello, answer and next snapshot, and for a broker's answer [s]."""
+RETRY_S = 0.5
+"""Pause before a station or a broker that was not there is tried again [s]."""
 
 
 class StationClient:

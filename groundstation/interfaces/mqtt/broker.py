@@ -15,6 +15,7 @@ import msgspec
 
 from groundstation.config import ConfigError, from_dict, refuse_io
 from groundstation.core.messages import notice
+from groundstation.interfaces.api import ANSWER_S
 from groundstation.settings import MqttConfig
 from links.io import is_loopback
 from links.text import printable
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 
 KEEPALIVE_S = 5
 """The broker declares us lost after one and a half times this [s]."""
-TIMEOUT_S = 3.0
-"""Timeout for the broker's answer, and for its taking what we send [s]."""
 LOGIN_REFUSED = ("Bad user name or password", "Not authorized")
 """Reasons of a refused login: MQTT 5.0, section 3.2.2.2."""
 SEND_BUFFER_BYTES = 16384
@@ -71,7 +70,7 @@ class MqttBroker(msgspec.Struct, frozen=True):
             tls_context=self.context,
             protocol=aiomqtt.ProtocolVersion.V5,
             keepalive=KEEPALIVE_S,
-            timeout=TIMEOUT_S,
+            timeout=ANSWER_S,
             properties=properties,
             logger=_PAHO,
             socket_options=[

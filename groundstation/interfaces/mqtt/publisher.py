@@ -20,9 +20,8 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import Ask, Notice, Reply, Request, Say, Sentence, Snapshot, notice
-from groundstation.interfaces.api import new_events
+from groundstation.interfaces.api import ANSWER_S, new_events
 from groundstation.interfaces.mqtt.broker import (
-    TIMEOUT_S,
     MqttBroker,
     describe_error,
     heed_cancellation,
@@ -366,7 +365,7 @@ class _Publisher:
         heed_cancellation()
 
     async def _send(
-        self, client: "aiomqtt.Client", topic: Topic, payload: bytes, timeout_s: float = TIMEOUT_S
+        self, client: "aiomqtt.Client", topic: Topic, payload: bytes, timeout_s: float = ANSWER_S
     ) -> None:
         await client.publish(
             self.topic(topic),

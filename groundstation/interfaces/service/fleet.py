@@ -23,7 +23,7 @@ from groundstation.core.messages import Ask, Request, SourceError, notice
 from groundstation.core.mission import State
 from groundstation.flight import ensure_held
 from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensure_link
-from groundstation.interfaces.api import END_S, ask_station, snapshots
+from groundstation.interfaces.api import END_S, RETRY_S, ask_station, snapshots
 from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
 from groundstation.machine import (
@@ -39,9 +39,6 @@ from groundstation.runtime import Exit
 from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served
 from links.io import describe_exit, open_child
 
-AGAIN_S = 0.2
-"""Period at which a core without a socket yet is asked again [s]."""
-
 
 async def until_ready(socket: Path) -> None:
     """Wait until the core that serves ``socket`` has passed its checks and waits to be armed."""
@@ -50,7 +47,7 @@ async def until_ready(socket: Path) -> None:
             async for snapshot in snapshots(socket):
                 if snapshot.state == State.READY:
                     return
-        await asyncio.sleep(AGAIN_S)
+        await asyncio.sleep(RETRY_S)
 
 
 async def arm_vehicle(name: str, socket: Path) -> str:
@@ -68,7 +65,7 @@ async def tell_end(why: Request, name: str, socket: Path) -> None:
         with suppress(OSError, ApiError):
             await ask_station(why, name, socket)
             return
-        await asyncio.sleep(AGAIN_S)
+        await asyncio.sleep(RETRY_S)
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)

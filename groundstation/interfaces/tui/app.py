@@ -50,14 +50,20 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, REPEAT_S, State
 from groundstation.core.safety import LIVE, PREFIX
-from groundstation.interfaces.api import END_S, OrderAnswer, StationClient, open_client, stop_all
+from groundstation.interfaces.api import (
+    END_S,
+    RETRY_S,
+    OrderAnswer,
+    StationClient,
+    open_client,
+    stop_all,
+)
 from groundstation.interfaces.tui.drawing import flight_time
 from groundstation.interfaces.tui.model import (
     BY_ASK,
     FRAME_S,
     KEPT,
     ORDERS,
-    RETRY_S,
     SILENCE_S,
     Feed,
     FeedTrouble,

@@ -18,7 +18,7 @@ from textual.widgets import DataTable, Footer, Static
 
 from groundstation.config import is_name
 from groundstation.core.messages import Snapshot
-from groundstation.interfaces.api import decode
+from groundstation.interfaces.api import RETRY_S, decode
 from groundstation.interfaces.mqtt import (
     OFFLINE,
     SNAPSHOT,
@@ -33,7 +33,6 @@ from groundstation.interfaces.tui.model import (
     CALM,
     FLYING,
     FRAME_S,
-    RETRY_S,
     SILENCE_S,
     BannerText,
     headline,

@@ -80,8 +80,6 @@ class Feed(Protocol):
 
 FRAME_S = 0.2
 """Time between two drawings of a screen, and between two snapshots of a recording [s]."""
-RETRY_S = 0.5
-"""Time between two tries of a screen to attach, or to connect to its broker [s]."""
 SILENCE_S = 1.5
 """Without a snapshot for this long, what is on the screen is no longer true [s]."""
 OLD_POSE_S = 0.2

@@ -50,7 +50,7 @@ from groundstation.core.messages import (
     Sentence,
     notice,
 )
-from links.core import BOTH_S
+from links.core import NEWS_S
 from links.io import format_address
 
 T = TypeVar("T")
@@ -452,7 +452,7 @@ class PoseSenders:
     @property
     def conflict(self) -> str:
         """Which two addresses send poses of the vehicle; empty where one alone does."""
-        if self._second == self._known or self._known_s - self._second_s > BOTH_S:
+        if self._second == self._known or self._known_s - self._second_s > NEWS_S:
             return ""
         used, other = format_address(self._known), format_address(self._second)
         return notice("pose.two_senders", used=used, other=other).text

@@ -8,7 +8,7 @@ mavlink.io/en/messages/common.html, 148 AUTOPILOT_VERSION.
 
 from typing import Any
 
-from links.core import BOTH_S
+from links.core import NEWS_S
 from links.mavlink.protocol.codec import MOST_SENDERS, Message
 from links.text import link_notice
 
@@ -50,7 +50,7 @@ class TargetSenders:
         After a silence it may be another one's.
         """
         sender = self._senders.setdefault(address, HeardAddress())
-        if sender.heard_s and now_s - sender.heard_s > BOTH_S:
+        if sender.heard_s and now_s - sender.heard_s > NEWS_S:
             sender.ids.clear()
             sender.has_answered = False
         sender.heard_s = now_s
@@ -83,7 +83,7 @@ class TargetSenders:
         return [
             address
             for address, sender in self._senders.items()
-            if address != used and now_s - sender.heard_s <= BOTH_S
+            if address != used and now_s - sender.heard_s <= NEWS_S
         ]
 
     def conflict(self, used: Any, now_s: float) -> str:

@@ -119,13 +119,11 @@ RATES_HZ = (50, 100, 250)
 START_LIMIT_S = 20.0
 """Timeout for the program to arm the vehicle [s]."""
 SETTLE_S = 1.0
-"""Time at the beginning of each flight that is left out [s]."""
+"""Time at the beginning of each flight that is left out, and for its last answers [s]."""
 MOST_FLIGHTS = 5
 """Most flights of one measurement: one ends where this machine stands still for 0.25 s."""
 SLIDE = 1.001
 """The time between two poses, in nominal periods."""
-LAST_S = 0.1
-"""Timeout for the last answers [s]."""
 _SET_POINT = b"\x52\x00\x00"
 
 
@@ -274,7 +272,7 @@ async def _measure_flight(
             # After a standstill of this machine: no burst.
             if frame * period < loop.time() - begun - 0.5:
                 begun += period
-        await asyncio.sleep(LAST_S)
+        await asyncio.sleep(SETTLE_S)
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
