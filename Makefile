@@ -22,7 +22,7 @@ GUARDING := unit/links/core/test_deadman unit/links/rf/test_pacer \
     unit/links/mavlink/test_sleep unit/links/rf/test_rf_link unit/links/mavlink/test_mavlink_link \
     unit/groundstation/pose/sources/test_gate unit/groundstation/pose/sources/test_source_clock \
     unit/groundstation/core/safety/test_guards unit/groundstation/core/health/test_health \
-    unit/groundstation/core/safety/test_separation unit/groundstation/core/mission/test_mission flight/test_gate \
+    unit/groundstation/core/mission/test_mission flight/test_gate \
     flight/test_guards flight/test_missions flight/test_ends flight/test_dead_man flight/test_pacer_strikes
 COVERAGE := $(BIN)/uv run --quiet --no-sync --with 'coverage>=7.10' python -m coverage
 # What only computes yields to what may not be kept waiting; so far that it still gets on beside

@@ -31,8 +31,7 @@ class Fault(NamedTuple):
 CONCERNED = {
     "deadman.py": "unit/links/core/test_deadman.py unit/links/rf/test_pacer.py "
     "unit/links/mavlink/test_mavlink_link.py",
-    "guards.py": "unit/groundstation/core/safety/test_guards.py "
-    "unit/groundstation/core/safety/test_separation.py flight/test_guards.py",
+    "guards.py": "unit/groundstation/core/safety/test_guards.py flight/test_guards.py",
     "pacer.py": "unit/links/rf/test_pacer.py unit/links/mavlink/test_sleep.py "
     "unit/links/rf/test_rf_link.py flight/test_pacer_strikes.py",
     "intake.py": "unit/groundstation/pose/sources/test_gate.py "

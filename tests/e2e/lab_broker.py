@@ -1,7 +1,10 @@
-"""A laboratory's broker: TLS, passwords and access rules, made by the script that users run."""
+"""Brokers: one that lets everybody in, and a laboratory's, made by the script that users run."""
 
 import asyncio
+import contextlib
 import os
+import signal
+import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,9 +12,59 @@ from pathlib import Path
 import pytest
 
 from groundstation.interfaces.mqtt import MqttBroker as Address, from_url
-from tests.e2e.test_mqtt import Broker, free_tcp_port
+from tests.known import known
 
 SET_UP = Path(__file__).parents[2] / "examples" / "broker" / "set-up.sh"
+
+
+class Broker:
+    """A mosquitto of our own."""
+
+    def __init__(self, program: str, config: Path, port: int) -> None:
+        self.port = port
+        self._program = program
+        self._config = config
+        self._process: subprocess.Popen[bytes] | None = None
+
+    async def start(self) -> None:
+        self._launch()
+        while True:
+            with contextlib.suppress(OSError):
+                _, writer = await asyncio.open_connection("127.0.0.1", self.port)
+                writer.close()
+                return
+            assert known(self._process).poll() is None, "mosquitto did not start"
+            await asyncio.sleep(0.01)
+
+    def _launch(self) -> None:
+        command = (self._program, "-c", self._config)
+        self._process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+
+    def send_signal(self, number: signal.Signals) -> None:
+        known(self._process).send_signal(number)
+
+    def kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+
+@pytest.fixture
+def broker(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[Broker]:
+    """One that lets everybody in; it does not run yet."""
+    config, port = tmp_path / "mosquitto.conf", free_tcp_port()
+    open_to_all = "persistence false\nuser root\nallow_anonymous true\n"
+    config.write_text(f"listener {port} 127.0.0.1\n{open_to_all}")
+    made = Broker(needs_program("mosquitto"), config, port)
+    yield made
+    made.kill()
+
+
+def free_tcp_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 class LabBroker(Broker):

@@ -22,7 +22,8 @@ from groundstation.machine import StatusConfig
 from sim.runs import Stage, fly_mission, from_floor
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
-from tests.e2e.test_mqtt import SNAPSHOT, STATE, Broker, Listener, broker, config_for
+from tests.e2e.lab_broker import Broker, broker
+from tests.e2e.test_mqtt import SNAPSHOT, STATE, Listener, config_for
 from tests.e2e.test_tui import Terminal, terminal
 from tests.e2e.test_tui_flight import processes
 from tests.flight.flights import SHORT
