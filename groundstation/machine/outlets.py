@@ -13,7 +13,7 @@ import locale
 import os
 import select
 import stat
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import Generic, TypeVar
 
 from links.text import printable
@@ -22,8 +22,16 @@ from links.text import printable
 class NonBlockingWriter:
     """A file descriptor, written to without waiting."""
 
-    def __init__(self, number: int) -> None:
-        """Write to ``number``, whose flags are not changed, in the encoding of this locale."""
+    def __init__(
+        self,
+        number: int,
+        describe_lost: Callable[[int], str] = "{} lines were lost: nobody read them".format,
+    ) -> None:
+        """Write to ``number``, whose flags are not changed, in the encoding of this locale.
+
+        ``describe_lost`` is the line that tells how many were lost before.
+        """
+        self._describe_lost = describe_lost
         self._number = _own(number)
         self._encoding = locale.getencoding()
         self._rest = b""
@@ -32,7 +40,7 @@ class NonBlockingWriter:
 
     def say(self, text: str) -> None:
         """Write ``text`` as one line, after the number of lines lost before it."""
-        if self.lost and self.write(f"{self.lost} lines were lost: nobody read them"):
+        if self.lost and self.write(self._describe_lost(self.lost)):
             self.lost = 0
         if not self.write(text):
             self.lost += 1

@@ -121,25 +121,18 @@ class LogHandler(logging.Handler):
     def __init__(self, number: int, *, as_json: bool, journal: bool) -> None:
         """``journal``: begin each line with its priority, ``<6>``, as sd-daemon(3) has it."""
         super().__init__()
-        self._writer = NonBlockingWriter(number)
-        self._as_json = as_json
-        self._journal = journal
+        self._line = partial(line_of, as_json=as_json, journal=journal)
+        self._writer = NonBlockingWriter(
+            number, lambda count: self._line(logging.WARNING, notice("log.lost", count=count).text)
+        )
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one line, or count it as lost."""
         try:
-            lost = self._writer.lost
-            if lost and self._write(logging.WARNING, notice("log.lost", count=lost).text):
-                self._writer.lost = 0
-            if not self._write(record.levelno, record.getMessage(), getattr(record, "event", None)):
-                self._writer.lost += 1
+            event = getattr(record, "event", None)
+            self._writer.say(self._line(record.levelno, record.getMessage(), event))
         except Exception:  # noqa: BLE001  # a log must not end a flight
             self._writer.lost += 1
-
-    def _write(self, level: int, message: str, event: Notice | Sentence | None = None) -> bool:
-        return self._writer.write(
-            line_of(level, message, event, as_json=self._as_json, journal=self._journal)
-        )
 
 
 def line_of(
