@@ -66,11 +66,9 @@ def serving(*words: str | Path, **more: Any) -> Iterator[str]:
         yield line_of(server)
 
 
-def wait_until(
-    true: Callable[[], object], says: Callable[[], object] = str, within_s: float = 60.0
-) -> None:
-    """Wait until it is true; after ``within_s`` [s] the test fails with what it ``says``."""
-    limit_s = time.monotonic() + within_s
+def wait_until(true: Callable[[], object], says: Callable[[], object] = str) -> None:
+    """Wait until it is true; after a minute the test fails with what it ``says``."""
+    limit_s = time.monotonic() + 60.0
     while not true():
         assert time.monotonic() < limit_s, says()
         time.sleep(0.02)

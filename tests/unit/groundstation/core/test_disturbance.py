@@ -20,10 +20,10 @@ def estimate(
     return Estimate(0.0, motion, (0.1, -0.2, wind_down), ZERO, scale, deviation)
 
 
-def read(*estimates: Estimate, apart_s: float = 0.1) -> DisturbanceReading:
+def read(*estimates: Estimate) -> DisturbanceReading:
     meter = DisturbanceMeter(MASS_KG)
     for number, one in enumerate(estimates):
-        meter.add(apart_s * number, one)
+        meter.add(0.1 * number, one)
     assert meter.reading is not None
     return meter.reading
 

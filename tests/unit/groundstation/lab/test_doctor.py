@@ -62,7 +62,6 @@ def visit(
     *,
     armed: bool = False,
     answer: str | None = None,
-    set_: tuple[str, ...] = (),
     orders: dict[str, Any] | None = None,
     parameters: dict[str, float] | None = None,
 ) -> Visit:
@@ -81,7 +80,7 @@ def visit(
         return f"{answer}\n"
 
     async def main() -> int:
-        config = from_dict({}, Config, set_)
+        config = Config()
         who: Callable[[str], Awaitable[str]] | None = ask if answer is not None else None
         async with running(AutopilotPeer(seen.autopilot, HERE)):
             return await run_doctor(

@@ -28,6 +28,8 @@ D = MavlinkCodec(1, 1).dialect
 class Endpoint(asyncio.DatagramProtocol):
     """One end of a conversation, written down, with a function that answers."""
 
+    beat_s = 1.0
+
     def __init__(self, system: int = 1, component: int = 1, kind: int = PX4) -> None:
         self.codec = MavlinkCodec(system, component)
         self.kind = kind
@@ -62,7 +64,7 @@ class Endpoint(asyncio.DatagramProtocol):
     async def beating(self) -> None:
         while True:
             self.beat()
-            await asyncio.sleep(1.0)
+            await asyncio.sleep(self.beat_s)
 
     def of(self, name: str) -> list[Any]:
         return [m for _, m in self.heard if m.get_type() == name]

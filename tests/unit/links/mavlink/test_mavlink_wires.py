@@ -14,50 +14,52 @@ import links.mavlink.connection
 from links.core import Command, LinkLost
 from links.io import open_port, parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol import PX4, MavlinkCodec
+from links.mavlink.protocol import MavCommand, MavlinkCodec
 from sim.autopilots.peer import open_far_end, open_tcp, open_udp
 from sim.radio import PtyWire
 from tests.loops import free_address, in_real_time, until
+from tests.unit.links.mavlink.test_mavlink_link import Endpoint, accept
 
 pytestmark = pytest.mark.real_time
 
-D = MavlinkCodec(1, 1).dialect
 FOREIGN = MavlinkCodec(7, 1)
 SILENCE_S = 1.5
 ARMED = 128
 """The vehicle's own heartbeat that tells of no arming would stop the commands."""
 
 
-class End:
+class End(Endpoint):
     """The autopilot's end of one transport; it accepts all, goes away, and comes back."""
 
+    beat_s = 0.1
+
     def __init__(self, way: str, folder: Path) -> None:
+        super().__init__()
+        self.answer = self.obey
         self.way, self.port = way, folder / "ttyACM0"
-        self.codec = MavlinkCodec(1, 1)
-        self.heard: list[str] = []
-        self.armed = False
         self.options: dict[str, Any] = {"serial": str(self.port)} if way == "serial" else {}
         """Keys of a link that reaches it."""
         self.wire: Any = None
 
     async def start(self) -> None:
         if self.way == "serial":
-            self.wire = await open_far_end(self.hear, port=PtyWire(self.port))
+            self.wire = await open_far_end(self.datagram_received, port=PtyWire(self.port))
         else:
             address = parse_address(self.options.setdefault(self.way, await free_address()))
             if self.way == "tcp":
-                self.wire = await open_tcp(self.hear, address=address)
+                self.wire = await open_tcp(self.datagram_received, address=address)
             else:
                 key = "remote" if self.way == "listen" else "local"
-                self.wire = await open_udp(self.hear, **{key: address})
+                self.wire = await open_udp(self.datagram_received, **{key: address})
         self.beats = asyncio.create_task(self.beating())
 
     def put(self, data: bytes) -> None:
         for at in range(0, len(data), 1400):
             self.wire.sendto(data[at : at + 1400])
 
-    def say(self, message: Any) -> None:
-        self.put(self.codec.pack(message))
+    def say(self, *messages: Any) -> None:
+        for message in messages:
+            self.put(self.codec.pack(message))
 
     def lose(self) -> None:
         self.beats.cancel()
@@ -66,18 +68,9 @@ class End:
         else:
             self.wire.abort()
 
-    def hear(self, data: bytes, _: Any) -> None:
-        for message in self.codec.feed(data):
-            self.heard.append(message.get_type())
-            if message.get_type() == "COMMAND_LONG":
-                self.armed = self.armed or message.command == 400
-                self.say(D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190))
-
-    async def beating(self) -> None:
-        """Send the heartbeat ten times a second."""
-        while True:
-            self.say(D.MAVLink_heartbeat_message(2, PX4, ARMED if self.armed else 0, 0, 3, 3))
-            await asyncio.sleep(0.1)
+    def obey(self, message: Any) -> list[Any]:
+        self.armed = self.armed or getattr(message, "command", None) == MavCommand.ARM_DISARM
+        return accept(message)
 
 
 @pytest.fixture(params=["listen", "remote", "tcp", "serial"])
@@ -114,7 +107,7 @@ async def test_a_stream_that_is_closed_or_unplugged_is_opened_again_and_waits_fo
     await link.connect()
     await link.arm(command)
     assert link.send(command())
-    await until(lambda: "SET_ATTITUDE_TARGET" in end.heard)
+    await until(lambda: end.of("SET_ATTITUDE_TARGET"))
     end.lose()
     await until(lambda: link.status.state == "lost")
     assert "the link is lost: " in link.status.text
@@ -128,13 +121,13 @@ async def test_a_stream_that_is_closed_or_unplugged_is_opened_again_and_waits_fo
     for _ in range(10):
         link.send(command())
         await asyncio.sleep(0.01)
-    assert "SET_ATTITUDE_TARGET" not in end.heard
+    assert end.of("SET_ATTITUDE_TARGET") == []
     assert link.status.sent == sent
     assert link.status.phase == "over"
     assert link.status.expired == expired + 11
     await link.arm(command)
     assert link.send(command())
-    await until(lambda: "SET_ATTITUDE_TARGET" in end.heard)
+    await until(lambda: end.of("SET_ATTITUDE_TARGET"))
     assert "lost" not in link.status.text
     await link.close()
     end.lose()
@@ -244,7 +237,7 @@ def test_garbage_and_half_frames_are_counted_and_commands_go_on(end: End, seed: 
         assert sum(link.status.dropped.values()) > 20
         assert link.status.state == "armed"
         assert link.send(command())
-        await until(lambda: "SET_ATTITUDE_TARGET" in end.heard)
+        await until(lambda: end.of("SET_ATTITUDE_TARGET"))
         await link.kill()
         await link.close()
         end.lose()

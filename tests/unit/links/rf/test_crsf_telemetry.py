@@ -31,8 +31,8 @@ def frame(kind: int, payload: bytes) -> bytes:
     return bytes((0xEA, len(body) + 1)) + body + bytes((crc,))
 
 
-def timing(early_s: float, period_s: float = 0.004) -> bytes:
-    times = struct.pack(">Ii", round(1e7 * period_s), round(1e7 * early_s))
+def timing(early_s: float) -> bytes:
+    times = struct.pack(">Ii", 40_000, round(1e7 * early_s))
     return frame(0x3A, b"\xea\xee\x10" + times)
 
 
