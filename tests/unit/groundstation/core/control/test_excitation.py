@@ -6,9 +6,10 @@ import msgspec
 import pytest
 
 from groundstation.core.control import ExcitationTones
-from groundstation.core.geometry import FLOATS, euler_zyx, so3
+from groundstation.core.geometry import euler_zyx, so3
 from groundstation.core.messages import Estimate
-from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
+from tests.calm_air import fly_on
 
 G = 9.81
 LARGE = Vehicle(mass_kg=1.0, thrust_max_n=20.0, thrust_lag_s=0.03, rate_lag_s=0.02)
@@ -31,17 +32,7 @@ def flown(vehicle: Vehicle, yaw_rad: float, until_s: float) -> tuple[list[float]
     frame_s = vehicle.frame_period_s
     for n in range(round(until_s / frame_s)):
         drive = tones.add_to(ActuatorCommand(hover, ZERO), n * frame_s)
-        motion = integrate(
-            FLOATS,
-            motion,
-            drive,
-            frame_s,
-            mass=vehicle.mass_kg,
-            gravity=G,
-            disturbance=ZERO,
-            thrust_lag=vehicle.thrust_lag_s,
-            rate_lag=vehicle.rate_lag_s,
-        )
+        motion = fly_on(vehicle, motion, drive, frame_s)
         times.append((n + 1) * frame_s)
         motions.append(motion)
     return times, motions

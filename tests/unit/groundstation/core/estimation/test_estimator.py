@@ -27,29 +27,15 @@ from groundstation.core.vehicle import (
     ActuatorResponse,
     Motion,
     Vehicle,
-    integrate,
     integrate_motion,
     lead,
 )
 from groundstation.core.vehicle.vehicle import approach
 from sim.world import Quadrotor, Wind, World, generator, rows
+from tests.calm_air import fly_on
 
 VEHICLE = Vehicle()
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
-
-
-def roll(motion: Motion, drive: ActuatorCommand, duration_s: float) -> Motion:
-    return integrate(
-        FLOATS,
-        motion,
-        drive,
-        duration_s,
-        mass=VEHICLE.mass_kg,
-        gravity=9.81,
-        disturbance=(0.0, 0.0, 0.0),
-        thrust_lag=VEHICLE.thrust_lag_s,
-        rate_lag=VEHICLE.rate_lag_s,
-    )
 
 
 def flown(
@@ -101,7 +87,7 @@ def test_the_rolled_model_agrees_with_the_plant() -> None:
         start.position_ned, start.velocity_ned, start.attitude, start.thrust_n, start.rates_rad_s
     )
     for _ in range(8):
-        motion = roll(motion, drive, 0.0225)
+        motion = fly_on(VEHICLE, motion, drive, 0.0225)
     truth = plant.truth(8 * 0.0225)
     assert motion.position == pytest.approx(truth.position_ned, abs=2e-4)
     assert motion.velocity == pytest.approx(truth.velocity_ned, abs=1e-3)

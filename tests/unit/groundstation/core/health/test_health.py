@@ -15,9 +15,9 @@ from groundstation.core.vehicle import (
     Motion,
     Vehicle,
     begin_response,
-    integrate,
     integrate_actuators,
 )
+from tests.calm_air import fly_on
 
 # By their numbers: a limit that the test took from the code would bear out any value.
 BLOCK_S = 0.05
@@ -67,11 +67,7 @@ def fly(
         before, time_s = motions[-1], n * DT_S
         drive = command(time_s, yaw_rad_s)
         response = integrate_actuators(FLOATS, begin_response(before), drive, DT_S, *LAGS)
-        now = integrate(
-            FLOATS, before, drive, DT_S,
-            mass=VEHICLE.mass_kg, gravity=GRAVITY, disturbance=ZERO, thrust_lag=LAGS[0],
-            rate_lag=LAGS[1],
-        )  # fmt: skip
+        now = fly_on(VEHICLE, before, drive, DT_S)
         motions.append(now)
         position, attitude = distort(time_s, motions)
         roll, pitch, _ = so3.rotation_vector(
