@@ -28,7 +28,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from links.core import Command
+from links.core import TICK_S, Command
 from links.rf import Manner, PacerReport, Service
 
 
@@ -193,10 +193,6 @@ DRIFT = 2e-4
 """Largest relative drift of two machines' clocks [-]: crystals stay within a tenth of that."""
 
 
-ROUNDING_S = 1e-6
-"""Bounds may cross by so little [s]."""
-
-
 class ClockBounds:
     """Bounds on what must be added to the other's clock to get ours [s].
 
@@ -222,7 +218,7 @@ class ClockBounds:
         slack = DRIFT * max(0.0, now_s - self._at_s)
         least, most = max(self.least_s - slack, least_s), min(self.most_s + slack, most_s)
         self._at_s = now_s
-        if least > most + ROUNDING_S:
+        if least > most + TICK_S:
             self.least_s, self.most_s = least_s, most_s
             return False
         self.least_s, self.most_s = least, most

@@ -31,7 +31,7 @@ from links.bridge.codec import (
     kind_of,
     name_of,
 )
-from links.core import Command, LinkError
+from links.core import REOPEN_S, Command, LinkError
 from links.io import Datagrams, is_loopback, parse_address
 from links.rf import (
     Arm,
@@ -50,10 +50,6 @@ from links.rf import (
     open_process,
 )
 from links.text import link_notice
-
-AGAIN_S = 1.0
-"""Wait before the next start of a pacer that ended within this time or could not be started [s].
-Chosen."""
 
 
 class KeptPacer:
@@ -95,8 +91,8 @@ class KeptPacer:
         while True:
             began = loop.time()
             await self._pace()
-            if loop.time() < began + AGAIN_S:
-                await asyncio.sleep(AGAIN_S)
+            if loop.time() < began + REOPEN_S:
+                await asyncio.sleep(REOPEN_S)
 
     def give(self, order: Order) -> None:
         """Hand ``order`` to the pacer; without a pacer it is dropped."""

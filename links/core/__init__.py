@@ -4,6 +4,7 @@ from links.core.deadman import (
     BRING_DOWN_LIMIT_S,
     DEADLINE_LIMIT_S,
     NEWS_S,
+    REOPEN_S,
     STALL_S,
     STUCK_S,
     TICK_S,

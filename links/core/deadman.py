@@ -517,7 +517,7 @@ DEADLINE_LIMIT_S = 1.1
 """Furthest deadline [s from now]: no pose vouches for more than 1 s, nor one whose stamp lies in
 the future (but for the jitter of clocks)."""
 TICK_S = 1e-6
-"""Tolerance for a timer's instant [s]: timers fire up to a clock tick early."""
+"""Tolerance for an instant [s]: timers fire up to a clock tick early, and clocks round."""
 STALL_S = 0.06
 """A program that has not run for longer than this was stalled [s]."""
 STUCK_S = 0.25
@@ -525,6 +525,8 @@ STUCK_S = 0.25
 its deadline by then, and a shorter pause is flown through."""
 NEWS_S = 3.0
 """Age up to which what a sender has told still counts [s]: three periods of HEARTBEAT."""
+REOPEN_S = 1.0
+"""Pause before what was lost (a wire, a pacer, a broker, a tracker) is opened again [s]."""
 NUMBER_LIMIT = 1e30
 """Largest number in a command: a 32-bit float on the wire holds it."""
 

@@ -26,7 +26,7 @@ from errno import EADDRINUSE
 from pathlib import Path
 from typing import Any
 
-from links.core import NEWS_S, STUCK_S, Arrival, LinkError, LinkLost, LinkMisuse
+from links.core import NEWS_S, REOPEN_S, STUCK_S, Arrival, LinkError, LinkLost, LinkMisuse
 from links.io import (
     NETWORK,
     Datagrams,
@@ -290,10 +290,6 @@ def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> Sentence:
         )
     advice = link_notice("address.refused") if config.way == "serial" else advise_on_address(error)
     return link_notice("mavlink.open", endpoint=endpoint, why=why, advice=advice)
-
-
-REOPEN_S = 1.0
-"""Pause before each attempt to open a lost wire again [s]."""
 
 
 class ReconnectingTransport:

@@ -75,7 +75,7 @@ def test_its_poses_come_in_our_axes_stamped_as_the_library_gave_them_less_the_to
 def test_a_child_that_dies_and_one_that_hangs_are_started_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(libmotioncapture, "AGAIN_S", 0.05)
+    monkeypatch.setattr(libmotioncapture, "REOPEN_S", 0.05)
     monkeypatch.setattr(libmotioncapture, "SILENT_S", 1.0)
 
     async def work(source: Any, poses: list[Pose]) -> None:

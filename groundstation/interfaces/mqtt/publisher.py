@@ -52,15 +52,12 @@ from groundstation.interfaces.mqtt.requests import (
 from groundstation.machine import Latest, wall_ms
 from groundstation.runtime import __version__
 from groundstation.settings import MqttConfig
+from links.core import REOPEN_S
 from links.io import read_key
 
 if TYPE_CHECKING:
     import aiomqtt
 
-
-PAUSE_S = 1.0
-"""Pause in reading after a flood of messages, and before each attempt to connect again [s]: a kill
-is repeated for 4 s."""
 
 KEPT = 100
 """Limit of the answers, and of the events, that wait for a slow broker, or one that is away [-]; no
@@ -182,9 +179,10 @@ class RequestListener:
         return not any(code.is_failure for code in granted if not isinstance(code, int))
 
     async def _pause(self, client: "aiomqtt.Client") -> None:
+        """Read nothing for a while after a flood of messages: a kill is repeated for 4 s."""
         await client.unsubscribe(self._topic)
         heed_cancellation()
-        await asyncio.sleep(PAUSE_S)
+        await asyncio.sleep(REOPEN_S)
         while len(client.messages):
             await anext(client.messages)
         await self._subscribe(client)
@@ -223,7 +221,7 @@ async def publish_forever(
         while True:
             reachable = await _publish_once(broker, publisher, name, was_reachable=reachable)
             heed_cancellation()
-            await asyncio.sleep(PAUSE_S)
+            await asyncio.sleep(REOPEN_S)
     finally:
         collecting.cancel()
 

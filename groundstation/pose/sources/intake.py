@@ -69,14 +69,17 @@ FIRST_BLOCKS = 5
 ROUGH = MAX_DRIFT + SLACK_S / (FIRST_BLOCKS * BLOCK_S)
 """Largest error of a rate that was measured over so few blocks [-]."""
 RESTART_S = 1.0
-"""A source that sends only old stamps for this long has restarted its clock [s]."""
+"""A source that sends only old stamps for this long has restarted its clock, and one that is silent
+for as long gives its place to another sender [s]: longer than a flight may use one pose, so that no
+flight goes over to it."""
 ANEW_S = 4.0
 """Silence, and lateness of a frame, after which the clock is measured anew [s]. No flight lasts so
 long without a fresh pose: 1 s at most on one pose, then a bring-down of 2 s."""
 STEP_S = 0.2
 """Lead of a message on all before that is a step of the source's clock [s]."""
-BREAKS = 3
-"""Number of steps and restarts within ``UNSTEADY_S`` that make a clock unsteady [-]."""
+MANY = 3
+"""So many breaks of a clock within ``UNSTEADY_S``, or moves within ``RESETS_S``, are one fault, and
+not each by itself [-]."""
 UNSTEADY_S = 30.0
 """A clock without a break for this long is steady again [s]."""
 FAST = 1.2
@@ -161,7 +164,7 @@ class SourceClock:
         self._stamp: float | None = None
         self._old_since_s: float | None = None
         self._same_since_s = math.inf
-        self._breaks: deque[float] = deque(maxlen=BREAKS)
+        self._breaks: deque[float] = deque(maxlen=MANY)
         self._recent: deque[StampedArrival] = deque()
         self._begin(0.0, 0.0)
         self._is_anew = True
@@ -194,7 +197,7 @@ class SourceClock:
     def is_unsteady(self) -> bool:
         """Whether the clock has stepped or restarted again and again, and its rate is not known."""
         breaks = self._breaks
-        return len(breaks) == BREAKS and self._arrival_s - breaks[0] <= UNSTEADY_S
+        return len(breaks) == MANY and self._arrival_s - breaks[0] <= UNSTEADY_S
 
     @property
     def stamp_rate(self) -> float | None:
@@ -407,9 +410,6 @@ _AVERAGED = 50
 """Poses over which the latency is averaged."""
 
 
-ALONE_S = 1.0
-"""After this long without a pose of the known sender another one takes its place [s]: longer than a
-flight may use one pose, so that no flight goes over to it."""
 FEW_POSES = 2
 """Largest number of poses of an address that may be one of many ports of one program [-]: some send
 each datagram from a new port."""
@@ -432,7 +432,7 @@ class PoseSenders:
         """Whether the pose that came from ``sender`` at ``arrival_s`` [s] is of a second one, and
         must not be used.
         """
-        if sender == self._known or arrival_s - self._known_s > ALONE_S:
+        if sender == self._known or arrival_s - self._known_s > RESTART_S:
             self._count = self._count + 1 if sender == self._known else 1
             self._known, self._known_s = sender, arrival_s
             return False
@@ -635,8 +635,6 @@ class PoseReader:
 
 ANSWER_S = 5.0
 """Timeout of a tracking system's answer [s]; some would be waited for for ever."""
-AGAIN_S = 1.0
-"""Pause before a tracking system that was lost is connected again [s]."""
 
 
 class ReaderSource:
@@ -680,8 +678,6 @@ come near by chance, and would disturb the estimate. The allowance is never more
 however old the last pose is, a place a little aside of it is not where the vehicle has flown."""
 EXACT_TOLERANCE = 1e-6
 """Tolerance of a unit quaternion's squared length [-], as of 32-bit floats."""
-MANY_MOVES = 3
-"""Number of moves within ``RESETS_S`` that are reported as one fault, not each by itself [-]."""
 UNANNOUNCED = 1 << 32
 """Added to ``reset_count`` for each place that was not announced: no source counts that far."""
 
@@ -878,7 +874,7 @@ class Gate:
         self._track, self._other = PoseTrack(pose, self._config), None
         self._moved_s.append(pose.arrival_s)
         moves, before = self.count_moves(pose.arrival_s), self._moves_again
-        self._moves_again = moves >= MANY_MOVES
+        self._moves_again = moves >= MANY
         says: Sentence | None = notice("pose.elsewhere", far_m=far, turn_deg=turn, why=why)
         if self._moves_again:
             says = None if before else describe_origin_moves(moves)
@@ -1063,7 +1059,7 @@ def describe_origin_moves(count: int) -> Sentence:
 
 def describe_unsteady_clock() -> Sentence:
     """Describe a clock that steps again and again, and the remedy."""
-    return notice("pose.unsteady_clock", count=BREAKS, within_s=UNSTEADY_S)
+    return notice("pose.unsteady_clock", count=MANY, within_s=UNSTEADY_S)
 
 
 def describe_drop(reason: str, excesses: Mapping[str, Excess] = MappingProxyType({})) -> Sentence:

@@ -18,9 +18,10 @@ import msgspec
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, Sentence, SourceError, notice
 from groundstation.machine import cancel_task
-from groundstation.pose.sources.intake import AGAIN_S, ANSWER_S, Intake, ReaderSource
+from groundstation.pose.sources.intake import ANSWER_S, Intake, ReaderSource
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from groundstation.runtime import describe_install
+from links.core import REOPEN_S
 from links.io import is_loopback, open_child
 
 SILENT_S = 2.0
@@ -172,5 +173,5 @@ class LibmotioncaptureSource(ReaderSource):
             while not opened:
                 self._reader.intake.drop("child_lost")
                 await self._end()
-                await asyncio.sleep(AGAIN_S)
+                await asyncio.sleep(REOPEN_S)
                 opened = await self._open()

@@ -133,7 +133,7 @@ class BodyFlag(IntEnum):
 Version: TypeAlias = tuple[int, int]
 
 
-class Since:
+class Introduced:
     """Versions from which on the protocol has something."""
 
     EXPOSURE: Version = (3, 0)
@@ -224,7 +224,7 @@ def decode_server_info(payload: bytes) -> ServerInfo:
             tick).
     """
     name, _, (major, minor, *_), ticks, port, multicast, group = Payload(payload).take(_SERVER)
-    if (major, minor) < Since.EXPOSURE:
+    if (major, minor) < Introduced.EXPOSURE:
         raise UnreadableNatNet("wrong_version")
     if ticks == 0:
         raise UnreadableNatNet("absurd")
@@ -258,7 +258,7 @@ def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
         UnreadableNatNet: truncated; wrong_layout (bodies of another size than ours).
     """
     walk = Payload(payload)
-    sized = version >= Since.SIZES
+    sized = version >= Introduced.SIZES
     number = walk.count()
     walk.section(sized, _skip_marker_set)
     walk.section(sized, lambda walk: walk.skip(_POINT.size))  # unlabelled markers
@@ -306,7 +306,7 @@ def _body(walk: Payload) -> RigidBody:
 
 def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_000_000) -> bytes:
     """Return the message FRAMEOFDATA with rigid bodies only, for simulators and tests."""
-    sized = version >= Since.SIZES
+    sized = version >= Introduced.SIZES
 
     def section(elements: Iterable[bytes]) -> bytes:
         parts = list(elements)
@@ -353,7 +353,7 @@ def decode_models(payload: bytes, version: Version) -> list[tuple[str, int]]:
     bodies: list[tuple[str, int]] = []
     for _ in range(walk.count()):
         kind = walk.count()
-        size = walk.count() if version >= Since.SIZES else None
+        size = walk.count() if version >= Introduced.SIZES else None
         if kind == 0:
             walk.text()
             for _ in range(walk.count()):
@@ -375,7 +375,7 @@ def decode_models(payload: bytes, version: Version) -> list[tuple[str, int]]:
 def _body_description(walk: Payload, version: Version) -> tuple[str, int]:
     name = walk.text()
     number, *_ = walk.take(_BODY_DESCRIPTION)
-    if version >= Since.TURNS:
+    if version >= Introduced.TURNS:
         walk.skip(_QUATERNION.size)
     markers = walk.count()
     walk.skip(markers * (_POINT.size + 4))
@@ -389,7 +389,7 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
     """Return MODELDEF with rigid bodies without markers, for simulators and tests."""
     parts = [U32.pack(len(bodies))]
     for name, number in bodies.items():
-        turn = bytes(_QUATERNION.size) if version >= Since.TURNS else b""
+        turn = bytes(_QUATERNION.size) if version >= Introduced.TURNS else b""
         body = (
             name.encode()
             + b"\0"
@@ -397,7 +397,7 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
             + turn
             + U32.pack(0)
         )
-        parts += [U32.pack(1), U32.pack(len(body)) if version >= Since.SIZES else b"", body]
+        parts += [U32.pack(1), U32.pack(len(body)) if version >= Introduced.SIZES else b"", body]
     return message(NatNetMessage.MODELDEF, b"".join(parts))
 
 

@@ -12,9 +12,10 @@ from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAx
 from groundstation.core.messages import Others, Pose, SourceError, notice
 from groundstation.machine import cancel_task
 from groundstation.pose.sources.datagram import AtAddress
-from groundstation.pose.sources.intake import AGAIN_S, ANSWER_S, Intake, ReaderSource
+from groundstation.pose.sources.intake import ANSWER_S, Intake, ReaderSource
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
 from groundstation.runtime import describe_install
+from links.core import REOPEN_S
 from links.io import parse_address
 from links.text import printable
 
@@ -119,7 +120,7 @@ class QualisysSource(ReaderSource):
 
     async def _open_again(self) -> "QtmConnection":
         while True:
-            await asyncio.sleep(AGAIN_S)
+            await asyncio.sleep(REOPEN_S)
             with contextlib.suppress(OSError):
                 return await self._open()
 

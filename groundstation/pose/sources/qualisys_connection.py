@@ -14,8 +14,8 @@ from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.core.messages import SourceError, notice
-from groundstation.pose.sources.intake import AGAIN_S
 from groundstation.pose.sources.qualisys_codec import Framer, RtPacket, read_type, split_components
+from links.core import REOPEN_S
 from links.io import NETWORK
 from links.text import printable
 
@@ -169,7 +169,7 @@ async def _open(
                     )
                     return connection
                 except ConnectionRefusedError:
-                    await asyncio.sleep(AGAIN_S)
+                    await asyncio.sleep(REOPEN_S)
     except OSError as error:
         why = error.strerror or str(error) or "no answer"
         raise SourceError(
