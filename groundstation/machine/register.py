@@ -199,11 +199,16 @@ def hold_lock(socket: Path, vehicle: str) -> Iterator[None]:
 
     Raises:
         Taken: another process holds it.
-        ApiError: its folder is not ours alone.
+        ApiError: its folder is not ours alone, or takes no file.
     """
+    if not socket.name:  # a folder such as / or .
+        raise ApiError(config_notice("socket.other_file", path=socket))
     path = socket.with_suffix(".lock")
     own_directory(path.parent)
-    number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    try:
+        number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    except OSError as error:
+        raise ApiError(config_notice("socket.failed", path=path, why=error.strerror)) from error
     try:
         try:
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -15,6 +15,7 @@ from groundstation.machine import (
     ApiError,
     Running,
     explain_stop,
+    hold_lock,
     note_stop,
     registration,
     running_processes,
@@ -145,3 +146,12 @@ def test_an_order_of_before_the_machine_started_or_of_no_time_stops_nothing(
     assert explain_stop() is not None
     (folder / STOP).write_text(found)
     assert explain_stop() is None
+
+
+@pytest.mark.parametrize("socket", ["/", ".", "/proc/mqx.sock"])
+def test_a_place_that_can_hold_no_lock_is_named(socket: str) -> None:
+    with (
+        pytest.raises(ApiError, match=rf"^status socket {socket.removesuffix('mqx.sock')}"),
+        hold_lock(Path(socket), "mqx"),
+    ):
+        raise AssertionError("it is held")
