@@ -202,10 +202,9 @@ class ControlPage(Page):
         with Horizontal(id="body"):
             with Vertical(id="left"):
                 yield Static(id="law")
-                yield Curves(
-                    "", [("|z1| m", AXES[0]), ("|z2| m/s", AXES[1]), ("|z3| m/s²", AXES[2])], 0.01
-                )
-                yield Curves("", [("V", ERROR)], 0.001)
+                errors = [("|z1| m", AXES[0]), ("|z2| m/s", AXES[1]), ("|z3| m/s²", AXES[2])]
+                yield Curves("", errors, 0.01, id="errors")
+                yield Curves("", [("V", ERROR)], 0.001, id="v")
             with Vertical(id="right"):
                 table: DataTable[str] = DataTable(cursor_type="row", zebra_stripes=True)
                 table.add_columns("gain", "now")
@@ -217,9 +216,9 @@ class ControlPage(Page):
         if picture.newest is not None:
             self.query_one("#law", Static).update(join_rows(law_rows(picture.newest)))
             self._gains(picture.newest.gains)
-        errors, v = self.query(Curves)
-        errors.show([[one.errors[i] for one in picture.flown] for i in range(3)])
-        v.show([[one.v for one in picture.flown]])
+        errors = [[one.errors[i] for one in picture.flown] for i in range(3)]
+        self.query_one("#errors", Curves).show(errors)
+        self.query_one("#v", Curves).show([[one.v for one in picture.flown]])
 
     def _gains(self, now: Mapping[str, float]) -> None:
         known = tuple(GainRow(key, value) for key, value in now.items())
@@ -289,10 +288,10 @@ class LinksPage(Page):
         with Horizontal(id="body"):
             with Vertical(id="poses"):
                 yield Static(id="pose")
-                yield Curves("pose age", [("ms", FLOWN)], 10.0)
+                yield Curves("pose age", [("ms", FLOWN)], 10.0, id="age")
             with Vertical(id="links"):
                 yield Static(id="link")
-                yield Curves("latency", [("ms", ERROR)], 10.0)
+                yield Curves("latency", [("ms", ERROR)], 10.0, id="latency")
 
     def draw(self, frame: PageFrame) -> None:
         """All of it."""
@@ -301,9 +300,10 @@ class LinksPage(Page):
             return
         self.query_one("#pose", Static).update(join_rows(pose_rows(picture.newest)))
         self.query_one("#link", Static).update(join_rows(link_rows(picture.newest)))
-        age, latency = self.query(Curves)
-        age.show([[1e3 * one.pose_age_s for one in picture.flown]])
-        latency.show([[1e3 * one.latency_s for one in picture.flown]])
+        ages = [[1e3 * one.pose_age_s for one in picture.flown]]
+        self.query_one("#age", Curves).show(ages)
+        latencies = [[1e3 * one.latency_s for one in picture.flown]]
+        self.query_one("#latency", Curves).show(latencies)
 
 
 def pose_rows(snapshot: Snapshot) -> list[Spans]:

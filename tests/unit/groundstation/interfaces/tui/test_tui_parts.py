@@ -1,9 +1,11 @@
 """The pieces of the screen that are pure functions, and what a fleet view knows of each vehicle."""
 
 import math
+from contextlib import suppress
 
 import msgspec
 import pytest
+from textual.css.query import NoMatches
 
 from groundstation.core.messages import Ask, Notice, Snapshot
 from groundstation.core.mission import State
@@ -29,6 +31,7 @@ from groundstation.interfaces.tui.model import (
     headline,
     possible,
 )
+from groundstation.interfaces.tui.pages import ControlPage, FlyPage, LinksPage, Page, PageFrame
 from links.text import printable
 from tests.sample_flight import sample
 
@@ -282,3 +285,18 @@ def test_what_needs_somebody_comes_first() -> None:
     assert fleet_headline(shown, "").detail == "1 alarm, 2 flying, 1 on ground, 1 offline"
     assert fleet_headline(shown, "refused").big == "NO BROKER"
     assert fleet_headline([], "").big == "NO VEHICLE"
+
+
+@pytest.mark.parametrize("page", [FlyPage, ControlPage, LinksPage])
+def test_a_page_that_has_not_all_its_parts_yet_is_not_the_end_of_the_screen(
+    page: type[Page],
+) -> None:
+    """Who draws waits for the next time on NoMatches, and on no other error."""
+    picture = Picture(0.0)
+    picture.newest = changed(gains={})
+    frame = PageFrame(picture, 0.0, stale=False, again=False, whose="", holder="")
+    with pytest.raises(NoMatches):
+        page(orders=True).draw(frame)
+    picture.newest = None
+    with suppress(NoMatches):
+        page(orders=True).draw(frame)
