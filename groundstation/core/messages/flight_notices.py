@@ -151,7 +151,9 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
             "check the tracker and its network",
         ),
         NoticeTemplate(
-            "fault.pose_gap", "no pose for {age_ms:.0f} ms", "check the tracker and its network"
+            "fault.pose_gap",
+            "no pose for {age_ms:.0f} ms",
+            "check the tracker, its network, and whether this program stood still",
         ),
         NoticeTemplate(
             "fault.slept", "the sending computer slept for {slept_s:.1f} s: arm again to fly"
