@@ -239,9 +239,9 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
             "no lift-off: is this the right body, is the mass right? Thrust went to "
             "{thrust_n:.3g} N, {percent:.0f} % of the configured weight, and the poses did not "
             "move",
-            "check the object's name, vehicle.mass_kg, battery and propellers, that nothing holds "
-            "the vehicle, and behind a radio that link.map.arm starts the motors; one that needs "
-            "more thrust needs a larger takeoff.thrust_limit",
+            "check the object's name, the unit of its positions, vehicle.mass_kg, battery and "
+            "propellers, that nothing holds the vehicle, and behind a radio that link.map.arm "
+            "starts the motors; one that needs more thrust needs a larger takeoff.thrust_limit",
         ),
         NoticeTemplate(
             "takeoff.stuck",

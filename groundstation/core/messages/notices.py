@@ -211,13 +211,14 @@ _TABLE: tuple[NoticeTemplate, ...] = (
             "pose.late",
             "the poses follow the commands 0.1 s or more later than configured, whatever their "
             "stamps say",
-            "check the latency of the tracker and the link (`groundstation identify`)",
+            "check the latency of the tracker and the link (`groundstation identify`), and the "
+            "object's axes (`groundstation carry`)",
         ),
         NoticeTemplate(
             "pose.position_no_answer",
             "the position of the poses does not respond to the commanded motion, or something "
             "holds the vehicle",
-            "check the object's name and markers",
+            "check the object's name, its markers, and the unit of its positions",
         ),
         NoticeTemplate(
             "pose.position_mirrored",

@@ -23,8 +23,8 @@ _DROPS = {
     "no_such_object": "the stream does not hold the vehicle's object: is its name right, has it "
     "been switched off? `groundstation check --watch` lists the names",
     "same_name": "several bodies have the vehicle's name or streaming id: give each one of its own",
-    "jump": "further from the last one than it can have flown (gate.jump_m): markers mixed up, or "
-    "another body; see the tracker's program",
+    "jump": "further from the last one than it can have flown (gate.jump_m): markers mixed up, "
+    "another body, or another unit than the source's; see the tracker's program",
     "spin": "turned faster than it can have (gate.rate_deg_s): markers mixed up; see the tracker's "
     "program",
     "too_fast": "faster than the vehicle can be (gate.speed_m_s): is the position in metres?",
@@ -69,7 +69,8 @@ _DROPS = {
 """Causes and remedies by reason."""
 _MEASURED_DROPS = {
     "jump": "{value:.2f} m from where the last ones were heading, limit {limit:.2f} m (gate.jump_m "
-    "and gate.acceleration_m_s2): markers mixed up, or another body; see the tracker's program",
+    "and gate.acceleration_m_s2): markers mixed up, another body, or another unit than the "
+    "source's; see the tracker's program",
     "spin": "turned by {value:.0f}° since the last one, limit {limit:.0f}° (gate.rate_deg_s): "
     "markers mixed up; see the tracker's program",
     "too_fast": "{value:.1f} m/s, limit {limit:g} m/s (gate.speed_m_s): is the position in metres?",

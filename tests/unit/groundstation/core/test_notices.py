@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import msgspec
+import pytest
 
 from groundstation.config.schema import keys_of
 from groundstation.core.messages import NOTICES, Notice, NoticeTemplate, Sentence, Severity, notice
@@ -166,3 +167,10 @@ def test_a_key_of_the_configuration_that_a_sentence_names_is_there() -> None:
     assert "gate.jump_m" in found, "keys are recognised"
     of_the_system = {"limits.conf"}  # PAM's
     assert found.keys() - keys - of_the_system == set()
+
+
+@pytest.mark.parametrize(
+    "id", ["drop.jump.by", "takeoff.no_motion", "pose.position_no_answer", "drop.absurd"]
+)
+def test_positions_in_another_unit_are_among_the_causes_of_what_they_look_like(id: str) -> None:
+    assert "unit" in EVERY[id].sentence + EVERY[id].remedy
