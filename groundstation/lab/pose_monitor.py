@@ -384,7 +384,7 @@ def _line(item: tuple[str, Value]) -> str:
 
 
 PATIENCE_S = 120.0
-"""Timeout of one move [s]."""
+"""Timeout of what the operator is to do: a move, or a step without propellers [s]."""
 
 
 class CarryRecord(NamedTuple):

@@ -23,6 +23,7 @@ from groundstation.flight.preflight import (
     proof_path,
     save_proof,
 )
+from groundstation.lab.pose_monitor import PATIENCE_S
 from groundstation.machine import ApiError, Taken, hold_lock, precise_loop, socket_path, to_the_end
 from groundstation.runtime import Exit
 from groundstation.settings import Config
@@ -33,8 +34,6 @@ from links.text import Sentence
 
 LOOK_S = 3.0
 """Motors turn this long before the program is killed, and are watched this long to stay off [s]."""
-ACT_S = 90.0
-"""Timeout to connect and to arm, and for the operator's action in a step [s]."""
 STOP_S = 15.0
 """Timeout for motors to stop that nobody here can stop, and for a hand to let go [s]: the longest
 failsafe of an autopilot. An order that nobody acknowledges is repeated for 5 s."""
@@ -270,9 +269,9 @@ class Guide:
         hand = await self._open(self._config)
         try:
             try:
-                news = await hand.until("armed", ACT_S)
+                news = await hand.until("armed", PATIENCE_S)
             except TimeoutError:
-                raise GuideStopped(notice("props.not_armed", limit_s=ACT_S)) from None
+                raise GuideStopped(notice("props.not_armed", limit_s=PATIENCE_S)) from None
             self.firmware = news.firmware
             yield hand
         finally:
@@ -317,7 +316,7 @@ class Guide:
         Where none comes, the sentence ``otherwise`` is true.
         """
         try:
-            news = await hand.until(event, ACT_S)
+            news = await hand.until(event, PATIENCE_S)
         except TimeoutError:
             raise NotProven(notice(otherwise)) from None
         if any(one.event == "disarmed" and one.at_s < news.at_s - NEWS_S for one in hand.heard):
