@@ -63,6 +63,14 @@ _DROPS = {
     "no_data": "QTM says that it has no data: start a measurement or a preview",
     "other_bodies": "more or fewer bodies than QTM names, whose names are asked for anew: has the "
     "project changed, or is a body switched off in it?",
+    "other_message": "a MAVLink message that holds no pose",
+    "other_system": "of another MAVLink system: is pose.system_id right?",
+    "other_component": "of another MAVLink component: is pose.component_id right?",
+    "unknown": "a MAVLink message that is not known here",
+    "unknown_message": "a NatNet message that is not known here: does something else send to this "
+    "port?",
+    "no_server_info": "the NatNet server has not described itself yet: does it reply at "
+    "pose.server?",
     "child_lost": "the program that reads the tracker has ended; it is started again",
     "connection_lost": "the tracker has closed the connection; it is opened again",
 }

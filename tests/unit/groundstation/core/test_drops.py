@@ -93,3 +93,7 @@ def test_after_the_flight_a_second_path_is_still_called_one() -> None:
     watch.find_news(msgspec.structs.replace(closed, warning=warning))
     (path,) = watch.summarize(closed)
     assert "end that path: commands go by the first" in path.text
+
+
+def test_what_is_usually_no_pose_has_its_meaning_too_for_it_may_be_all_that_comes() -> None:
+    assert USUAL_POSE_DROPS <= KNOWN
