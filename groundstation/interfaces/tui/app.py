@@ -101,6 +101,7 @@ from groundstation.machine import (
     NICE,
     ApiError,
     StatusConfig,
+    explain_stop,
     find_socket,
     folder_of,
     is_served,
@@ -110,6 +111,7 @@ from groundstation.machine import (
     socket_path,
 )
 from groundstation.recording import Entry, Recording, refuse_recordings
+from groundstation.runtime import Exit
 from groundstation.settings import Config, is_rehearsal
 from links.core import LinkStatus
 from links.io import describe_exit, start_child
@@ -895,6 +897,9 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
         raise ConfigError("status.path", notice("screen.served", path=path, again=again))
+    if stopped := explain_stop():  # before the station begins, which looks for later orders
+        print(stopped, file=sys.stderr)
+        return Exit.FAILED
     log = folder_of(config.recording) / f"{config.vehicle.name}.log"
     core = _start_station(args, config, log)
 

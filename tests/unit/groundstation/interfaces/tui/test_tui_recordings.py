@@ -2,14 +2,19 @@
 
 import asyncio
 import math
+from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from groundstation.core.messages import Ask, Snapshot
+from groundstation.interfaces.tui import app
 from groundstation.interfaces.tui.app import Playback, Tape, open_playback
 from groundstation.interfaces.tui.model import FRAME_S, FlightIdentity, Jump, News
+from groundstation.machine import note_stop
+from groundstation.settings import Config
 from sim.time import VirtualTimeLoop
 from tests.recordings import recorded
 from tests.sample_flight import sample
@@ -114,3 +119,13 @@ def test_a_recording_can_not_be_asked_for_anything() -> None:
     assert not asyncio.run(playback.ask(Ask.KILL, "")).done
     assert not asyncio.run(playback.control(take=True)).done
     assert not asyncio.run(playback.set_gain("controller.k2", 1.0)).done
+
+
+def test_a_screen_begins_no_station_once_all_were_ordered_to_land(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(app, "require_terminal", lambda instead: None)
+    monkeypatch.setattr(app, "_start_station", Mock(side_effect=AssertionError("it begins")))
+    note_stop()
+    assert app.fly_with_screen(Namespace(), Config()) == 1
