@@ -133,6 +133,8 @@ PRIOR_SAMPLES = 3.0
 """Samples that the assumed residual counts for [-]: as many as the shortest window has."""
 TONES_LEAST = 2.0
 """Least RMS of the tones that is evaluated, as a multiple of the assumed residual [-]."""
+STEADY_TONE = 1.5
+"""Mean square of the power of a steady tone over the square of its mean [-]: that of sin²."""
 RIDGE = 1e-10
 """Excitation below which nothing was excited [m² s or rad² s]."""
 RIDGES = RIDGE * np.eye(2)
@@ -241,7 +243,11 @@ class Response:
         """Integrals of the products of u, v, e and e across, for each direction."""
         self._bursts = np.zeros(count)
         """Integrals of v⁴, by means over blocks."""
-        self._kept = deque([(0.0, self._integrals, self._bursts)], maxlen=BLOCKS[-1] + 1)
+        self._tone_power2 = 0.0
+        """Integral of |u|⁴, by means over blocks."""
+        self._kept = deque(
+            [(0.0, self._integrals, self._bursts, self._tone_power2)], maxlen=BLOCKS[-1] + 1
+        )
 
     def add(self, e: Sequence[float], u: Sequence[float], v: Sequence[float], dt_s: float) -> None:
         """Take one sample of the filtered signals, one value an axis."""
@@ -262,8 +268,8 @@ class Response:
         begun = [each for each in begun if self._time_s - each[0] >= shortest_s]
         if not begun:
             return NO_ALARM
-        time_s = np.array([self._time_s - time_s for time_s, _, _ in begun])[:, None]
-        along = self._integrals - np.array([integrals for _, integrals, _ in begun])
+        time_s = np.array([self._time_s - time_s for time_s, *_ in begun])[:, None]
+        along = self._integrals - np.array([integrals for _, integrals, *_ in begun])
         # Every other direction is an axis.
         powers = along[:, ::2].diagonal(axis1=2, axis2=3).sum(axis=1) / time_s
         tones2, own2, least = powers[:, 0], powers[:, 1], TONES_LEAST * self._least
@@ -275,10 +281,12 @@ class Response:
         measured2, tones_along2 = along[..., :3, :3].sum(axis=(-2, -1)), along[..., 0, 0]
         moves = measured2 >= LEAST_RESPONSE * LEAST_RESPONSE * tones_along2
         model2 = np.where(moves, MODEL_ERROR * MODEL_ERROR * own2[:, None], 0.0)[..., None]
-        tones, is_known = self._judge_tones(along, found, time_s, noise, model2)
+        powers2 = self._tone_power2 - np.array([[power2] for *_, power2 in begun])
+        sounded_s = self._measure_sounded(tones2[:, None] * time_s, powers2, time_s)
+        tones, is_known = self._judge_tones(along, found, sounded_s, noise, model2)
         moved_s = time_s
         if math.isfinite(own.burst_s):
-            bursts = self._bursts - np.array([bursts for _, _, bursts in begun])
+            bursts = self._bursts - np.array([bursts for *_, bursts, _ in begun])
             moved_s = self._measure_moved(along, bursts, time_s)
         own_excess = self._judge_own(along, found, time_s, moved_s, noise)
         return Alarm(float(tones.max()), float(own_excess.max()), bool(is_known.all(axis=1).any()))
@@ -290,12 +298,14 @@ class Response:
             signals = self._directions @ samples[:, 1:].T
             block = (signals * samples[:, 0]) @ signals.transpose(0, 2, 1)
             self._integrals = self._integrals + block
-            self._bursts = self._bursts + block[:, 1, 1] ** 2 / (self._time_s - self._kept[-1][0])
+            block_s = self._time_s - self._kept[-1][0]
+            self._bursts = self._bursts + block[:, 1, 1] ** 2 / block_s
+            self._tone_power2 += block[::2, 0, 0].sum() ** 2 / block_s
             self._samples = []
-        self._kept.append((self._time_s, self._integrals, self._bursts))
+        self._kept.append((self._time_s, self._integrals, self._bursts, self._tone_power2))
 
     def _judge_tones(
-        self, along: Array, found: "_Regression", time_s: Array, noise: float, model2: Array
+        self, along: Array, found: "_Regression", sounded_s: Array, noise: float, model2: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the excess of the responses to the tones [-], and where the poses are known to
         respond.
@@ -304,14 +314,11 @@ class Response:
         4); ``model2``: mean square by which the model of v is wrong, shape (windows, directions,
         1).
         """
-        rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / time_s)
+        rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / sounded_s)
         is_excited = rms >= TONES_LEAST * self._least
-        # Where tones have ended, a long window holds their last moments alone, and the scatter of a
-        # calmer time.
-        is_excited &= is_excited[0]
         if not is_excited.any():
             return np.zeros_like(rms), is_excited
-        errors = self._find_errors(found, 0, time_s, self._memory_s, noise, model2)
+        errors = self._find_errors(found, 0, sounded_s, self._memory_s, noise, model2)
         commanded = along[..., 0, 0] + along[..., 0, 1]
         alone = along[..., 0, 2:] / np.maximum(commanded, RIDGE)[..., None]
         beyond = np.minimum(np.abs(found.slopes[..., 0, :]), np.abs(alone)) - LIMITS
@@ -321,6 +328,16 @@ class Response:
             axis=-1
         )
         return excess, counts[..., 0] & (beyond[..., 0] <= 0.0)
+
+    def _measure_sounded(self, powers: Array, powers2: Array, time_s: Array) -> Array:
+        """Return the time in each window for which the tones sounded [s]: (∫|u|²)²/∫|u|⁴, of a
+        steady tone all of it.
+
+        Tones at one end of a window are few samples. ``powers``: ∫|u|², ``powers2``: ∫|u|⁴, shape
+        (windows, 1).
+        """
+        sounded_s = STEADY_TONE * powers * powers / np.maximum(powers2, RIDGE * RIDGE)
+        return np.clip(sounded_s, FEWEST_SAMPLES * self._memory_s, time_s)
 
     def _measure_moved(self, along: Array, bursts: Array, time_s: Array) -> Array:
         """Return the time in each window in which the law moved by itself [s]: (∫v²)²/∫v⁴ by means

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 import pytest
 from hypothesis import given, strategies as st
 
+from groundstation.core.control.excitation import FADE_IN_S
 from groundstation.core.health.pose_response import (
     BLOCK_S,
     LATENESSES_S,
@@ -30,6 +31,7 @@ NOISE_M = 0.0003
 BLOCK = round(BLOCK_S / DT_S)
 """Poses of a block."""
 Pair = tuple[float, float]
+ZERO = (0.0, 0.0)
 Seen = tuple[Pair, Pair, Pair]
 """Of one pose: what it shows beyond what is asked; what tones ask; what the law's own way asks."""
 
@@ -245,3 +247,22 @@ def test_tones_that_have_ended_convict_nobody_by_the_scatter_of_a_calmer_time() 
 
     after_s = 1.7
     assert max(alarm.tones for alarm in feed(poses())[round(after_s / BLOCK_S) :]) == 0.0
+
+
+def test_tones_that_have_just_begun_convict_nobody_by_the_scatter_of_a_calmer_time() -> None:
+    """New wind makes the poses suspect, and so begins the tones: in that instant it may undo them.
+    A pose that stands is accused within half a second all the same.
+    """
+    draw, begun_s = random.Random(4), 2.0
+
+    def poses() -> Iterator[Seen]:
+        for n in range(round((begun_s + 0.5) / DT_S)):
+            since_s = n * DT_S - begun_s
+            u, v = swing(since_s, 0.006 * min(since_s / FADE_IN_S, 1.0)) if since_s > 0.0 else ZERO
+            noise = draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)
+            yield (noise[0] - u, noise[1] - v), (u, v), ZERO
+
+    alarms = [alarm.tones for alarm in feed(poses())]
+    begun = round(begun_s / BLOCK_S)
+    assert max(alarms[: begun + round(0.2 / BLOCK_S)]) < 0.5
+    assert alarms[-1] >= 1.0
