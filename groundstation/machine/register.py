@@ -11,6 +11,7 @@ import fcntl
 import os
 import signal
 import stat
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from enum import IntEnum
@@ -297,6 +298,8 @@ STOP = "stop-all"
 
 def note_stop() -> None:
     """Note that all flights of this user are ordered to land now, for programs that only start."""
+    if sys.platform != "linux":
+        return  # nothing flies elsewhere
     with suppress(ApiError):
         own_directory(socket_folder())
     for folder in _folders():
