@@ -222,6 +222,6 @@ def test_an_autopilot_that_sends_no_attitude_is_warned_of_and_flown() -> None:
         patch.setattr(Px4Autopilot, "rates_hz", silent)
         told = flown("paper")
     assert known(told.mission).landed
-    warning = "pre-flight WARN: second witness: the autopilot does not send"
+    warning = "pre-flight WARN: second witness: no attitude of the autopilot"
     assert any(warning in line for line in told.events)
     assert told.share == 0.0
