@@ -94,15 +94,21 @@ def _find_time_fault(records: Sequence[TlogRecord], dropped: Counter[str]) -> st
 def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[TlogRecord]:
     """``records`` with time counted from the first and never running back.
 
-    A log time has no checksum, and a log's clock may be set: time goes on without a leap, which is
-    counted as ``log_time``.
+    A log time has no checksum: each is the median of it and its neighbours, so that a damaged one
+    does not hold up those behind it. A log's clock may be set: time goes on without a leap, which
+    is counted as ``log_time``.
     """
+    records = list(records)
+    times_s = np.array([record.time_s for record in records])
+    if len(times_s) >= 3:
+        times_s[1:-1] = np.median([times_s[:-2], times_s[1:-1], times_s[2:]], axis=0)
+        times_s[0] = min(times_s[0], times_s[1])
     origin_s: float | None = None
     last_s = 0.0
-    for record in records:
+    for record, time_s in zip(records, times_s.tolist(), strict=True):
         if origin_s is None:
-            origin_s = record.time_s
-        step_s = record.time_s - origin_s - last_s
+            origin_s = time_s
+        step_s = time_s - origin_s - last_s
         if abs(step_s) > LEAP_S:
             dropped["log_time"] += 1
             origin_s += step_s

@@ -78,8 +78,8 @@ long without a fresh pose: 1 s at most on one pose, then a bring-down of 2 s."""
 STEP_S = 0.2
 """Lead of a message on all before that is a step of the source's clock [s]."""
 MANY = 3
-"""So many breaks of a clock within ``UNSTEADY_S``, or moves within ``RESETS_S``, are one fault, and
-not each by itself [-]."""
+"""Number of breaks of a clock within ``UNSTEADY_S``, or of moves within ``RESETS_S``, that are one
+fault, and not told each by itself [-]."""
 UNSTEADY_S = 30.0
 """A clock without a break for this long is steady again [s]."""
 FAST = 1.2

@@ -121,6 +121,18 @@ def test_log_times_that_are_none_tell_no_flight(
         read(tmp_path, b"".join(stamp(START_US + us) + frame for us, frame in FLIGHT.frames()))
 
 
+@pytest.mark.parametrize("byte", [3, 5])
+@pytest.mark.parametrize("at", [0, 200])
+def test_a_damaged_log_time_does_not_hold_up_the_records_behind_it(
+    at: int, byte: int, tmp_path: Path, usual: ImportedFlight
+) -> None:
+    """One bit: 17 s, which are no leap, and 13 days."""
+    records = [bytearray(stamped([one])) for one in FLIGHT.frames()]
+    records[at][7 - byte] ^= 1
+    found = read(tmp_path, b"".join(records))
+    assert len(found.of(MEASURED)) >= len(usual.of(MEASURED)) - 2
+
+
 def test_poses_of_a_second_vehicle_are_counted_and_not_used(
     tmp_path: Path, usual: ImportedFlight
 ) -> None:
