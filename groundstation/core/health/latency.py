@@ -141,7 +141,7 @@ class ResponseLatency:
         if late is None:
             return None
         rest = late - (poses[0] if poses else 0.0)
-        if abs(rest) < REPORT_S or abs(rest - self._reported_s) < REPORT_S:
+        if abs(rest) < REPORT_S or not _is_new(rest, self._reported_s):
             return None
         self._reported_s = rest
         id = "latency.total" if poses is None else "latency.vehicle"
@@ -223,12 +223,19 @@ class PoseLatency:
         late = self.late_s
         if (
             late is None
-            or abs(late - self._reported_s) < REPORT_S
+            or not _is_new(late, self._reported_s)
             or abs(late) < POSE_REPORT_S + clock_error_s
         ):
             return None
         self._reported_s = late
         return notice("latency.poses", late=describe_latency(late), late_ms=to_ms(late))
+
+
+def _is_new(late_s: float, reported_s: float) -> bool:
+    """Whether a latency is other than the reported one [s] by ``REPORT_S`` and by half: one that
+    grows, as of poses whose axes are turned, is not told at every 10 ms.
+    """
+    return abs(late_s - reported_s) >= max(REPORT_S, 0.5 * abs(reported_s))
 
 
 def describe_latency(late_s: float) -> str:

@@ -112,3 +112,13 @@ def test_it_is_said_once_and_the_poses_own_latency_is_not_said_again() -> None:
     assert response.describe_news(None) is None
     rates = answered(0.03).describe_news((0.0, 0.0))
     assert rates is not None and rates.text.startswith("the vehicle turns")
+
+
+def test_a_latency_that_grows_is_told_where_it_is_half_as_large_again() -> None:
+    """As of poses whose axes are turned: it was told at every 10 ms."""
+    response, told = answered(0.02), 0
+    for late_ms in range(20, 201, 2):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(ResponseLatency, "late_s", 1e-3 * late_ms)
+            told += response.describe_news(None) is not None
+    assert 4 <= told <= 8
