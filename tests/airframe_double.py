@@ -102,7 +102,7 @@ NONCES = itertools.count(1)
 
 
 def nonce(count: int) -> bytes:
-    """What a bridge or its station takes for a random number."""
+    """A number that a bridge or its station takes for a random one."""
     return next(NONCES).to_bytes(count, "little")
 
 

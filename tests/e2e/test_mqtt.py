@@ -332,7 +332,7 @@ async def retained(client: aiomqtt.Client, topic: str) -> bytes:
 
 
 async def counted(client: aiomqtt.Client, least: int) -> dict[str, int]:
-    """What became of the requests, once they are so many."""
+    """The outcomes of the requests, once they are so many."""
     await client.subscribe("groundstation/mqx/health")
     async for message in client.messages:
         if str(message.topic).endswith("health"):

@@ -106,7 +106,7 @@ def test_a_fleet_that_only_starts_is_ended_before_it_arms(tmp_path: Path) -> Non
 
 
 def test_a_flight_in_its_first_moments_is_ended_before_it_arms(tmp_path: Path) -> None:
-    """It is in no register yet, so nobody can ask it or send it a signal."""
+    """A flight that only starts is in no register, so nobody can ask it or send it a signal."""
     words = program("groundstation", "fly", EXAMPLE, "--arm", "mqx")
     with started(words, tmp_path / "log") as flight:
         asyncio.run(ask_all(Ask.LAND))

@@ -239,15 +239,12 @@ class Response:
         self._samples: list[tuple[float, ...]] = []
         """Samples since the last look: interval [s], then the filtered signals."""
         count, rows, _ = directions.shape
-        self._integrals, self._time_s = np.zeros((count, rows, rows)), 0.0
-        """Integrals of the products of u, v, e and e across, for each direction."""
-        self._bursts = np.zeros(count)
-        """Integrals of v⁴, by means over blocks."""
-        self._tone_power2 = 0.0
-        """Integral of |u|⁴, by means over blocks."""
+        self._time_s = 0.0
         self._kept = deque(
-            [(0.0, self._integrals, self._bursts, self._tone_power2)], maxlen=BLOCKS[-1] + 1
+            [_Integrals(0.0, np.zeros((count, rows, rows)), np.zeros(count), 0.0)],
+            maxlen=BLOCKS[-1] + 1,
         )
+        """Integrals until the end of each of the last blocks."""
 
     def add(self, e: Sequence[float], u: Sequence[float], v: Sequence[float], dt_s: float) -> None:
         """Take one sample of the filtered signals, one value an axis."""
@@ -265,11 +262,12 @@ class Response:
         begun = [kept[-blocks] for blocks in BLOCKS if blocks <= len(kept)]
         self._close_block()
         shortest_s = FEWEST_SAMPLES * own.memory_s - ROUNDING_S
-        begun = [each for each in begun if self._time_s - each[0] >= shortest_s]
+        begun = [each for each in begun if self._time_s - each.time_s >= shortest_s]
         if not begun:
             return NO_ALARM
-        time_s = np.array([self._time_s - time_s for time_s, *_ in begun])[:, None]
-        along = self._integrals - np.array([integrals for _, integrals, *_ in begun])
+        now = kept[-1]
+        time_s = np.array([now.time_s - each.time_s for each in begun])[:, None]
+        along = now.products - np.array([each.products for each in begun])
         # Every other direction is an axis.
         powers = along[:, ::2].diagonal(axis1=2, axis2=3).sum(axis=1) / time_s
         tones2, own2, least = powers[:, 0], powers[:, 1], TONES_LEAST * self._least
@@ -281,28 +279,40 @@ class Response:
         measured2, tones_along2 = along[..., :3, :3].sum(axis=(-2, -1)), along[..., 0, 0]
         moves = measured2 >= LEAST_RESPONSE * LEAST_RESPONSE * tones_along2
         model2 = np.where(moves, MODEL_ERROR * MODEL_ERROR * own2[:, None], 0.0)[..., None]
-        powers2 = self._tone_power2 - np.array([[power2] for *_, power2 in begun])
-        sounded_s = self._measure_sounded(tones2[:, None] * time_s, powers2, time_s)
+        # Tones at one end of a window are few samples. Of a steady tone all its time counts.
+        u4 = now.u4 - np.array([[each.u4] for each in begun])
+        sounded_s = np.clip(
+            STEADY_TONE * _burst_s(tones2[:, None] * time_s, u4),
+            FEWEST_SAMPLES * self._memory_s,
+            time_s,
+        )
         tones, is_known = self._judge_tones(along, found, sounded_s, noise, model2)
         moved_s = time_s
         if math.isfinite(own.burst_s):
-            bursts = self._bursts - np.array([bursts for *_, bursts, _ in begun])
-            moved_s = self._measure_moved(along, bursts, time_s)
+            # A gust at the end of a calm window is few samples.
+            v4 = now.v4 - np.array([each.v4 for each in begun])
+            moved_s = np.clip(_burst_s(along[..., 1, 1], v4), own.burst_s, time_s)
         own_excess = self._judge_own(along, found, time_s, moved_s, noise)
         return Alarm(float(tones.max()), float(own_excess.max()), bool(is_known.all(axis=1).any()))
 
     def _close_block(self) -> None:
         """Add the samples since the last look to the integrals."""
-        if self._samples:
-            samples = np.array(self._samples)
-            signals = self._directions @ samples[:, 1:].T
-            block = (signals * samples[:, 0]) @ signals.transpose(0, 2, 1)
-            self._integrals = self._integrals + block
-            block_s = self._time_s - self._kept[-1][0]
-            self._bursts = self._bursts + block[:, 1, 1] ** 2 / block_s
-            self._tone_power2 += block[::2, 0, 0].sum() ** 2 / block_s
-            self._samples = []
-        self._kept.append((self._time_s, self._integrals, self._bursts, self._tone_power2))
+        last = self._kept[-1]
+        if not self._samples:
+            self._kept.append(last._replace(time_s=self._time_s))
+            return
+        samples, self._samples = np.array(self._samples), []
+        signals = self._directions @ samples[:, 1:].T
+        block = (signals * samples[:, 0]) @ signals.transpose(0, 2, 1)
+        block_s = self._time_s - last.time_s
+        self._kept.append(
+            _Integrals(
+                self._time_s,
+                last.products + block,
+                last.v4 + block[:, 1, 1] ** 2 / block_s,
+                last.u4 + block[::2, 0, 0].sum() ** 2 / block_s,
+            )
+        )
 
     def _judge_tones(
         self, along: Array, found: "_Regression", sounded_s: Array, noise: float, model2: Array
@@ -328,26 +338,6 @@ class Response:
             axis=-1
         )
         return excess, counts[..., 0] & (beyond[..., 0] <= 0.0)
-
-    def _measure_sounded(self, powers: Array, powers2: Array, time_s: Array) -> Array:
-        """Return the time in each window for which the tones sounded [s]: (∫|u|²)²/∫|u|⁴, of a
-        steady tone all of it.
-
-        Tones at one end of a window are few samples. ``powers``: ∫|u|², ``powers2``: ∫|u|⁴, shape
-        (windows, 1).
-        """
-        sounded_s = STEADY_TONE * powers * powers / np.maximum(powers2, RIDGE * RIDGE)
-        return np.clip(sounded_s, FEWEST_SAMPLES * self._memory_s, time_s)
-
-    def _measure_moved(self, along: Array, bursts: Array, time_s: Array) -> Array:
-        """Return the time in each window in which the law moved by itself [s]: (∫v²)²/∫v⁴ by means
-        over blocks.
-
-        A gust at the end of a calm window is few samples. ``bursts``: ∫v⁴, shape (windows,
-        directions).
-        """
-        moved_s = along[..., 1, 1] ** 2 / np.maximum(bursts, RIDGE * RIDGE)
-        return np.minimum(np.maximum(moved_s, self._own.burst_s), time_s)
 
     def _judge_own(
         self, along: Array, found: "_Regression", time_s: Array, moved_s: Array, noise: float
@@ -395,6 +385,26 @@ class Response:
             ..., signal, signal, None
         ]
         return (1.0 + 4.0 / freedom) * np.sqrt(variance)
+
+
+class _Integrals(NamedTuple):
+    """Integrals of the signals from the beginning until one instant."""
+
+    time_s: float
+    products: Array
+    """Of the products of u, v, e and e across, for each direction."""
+    v4: Array
+    """Of v⁴ for each direction, by means over blocks."""
+    u4: float
+    """Of |u|⁴, by means over blocks."""
+
+
+def _burst_s(power: Array, power2: Array) -> Array:
+    """Return the time for which a signal x is there [s]: (∫x²)²/∫x⁴.
+
+    ``power`` is ∫x², ``power2`` ∫x⁴ by means over blocks.
+    """
+    return power**2 / np.maximum(power2, RIDGE * RIDGE)
 
 
 class _Regression(NamedTuple):

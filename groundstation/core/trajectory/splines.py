@@ -291,7 +291,7 @@ def fit_waypoints(
         max_acceleration: [m/s²].
     """
     known = np.full((len(points_ned), order, 4), np.nan)
-    known[:, 0, :3] = np.array(points_ned)
+    known[:, 0, :3] = points_ned
     known[:, 0, 3] = yaws
     known[0, 1:] = known[-1, 1:] = 0.0
     times = (

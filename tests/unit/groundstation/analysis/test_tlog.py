@@ -215,9 +215,13 @@ def test_no_damage_to_a_file_makes_a_replay_fail(
 # ---- real flights
 
 GOLDEN = Path(__file__).parents[3] / "golden"
-PX4, ARDUPILOT = GOLDEN / "px4_takeoff.tlog", GOLDEN / "ardupilot_landing.tlog"
+PX4 = GOLDEN / "px4_takeoff.tlog"
+ARDUPILOT = GOLDEN / "ardupilot_landing.tlog"
 LATENCY_S = 0.01
-ODOMETRY, LOCAL_POSITION_NED, ATTITUDE_QUATERNION, SET_ATTITUDE_TARGET = 331, 32, 31, 82
+ODOMETRY = D.MAVLINK_MSG_ID_ODOMETRY
+LOCAL_POSITION_NED = D.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+ATTITUDE_QUATERNION = D.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
+SET_ATTITUDE_TARGET = D.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET
 
 
 @cache

@@ -291,7 +291,7 @@ def test_what_needs_somebody_comes_first() -> None:
 def test_a_page_that_has_not_all_its_parts_yet_is_not_the_end_of_the_screen(
     page: type[Page],
 ) -> None:
-    """Who draws waits for the next time on NoMatches, and on no other error."""
+    """A drawing that fails with NoMatches is left to the next time; no other error is."""
     picture = Picture(0.0)
     picture.newest = changed(gains={})
     frame = PageFrame(picture, 0.0, stale=False, again=False, whose="", holder="")
