@@ -392,11 +392,11 @@ class _Integrals(NamedTuple):
 
     time_s: float
     products: Array
-    """Of the products of u, v, e and e across, for each direction."""
+    """Products of u, v, e and e across, for each direction."""
     v4: Array
-    """Of v⁴ for each direction, by means over blocks."""
+    """Fourth power of v for each direction, by means over blocks."""
     u4: float
-    """Of |u|⁴, by means over blocks."""
+    """Fourth power of |u|, by means over blocks."""
 
 
 def _burst_s(power: Array, power2: Array) -> Array:
