@@ -28,16 +28,15 @@ for:
     make_decision       a Decision of thrust and body rates, within the vehicle's limits
     clamp_command       an ActuatorCommand within the vehicle's limits, and whether it had to be
                         clamped
-    push                the push that a wanted acceleration asks of the rotors, tilted no further
-                        than a limit
-    sine_error          the turn that brings the thrust along a push, as the sine of its angle
+    specific_thrust     thrust per mass for a wanted acceleration, tilted no further than a limit
+    sine_error          the turn that brings the thrust along a direction, as the sine of its angle
     half_angle_error    the same, as twice the sine of half the angle
-    turning             the body rates at which the direction of a changing push turns
+    turning             the body rates at which the direction of a changing thrust turns
     UserCodeFault       what a flight ends in where code of your own fails
     ConfigError         what is raised for a wrong name, key or value
     ApiError            what is raised where no station answers to ask_station
-    Baseline, InnerLoop heading, limits and lags: from a wanted push and turn to a Decision, as the
-    baselines do it
+    Baseline, InnerLoop heading, limits and lags: from a wanted thrust and turn to a Decision, as
+    the baselines do it
 """
 
 from groundstation.runtime.version import __version__ as __version__
@@ -53,8 +52,8 @@ if TYPE_CHECKING:
         clamp_command as clamp_command,
         half_angle_error as half_angle_error,
         make_decision as make_decision,
-        push as push,
         sine_error as sine_error,
+        specific_thrust as specific_thrust,
         turning as turning,
     )
     from groundstation.core.control.controllers import Baseline as Baseline, InnerLoop as InnerLoop
@@ -91,7 +90,7 @@ _MODULES = {
     "clamp_command": "groundstation.core.control.attitude",
     "half_angle_error": "groundstation.core.control.attitude",
     "make_decision": "groundstation.core.control.attitude",
-    "push": "groundstation.core.control.attitude",
+    "specific_thrust": "groundstation.core.control.attitude",
     "sine_error": "groundstation.core.control.attitude",
     "turning": "groundstation.core.control.attitude",
     "Baseline": "groundstation.core.control.controllers",

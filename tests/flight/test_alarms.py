@@ -96,7 +96,7 @@ def watch_recording(file: Path) -> WatchedHealth:
                 pilot.lift_off(time_s, 1.0, -(pose.velocity_ned or (0.0, 0.0, 0.0))[2])
         elif state.newest_pose is not None:
             state.add_command(time_s, driven.commands[index][1])
-            state.wind.add(state.estimator.predict(time_s), time_s - last_s)
+            state.mean_disturbance.add(state.estimator.predict(time_s), time_s - last_s)
             last_s = time_s
     assert isinstance(state.health, WatchedHealth), "made by this"
     return state.health

@@ -391,7 +391,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
             gs.Diagnostics,
         )),
         "helpers": lambda: describe_python((
-            gs.push, gs.half_angle_error, gs.sine_error, gs.turning, gs.clamp_command,
+            gs.specific_thrust, gs.half_angle_error, gs.sine_error, gs.turning, gs.clamp_command,
             gs.make_decision, gs.Baseline, gs.InnerLoop,
         )),
         "asking": lambda: describe_python(

@@ -15,8 +15,8 @@ from groundstation.core.control.attitude import (
     clamp_command,
     half_angle_error,
     length,
-    push,
     sine_error,
+    specific_thrust,
     turning,
 )
 from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate

@@ -1,10 +1,10 @@
-"""Attitude control: from a wanted push to body rates, and to a decision within the vehicle's
-limits.
+"""Attitude control: from a wanted acceleration to thrust and body rates, and to a decision within
+the vehicle's limits.
 
-It serves every controller that does not backstep through the attitude. The push F [m/s², NED] is
-the specific thrust, (T/m) R e3, along the body's z axis; the rotors accelerate the vehicle by -F.
-With the disturbance d, acceleration = g e3 + d - F, so F = g e3 + d - a_wanted, T = m |F|, and R e3
-along F. Floats only.
+It serves every controller that does not backstep through the attitude. The specific thrust is F =
+(T/m) R e3 [m/s², NED], along the body's z axis; the rotors accelerate the vehicle by -F. With the
+disturbance d, acceleration = g e3 + d - F, so F = g e3 + d - a_wanted, T = m |F|, and R e3 along F.
+Floats only.
 """
 
 import math
@@ -25,8 +25,8 @@ from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 TILT_LIMIT_RAD = math.radians(45.0)
-"""Largest tilt of F where the caller names none [rad]: enough to hold and brake against a wind of
-8 m/s²."""
+"""Largest tilt of F where the caller names none [rad]: enough to hold and brake against a
+disturbance of 8 m/s²."""
 LEAST_DOWN_M_S2 = 1.0
 """Least downward part of F [m/s²]: the vehicle stays upright, and falls by g - 1 m/s² at most.
 Chosen."""
@@ -35,12 +35,16 @@ LEAST_HALF_ANGLE = 1e-6
 Rounding."""
 
 
-def push(
+def specific_thrust(
     wanted: Vec3, disturbance: Vec3, gravity: float, tilt_limit: float = TILT_LIMIT_RAD
 ) -> tuple[Vec3, bool]:
-    """F for a wanted acceleration [m/s², NED], tilted by ``tilt_limit`` [rad] at most.
+    """Return F for a ``wanted`` acceleration, and whether it was limited.
 
-    True if it was limited.
+    Args:
+        wanted: acceleration [m/s², NED].
+        disturbance: acceleration by all but thrust and weight [m/s², NED].
+        gravity: g [m/s²].
+        tilt_limit: largest angle between F and down [rad].
     """
     x, y = disturbance[0] - wanted[0], disturbance[1] - wanted[1]
     z = gravity + disturbance[2] - wanted[2]

@@ -36,8 +36,8 @@ from groundstation.core.control.attitude import (
     half_angle_error,
     length,
     make_decision,
-    push,
     sine_error,
+    specific_thrust,
     turning,
 )
 from groundstation.core.control.backstepping import clamp_each, yaw_rate
@@ -128,17 +128,18 @@ class InnerLoop:
         reference: Reference,
         interval_s: float,
         *,
-        push: Vec3,
+        specific_thrust: Vec3,
         turn: tuple[float, float],
         disturbance: Vec3,
     ) -> Decision:
-        """Decide on the thrust m |push| and the body rates ``turn`` about x and y [rad/s].
+        """Decide on the thrust m |F| and the body rates ``turn`` about x and y [rad/s].
 
         Args:
             estimate: state at the instant at which the command acts.
             reference: reference at that instant.
             interval_s: time since the last command [s].
-            push: wanted (T/m) R e3 [m/s², NED]: points down, as e3 does, and acts against it.
+            specific_thrust: wanted F = (T/m) R e3 [m/s², NED]: points down, as e3 does; the rotors
+                accelerate the vehicle by -F.
             turn: wanted body rates about x and y [rad/s].
             disturbance: the controller's own disturbance estimate, for the record [m/s², NED].
         """
@@ -152,7 +153,11 @@ class InnerLoop:
             self._gains.k_yaw,
             self._limits.rates[2],
         )
-        wanted = [self._vehicle.mass_kg / estimate.effectiveness * length(push), *turn, heading]
+        wanted = [
+            self._vehicle.mass_kg / estimate.effectiveness * length(specific_thrust),
+            *turn,
+            heading,
+        ]
         if self._gains.actuator_compensation:
             wanted = self._lead([motion.thrust, *motion.rates], wanted, interval_s)
         thrust, x, y, z = wanted
@@ -163,9 +168,9 @@ class InnerLoop:
             thrust,
             (x, y, self._limits.limit_yaw(motion.rates[2], z)),
             wanted=(
-                disturbance[0] - push[0],
-                disturbance[1] - push[1],
-                gravity + disturbance[2] - push[2],
+                disturbance[0] - specific_thrust[0],
+                disturbance[1] - specific_thrust[1],
+                gravity + disturbance[2] - specific_thrust[2],
             ),
             disturbance=disturbance,
         )
@@ -300,15 +305,15 @@ def track_on_se3(
     ea = subtract(now, feed)
     feedback = subtract(add_scaled(add_scaled(feed, -kx, ex), -kv, ev), counteracted)
     slope = subtract(add_scaled(add_scaled(reference.jerk_ned, -kx, ev), -kv, ea), counteracted_dot)
-    air = scale(-vehicle.drag_per_s, motion.velocity)
-    along, _ = push(feedback, air, gains.gravity, math.radians(gains.tilt_limit_deg))
+    by_drag = scale(-vehicle.drag_per_s, motion.velocity)
+    along, _ = specific_thrust(feedback, by_drag, gains.gravity, math.radians(gains.tilt_limit_deg))
     x, y = sine_error(motion.attitude, along)
     wx, wy = turning(motion.attitude, along, scale(-1.0, slope))
     return inner_loop.decide(
         estimate,
         reference,
         interval_s,
-        push=along,
+        specific_thrust=along,
         turn=(wx + gains.k_attitude * x, wy + gains.k_attitude * y),
         disturbance=counteracted,
     )
@@ -357,7 +362,7 @@ class L1Controller(BaselineController[L1]):
     piecewise-constant adaptation σ̂ = -Φ⁻¹ e^(A_s T_s) ṽ, Φ = A_s⁻¹ (e^(A_s T_s) - 1); counteracted
     is what a low-pass filter C(s) lets through. The vehicle takes body rates, not moments: so the
     predictor is of the velocity alone, and the forces across the thrust, which L1Quad leaves to the
-    outer loop, are counteracted by the push, too.
+    outer loop, are counteracted by the thrust, too.
     """
 
     _predicted: Vec3 | None = None  # takes the first velocity that comes
@@ -460,8 +465,10 @@ class PidController(BaselineController[Pid]):
         wanted = add_scaled(
             add(add_scaled(reference.acceleration_ned, p, error), integral), -d, now
         )
-        air = scale(-drag, motion.velocity)
-        along, is_limited = push(wanted, air, gains.gravity, math.radians(gains.tilt_limit_deg))
+        by_drag = scale(-drag, motion.velocity)
+        along, is_limited = specific_thrust(
+            wanted, by_drag, gains.gravity, math.radians(gains.tilt_limit_deg)
+        )
         if not (is_limited or self._saturated):  # else it would wind up
             grown = add_scaled(integral, interval_s * gains.i_velocity, error)
             self._integral = clamp_each(FLOATS, grown, gains.integral_bound)
@@ -470,7 +477,7 @@ class PidController(BaselineController[Pid]):
             estimate,
             reference,
             interval_s,
-            push=along,
+            specific_thrust=along,
             turn=(gains.p_attitude * x, gains.p_attitude * y),
             disturbance=scale(-1.0, integral),
         )
@@ -536,17 +543,17 @@ class IndiController(BaselineController[Indi]):
         wanted = add_scaled(feed, kx, subtract(reference.position_ned, motion.position))
         wanted = add_scaled(wanted, kv, subtract(reference.velocity_ned, motion.velocity))
         wanted = add_scaled(wanted, ka, subtract(feed, filtered))
-        # The increment: the thrust vector changes by the error of the acceleration. `push` limits
-        # the tilt.
+        # The increment: the thrust vector changes by the error of the acceleration.
+        # `specific_thrust` limits the tilt.
         error, base = subtract(wanted, filtered), subtract(thrust, (0.0, 0.0, gains.gravity))
-        along, _ = push(error, base, gains.gravity, math.radians(gains.tilt_limit_deg))
+        along, _ = specific_thrust(error, base, gains.gravity, math.radians(gains.tilt_limit_deg))
         x, y = half_angle_error(motion.attitude, along)
         wx, wy = turning(motion.attitude, along, scale(-1.0, reference.jerk_ned))
         return self._inner_loop.decide(
             estimate,
             reference,
             interval_s,
-            push=along,
+            specific_thrust=along,
             turn=(wx + gains.k_attitude * x, wy + gains.k_attitude * y),
             disturbance=estimate.disturbance,
         )

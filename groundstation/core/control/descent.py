@@ -3,10 +3,10 @@
 No position, no adaptation, no reference. Sans-IO.
 
 The commanded acceleration takes the velocity to (0, 0, sink), with limited tilt; the attitude
-follows it by its sine error. Position is not held: the vehicle drifts with the error of the wind
-estimate. A wrong estimate must not make it climb: an integral of the sink rate's error outweighs
-it. A blind descent takes the velocity from the model, leaning into the wind known before; thrust is
-slightly less than hover thrust, and decreases with time.
+follows it by its sine error. Position is not held: the vehicle drifts with the error of the
+estimated disturbance. A wrong estimate must not make it climb: an integral of the sink rate's error
+outweighs it. A blind descent takes the velocity from the model, leaning against the disturbance
+known before; thrust is slightly less than hover thrust, and decreases with time.
 
 Half and double of a constant were flown by `groundstation-sim dev faults paper --state descent`
 with `--fault gust`, which as they are goes 1.18 m aside, `--fault "motors: 70 %"`, which meets the
@@ -19,7 +19,7 @@ take-off`, 1.18 m/s.
 import math
 from operator import mul
 
-from groundstation.core.control.attitude import make_decision, push, sine_error
+from groundstation.core.control.attitude import make_decision, sine_error, specific_thrust
 from groundstation.core.geometry import ZERO, Quat, Vec3, third_column
 from groundstation.core.messages import Decision, Estimate
 from groundstation.core.trajectory import Reference
@@ -37,10 +37,10 @@ BLIND_ATTITUDE_GAIN = 8.0
 """Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a
 vehicle that leans along its velocity is turned within .4 s. Half: north-west 5.32 m; double:
 5.05 m."""
-WIND_LIMIT_M_S2 = 8.0
+DISTURBANCE_LIMIT_M_S2 = 8.0
 """Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8. Half
 and double: no change."""
-WIND_DOWN_LIMIT_M_S2 = 4.0
+DISTURBANCE_DOWN_LIMIT_M_S2 = 4.0
 """Largest vertical disturbance that is compensated, down or up [m/s²]: rotors at 0.7 of their
 thrust have the effect of 4.2. Half: motors 1.66 m/s; double: 0.29 m/s."""
 LARGEST_RISE_SHARE = 0.24
@@ -53,19 +53,19 @@ INTEGRAL_GAIN = 1.0
 """Acceleration per integral of the sink rate's error [1/s²]. Half: motors 0.71 m/s; double:
 0.23 m/s."""
 INTEGRAL_LIMIT_M_S2 = 6.0
-"""Largest acceleration of that integral [m/s²]: more than ``WIND_DOWN_LIMIT_M_S2``, so that it
-outweighs a wrong estimate. Half and double: no change."""
+"""Largest acceleration of that integral [m/s²]: more than ``DISTURBANCE_DOWN_LIMIT_M_S2``, so
+that it outweighs a wrong estimate. Half and double: no change."""
 THRUST_LIMIT_DOWN_M_S2 = 3.0
 """Largest downward disturbance that raises the limit of the thrust, with valid poses [m/s²]: that
 limit is 15.9 m/s² then, and rotors at 0.7 of their thrust hover at 14.0. Half: motors 1.38 m/s;
 double: no change."""
-WIND_S = 0.3
+DISTURBANCE_MEAN_S = 0.3
 """Time constant of the mean horizontal disturbance [s]: late or false poses make the estimate
 oscillate. Half: gust 0.90 m, late 1.46 m aside for 1.31 m; double: 1.58 m, late 1.18 m."""
-WIND_DOWN_S = 1.0
+DISTURBANCE_DOWN_MEAN_S = 1.0
 """Time constant of the mean vertical disturbance [s]; as above. Half: motors 0.53 m/s,
 late 0.90 m/s; double: 1.27 m/s, late 0.56 m/s."""
-WIND_DOWN_DROP_M_S2 = 1.5
+DISTURBANCE_DROP_M_S2 = 1.5
 """Largest drop of the vertical disturbance below its mean that is compensated at once [m/s²]: a
 frozen height makes a larger one. Half: late 0.52 m/s; double: 1.24 m/s."""
 BLIND_PULL_M_S2 = 0.5
@@ -84,7 +84,7 @@ rate beyond the planned one, as a large tilt costs height [1/s]. Half: take-off 
 BLIND_LIFT_M_S = 0.7
 """Integral of its upward part over a blind descent [m/s]: the model has no floor and falls on.
 Half: z 1.99 m/s; double: 1.13 m/s."""
-BLIND_WIND_DOWN_M_S2 = 1.5
+BLIND_DISTURBANCE_DOWN_M_S2 = 1.5
 """Largest vertical disturbance that is compensated in a blind descent, down or up [m/s²].
 Half and double: no change."""
 BLIND_MEAN_SINK_M_S = 0.7
@@ -115,12 +115,13 @@ def blind_descent_limit_s(height_m: float, climb_m_s: float, gravity: float) -> 
     return height_m / BLIND_MEAN_SINK_M_S + more_s
 
 
-def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
-    """Return the body rates [rad/s] that level the vehicle into ``wind`` [m/s², NED].
+def level(attitude: Quat, disturbance: Vec3, gravity: float) -> Vec3:
+    """Return the body rates [rad/s] that level the vehicle, leaning against ``disturbance``
+    [m/s², NED].
 
     ``gravity`` is g [m/s²].
     """
-    along, _ = push(ZERO, wind, gravity)
+    along, _ = specific_thrust(ZERO, disturbance, gravity)
     return *_turn(attitude, along, ATTITUDE_GAIN), 0.0
 
 
@@ -150,7 +151,7 @@ class Descent:
         self,
         vehicle: Vehicle,
         gravity: float,
-        wind: Vec3,
+        disturbance: Vec3,
         effectiveness: float,
         commanded_sink_m_s: float = 0.0,
         present_sink_m_s: float = 0.0,
@@ -160,7 +161,7 @@ class Descent:
         Args:
             vehicle: as configured.
             gravity: g [m/s²].
-            wind: recent mean disturbance [m/s², NED].
+            disturbance: its recent mean [m/s², NED].
             effectiveness: thrust scale before the poses were suspect [-].
             commanded_sink_m_s: commanded sink rate [m/s].
             present_sink_m_s: present sink rate by the model [m/s].
@@ -168,7 +169,7 @@ class Descent:
         self._vehicle = vehicle
         self._gravity = gravity
         self._effectiveness = effectiveness
-        self.wind = wind
+        self.mean_disturbance = disturbance
         """Mean disturbance [m/s², NED]; in a blind descent that at its beginning."""
         self.sink_m_s = commanded_sink_m_s
         """Commanded sink rate of a descent that is not blind [m/s]."""
@@ -185,44 +186,49 @@ class Descent:
         """Compute one command."""
         motion, vehicle, g = estimate.motion, self._vehicle, self._gravity
         if self.blind:
-            wind = self._limit_wind(self.wind[2], BLIND_WIND_DOWN_M_S2)
+            mean_down = self.mean_disturbance[2]
+            disturbance = self._limit_disturbance(mean_down, BLIND_DISTURBANCE_DOWN_M_S2)
             wanted = self._accelerate_blind(motion.velocity, interval_s)
-            gain, limit = BLIND_ATTITUDE_GAIN, BLIND_WIND_DOWN_M_S2
+            gain, limit = BLIND_ATTITUDE_GAIN, BLIND_DISTURBANCE_DOWN_M_S2
             effectiveness = self._effectiveness
         else:
-            self._average_wind(estimate.disturbance, interval_s)
-            down = max(self.wind[2] - WIND_DOWN_DROP_M_S2, estimate.disturbance[2])
-            wind = self._limit_wind(down, WIND_DOWN_LIMIT_M_S2)
+            self._average_disturbance(estimate.disturbance, interval_s)
+            mean_down = self.mean_disturbance[2]
+            down = max(mean_down - DISTURBANCE_DROP_M_S2, estimate.disturbance[2])
+            disturbance = self._limit_disturbance(down, DISTURBANCE_DOWN_LIMIT_M_S2)
             wanted = self._accelerate(motion.velocity, reference.velocity_ned, interval_s)
             gain, limit = ATTITUDE_GAIN, THRUST_LIMIT_DOWN_M_S2
             effectiveness = estimate.effectiveness
-        along, _ = push(wanted, wind, g)
+        along, _ = specific_thrust(wanted, disturbance, g)
         roll, pitch = _turn(motion.attitude, along, gain)
         # The part of the acceleration along the body's axis: no thrust while the vehicle leans the
         # other way.
         lift = max(0.0, sum(map(mul, along, third_column(motion.attitude))))
-        lift = min(lift, (1.0 + LARGEST_RISE_SHARE) * (g + max(-limit, min(self.wind[2], limit))))
+        lift = min(lift, (1.0 + LARGEST_RISE_SHARE) * (g + max(-limit, min(mean_down, limit))))
         thrust_n = vehicle.mass_kg / effectiveness * lift
         return make_decision(
             vehicle, estimate, reference, thrust_n, (roll, pitch, 0.0), wanted=wanted
         )
 
-    def _average_wind(self, disturbance: Vec3, interval_s: float) -> None:
+    def _average_disturbance(self, disturbance: Vec3, interval_s: float) -> None:
         """Take the estimated disturbance [m/s², NED] into its mean."""
-        (north, east, down), (x, y, z) = self.wind, disturbance
-        aside = interval_s / (interval_s + WIND_S)
-        vertical = interval_s / (interval_s + WIND_DOWN_S)
-        self.wind = (
+        (north, east, down), (x, y, z) = self.mean_disturbance, disturbance
+        aside = interval_s / (interval_s + DISTURBANCE_MEAN_S)
+        vertical = interval_s / (interval_s + DISTURBANCE_DOWN_MEAN_S)
+        self.mean_disturbance = (
             north + aside * (x - north),
             east + aside * (y - east),
             down + vertical * (z - down),
         )
 
-    def _limit_wind(self, down_m_s2: float, limit_m_s2: float) -> Vec3:
+    def _limit_disturbance(self, down_m_s2: float, limit_m_s2: float) -> Vec3:
         """Return the disturbance that is compensated [m/s², NED], ``down_m_s2`` of it within
         ±``limit_m_s2``.
         """
-        north, east = (max(-WIND_LIMIT_M_S2, min(WIND_LIMIT_M_S2, d)) for d in self.wind[:2])
+        north, east = (
+            max(-DISTURBANCE_LIMIT_M_S2, min(DISTURBANCE_LIMIT_M_S2, d))
+            for d in self.mean_disturbance[:2]
+        )
         return north, east, max(-limit_m_s2, min(down_m_s2, limit_m_s2))
 
     def _accelerate(self, velocity: Vec3, wanted: Vec3, interval_s: float) -> Vec3:

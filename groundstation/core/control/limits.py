@@ -32,13 +32,13 @@ the poses (``ClimbMonitor``) compares the height with the thrust directly, as th
 is known."""
 FIRST_CLIMB_COSINE = math.cos(math.radians(30.0))
 """Cosine of the largest tilt in the first second of a climb, whose response is not known yet [-]:
-it holds against a wind of 5.7 m/s²."""
+it holds against a disturbance of 5.7 m/s²."""
 LEAST_THRUST_SHARE = 0.7
 """Least thrust in transit, climb and landing as a share of the hover thrust [-]: the vehicle falls
 at .3 g at most, and thrust may still become low enough for touchdown.LOW_SHARE."""
 TRANSIT_COSINE = math.cos(math.radians(40.0))
-"""Cosine of the largest tilt in transit, climb and landing [-]: it holds against a wind of 8 m/s²,
-and follows a mirrored position at .84 g at most."""
+"""Cosine of the largest tilt in transit, climb and landing [-]: it holds against a disturbance
+of 8 m/s², and follows a mirrored position at .84 g at most."""
 RATE_GAIN_PER_S = Gains().k_omega
 """Decay of body rates under another controller than ours [1/s]: our own k_ω."""
 LEAST_SINE = 1e-3
@@ -68,7 +68,7 @@ class LimitInput(NamedTuple):
     """Position of the newest pose [m, NED]."""
     estimate: Estimate
     """State at the instant at which the command acts."""
-    wind: Vec3
+    mean_disturbance: Vec3
     """Mean disturbance of the last seconds [m/s², NED]."""
     is_uplink_lost: bool = False
     """Whether commands may not arrive."""
@@ -127,7 +127,9 @@ class FirstClimbLimit(Limit):
 
 
 class TiltLimit(Limit):
-    """Tilt in transit: false poses accelerate the vehicle sideways no harder than wind needs."""
+    """Tilt in transit: false poses accelerate the vehicle sideways no harder than a
+    disturbance needs.
+    """
 
     def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
         super().__init__(vehicle, config)
@@ -150,7 +152,7 @@ class ThrustLimit(Limit):
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
         """Return ``drive`` with thrust between both bounds; see :class:`Limit`."""
-        down_m_s2, cosine = now.wind[2], now.least_cosine
+        down_m_s2, cosine = now.mean_disturbance[2], now.least_cosine
         per_m_s2 = self._vehicle.mass_kg / now.estimate.effectiveness
         # A downward gust may be over by now: its mean would hold the vehicle up.
         least = min(
@@ -176,7 +178,7 @@ class LevelNearGround(Limit):
         """Return ``drive`` with rates towards level; see :class:`Limit`."""
         if not self.may_have_contact:
             return drive
-        rates = level(now.estimate.motion.attitude, now.wind, self._gravity)
+        rates = level(now.estimate.motion.attitude, now.mean_disturbance, self._gravity)
         return clamp_command(self._vehicle, drive.thrust, rates)[0]
 
 

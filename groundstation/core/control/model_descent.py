@@ -15,7 +15,7 @@ aside.
 
 import math
 
-from groundstation.core.control.attitude import clamp_command, length, push, sine_error
+from groundstation.core.control.attitude import clamp_command, length, sine_error, specific_thrust
 from groundstation.core.control.bring_down import LIFTING_COSINE, OFF, SETTLE_S, SINK_S
 from groundstation.core.geometry import FLOATS, Vec3, third_column
 from groundstation.core.messages import ROUNDING_S
@@ -86,7 +86,7 @@ def plan_model_descent(
         vehicle: as configured; its limits and lags apply.
         mass_kg: effective mass m/λ̂ [kg].
         gravity: g [m/s²].
-        disturbance: mean wind [m/s², NED].
+        disturbance: its mean before [m/s², NED].
         height_m: above the floor [m].
     """
     lightest, heaviest = PLANNED_WEIGHT_RANGE
@@ -104,7 +104,7 @@ def plan_model_descent(
             LARGEST_SINK_M_S,
         )
         wanted = (-SPEED_GAIN * north, -SPEED_GAIN * east, SINK_GAIN * (fastest - sinking))
-        along, _ = push(wanted, disturbance, gravity, LARGEST_TILT_RAD)
+        along, _ = specific_thrust(wanted, disturbance, gravity, LARGEST_TILT_RAD)
         roll, pitch = sine_error(motion.attitude, along)
         # Only the plan's own sink rate is braked, and nothing where the vehicle may be on the
         # floor.

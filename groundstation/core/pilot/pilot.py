@@ -245,20 +245,20 @@ class Pilot:
             self._coast += rest_s
         if state.descent is None or (blind and not state.descent.blind):
             state.estimator.frozen = True  # no thrust scale from poses that may be false
-            wind = state.wind.value or before.disturbance
+            disturbance = state.mean_disturbance.value or before.disturbance
             if blind:
                 # A force that the poses have shown since is not believed, even if nothing
                 # contradicts them: a hand that covers the markers has pushed before.
-                wind = before.disturbance
+                disturbance = before.disturbance
                 motion = state.estimator.motion or before.motion
                 if not state.health.is_position_usable:
                     motion = state.reckoning.reckon(before, state.newest_s)
-                state.estimator.believe(motion, wind, before.effectiveness)
+                state.estimator.believe(motion, disturbance, before.effectiveness)
             sinks = state.estimator.predict(
                 max(self._last_s or 0.0, state.newest_s)
             ).motion.velocity[2]
             state.descent = Descent(
-                self._vehicle, self._gravity, wind, before.effectiveness, sink_m_s, sinks
+                self._vehicle, self._gravity, disturbance, before.effectiveness, sink_m_s, sinks
             )
         state.descent.sink_m_s = sink_m_s
         state.descent.blind = blind
@@ -298,28 +298,27 @@ class Pilot:
         self._last_s = time_s
         decide = self._decide if descent is None else descent.decide
         decision = decide(toneless, reference, interval)
-        pose_down_m, wind = pose.position_ned[2], state.wind.value or ZERO
         now = LimitInput(
             time_s,
             self._limits.first_climb.lifted_s,
-            pose_down_m,
+            pose.position_ned[2],
             estimate,
-            wind,
+            state.mean_disturbance.value or ZERO,
             state.is_uplink_lost,
         )
         limits = self._profile.limits if descent is None else DESCENT_LIMITS
         drive = self._limits.apply(limits, decision.drive, now)
         if descent is None and self._limits.first_climb.lifted_s > -math.inf:
-            state.suspect_new_wind(time_s, estimate)
+            state.suspect_new_disturbance(time_s, estimate)
         decision = decision._replace(drive=self._excite(time_s, drive))
         state.reference_down_m = reference.position_ned[2]
         state.add_command(time_s, decision.drive)
         if self._driver is not None:
             state.estimator.drive(self._driver.b_hat)
-        wind = state.wind.add(estimate, interval, is_suspect=state.health.is_suspect)
+        mean = state.mean_disturbance.add(estimate, interval, is_suspect=state.health.is_suspect)
         if descent is not None and descent.blind:
-            wind = descent.wind
-        parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
+            mean = descent.mean_disturbance  # that of before: the poses since are not believed
+        parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, mean)
         certificate = self._watch.look(time_s, toneless.motion, decision)
         command = self._command(decision.drive, parts)
         tick = Tick(time_s, flight_time, pose, estimate, reference, decision, command, certificate)

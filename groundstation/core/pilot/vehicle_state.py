@@ -20,7 +20,7 @@ from groundstation.core.health import (
 from groundstation.core.messages import Estimate, Pose
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
-WIND_MEMORY_S = 3.0
+DISTURBANCE_MEMORY_S = 3.0
 """Time constant of the mean disturbance that descents lean into [s]: longer than a gust, and than
 false poses are believed."""
 SPARSE_MEAN_S = 1.0
@@ -34,8 +34,8 @@ NOISE_POSES = 50
 
 
 class MeanDisturbance:
-    """Mean disturbance since the beginning, later of the last ``WIND_MEMORY_S``, for the present
-    λ̂.
+    """Mean disturbance since the beginning, later of the last ``DISTURBANCE_MEMORY_S``, for the
+    present λ̂.
     """
 
     def __init__(self, gravity: float) -> None:
@@ -62,7 +62,7 @@ class MeanDisturbance:
         if self.value is None:
             self.value = now
         elif interval_s > 0.0:
-            self._over_s = min(self._over_s + interval_s, WIND_MEMORY_S)
+            self._over_s = min(self._over_s + interval_s, DISTURBANCE_MEMORY_S)
             share = interval_s / (interval_s + self._over_s)
             self.value = interpolate(self.value, now, share)
         if not is_suspect:
@@ -113,7 +113,7 @@ class VehicleState:
         """Health of the poses."""
         self.response = ResponseLatency()
         """Latency of the vehicle's turns beyond the configured one."""
-        self.wind = MeanDisturbance(config.gravity)
+        self.mean_disturbance = MeanDisturbance(config.gravity)
         """Mean disturbance of the last seconds."""
         self.reckoning = Reckoning(vehicle, config.gravity)
         """Motion by the commands alone."""
@@ -262,14 +262,14 @@ class VehicleState:
         self.estimator.hold(trusted.disturbance, trusted.effectiveness)
         self.health.restart()
 
-    def suspect_new_wind(self, time_s: float, estimate: Estimate) -> None:
-        """Suspect the poses where the disturbance is new: it is wind, or motion that false poses do
+    def suspect_new_disturbance(self, time_s: float, estimate: Estimate) -> None:
+        """Suspect the poses where the disturbance is new: it is true, or motion that false poses do
         not measure.
 
         Near the floor it is the floor's force.
         """
         is_high = self._floor - estimate.motion.position[2] > NEAR_FLOOR_M
-        known = self.wind.value if is_high else None
+        known = self.mean_disturbance.value if is_high else None
         if known is not None and math.dist(estimate.disturbance, known) > SUSPECT_M_S2:
             self.health.suspect(time_s)
 
@@ -327,13 +327,13 @@ class VehicleState:
         evaluate()
         if was_suspect and health.state is HealthState.OK:
             if health.is_confirmed:
-                self.wind.confirm()
+                self.mean_disturbance.confirm()
             if not self.is_uplink_lost:
                 self.estimator.resume()
         if turned is not None:
             self.response.add_pose(turned, health.turn, dt)
         if health.calm_s == now.time_s and not self.is_uplink_lost:
-            self.reckoning.trust(now._replace(disturbance=self.wind.value or ZERO))
+            self.reckoning.trust(now._replace(disturbance=self.mean_disturbance.value or ZERO))
 
     def trusted_before(self) -> Trusted:
         """Newest estimate from well before the poses were suspect."""

@@ -1,8 +1,8 @@
 """Demand of a trajectory in still air against the limits of vehicle and operator. Pure.
 
-To follow the acceleration a and jerk j with the heading ψ, the rotors must push F = g e3 - a per
-mass (section 1 of docs/explanation/law.md): thrust m |F|, tilted by the angle between F and e3,
-turning with F's direction z,
+To follow the acceleration a and jerk j with the heading ψ, the specific thrust must be F = g e3 - a
+(section 1 of docs/explanation/law.md): thrust m |F|, tilted by the angle between F and e3, turning
+with F's direction z,
     z˙ = -(j - (z·j) z) / |F|,    ω1 = -y·z˙,    ω2 = x·z˙,    ω3 = (cosθ ψ˙ - sinφ ω2) / cosφ
 about the body axes x, y, z of that direction and heading.
 """
@@ -44,7 +44,7 @@ class MotionDemand(NamedTuple):
     """[m/s²]."""
     tilt: Real
     """[deg]."""
-    push: Real
+    specific_thrust: Real
     """Thrust per mass [m/s²]."""
     rates: Vec3
     """Body rates [deg/s]."""
@@ -96,8 +96,8 @@ def demands(
 
     ``looks`` are at ``times`` [s].
     """
-    speed, acceleration, tilt, push, rates = zip(*looks, strict=True)
-    thrust = [vehicle.mass_kg * value for value in push]
+    speed, acceleration, tilt, specific_thrust, rates = zip(*looks, strict=True)
+    thrust = [vehicle.mass_kg * value for value in specific_thrust]
     kept = limits.reserve * (vehicle.thrust_max_n - vehicle.thrust_min_n)
     reserved = " and limits.reserve"
 

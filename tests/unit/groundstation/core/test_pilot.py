@@ -11,8 +11,8 @@ from groundstation.core.control import (
     TRANSIT,
     FlightProfile,
     Gains,
-    push,
     sine_error,
+    specific_thrust,
 )
 from groundstation.core.geometry import IDENTITY, ZERO, Quat
 from groundstation.core.health import PoseHealth
@@ -50,7 +50,7 @@ def test_what_may_stand_is_only_levelled_however_far_it_is_from_its_reference(
     for _ in range(3):
         flies.set_ground_contact(True)
     tick = flies.compute_command(0.0)
-    roll, pitch = sine_error(tick.estimate.motion.attitude, push(ZERO, ZERO, G)[0])
+    roll, pitch = sine_error(tick.estimate.motion.attitude, specific_thrust(ZERO, ZERO, G)[0])
     thrust, (p, q, r) = tick.decision.drive
     back = (p * roll + q * pitch) / math.hypot(roll, pitch)
     # Nothing but that, save for the limits of the rates.

@@ -11,7 +11,7 @@ from groundstation.core.control import (
     Gains,
     acceleration,
     make_controller,
-    push,
+    specific_thrust,
     yaw_rate,
 )
 from groundstation.core.control.adaptive import Uncompensated, move_back
@@ -162,7 +162,7 @@ def make_estimate(motion: dict[str, Any] | None = None, disturbance: Vec3 = ZERO
 def test_thrust_along_the_push_gives_the_wanted_acceleration(
     q: Quat, wanted: Vec3, wind: Vec3
 ) -> None:
-    along, cut = push(wanted, wind, G, math.radians(80.0))
+    along, cut = specific_thrust(wanted, wind, G, math.radians(80.0))
     x, y, z = along
     assert not cut
     assert (wind[0] - x, wind[1] - y, G + wind[2] - z) == pytest.approx(wanted, abs=1e-9)
@@ -175,7 +175,7 @@ def test_thrust_along_the_push_gives_the_wanted_acceleration(
 
 @given(st.tuples(*(st.floats(-300.0, 300.0),) * 3))
 def test_a_push_is_never_tilted_beyond_its_limit_nor_upside_down(wanted: Vec3) -> None:
-    (x, y, z), cut = push(wanted, ZERO, G, math.radians(30.0))
+    (x, y, z), cut = specific_thrust(wanted, ZERO, G, math.radians(30.0))
     assert z >= 1.0
     assert math.hypot(x, y) <= z * math.tan(math.radians(30.0)) * (1.0 + 1e-12)
     if (
