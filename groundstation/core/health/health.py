@@ -28,12 +28,12 @@ from groundstation.core.health.pose_response import (
     BLOCK_S,
     BLOCKS,
     DIAGONAL,
+    LEAST_DISPLACEMENT_M,
     LEAST_TURN_RAD,
-    LEAST_WAY_M,
     LINE,
     OWN_HEIGHT,
+    OWN_LATERAL,
     OWN_TURN,
-    OWN_WAY,
     PASS_RAD_S,
     PLANE,
     POSE_GAP_S,
@@ -76,11 +76,12 @@ are suspect [m/s²]: gusts of `storm` come to 1.6."""
 SUSPECT_S = 1.0
 """Longest duration of ``SUSPECT`` [s]."""
 SETTLE_S = 1.5 / PASS_RAD_S
-"""Time until the initial speed of the high pass, known to .1 m/s, has no more effect [s]."""
+"""Time after which an error of the initial speed of .1 m/s is less than 1.5 mm behind the high pass
+[s]."""
 
 OUTAGE_INTERVALS = 3.0
-"""Interval from which a pose is after an outage, and not evaluated, in mean intervals [-]: a window
-of .4 s would depend on one sample of gust and tone."""
+"""Interval of poses, in mean intervals, from which a pose is not evaluated [-]: after an outage it
+alone would decide the shortest window."""
 INTERVAL_SHARE = 0.2
 """Weight of the newest interval in their mean [-]."""
 
@@ -91,23 +92,23 @@ SPEED_S = 0.05
 """Time over which the speed before that is measured [s]: the model's alone is wrong after an outage
 in gusts, and a difference of two poses is noise."""
 STOPPED_POSES = 4
-"""Least number of poses at a constant position [-]: two poses around an outage may agree by
-chance."""
+"""Least number of poses at a constant position, after the first [-]: two poses around an outage may
+agree by chance."""
 DRIVEN_S = 0.3
 """Time for which the position of a vehicle at rest must be constant, though commands accelerate it,
 to be suspect [s]: wind that the law rejects has the same effect."""
 DRIVEN_M_S2 = 1.5
 """Mean acceleration of the model meanwhile, beside the wind before, from which the position is
 frozen [m/s²]: wind that the law rejected came to 1.10 in 60 flights of `adverse` and `storm`."""
-DRIVEN_WAYS = 10.0
+DRIVEN_RANGES = 10.0
 """Displacement of the model meanwhile, as a multiple of the range that counts as constant [-]."""
 STOP_S = 2.0 * DRIVEN_S
 """Time after which a constant position is a vehicle at rest, not a stop [s]: the model would drift
 from it."""
 STOPPED_M_S = 0.15
-"""Least speed before a stop, and of the model since [m/s]: only a collision takes so much within a
-pose; less is explained by wind. Where noise hides more than 1 mm, the speed counts that a push
-turns back within it."""
+"""Least speed before a stop, and of the model since [m/s]: wind takes less from a vehicle within
+one pose, and only a collision takes more. Where positions within more than 1 mm count as constant,
+it is the speed that ``PUSH_M_S2`` turns back within that range."""
 MISTIMED_S = 0.025
 """Delay of the commands that may be configured wrong [s], and so the model's speed by as much of
 its acceleration: a radio's frame period (`alarms --floors`)."""
@@ -121,26 +122,94 @@ YAW_LATE_S = 0.55
 (`autopilots`)."""
 
 BEHIND_M = 0.06
-"""Height that may be missing there, beside noise [m]: the error of the hover thrust at lift-off."""
+"""Height by which a climb may be behind its thrust just off the floor, beside noise [m]: the error
+of the hover thrust at lift-off."""
 BEHIND_M_S2 = 1.2
-"""Vertical acceleration that may be missing there [m/s²]: ground effect and vertical wind."""
+"""Vertical acceleration by which it may be behind [m/s²]: ground effect and vertical wind."""
 
 
-class Standstill(NamedTuple):
-    """One direction: the position at which it is constant, and the model's motion since then."""
+class StandstillMonitor:
+    """Position along one direction: does it stand still while the model moves on?"""
 
-    since_s: float
-    poses: int
-    """Poses since then."""
-    position_m: float
-    moved_m_s: float
-    """Speed before that, by the model and by the poses [m/s]: the smaller."""
-    disturbance_m_s2: float
-    """Disturbance before that: what is learnt later may be the fault itself."""
-    way_m: float
-    """Displacement of the model since then [m]."""
-    speed_m_s: float
-    """Speed of the model now [m/s]."""
+    def __init__(self) -> None:
+        self.since_s = -math.inf
+        """Instant since which the position is constant [s]."""
+        self.has_stopped = False
+        """Whether it moved before, or is accelerated meanwhile, so that it cannot stand still."""
+        self.is_driven = False
+        """Whether the model has moved far beyond noise since then."""
+        self._position_m = self._before_m_s = self._disturbance_m_s2 = 0.0
+        """Constant position; speed and disturbance before it: what is learnt later may be the fault
+        itself."""
+        self._model_m = self._model_m_s = 0.0
+        """Displacement of the model since then, and its speed now."""
+        self._poses = 0
+        """Poses at this position, after the first."""
+        self._recent: deque[tuple[float, float]] = deque()
+        """Instants [s] and positions [m] of the last ``SPEED_S``."""
+
+    def add_pose(
+        self,
+        time_s: float,
+        position_m: float,
+        model_m_s: float,
+        commanded_m_s2: float,
+        disturbance_m_s2: float,
+        dt_s: float,
+        range_m: float,
+    ) -> None:
+        """Take one pose.
+
+        Args:
+            time_s: its instant [s].
+            position_m: its position [m].
+            model_m_s: speed of the model at the pose before [m/s].
+            commanded_m_s2: mean acceleration since then by commands and gravity [m/s²].
+            disturbance_m_s2: estimated disturbance at the pose before [m/s²].
+            dt_s: time since then [s].
+            range_m: largest difference of positions that counts as constant [m].
+        """
+        measured_m_s = self._measure_speed(time_s, position_m, dt_s)
+        self.has_stopped = self.is_driven = False
+        is_same = abs(position_m - self._position_m) <= range_m
+        if is_same and time_s - self.since_s <= STOP_S:
+            acceleration_m_s2 = commanded_m_s2 + self._disturbance_m_s2
+            self._model_m += dt_s * (self._model_m_s + 0.5 * dt_s * acceleration_m_s2)
+            self._model_m_s += dt_s * acceleration_m_s2
+            self._poses += 1
+            self._judge(time_s - self.since_s, acceleration_m_s2, range_m)
+            return
+        self.since_s, self._position_m, self._poses = time_s, position_m, 0
+        self._disturbance_m_s2 = disturbance_m_s2
+        is_moving = model_m_s * measured_m_s > 0.0
+        self._before_m_s = min(model_m_s, measured_m_s, key=abs) if is_moving else 0.0
+        self._model_m = 0.0
+        self._model_m_s = self._before_m_s + dt_s * (commanded_m_s2 + disturbance_m_s2)
+
+    def _measure_speed(self, time_s: float, position_m: float, dt_s: float) -> float:
+        """Return the mean speed of the last ``SPEED_S`` by the poses [m/s]; 0 at first."""
+        recent = self._recent
+        while len(recent) > 1 and recent[1][0] <= time_s - SPEED_S:
+            recent.popleft()
+        then_s, then_m = recent[0] if recent else (time_s - dt_s, position_m)
+        recent.append((time_s, position_m))
+        return (position_m - then_m) / (time_s - then_s)
+
+    def _judge(self, lasts_s: float, acceleration_m_s2: float, range_m: float) -> None:
+        """Decide whether the model contradicts a position that has been constant for ``lasts_s``
+        [s].
+        """
+        if lasts_s < STOPPED_S or self._poses < STOPPED_POSES:
+            return
+        # PUSH_M_S2 turns a slower motion back within the range.
+        least_m_s = max(STOPPED_M_S, math.sqrt(2.0 * PUSH_M_S2 * range_m))
+        least_m_s += MISTIMED_S * abs(acceleration_m_s2)
+        least_m = max(3.0 * range_m, STOPPED_M_S * lasts_s)
+        if abs(self._model_m_s) <= least_m_s or abs(self._model_m) <= least_m:
+            return
+        self.is_driven = lasts_s >= DRIVEN_S and abs(self._model_m) > DRIVEN_RANGES * range_m
+        is_accelerated = self.is_driven and abs(self._model_m_s) > DRIVEN_M_S2 * lasts_s
+        self.has_stopped = abs(self._before_m_s) > least_m_s or is_accelerated
 
 
 class StopDetector:
@@ -149,60 +218,38 @@ class StopDetector:
     """
 
     def __init__(self) -> None:
-        self.is_driven = False
+        self._monitors = tuple(StandstillMonitor() for _ in _project((0.0, 0.0, 0.0)))
+
+    @property
+    def is_driven(self) -> bool:
         """Whether a position at rest stays constant, though the model moves on."""
-        self._stops: list[Standstill] = []
-        """One for each direction; empty before the first pose."""
-        self._recent = deque[tuple[float, tuple[float, ...]]]()
+        return any(monitor.is_driven for monitor in self._monitors)
 
     def add_pose(
-        self, pose: Pose, before: Motion, push: Vec3, disturbance: Vec3, dt_s: float, noise_m: float
+        self,
+        pose: Pose,
+        before: Motion,
+        commanded: Vec3,
+        disturbance: Vec3,
+        dt_s: float,
+        noise_m: float,
     ) -> float | None:
         """Take one pose; return since when a direction has been frozen [s], None if none is.
 
         Args:
             pose: the newest one.
             before: motion at the pose before it, which a stop has not affected yet.
-            push: mean acceleration since then by commands and gravity [m/s², NED].
+            commanded: mean acceleration since then by commands and gravity [m/s², NED].
             disturbance: estimated disturbance before the pose [m/s², NED].
             dt_s: time since then [s].
             noise_m: noise of positions, 1 sigma per axis [m].
         """
-        stopped_s, now_s, room_m, self.is_driven = None, pose.time_s, SIGNIFICANT * noise_m, False
-        # A push turns a slower motion back within it.
-        slow_m_s = max(STOPPED_M_S, math.sqrt(2.0 * PUSH_M_S2 * room_m))
-        positions, pushes = _project(pose.position_ned), _project(push)
-        others, speeds, recent = _project(disturbance), _project(before.velocity), self._recent
-        while len(recent) > 1 and recent[1][0] <= now_s - SPEED_S:
-            recent.popleft()
-        then_s, from_positions = recent[0] if recent else (now_s - dt_s, positions)
-        recent.append((now_s, positions))
-        stops, self._stops = self._stops, []
-        for i, position in enumerate(positions):
-            stop = stops[i] if stops else None
-            is_same = stop is not None and abs(position - stop.position_m) <= room_m
-            if stop is None or not is_same or now_s - stop.since_s > STOP_S:
-                began, other = speeds[i], others[i]
-                measured = (position - from_positions[i]) / (now_s - then_s)
-                moved = min(began, measured, key=abs) if began * measured > 0.0 else 0.0
-                speed = moved + dt_s * (pushes[i] + other)
-                self._stops.append(Standstill(now_s, 0, position, moved, other, 0.0, speed))
-                continue
-            since_s, poses, _, moved, other, way, speed = stop
-            pushed = pushes[i] + other
-            way, speed = way + dt_s * (speed + 0.5 * dt_s * pushed), speed + dt_s * pushed
-            self._stops.append(stop._replace(poses=poses + 1, way_m=way, speed_m_s=speed))
-            lasts_s = now_s - since_s
-            if lasts_s < STOPPED_S or poses < STOPPED_POSES - 1:
-                continue
-            least_m_s = slow_m_s + MISTIMED_S * abs(pushed)
-            if abs(speed) <= least_m_s or abs(way) <= max(3.0 * room_m, STOPPED_M_S * lasts_s):
-                continue
-            driven = lasts_s >= DRIVEN_S and abs(way) > DRIVEN_WAYS * room_m
-            self.is_driven |= driven
-            is_pushed = driven and abs(speed) > DRIVEN_M_S2 * lasts_s
-            if abs(moved) > least_m_s or is_pushed:
-                stopped_s = since_s
+        vectors = pose.position_ned, before.velocity, commanded, disturbance
+        stopped_s = None
+        for monitor, *along in zip(self._monitors, *map(_project, vectors), strict=True):
+            monitor.add_pose(pose.time_s, *along, dt_s, SIGNIFICANT * noise_m)
+            if monitor.has_stopped:
+                stopped_s = monitor.since_s
         return stopped_s
 
 
@@ -216,7 +263,7 @@ def _project(vector: Vec3) -> tuple[float, ...]:
 
 
 class YawMonitor:
-    """Mean yaw rate of late beyond the commanded ones."""
+    """Recent mean of the yaw rate beyond the commanded ones."""
 
     def __init__(self) -> None:
         self._commands: deque[tuple[float, float]] = deque()
@@ -313,35 +360,43 @@ class PlaceTests:
 
     def __init__(self) -> None:
         self._pass = HighPass(3)
-        self._speed: Vec3 = (0.0, 0.0, 0.0)
+        self._velocity: Vec3 = (0.0, 0.0, 0.0)
+        """Velocity of the model [m/s, NED]."""
         self._settled_s = self._interval_s = 0.0
         self.model_m: Vec3 = (0.0, 0.0, 0.0)
-        """Displacement of the model since the begin [m, NED]."""
+        """Displacement of the model since the beginning [m, NED]."""
         self.forget()
 
     def forget(self) -> None:
         """Begin all windows anew."""
-        self._across = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY)
-        self._height = Response(LINE, TONE_MEMORY_S, LEAST_WAY_M, OWN_HEIGHT)
+        self._across = Response(PLANE, TONE_MEMORY_S, LEAST_DISPLACEMENT_M, OWN_LATERAL)
+        self._height = Response(LINE, TONE_MEMORY_S, LEAST_DISPLACEMENT_M, OWN_HEIGHT)
 
-    def begin(self, speed: Vec3) -> None:
-        """Begin with ``speed`` [m/s, NED]."""
-        self._speed = speed
+    def begin(self, velocity: Vec3) -> None:
+        """Begin with ``velocity`` [m/s, NED]."""
+        self._velocity = velocity
 
-    def add(self, measured: Vec3, push: Vec3, way: Vec3, tones_m: Vec3 | None, dt_s: float) -> None:
+    def add(
+        self,
+        measured: Vec3,
+        gained_m_s: Vec3,
+        gained_m: Vec3,
+        tones_m: Vec3 | None,
+        dt_s: float,
+    ) -> None:
         """Take one pose.
 
         Args:
             measured: displacement since the pose before [m, NED].
-            push: speed that commands and gravity have given since [m/s, NED].
-            way: their displacement beside that by the speed before [m, NED].
+            gained_m_s: change of the velocity by commands and gravity since then [m/s, NED].
+            gained_m: displacement by that change [m, NED].
             tones_m: displacement by the tones [m, NED]; None where no command depends on the
                 position, so that all motion counts as the tones'.
             dt_s: time since then [s].
         """
-        u, v, w = self._speed
-        model = (dt_s * u + way[0], dt_s * v + way[1], dt_s * w + way[2])
-        self._speed = (u + push[0], v + push[1], w + push[2])
+        u, v, w = self._velocity
+        model = add((dt_s * u, dt_s * v, dt_s * w), gained_m)
+        self._velocity = add(self._velocity, gained_m_s)
         self.model_m = add(self.model_m, model)
         sx, sy, sz, mx, my, mz, ux, uy, uz = self._pass.step(
             [*measured, *model, *(tones_m or model)], dt_s
@@ -483,18 +538,24 @@ class PoseHealth:
         # stop dead.
         if may_stop and pose.velocity_ned is None:
             per_kg, (x, y, z) = effectiveness * self._per_newton / dt, response.impulse
-            push = (per_kg * x, per_kg * y, per_kg * z + self._gravity)
-            self._check_stop(pose, before, push, disturbance, dt, noise_m)
+            commanded = (per_kg * x, per_kg * y, per_kg * z + self._gravity)
+            self._check_stop(pose, before, commanded, disturbance, dt, noise_m)
         self._block_s += dt
         if self._block_s >= BLOCK_S - ROUNDING_S:
             self._block_s -= BLOCK_S
             self._look(pose.time_s, moving_noise_m)
 
     def _check_stop(
-        self, pose: Pose, before: Motion, push: Vec3, disturbance: Vec3, dt: float, noise_m: float
+        self,
+        pose: Pose,
+        before: Motion,
+        commanded: Vec3,
+        disturbance: Vec3,
+        dt: float,
+        noise_m: float,
     ) -> None:
         """Fail the position where the poses stopped dead; suspect it where they seem to."""
-        since_s = self._stops.add_pose(pose, before, push, disturbance, dt, noise_m)
+        since_s = self._stops.add_pose(pose, before, commanded, disturbance, dt, noise_m)
         if since_s is not None:
             self._fail_part("pose.stopped_dead", since_s - dt)
         elif self._stops.is_driven:
@@ -513,8 +574,8 @@ class PoseHealth:
         # acceleration is scaled by it.
         m, g = self._per_newton / self._hover_share, self._gravity
         impulse, reach = response.impulse, response.reach
-        push = (m * impulse[0], m * impulse[1], m * impulse[2] + g * dt)
-        way = (m * reach[0], m * reach[1], m * reach[2] + 0.5 * g * dt * dt)
+        gained_m_s = (m * impulse[0], m * impulse[1], m * impulse[2] + g * dt)
+        gained_m = (m * reach[0], m * reach[1], m * reach[2] + 0.5 * g * dt * dt)
         measured = subtract(pose.position_ned, last.position_ned)
         if self._climb is not None:
             per_n = self._per_newton
@@ -524,7 +585,7 @@ class PoseHealth:
             self._climb = None if self._climb.is_over else self._climb
             if behind:
                 self._fail_part("pose.height_behind", -math.inf)
-        self._places.add(measured, push, way, tones_m, dt)
+        self._places.add(measured, gained_m_s, gained_m, tones_m, dt)
 
     def _look(self, now_s: float, noise_m: float) -> None:
         """Evaluate all windows that end now."""

@@ -73,7 +73,7 @@ wholly cancelled."""
 LEAST_OWN_RESPONSE = -0.35
 """Least response to the law's own motion that noise and wind explain in any case [-]: in theory 0,
 less with delay."""
-LEAST_WAY_M = 0.0002
+LEAST_DISPLACEMENT_M = 0.0002
 """Least residual that is assumed for positions [m]: a gust of .1 m/s² within the pass."""
 LEAST_TURN_RAD = 0.0025
 """Least residual that is assumed for attitudes [rad]: attitude noise of a tracker at 1 m."""
@@ -82,7 +82,7 @@ TONE_MEMORY_S = 0.1
 
 White acceleration through the pass leaves the power 16 a³ w² / (w² + a²)³ at w, as a share of the
 variance, a the corner: .12 s at the slowest tone, .02 s at the fastest."""
-OWN_WAY_MEMORY_S = 1.0 / PASS_RAD_S
+OWN_LATERAL_MEMORY_S = 1.0 / PASS_RAD_S
 """Correlation time of the residual of positions at the law's own motion [s]: the high pass lets it
 through."""
 MODEL_ERROR = 0.025
@@ -161,8 +161,8 @@ BURST_S = BLOCKS[2] * BLOCK_S
 """Least time that a burst of the law's own lateral motion counts for [s]: the tilt reacts to a step
 of the wind .15 s late, and a calm before must not make that short time certain; thrust and rates
 react at once."""
-OWN_HEIGHT = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_WAY_MEMORY_S)
-OWN_WAY = OWN_HEIGHT._replace(burst_s=BURST_S)
+OWN_HEIGHT = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_LATERAL_MEMORY_S)
+OWN_LATERAL = OWN_HEIGHT._replace(burst_s=BURST_S)
 OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD, TONE_MEMORY_S)
 
 

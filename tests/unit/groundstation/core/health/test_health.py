@@ -254,20 +254,22 @@ FRAME_S = 0.02
 
 
 def watch_stop(
-    places_m: list[float], model_m_s: list[float], push_m_s2: float = 0.0, noise_m: float = NOISE_M
+    places_m: list[float],
+    model_m_s: list[float],
+    commanded_m_s2: float = 0.0,
+    noise_m: float = NOISE_M,
 ) -> tuple[bool, bool]:
     """Whether a vehicle at ``places_m`` north by its poses stopped dead, and is to be asked.
 
-    The model has it at ``model_m_s`` before each pose, and pushes it by ``push_m_s2``.
+    The model has it at ``model_m_s`` before each pose, and commands give it ``commanded_m_s2``.
     """
     detector, stopped, asked, since_s = StopDetector(), False, False, 0.0
     for n, (place_m, speed_m_s) in enumerate(zip(places_m, model_m_s, strict=True)):
         pose = Pose(n, since_s, since_s, (place_m, 0.0, -1.0), IDENTITY)
-        before, push = (
-            Motion((0.0, 0.0, -1.0), (speed_m_s, 0.0, 0.0), IDENTITY, 0.8, ZERO),
-            (push_m_s2, 0.0, 0.0),
-        )
-        stopped |= detector.add_pose(pose, before, push, ZERO, FRAME_S, noise_m) is not None
+        before = Motion((0.0, 0.0, -1.0), (speed_m_s, 0.0, 0.0), IDENTITY, 0.8, ZERO)
+        commanded = commanded_m_s2, 0.0, 0.0
+        found_s = detector.add_pose(pose, before, commanded, ZERO, FRAME_S, noise_m)
+        stopped |= found_s is not None
         asked |= detector.is_driven
         since_s += FRAME_S
     return stopped, asked
@@ -279,7 +281,7 @@ def test_a_speed_that_only_the_model_has_is_no_stop() -> None:
 
 
 @pytest.mark.parametrize(
-    ("speed_m_s", "push_m_s2", "noise_m", "stopped"),
+    ("speed_m_s", "commanded_m_s2", "noise_m", "stopped"),
     [
         (0.3, 0.0, NOISE_M, True),
         (-0.6, 0.0, NOISE_M, True),
@@ -293,15 +295,15 @@ def test_a_speed_that_only_the_model_has_is_no_stop() -> None:
     ],
 )
 def test_a_picture_that_freezes_is_stopped_dead_unless_its_motion_was_slow_or_lost_in_noise(
-    speed_m_s: float, push_m_s2: float, noise_m: float, stopped: bool
+    speed_m_s: float, commanded_m_s2: float, noise_m: float, stopped: bool
 ) -> None:
     moves = [n * FRAME_S * speed_m_s for n in range(10)]
-    found, _ = watch_stop(moves + 9 * moves[-1:], 19 * [speed_m_s], push_m_s2, noise_m)
+    found, _ = watch_stop(moves + 9 * moves[-1:], 19 * [speed_m_s], commanded_m_s2, noise_m)
     assert found is stopped
 
 
 @pytest.mark.parametrize(
-    ("push_m_s2", "stopped", "asked"),
+    ("commanded_m_s2", "stopped", "asked"),
     [
         (0.3, False, False),
         (1.0, False, True),
@@ -312,6 +314,6 @@ def test_a_picture_that_freezes_is_stopped_dead_unless_its_motion_was_slow_or_lo
     ],
 )
 def test_a_place_that_stands_while_commands_push_is_asked_and_beyond_any_wind_accused(
-    push_m_s2: float, stopped: bool, asked: bool
+    commanded_m_s2: float, stopped: bool, asked: bool
 ) -> None:
-    assert watch_stop(28 * [0.0], 28 * [0.0], push_m_s2) == (stopped, asked)
+    assert watch_stop(28 * [0.0], 28 * [0.0], commanded_m_s2) == (stopped, asked)

@@ -11,10 +11,10 @@ from groundstation.core.control.excitation import FADE_IN_S
 from groundstation.core.health.pose_response import (
     BLOCK_S,
     LATENESSES_S,
+    LEAST_DISPLACEMENT_M,
     LEAST_TURN_RAD,
-    LEAST_WAY_M,
+    OWN_LATERAL,
     OWN_TURN,
-    OWN_WAY,
     PLANE,
     TONE_MEMORY_S,
     Alarm,
@@ -43,7 +43,7 @@ def swing(time_s: float, size: float = 0.002) -> Pair:
 
 
 def new_plane() -> Response:
-    return Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY)
+    return Response(PLANE, TONE_MEMORY_S, LEAST_DISPLACEMENT_M, OWN_LATERAL)
 
 
 def feed(poses: Iterable[Seen], plane: Response | None = None) -> list[Alarm]:
@@ -178,8 +178,8 @@ def test_a_mirrored_pose_that_runs_away_is_accused_without_any_tone() -> None:
 @pytest.mark.parametrize(
     ("own", "least", "rms", "is_doubted"),
     [
-        (OWN_WAY, LEAST_WAY_M, 0.015, False),
-        (OWN_WAY, LEAST_WAY_M, 0.03, True),
+        (OWN_LATERAL, LEAST_DISPLACEMENT_M, 0.015, False),
+        (OWN_LATERAL, LEAST_DISPLACEMENT_M, 0.03, True),
         (OWN_TURN, LEAST_TURN_RAD, 0.02, False),
         (OWN_TURN, LEAST_TURN_RAD, 0.04, True),
     ],
