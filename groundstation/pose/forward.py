@@ -148,5 +148,5 @@ class ForwardingSource:
                 and now_s >= self._origin_due_s
             ):
                 self._origin_due_s = now_s + ORIGIN_S
-                connection.leave(origin(connection.codec))
-            connection.leave(odometry(connection.codec, connection.kind, message))
+                connection.send(origin(connection.codec))
+            connection.send(odometry(connection.codec, connection.kind, message))

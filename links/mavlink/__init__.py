@@ -1,4 +1,5 @@
 """The MAVLink link to PX4 and ArduPilot: transport, connection, and the link itself."""
 
-from links.mavlink.connection import MavlinkConnection, StampFile
+from links.mavlink.connection import MavlinkConnection
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.stamp_file import StampFile

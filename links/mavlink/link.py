@@ -30,13 +30,15 @@ from links.core import (
     signal,
 )
 from links.io import Sleep
-from links.mavlink.connection import ASKED_S, ASKED_SLOWLY_S, MavlinkConnection, Uplink
+from links.mavlink.connection import MavlinkConnection
 from links.mavlink.protocol import (
     ARDUPILOT,
     ATTITUDE_HZ,
     ATTITUDES,
+    QUESTION_S,
     SLOW_BAUD,
     SLOW_HZ,
+    SLOW_QUESTION_S,
     STALE_NEWS_S,
     AskMode,
     AutopilotAddress,
@@ -47,6 +49,7 @@ from links.mavlink.protocol import (
     MavlinkLinkConfig,
     Message,
     ReadVersion,
+    Uplink,
     Vitals,
     arming,
     attitude_of,
@@ -164,7 +167,7 @@ async def beside(connection: MavlinkConnection, step: HandshakeStep) -> None:
     try:
         while True:
             for frame in step.poll(loop.time()):
-                connection.leave(frame)
+                connection.send(frame)
             if step.failure is not None:
                 raise step.failure
             if step.done:
@@ -221,19 +224,18 @@ class MavlinkLink:
         self._thrust_max = thrust_max_n
         self._curve = thrust_curve if config.thrust_curve is None else config.thrust_curve
         self._target = (config.target_system, config.target_component)
-        self.connection = MavlinkConnection(config)
-        """The socket, for whoever shares it."""
+        self.connection = MavlinkConnection(
+            config,
+            on_loss=self._stop_on_loss,
+            on_return=self._hold_on_return,
+            is_commanding=lambda: self.status.phase != Phase.OVER,
+        )
+        """The connection, for whoever shares it."""
         self._sent = 0
         self._deadman = Deadman()
         self._transmitter = Transmitter(
             self._deadman, config.period_s, self._leave, lambda: self.connection.read
         )
-        # On a wire that was lost the autopilot has begun its own failsafe: nothing more leaves,
-        # also when it is back. An autopilot that was silent may have heard us all the time: what
-        # lands it by commands goes on, or what it heard last runs out.
-        self.connection.when_lost = self._transmitter.stop
-        self.connection.when_back = self._come_back
-        self.connection.owes = lambda: self.status.phase != Phase.OVER
         self._under_way: Handshake | None = None
         self._armed = ArmedSpan()
         self.shares_poses = False
@@ -242,7 +244,7 @@ class MavlinkLink:
         self._distrusted = False
         self._vitals = Vitals()
         self.connection.subscribe(self._vitals.hear)
-        self._uplink = Uplink(ASKED_SLOWLY_S if _is_slow(config) else ASKED_S)
+        self._uplink = Uplink(SLOW_QUESTION_S if _is_slow(config) else QUESTION_S)
         self.connection.subscribe(
             lambda message, now_s: self._uplink.hear(message, now_s, self._usual_s)
         )
@@ -254,8 +256,17 @@ class MavlinkLink:
         self._busy = "on a link that is not connected"
         """Why send() is out of place now; empty where it is not."""
 
-    def _come_back(self) -> None:
-        """The autopilot is heard again."""
+    def _stop_on_loss(self) -> None:
+        """Let nothing more leave, also when the wire is back: on a lost wire the autopilot has
+        begun its own failsafe.
+        """
+        self._transmitter.stop()
+
+    def _hold_on_return(self) -> None:
+        """Take no newer command when an autopilot is heard again, unless the newest one is fresh.
+
+        It may have heard us all the time: the newest command runs out, and its bring-down follows.
+        """
         if self._deadman.phase(asyncio.get_running_loop().time()) is not Phase.FRESH:
             self._deadman.hold()
 
@@ -379,7 +390,7 @@ class MavlinkLink:
         except BaseException:
             self._transmitter.stop()
             if handshake.at_last_step and self._killing is None:
-                self.connection.leave(
+                self.connection.send(
                     self.connection.codec.command(*self._target, MavCommand.ARM_DISARM, 0.0)
                 )
             raise
@@ -434,9 +445,9 @@ class MavlinkLink:
         frame = self.connection.codec.attitude_target(
             now_s, *self._target, thrust, what.rates_rad_s
         )
-        self._sent += self.connection.leave(frame)
+        self._sent += self.connection.send(frame)
         if (asked_ns := self._uplink.ask(now_s)) is not None:
-            self.connection.leave(self.connection.codec.timesync_question(asked_ns))
+            self.connection.send(self.connection.codec.timesync_question(asked_ns))
         if isinstance(what, Segment):
             self._begin_landing(now_s)
 
@@ -500,7 +511,7 @@ class MavlinkLink:
     def ask_mode(self) -> None:
         """Have the autopilot tell its mode now, not only within a second."""
         if self._armed.obeys_s is not None:
-            self.connection.leave(self.connection.autopilot().message_request("HEARTBEAT"))
+            self.connection.send(self.connection.autopilot().message_request("HEARTBEAT"))
 
     def arrival(self, now_s: float) -> Arrival:
         """Whether commands reach the autopilot, and in time, by answers to TIMESYNC."""

@@ -53,7 +53,7 @@ from links.mavlink.protocol.procedures import (
     landing,
     landing_disarmed,
 )
-from links.mavlink.protocol.senders import TargetSenders
+from links.mavlink.protocol.senders import OtherTraffic, TargetSenders
 from links.mavlink.protocol.signing import TICKS_PER_S, Signer
 from links.mavlink.protocol.timesync import (
     ATTITUDE_HZ,
@@ -66,3 +66,4 @@ from links.mavlink.protocol.timesync import (
     Trip,
     attitude_of,
 )
+from links.mavlink.protocol.uplink import QUESTION_S, SLOW_QUESTION_S, Uplink

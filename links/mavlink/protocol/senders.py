@@ -1,4 +1,5 @@
-"""Senders of the vehicle's heartbeat: their addresses, and whether they are one autopilot. Sans-IO.
+"""Other senders in the network: second autopilots with the vehicle's number, and other systems.
+Sans-IO.
 
 MAVLink addresses a vehicle by its system id, which is 1 on every autopilot as it is sold: two
 vehicles in one network, or on one radio, answer to the same commands. What tells them apart is the
@@ -6,10 +7,12 @@ hardware's own id in AUTOPILOT_VERSION (uid2, or uid where that is empty). Sourc
 mavlink.io/en/messages/common.html, 148 AUTOPILOT_VERSION.
 """
 
+import math
 from typing import Any
 
 from links.core import NEWS_S
 from links.mavlink.protocol.codec import MOST_SENDERS, Message
+from links.mavlink.protocol.config import MavlinkLinkConfig
 from links.text import link_notice
 
 
@@ -147,3 +150,50 @@ class TargetSenders:
         return (
             f" (hardware id {', '.join(sorted(ids))})" if ids else " (which tells no hardware id)"
         )
+
+
+VISION = (
+    "VISION_POSITION_ESTIMATE", "GLOBAL_VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE",
+    "ATT_POS_MOCAP", "ODOMETRY", "GPS_INPUT",
+)  # fmt: skip
+"""Messages that send an autopilot its position."""
+SET_POINTS = (
+    "SET_ATTITUDE_TARGET",
+    "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_POSITION_TARGET_GLOBAL_INT",
+)
+"""Messages that steer an autopilot."""
+
+
+class OtherTraffic:
+    """Messages of other systems: they may steer the vehicle, or send it positions."""
+
+    def __init__(self, config: MavlinkLinkConfig) -> None:
+        self._config = config
+        self.tells_position = False
+        """Whether another system was heard that sends an autopilot its position."""
+        self.systems: dict[str, None] = {}
+        """Other systems that were heard, by number and address: one may be the vehicle."""
+        self._rival, self._rival_s = "", -math.inf
+
+    def hear(self, message: Message, address: str, now_s: float, *, ours: bool) -> None:
+        """Take a message of another system at ``address``.
+
+        ``ours``: whether we send set-points, so that one with our numbers may be an echo.
+        """
+        config, kind = self._config, message.get_type()
+        system, component = message.get_srcSystem(), message.get_srcComponent()
+        self.tells_position = self.tells_position or kind in VISION
+        if kind == "HEARTBEAT" and len(self.systems) < MOST_SENDERS:
+            self.systems[f"system {system}, component {component} at {address}"] = None
+        if kind not in SET_POINTS or message.target_system not in (0, config.target_system):
+            return
+        if not ours or (system, component) != (config.system_id, config.component_id):
+            says = link_notice(
+                "mavlink.rival_sends", system=system, component=component, message=kind
+            )
+            self._rival, self._rival_s = says.text, now_s
+
+    def rival(self, now_s: float) -> str:
+        """Describe the other sender of set-points in the last ``NEWS_S``; empty without one."""
+        return self._rival if now_s - self._rival_s < NEWS_S else ""

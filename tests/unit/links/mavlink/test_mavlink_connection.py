@@ -11,8 +11,8 @@ import pytest
 from links.core import Arrival
 from links.io import NETWORK, Network
 from links.mavlink import MavlinkLinkConfig
-from links.mavlink.connection import OtherTraffic, ReconnectingTransport, SerialTransport, Uplink
-from links.mavlink.protocol import MavlinkCodec
+from links.mavlink.protocol import MavlinkCodec, OtherTraffic, Uplink
+from links.mavlink.transport import ReconnectingTransport, SerialTransport
 from tests.loops import in_virtual_time
 from tests.unit.links.mavlink.test_mavlink_link import D
 
@@ -64,7 +64,7 @@ async def opened(ports: Ports, baud: int = 57600) -> AsyncIterator[Opened]:
     told, dropped = list[str](), Counter[str]()
     config = MavlinkLinkConfig(serial="/dev/ttyUSB0", baud=baud)
     line = ReconnectingTransport(
-        config, dropped, hear=lambda *_: None, lose=told.append, tell=told.append
+        config, dropped, on_data=lambda *_: None, on_loss=told.append, on_news=told.append
     )
     await line.open()
     assert isinstance(line.wire, SerialTransport)
@@ -104,7 +104,7 @@ async def test_a_frame_leaves_by_a_port_that_is_done_with_what_waits_within_20_m
 ) -> None:
     async with opened(Ports(), baud) as (line, port, dropped, _):
         port.queued = queued
-        assert line.leave(b"frame", None) is leaves
+        assert line.send(b"frame", None) is leaves
         assert dropped == ({} if leaves else {"full": 1})
         assert port.sent == ([b"frame"] if leaves else [])
 
@@ -115,7 +115,7 @@ async def test_a_port_that_takes_nothing_for_a_quarter_of_a_second_is_closed() -
         port.queued = 10_000
         open_at = []
         for n in range(30):
-            line.leave(b"frame", None)
+            line.send(b"frame", None)
             open_at.append(port.is_open)
             port.queued = 0 if n == 10 else 10_000  # one frame it takes, and the time begins anew
             await asyncio.sleep(0.02)

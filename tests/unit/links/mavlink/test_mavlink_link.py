@@ -472,7 +472,7 @@ def test_an_address_that_can_not_be_used_is_not_blamed_on_a_program_that_holds_i
     async def refuse(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("links.mavlink.connection.open_wire", refuse)
+    monkeypatch.setattr("links.mavlink.transport.open_wire", refuse)
     with pytest.raises(LinkLost) as refused:
         asyncio.run(link(**options).connect())
     for text in (str(refused.value), str(cannot_listen("poses", "10.1.2.3:51001", error))):

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-import links.mavlink.connection
+import links.mavlink.transport
 from links.core import Command, LinkLost
 from links.io import open_port, parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
@@ -77,7 +77,7 @@ class End(Endpoint):
 def end(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[End]:
-    monkeypatch.setattr(links.mavlink.connection, "REOPEN_S", 0.05)
+    monkeypatch.setattr(links.mavlink.transport, "REOPEN_S", 0.05)
     monkeypatch.setattr("links.mavlink.protocol.procedures.STREAM_S", 0.1)
     yield End(request.param, tmp_path)
 
@@ -257,7 +257,7 @@ def test_a_link_that_is_closed_while_its_wire_is_away_opens_nothing_any_more(end
         end.heard.clear()
         await end.start()
         await asyncio.sleep(0.2)
-        assert (link.status.state, link.connection._line.wire, end.heard) == ("closed", None, [])
+        assert (link.status.state, link.connection._wires.wire, end.heard) == ("closed", None, [])
         end.lose()
         await asyncio.sleep(0.02)
 
