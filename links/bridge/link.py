@@ -1,9 +1,8 @@
 """Link to an RF bridge: the pacer and the module are on another computer, as in the paper's set-up.
 
-To the link it is a pacer like any other (links/rf/link.py). What the link wants goes out as a whole
-in every datagram: the newest command as soon as it comes, and the rest again and again until the
-bridge has heard it. The bridge has the dead man's switch; nothing here can make an old command
-count.
+To the link it is a pacer like any other (links/rf/link.py). Every datagram holds all that the link
+wants: it leaves as soon as a command comes, and is repeated until the bridge has acknowledged the
+newest order. The bridge has the dead man's switch; nothing here can make an old command count.
 """
 
 import asyncio
@@ -29,7 +28,7 @@ from links.bridge.codec import (
     kind_of,
 )
 from links.core import Command, LinkKind, LinkLost, LinkRejected, signal
-from links.io import NETWORK, Datagrams, beyond, parse_address, read_key
+from links.io import NETWORK, Datagrams, parse_address, read_key, remote_setting
 from links.rf import (
     Arm,
     DsmLinkConfig,
@@ -46,18 +45,18 @@ from links.rf import (
 from links.text import link_notice
 
 BEAT_S = 0.1
-"""Longest time between two datagrams [s]."""
+"""Longest time between two datagrams [s]: several of them within ``MUTE_S``."""
 AGAIN_S = 0.02
 """Interval between repetitions of an unacknowledged order [s]."""
 MUTE_S = 0.8
-"""Silence after which a bridge is asked for a new session [s]: it may have restarted."""
+"""Silence of the bridge after which a new session is requested [s]: it may have restarted."""
 
-UNTIL_TOLD = msgspec.structs.replace(DsmLinkConfig().manner, services=frozenset[Service]())
-"""Assumed pacing until the bridge reports its own: a default module's, without services."""
+DEFAULT_MANNER = msgspec.structs.replace(DsmLinkConfig().manner, services=frozenset[Service]())
+"""Pacing that is assumed until the bridge reports its own: a default module's, without services."""
 
 
 class SessionRequest:
-    """One request for a session: a nonce, and the seals of the hello and of its answer."""
+    """One request for a session: its nonce, and the seals of the hello and of the answer."""
 
     def __init__(self, key: bytes, nonce: bytes) -> None:
         self.nonce = nonce
@@ -79,46 +78,49 @@ class RemotePacer(asyncio.DatagramProtocol):
     ) -> None:
         """Nothing is opened yet; ``remote`` is the bridge's address, and ``key`` is shared with it.
 
-        ``thrust_max_n`` is the thrust at full throttle [N], ``thrust_curve`` the vehicle's;
-        ``nonce`` stands for chance, and ``hear`` takes the reports.
+        ``thrust_max_n`` is the thrust at full throttle [N], ``thrust_curve`` the vehicle's
+        (links/core/deadman.py); ``nonce`` draws random bytes, and ``hear`` takes the reports.
         """
-        self.manner = UNTIL_TOLD
+        self.manner = DEFAULT_MANNER
+        """Pacing of the bridge's module."""
         self.dropped: Counter[str] = Counter()
         self._remote = remote
         self._thrust_max, self._curve = thrust_max_n, thrust_curve
         self._key = key
-        self._random = nonce
+        self._draw_nonce = nonce
         self._on_report = hear
         self._loop = asyncio.get_running_loop()
         self._wire: Datagrams | None = None
-        self._beat: asyncio.TimerHandle | None = None
+        self._timer: asyncio.TimerHandle | None = None
         self._ended: asyncio.Future[None] = self._loop.create_future()
         self._opened: asyncio.Future[None] = self._loop.create_future()
         self._refused = ""
         self._wants = Up(0.0, 0.0, 0.0)
         self._linger_s: float | None = None
-        self._urgent = 0
-        """Counter of the first datagram with the newest wish; 0 while none was sent with it."""
+        """Time after the bring-down until the end [s]; None until the end is ordered, and once it
+        is near."""
+        self._ordered = 0
+        """Counter of the first datagram with the newest order; 0 while none has left with it."""
         self._session: StationEnd | None = None
-        self._request = self._ask()
+        self._request = self._make_request()
 
     @property
     def why_mute(self) -> str:
-        """Meaning of missing reports, for the operator."""
+        """Cause of missing reports, for the operator."""
         if self._refused:
             return link_notice("bridge.refuses", address=self._remote, why=self._refused).text
         return link_notice("bridge.unheard", address=self._remote).text
 
-    def _ask(self) -> SessionRequest:
-        """A new request; a session that there was goes on until it is answered."""
-        return SessionRequest(self._key, self._random(NONCE_BYTES))
+    def _make_request(self) -> SessionRequest:
+        """Return a new request; the session so far goes on until it is answered."""
+        return SessionRequest(self._key, self._draw_nonce(NONCE_BYTES))
 
     async def open(self, within_s: float) -> None:
-        """Find the bridge, and hear from it that this station may command, ``within_s`` [s].
+        """Begin a session in which this station may command, ``within_s`` [s].
 
         Raises:
             LinkLost: it does not answer.
-            LinkRejected: it obeys another station.
+            LinkRejected: it follows another station.
         """
         host, port = parse_address(self._remote)
         try:
@@ -128,23 +130,24 @@ class RemotePacer(asyncio.DatagramProtocol):
                 link_notice("bridge.unreachable", address=self._remote, why=error.strerror or error)
             ) from None
         try:
-            self._turn()
+            self._send_and_schedule()
             async with asyncio.timeout(within_s):
                 await asyncio.shield(self._opened)
         except BaseException as error:
             self.forget()
             if isinstance(error, TimeoutError):
-                raise self._nobody(within_s) from None
+                raise self._explain_silence(within_s) from None
             raise
 
-    def _nobody(self, within_s: float) -> LinkLost | LinkRejected:
+    def _explain_silence(self, within_s: float) -> LinkLost | LinkRejected:
+        """Return why no session began ``within_s`` [s]."""
         if self._refused:
             return LinkRejected(self.why_mute)
         odd = {why: count for why, count in self.dropped.items() if why != "undeliverable"}
         id = "bridge.dropped" if odd else "bridge.silent"
         return LinkLost(link_notice(id, address=self._remote, limit_s=within_s, dropped=odd))
 
-    # ---- what the link wants
+    # ---- orders of the link
 
     def give(self, order: Order) -> bool:
         """Hand over ``order`` without waiting; False where the wire is closed."""
@@ -153,26 +156,30 @@ class RemotePacer(asyncio.DatagramProtocol):
         match order:
             case Give(arming, command):
                 if arming == self._wants.arming and not self._wants.stopped:
-                    self._say(self._shares(command))
+                    self._send(self._scale_thrust(command))
                 return True
             case Arm(number, at_s):
-                self._want(arming=number, arm_at_s=at_s, stopped=False)
+                self._order(arming=number, arm_at_s=at_s, stopped=False)
             case Stop():
-                self._want(stopped=True)
+                self._order(stopped=True)
             case Serve(service, duration_s):
                 number = self._wants.serve[0] + 1 if self._wants.serve is not None else 1
-                self._want(serve=(number, service, duration_s))
+                self._order(serve=(number, service, duration_s))
             case End(linger_s):
                 self._linger_s = linger_s
-                self._want(end=True)
+                self._order(end=True)
         return True
 
-    def _want(self, **changes: Any) -> None:
+    def _order(self, **changes: Any) -> None:
+        """Change the wanted state, and send it until it is acknowledged."""
         self._wants = msgspec.structs.replace(self._wants, **changes)
-        self._urgent = 0
-        self._turn()
+        self._ordered = 0
+        self._send_and_schedule()
 
-    def _shares(self, command: Command) -> Command:
+    def _scale_thrust(self, command: Command) -> Command:
+        """Return ``command`` with thrusts as shares of the full signal [-], which the bridge
+        takes.
+        """
         replace, most, curve = msgspec.structs.replace, self._thrust_max, self._curve
         down = tuple(
             replace(part, thrust_n=signal(part.thrust_n / most, curve))
@@ -186,8 +193,8 @@ class RemotePacer(asyncio.DatagramProtocol):
 
     def forget(self) -> None:
         """Close the wire; the bridge's dead man's switch does the rest."""
-        if self._beat is not None:
-            self._beat.cancel()
+        if self._timer is not None:
+            self._timer.cancel()
         if self._wire is not None:
             self._wire.abort()
             self._wire = None
@@ -199,29 +206,33 @@ class RemotePacer(asyncio.DatagramProtocol):
         """Take the wire (called by the event loop)."""
         self._wire = Datagrams(transport)
 
-    def _turn(self) -> None:
-        """Say something now, and again after a while."""
-        self._say(None)
+    def _send_and_schedule(self) -> None:
+        """Send the wanted state now, and schedule the next time."""
+        self._send(None)
         if self._is_mute() and self._wire is not None:
             self._wire.send(self._request.hello.close(BridgeHello(self._request.nonce)), None)
-        if self._beat is not None:
-            self._beat.cancel()
-        is_pressing = self._session is None or self._urgent > self._session.heard
-        self._beat = self._loop.call_later(AGAIN_S if is_pressing else BEAT_S, self._turn)
+        if self._timer is not None:
+            self._timer.cancel()
+        is_unheard = self._session is None or self._ordered > self._session.heard
+        self._timer = self._loop.call_later(
+            AGAIN_S if is_unheard else BEAT_S, self._send_and_schedule
+        )
 
     def _is_mute(self) -> bool:
+        """Whether there is no session, or its bridge is silent."""
         return self._session is None or self._session.heard_s < self._loop.time() - MUTE_S
 
-    def _say(self, command: Command | None) -> None:
+    def _send(self, command: Command | None) -> None:
+        """Send the wanted state, with ``command`` if there is one."""
         if self._wire is None or self._session is None:
             return
         why = self._wire.send(self._session.close(self._wants, command, self._loop.time()), None)
         if why:
             self.dropped[why] += 1
-        self._urgent = self._urgent or self._session.sent
+        self._ordered = self._ordered or self._session.sent
 
     def error_received(self, exc: Exception) -> None:
-        """Nobody listens there, says the network (called by the event loop)."""
+        """Count a datagram that nobody took (called by the event loop)."""
         self.dropped["undeliverable"] += 1
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
@@ -234,29 +245,33 @@ class RemotePacer(asyncio.DatagramProtocol):
                 and welcome.station_nonce == self._request.nonce
                 and self._is_mute()
             ):
-                self._begin(welcome, now)
+                self._begin_session(welcome, now)
         elif self._session is None:
             self.dropped["other_session"] += 1
         else:
             down = self._session.open(data, self.dropped, now)
             if down is not None:
-                self._take(down, self._session)
+                self._take_answer(down, self._session)
 
-    def _begin(self, welcome: Welcome, now_s: float) -> None:
+    def _begin_session(self, welcome: Welcome, now_s: float) -> None:
+        """Begin the session that ``welcome`` offers."""
         self._session = StationEnd(self._key, welcome, now_s)
         self.manner = welcome.manner
-        self._urgent = 0
-        self._request = self._ask()  # should this session ever be lost
-        self._turn()
+        self._ordered = 0
+        self._request = self._make_request()  # for the next session, should this one be lost
+        self._send_and_schedule()
 
-    def _take(self, down: Down, session: StationEnd) -> None:
+    def _take_answer(self, down: Down, session: StationEnd) -> None:
+        """Report what the bridge answers, and end where the vehicle is down after the last
+        order.
+        """
         self._refused = down.refused
         if down.refused or not math.isfinite(session.round_trip_s):
             return
         self._on_report(self._translate_report(session.ours(down.report), session))
         if not self._opened.done():
             self._opened.set_result(None)
-        heard_all = 0 < self._urgent <= session.heard
+        heard_all = 0 < self._ordered <= session.heard
         if self._linger_s is not None and heard_all and down.report.over:
             self._loop.call_later(self._linger_s, self._end)
             self._linger_s = None
@@ -266,18 +281,19 @@ class RemotePacer(asyncio.DatagramProtocol):
             self._ended.set_result(None)
 
     def _translate_report(self, report: PacerReport, session: StationEnd) -> PacerReport:
-        """``report`` in words that tell of the bridge."""
+        """Return ``report`` with sentences that name the bridge."""
         return msgspec.structs.replace(
             report,
-            port=_there(report.port),
-            heir=_there(report.heir),
-            warning=_there(report.warning),
+            port=_name_bridge(report.port),
+            heir=_name_bridge(report.heir),
+            warning=_name_bridge(report.warning),
             dropped={**report.dropped, **self.dropped},
             note=f"{report.note}; bridge answers in {1e3 * session.round_trip_s:.1f} ms",
         )
 
 
-def _there(says: str) -> str:
+def _name_bridge(says: str) -> str:
+    """Return the sentence ``says``, which is about the bridge's computer; empty stays empty."""
     return link_notice("bridge.there", says=says).text if says else ""
 
 
@@ -308,22 +324,20 @@ class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
 
     @property
     def key_files(self) -> dict[str, str]:
-        """The key's that both computers share."""
+        """File of the key that both computers share."""
         return {"key_file": self.key_file}
 
     @property
     def real(self) -> str | None:
-        """The key that may lead to a real vehicle, and its value.
-
-        None where all stays on this machine.
+        """The setting that may lead to a real vehicle; None where all stays on this machine.
 
         A bridge with a real module takes no station of its own machine (links/bridge/server.py).
         """
-        return beyond("remote", self.remote)
+        return remote_setting("remote", self.remote)
 
     @property
     def thrust_curve(self) -> None:
-        """None: the vehicle's counts."""
+        """None: the vehicle's is used."""
         return None
 
 
@@ -342,8 +356,7 @@ class BridgeLink(PacedLink):
         """Nothing is opened yet; ``thrust_max_n`` is the thrust at full throttle [N].
 
         ``thrust_curve`` is the vehicle's (links/core/deadman.py); the bridge's own is applied on
-        top. ``key`` stands for the key file, and ``nonce`` for chance, where a simulation has its
-        own.
+        top. A simulation gives its own ``key`` instead of the file's, and its own random ``nonce``.
         """
 
         async def open_pacer(hear: Hear) -> RemotePacer:
@@ -355,4 +368,4 @@ class BridgeLink(PacedLink):
             await pacer.open(config.connect_timeout_s)
             return pacer
 
-        super().__init__(UNTIL_TOLD, open_pacer)
+        super().__init__(DEFAULT_MANNER, open_pacer)

@@ -2,7 +2,7 @@
 
 from links.io.child import describe_exit, make_child_command, open_child, start_child
 from links.io.key_file import KEY_BYTES, make_key, read_key
-from links.io.network import beyond, format_address, is_loopback, parse_address
+from links.io.network import format_address, is_loopback, parse_address, remote_setting
 from links.io.wires import (
     NETWORK,
     OURS_S,

@@ -13,13 +13,13 @@ _ADDRESS = re.compile(r"(?:\[(?P<ipv6>[^\]\s]+)\]|(?P<host>[^\s:/@\[\]]+)):(?P<p
 
 
 def parse_address(text: str, key: str = "") -> tuple[str, int]:
-    """The host and the port of ``127.0.0.1:51001``, ``localhost:51001`` or ``[::1]:51001``.
+    """Return host and port of ``127.0.0.1:51001``, ``localhost:51001`` or ``[::1]:51001``.
 
     The host is not looked up. IPv6 hosts come back without their brackets.
 
     Raises:
-        ValueError: the text is no such address; the message says how to write one, after the
-            ``key`` of a configuration that it is of.
+        ValueError: the text is no such address. The message says how to write one; it begins with
+            the configuration's ``key``, if there is one.
     """
     found = _ADDRESS.fullmatch(text)
     if (
@@ -33,13 +33,13 @@ def parse_address(text: str, key: str = "") -> tuple[str, int]:
 
 
 def format_address(address: tuple[Any, ...]) -> str:
-    """The socket ``address``, host and port first, as :func:`parse_address` reads it."""
+    """Return the socket ``address`` (host, port, ...) as :func:`parse_address` reads it."""
     host, port = address[:2]
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def is_loopback(host: str) -> bool:
-    """True where ``host`` can only mean this machine: ``localhost`` or a loopback IP address.
+    """Return whether ``host`` can only be this machine: ``localhost`` or a loopback IP address.
 
     Any other name counts as another machine, whatever it would resolve to.
     """
@@ -53,8 +53,8 @@ def is_loopback(host: str) -> bool:
     return (mapped or address).is_loopback
 
 
-def beyond(key: str, address: str) -> str | None:
-    """``key = address`` where that may lead off this machine; None on loopback."""
+def remote_setting(key: str, address: str) -> str | None:
+    """Return ``key = address`` where the address may be another machine's; None on loopback."""
     return None if is_loopback(parse_address(address)[0]) else f"{key} = {address}"
 
 

@@ -33,7 +33,7 @@ from groundstation.pose.sources.intake import (
     ReaderSource,
 )
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
-from links.io import NETWORK, advise_on_address, beyond, parse_address
+from links.io import NETWORK, advise_on_address, parse_address, remote_setting
 
 LOOK_S = 0.0493717
 """Period at which drop counters and lost poses are examined [s].
@@ -191,7 +191,7 @@ class AtAddress(PoseKind, frozen=True, kw_only=True):
 
         None where all stays on this machine.
         """
-        return beyond(self.address_key, self.address)
+        return remote_setting(self.address_key, self.address)
 
 
 class JsonConfig(AtAddress, frozen=True, kw_only=True, tag="json"):

@@ -6,7 +6,7 @@ from zlib import crc32
 import msgspec
 
 from links.core import LinkKind
-from links.io import beyond, is_loopback, parse_address
+from links.io import is_loopback, parse_address, remote_setting
 from links.text import link_notice
 
 DEFAULT_LISTEN = "127.0.0.1:14540"
@@ -255,7 +255,7 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
         """
         if self.serial is not None:
             return f"serial = {self.serial}"
-        return beyond(self.way, self.endpoint)
+        return remote_setting(self.way, self.endpoint)
 
     @property
     def way(self) -> str:
