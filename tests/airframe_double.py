@@ -15,7 +15,7 @@ GRAVITY = 9.81
 
 
 class Brick:
-    """Implements :class:`sim.world.quadrotor.Airframe`: floor at z = 0, thrust 1 lifts 2 g."""
+    """Implements :class:`sim.world.airframe.Airframe`: floor at z = 0, thrust 1 lifts 2 g."""
 
     def __init__(self, height_m: float = 0.0, *, held: bool = False) -> None:
         self.acts: list[tuple[float, float, Vec3]] = []
@@ -57,7 +57,7 @@ class Brick:
     def measure(self, time_s: float) -> TrueState:
         return self.truth(time_s)
 
-    def feel(self, time_s: float) -> tuple[Quat, Vec3]:
+    def estimate_attitude(self, time_s: float) -> tuple[Quat, Vec3]:
         truth = self.truth(time_s)
         return truth.attitude, truth.rates_rad_s
 

@@ -446,7 +446,7 @@ def builders(
         )
 
     def attitude(now_s: float, boot_s: float) -> Message:
-        turned, rates = airframe.feel(now_s)
+        turned, rates = airframe.estimate_attitude(now_s)
         return d.MAVLink_attitude_quaternion_message(int(boot_s * 1e3), *turned, *rates)
 
     def timesync(now_s: float, boot_s: float) -> Message:

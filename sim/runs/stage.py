@@ -54,8 +54,8 @@ from sim.scenarios import BETAFLIGHT
 from sim.text import notice
 from sim.trackers import Mocap, SeenVehicle, make_tracker
 from sim.world import (
+    AttitudeEstimator,
     Body,
-    Horizon,
     Quadrotor,
     SimulatedVehicle,
     Wind,
@@ -120,9 +120,11 @@ class Stage:
         gyro = normals(seed, "gyro", 3) if world.plant == "rotors" else None
         self.plant = Quadrotor(world, self.wind, on_step, gyro)
         tracked = make_tracker(config.pose, world.tracker_yaw_deg)
-        horizon = Horizon(normals(seed, "horizon", 3), world.gravity) if tracked else None
+        estimator = (
+            AttitudeEstimator(normals(seed, "horizon", 3), world.gravity) if tracked else None
+        )
         estimate, wander = normals(seed, "estimate", 6), normals(seed, "wander", 3)
-        self.vehicle = SimulatedVehicle(self.plant, world, estimate, wander, horizon)
+        self.vehicle = SimulatedVehicle(self.plant, world, estimate, wander, estimator)
         self.frame_loss = world.frame_loss
         """Share of the command frames that get lost; may be changed in flight [-]."""
         self._luck = rows(generator(seed, "frame loss").random, 1)
@@ -271,7 +273,9 @@ class Stage:
             if self.radio is not None and self._telemetry_hz:
                 say = self._pty.sendto if self._pty is not None else self.radio.answer
                 group.create_task(
-                    self.radio.tell(say, lambda now: self.vehicle.feel(now)[0], self._telemetry_hz)
+                    self.radio.tell(
+                        say, lambda now: self.vehicle.estimate_attitude(now)[0], self._telemetry_hz
+                    )
                 )
             if self._bridge is not None:
                 self.bridge_task = group.create_task(self._bridge.run())

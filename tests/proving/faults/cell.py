@@ -264,7 +264,7 @@ class DeckFlight:
                 raise result
         self._loop.tap = None
         # The rotors at their fullest can't hold it.
-        is_weak = plant.most_n(self._loop.time()) <= hover_n(self._stage.world)
+        is_weak = plant.find_max_thrust_n(self._loop.time()) <= hover_n(self._stage.world)
         seen = Observations(
             truth=self._truth,
             answers=sorted(answers),
@@ -346,7 +346,9 @@ class DeckFlight:
 
     def _find_thrust(self, time_s: float, signal: float) -> float:
         """Thrust that a signal (0..1) truly gives [N]."""
-        return thrust_of(signal, self._stage.world.thrust_curve) * self._stage.plant.most_n(time_s)
+        return thrust_of(
+            signal, self._stage.world.thrust_curve
+        ) * self._stage.plant.find_max_thrust_n(time_s)
 
     def _find_place(self) -> Vec3:
         return self._stage.plant.truth(self._loop.time()).position_ned

@@ -140,7 +140,7 @@ async def lead_astray(scene: Scene, heading_deg: float, within_s: float) -> None
     """The heading of the autopilot's estimator goes astray, and is then reset to the true one."""
     vehicle, steps = scene.stage.vehicle, round(within_s / STEP_S)
     for step in range(1, steps + 1):
-        vehicle.lead_heading_astray(heading_deg * step / steps)
+        vehicle.disturb_heading(heading_deg * step / steps)
         await asyncio.sleep(STEP_S)
     vehicle.reset_heading()
 

@@ -3,15 +3,15 @@
 import math
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from sim.world import Horizon, TrueState, generator, rows
-from sim.world.quadrotor import LOOP_S, WANDER_RAD
+from sim.world import AttitudeEstimator, TrueState, generator, rows
+from sim.world.airframe import LOOP_S, WANDER_RAD
 
 GRAVITY = 9.81
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
-def horizon(seed: int = 0) -> Horizon:
-    return Horizon(rows(generator(seed, "horizon").standard_normal, 3), GRAVITY)
+def make_estimator(seed: int = 0) -> AttitudeEstimator:
+    return AttitudeEstimator(rows(generator(seed, "horizon").standard_normal, 3), GRAVITY)
 
 
 def truth(
@@ -25,29 +25,31 @@ def truth(
     return TrueState(time_s, ZERO, velocity, attitude, rates, GRAVITY, on_ground)
 
 
-def off_deg(told: Quat, true: Quat) -> float:
-    return math.degrees(math.hypot(*so3.rotation_vector(so3.multiply(so3.conjugate(true), told))))
+def off_deg(estimated: Quat, true: Quat) -> float:
+    return math.degrees(
+        math.hypot(*so3.rotation_vector(so3.multiply(so3.conjugate(true), estimated)))
+    )
 
 
 def test_it_is_off_by_some_tenths_of_a_degree_that_wander_slowly() -> None:
     squares, steps = list[float](), list[float]()
     for seed in range(40):
-        felt, last = horizon(seed), None
+        estimator, last = make_estimator(seed), None
         for n in range(200):
-            told, _ = felt.feel(truth(0.02 * n, on_ground=True))
-            squares.append(off_deg(told, so3.IDENTITY) ** 2)
-            steps += [off_deg(told, last)] if last is not None else []
-            last = told
+            estimated, _ = estimator.estimate_attitude(truth(0.02 * n, on_ground=True))
+            squares.append(off_deg(estimated, so3.IDENTITY) ** 2)
+            steps += [off_deg(estimated, last)] if last is not None else []
+            last = estimated
     rms = math.sqrt(sum(squares) / len(squares) / 3.0)
     assert 0.7 < rms / math.degrees(WANDER_RAD) < 1.3
     assert sum(steps) / len(steps) < 0.1
 
 
 def test_it_turns_with_the_body_and_tells_its_newest_loop() -> None:
-    felt, rates = horizon(), (0.0, 0.0, math.radians(90.0))
+    estimator, rates = make_estimator(), (0.0, 0.0, math.radians(90.0))
 
     def at(time_s: float) -> tuple[Quat, Vec3]:
-        return felt.feel(
+        return estimator.estimate_attitude(
             truth(time_s, so3.from_euler_zyx(0.0, 0.0, time_s * rates[2]), rates=rates)
         )
 
@@ -60,12 +62,14 @@ def test_it_turns_with_the_body_and_tells_its_newest_loop() -> None:
 def test_who_accelerates_for_long_is_taken_for_less_leant() -> None:
     lean = math.radians(15.0)
     for heading, axis in ((0.0, 1), (0.5 * math.pi, 0)):
-        felt, roll_pitch = horizon(), (0.0, 0.0, 0.0)
+        estimator, roll_pitch = make_estimator(), (0.0, 0.0, 0.0)
         attitude = (
             so3.from_euler_zyx(lean, 0.0, 0.0) if heading else so3.from_euler_zyx(0.0, -lean, 0.0)
         )
         for n in range(300):
             speed = 0.02 * n * GRAVITY * math.tan(lean)
             velocity = (speed * math.cos(heading), speed * math.sin(heading), 0.0)
-            roll_pitch = so3.euler_zyx(felt.feel(truth(0.02 * n, attitude, velocity))[0])
+            roll_pitch = so3.euler_zyx(
+                estimator.estimate_attitude(truth(0.02 * n, attitude, velocity))[0]
+            )
         assert 2.0 < 15.0 - abs(math.degrees(roll_pitch[axis])) < 12.0
