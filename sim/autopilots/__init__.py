@@ -3,7 +3,7 @@ firmware.
 """
 
 from sim.autopilots.ardupilot import make_ardupilot
-from sim.autopilots.autopilot import Parameters, SimulatedAutopilot
+from sim.autopilots.autopilot import SimulatedAutopilot
 from sim.autopilots.betaflight import (
     GAINS,
     STEP_S,
@@ -15,6 +15,7 @@ from sim.autopilots.betaflight import (
 )
 from sim.autopilots.dialects import Px4Autopilot
 from sim.autopilots.onboard import Airworthy, Make, OnboardFirmware
+from sim.autopilots.parameters import Parameters
 from sim.autopilots.peer import (
     AUTOPILOTS,
     AutopilotPeer,

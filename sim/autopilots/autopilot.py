@@ -1,44 +1,38 @@
-"""Simulated autopilot: what every one does towards a ground station; the dialects say the rest.
-
+"""Simulated autopilot: behaviour towards a ground station that PX4 and ArduPilot have in common.
 Sans-IO.
 
-Here: telemetry, COMMAND_LONG and its answers, parameters, TIMESYNC, arming and disarming as such,
-and its own control loop. By itself it flies an attitude, a climb and a level descent, by plain P
-and PI loops. In a dialect (dialects.py): modes, what it refuses, what it makes of a set-point, and
-what it does when they stop.
+Here: telemetry, COMMAND_LONG and its answers, TIMESYNC, arming and disarming as such. In
+parameters.py: parameters. In onboard_pilots.py: its own control loops. In a dialect (dialects.py):
+modes, refusals, the effect of a set-point, and what follows when set-points stop.
 """
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
-from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import ROUNDING_S
-from groundstation.core.vehicle import GRAVITY
 from links.mavlink.protocol import (
     ARMED,
     FORCE,
-    PX4,
-    WHOLE_BITS,
     AttitudeTargetMask,
     EstimatorFlag,
     EstimatorKind,
     MavCommand,
     MavFrame,
     MavlinkCodec,
-    MavParamType,
     MavResult,
     MavSeverity,
     Message,
-    decode,
-    encode,
 )
-from sim.world import Airframe, TrueState
+from sim.autopilots.onboard_pilots import OnboardPilot
+from sim.autopilots.parameters import Parameters
+from sim.world import Airframe
 
 
 class SetPoint:
-    """One SET_ATTITUDE_TARGET; what its mask takes out is None."""
+    """One SET_ATTITUDE_TARGET; masked parts are None."""
 
     def __init__(self, message: Message) -> None:
         mask = AttitudeTargetMask(message.type_mask)
@@ -56,32 +50,32 @@ class SetPoint:
 
     @property
     def is_finite(self) -> bool:
-        """No number in it is infinite or none at all."""
+        """Whether all its numbers are finite."""
         return all(
             map(math.isfinite, filter(None, (self.thrust, *self.rates, *(self.attitude or ()))))
         )
 
 
 def rates_or_zero(set_point: SetPoint) -> Vec3:
-    """The body rates of ``set_point`` [rad/s], those that are masked out being zero."""
+    """Return the body rates of ``set_point`` [rad/s, FRD], with zeros for masked ones."""
     p, q, r = set_point.rates
     return p or 0.0, q or 0.0, r or 0.0
 
 
 class Dialect(ABC):
-    """PX4's or ArduPilot's. All times are on the event loop's clock [s]."""
+    """Behaviour of PX4 or of ArduPilot. All times are on the event loop's clock [s]."""
 
     kind: ClassVar[int]
     """Its HEARTBEAT.autopilot."""
     table: ClassVar[Mapping[str, tuple[float, int]]]
     """Its parameters: name → value, MAV_PARAM_TYPE."""
     hover_parameter: ClassVar[str]
-    """Its parameter for the thrust that it believes to hover with."""
+    """Its parameter for the hover thrust (0..1)."""
     land_mode: ClassVar[tuple[int, int]]
-    """Main and sub mode that comes down by itself."""
+    """Main and sub mode that lands by itself."""
     rates_hz: ClassVar[Mapping[str, float]]
     """Default rate of each message [Hz]; 0: sent on request only."""
-    tells_prearm_enabled: ClassVar[bool] = True
+    reports_prearm_enabled: ClassVar[bool] = True
     """Whether SYS_STATUS says that there are pre-arm checks, beside whether they pass."""
 
     lacks: str
@@ -91,265 +85,49 @@ class Dialect(ABC):
     @property
     @abstractmethod
     def custom_mode(self) -> int:
-        """HEARTBEAT.custom_mode of the mode that it is in."""
+        """HEARTBEAT.custom_mode of its present mode."""
 
     @property
     @abstractmethod
     def _silence_due_s(self) -> float:
-        """When it acts if no further set-point comes; infinite where it does not wait for any."""
+        """Instant at which set-points count as stopped; infinite where it does not wait for any."""
 
     @abstractmethod
-    def _fall_silent(self, now_s: float) -> list[bytes]:
-        """Act because set-points stopped; returns frames to send."""
+    def _on_silence(self, now_s: float) -> list[bytes]:
+        """Act because set-points stopped; return frames to send."""
 
     @abstractmethod
-    def _obey(self, set_point: SetPoint, now_s: float) -> list[bytes]:
-        """Take a finite set-point; returns frames to send."""
+    def _follow(self, set_point: SetPoint, now_s: float) -> list[bytes]:
+        """Follow a finite set-point; return frames to send."""
 
     @abstractmethod
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
-        """Answer the main and sub mode of a MavCommand.DO_SET_MODE, and frames to send first."""
+        """Take main and sub mode of a DO_SET_MODE; return its MAV_RESULT, and frames to send
+        first.
+        """
 
     @abstractmethod
     def _answer_arming(self, now_s: float) -> tuple[int, str]:
-        """The result and the words that deny arming; ACCEPTED where nothing does."""
+        """Return MAV_RESULT and text of an arming; the text tells why it is denied."""
 
     def _passes_checks(self, now_s: float) -> bool:
-        """Whether its own pre-arm checks pass in the mode that it is in."""
+        """Return whether its own pre-arm checks pass in its present mode."""
         return not self.lacks
 
     @abstractmethod
     def _answer_disarming(self, now_s: float) -> tuple[int, str]:
-        """The result and the words that deny disarming; ACCEPTED where nothing does."""
+        """Return MAV_RESULT and text of a disarming; the text tells why it is denied."""
 
     @abstractmethod
     def _set_interval(
         self, number: int, interval_us: float, now_s: float
     ) -> tuple[int, list[bytes]]:
-        """Answer a MavCommand.SET_MESSAGE_INTERVAL."""
+        """Take a SET_MESSAGE_INTERVAL; return its MAV_RESULT, and frames to send first."""
 
     @property
     @abstractmethod
     def _disarms_by_landing(self) -> bool:
         """Whether it is in a mode that ends with the motors off on the ground."""
-
-
-PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
-    "COM_OF_LOSS_T": (0.4, MavParamType.REAL32),
-    "COM_OBL_RC_ACT": (4.0, MavParamType.INT32),
-    "COM_RCL_EXCEPT": (4.0, MavParamType.INT32),
-    "COM_RC_IN_MODE": (4.0, MavParamType.INT32),
-    "COM_RC_OVERRIDE": (1.0, MavParamType.INT32),
-    "COM_DISARM_PRFLT": (10.0, MavParamType.REAL32),
-    "EKF2_EV_CTRL": (15.0, MavParamType.INT32),
-    "EKF2_EVA_NOISE": (0.1, MavParamType.REAL32),
-    "EKF2_EVP_NOISE": (0.1, MavParamType.REAL32),
-    "EKF2_EV_DELAY": (0.0, MavParamType.REAL32),
-    "EKF2_GPS_CTRL": (7.0, MavParamType.INT32),
-    "EKF2_HGT_REF": (1.0, MavParamType.INT32),
-    "EKF2_MAG_TYPE": (0.0, MavParamType.INT32),
-    "MAV_FWDEXTSP": (1.0, MavParamType.INT32),
-    "MAV_SYS_ID": (1.0, MavParamType.INT32),
-    "MAV_TYPE": (2.0, MavParamType.INT32),
-    "MPC_THR_HOVER": (0.5, MavParamType.REAL32),
-    "SYS_HAS_GPS": (1.0, MavParamType.INT32),
-    "THR_MDL_FAC": (0.0, MavParamType.REAL32),
-}
-"""Name → value, MAV_PARAM_TYPE. A vehicle that is set up to be flown from outside, without a remote
-control."""
-
-ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
-    "ATC_ACCEL_P_MAX": (0.0, MavParamType.REAL32),
-    "ATC_ACCEL_R_MAX": (0.0, MavParamType.REAL32),
-    "ATC_ANGLE_BOOST": (0.0, MavParamType.INT8),
-    "COMPASS_ENABLE": (1.0, MavParamType.INT8),
-    "DISARM_DELAY": (10.0, MavParamType.INT8),
-    "EK3_SRC1_POSXY": (3.0, MavParamType.INT8),
-    "EK3_SRC1_POSZ": (1.0, MavParamType.INT8),
-    "EK3_SRC1_VELXY": (3.0, MavParamType.INT8),
-    "EK3_SRC1_VELZ": (3.0, MavParamType.INT8),
-    "EK3_SRC1_YAW": (1.0, MavParamType.INT8),
-    "FRAME_CLASS": (1.0, MavParamType.INT8),
-    "FS_GCS_ENABLE": (5.0, MavParamType.INT8),
-    "FS_GCS_TIMEOUT": (2.0, MavParamType.REAL32),
-    "FS_THR_ENABLE": (0.0, MavParamType.INT8),
-    "GPS1_TYPE": (1.0, MavParamType.INT8),
-    "GUID_OPTIONS": (8.0, MavParamType.INT32),
-    "GUID_TIMEOUT": (3.0, MavParamType.REAL32),
-    "LAND_REPOSITION": (0.0, MavParamType.INT8),
-    "MOT_SPIN_ARM": (0.1, MavParamType.REAL32),
-    "MOT_SPIN_MIN": (0.15, MavParamType.REAL32),
-    "MOT_SPOOL_TIME": (0.5, MavParamType.REAL32),
-    "MOT_THST_EXPO": (0.65, MavParamType.REAL32),
-    "MOT_THST_HOVER": (0.5, MavParamType.REAL32),
-    "PILOT_Y_RATE": (0.0, MavParamType.REAL32),
-    "RC_OPTIONS": (32.0, MavParamType.INT32),
-    "SYSID_MYGCS": (245.0, MavParamType.INT16),
-    "SYSID_THISMAV": (1.0, MavParamType.INT16),
-    "VISO_DELAY_MS": (10.0, MavParamType.INT16),
-    "VISO_POS_M_NSE": (0.2, MavParamType.REAL32),
-    "VISO_TYPE": (0.0, MavParamType.INT8),
-    "VISO_VEL_M_NSE": (0.1, MavParamType.REAL32),
-}
-"""Parameters of ArduPilot Copter; MOT_THST_EXPO straightens what the motors do, so thrust is what
-we ask for."""
-
-
-class Parameters:
-    """Parameter table of one autopilot, and the rules by which it may be changed."""
-
-    def __init__(
-        self, autopilot: int, table: Mapping[str, tuple[float, int]], changes: Mapping[str, float]
-    ) -> None:
-        """``table`` with ``changes``, for an ``autopilot`` (HEARTBEAT.autopilot).
-
-        Raises:
-            KeyError: a change is to a parameter that it does not have.
-            ValueError: a change is to a value that the parameter can't have.
-        """
-        self._autopilot = autopilot
-        self._table = dict(table)
-        for name, value in changes.items():
-            kind = self._table[name][1]
-            encode(autopilot, value, kind)
-            self._table[name] = (value, kind)
-
-    def __getitem__(self, name: str) -> float:
-        return self._table[name][0]
-
-    def read(self, request: Message, dialect: Message) -> list[Message]:
-        """The answers to a PARAM_REQUEST_READ: silence where it does not have the parameter."""
-        names = list(self._table)
-        if request.param_index >= 0:
-            return [
-                self._make_value_message(name, dialect)
-                for name in names[request.param_index : request.param_index + 1]
-            ]
-        return (
-            [self._make_value_message(request.param_id, dialect)]
-            if request.param_id in self._table
-            else []
-        )
-
-    def all(self, dialect: Message) -> list[Message]:
-        """The answers to a PARAM_REQUEST_LIST."""
-        return [self._make_value_message(name, dialect) for name in self._table]
-
-    def set(self, request: Message, dialect: Message) -> list[Message]:
-        """Take a PARAM_SET; the answer tells what the parameter is now, changed or not."""
-        name = request.param_id
-        if name not in self._table:
-            return []
-        kind = self._table[name][1]
-        value = decode(self._autopilot, request.param_value, kind)
-        if math.isfinite(value) and (self._autopilot != PX4 or request.param_type == kind):
-            self._table[name] = (_fitting(value, kind), kind)
-        return [self._make_value_message(name, dialect)]
-
-    def _make_value_message(self, name: str, dialect: Message) -> Message:
-        value, kind = self._table[name]
-        number = encode(self._autopilot, value, kind)
-        index = list(self._table).index(name)
-        return dialect.MAVLink_param_value_message(
-            name.encode("ascii"), number, kind, len(self._table), index
-        )
-
-
-def _fitting(value: float, kind: int) -> float:
-    """``value`` as a parameter of ``kind`` can hold it: whole, and in its range."""
-    if kind not in WHOLE_BITS:
-        return value
-    bits, signed = WHOLE_BITS[kind]
-    low = -(1 << bits - 1) if signed else 0
-    return float(min(max(int(value), low), low + (1 << bits) - 1))
-
-
-ATTITUDE_GAIN = 5.0
-"""Body rate per attitude error [1/s]."""
-DESCENT_M_S = 0.5
-"""Speed of the descent [m/s]."""
-SPEED_GAIN = 4.0
-"""Acceleration per error of the climb rate [1/s]: PX4's MPC_Z_VEL_P_ACC."""
-SPEED_INTEGRAL_GAIN = 2.0
-"""Acceleration per integral of that error [1/s²]: PX4's MPC_Z_VEL_I_ACC."""
-INTEGRAL_LIMIT = 5.0
-"""Largest acceleration by the integral [m/s²]."""
-BRAKING_GAIN = 1.8
-"""Acceleration per horizontal speed [1/s]: PX4's MPC_XY_VEL_P_ACC."""
-BRAKING_LEAN = math.radians(15.0)
-"""Largest tilt of that braking [rad]."""
-
-
-class OnboardPilot(Protocol):
-    """A control loop on board."""
-
-    def fly(self, truth: TrueState) -> tuple[float, Vec3]:
-        """Thrust 0..1 and body rates [rad/s] for the state ``truth``."""
-
-
-class HoldAttitude:
-    """Turn to an attitude and stay there, at a given thrust."""
-
-    def __init__(self, attitude: Quat, thrust: float) -> None:
-        """``attitude`` is body FRD to world NED; ``thrust`` 0..1."""
-        self._attitude = so3.normalize(attitude)
-        self._thrust = thrust
-
-    def fly(self, truth: TrueState) -> tuple[float, Vec3]:
-        """Rates along the shortest turn."""
-        x, y, z = so3.rotation_vector(so3.multiply(so3.conjugate(truth.attitude), self._attitude))
-        return self._thrust, (ATTITUDE_GAIN * x, ATTITUDE_GAIN * y, ATTITUDE_GAIN * z)
-
-
-class Climb:
-    """Level out, and keep a vertical speed."""
-
-    def __init__(self, hover: float, climb_m_s: float, begin_s: float) -> None:
-        """``hover`` is the thrust 0..1 that about holds the vehicle (PX4: MPC_THR_HOVER)."""
-        self._hover = hover
-        self._climb = climb_m_s
-        self._time_s = begin_s
-        self._integral = 0.0
-
-    def fly(self, truth: TrueState) -> tuple[float, Vec3]:
-        """Thrust towards the vertical speed, and the rates to level."""
-        elapsed, self._time_s = truth.time_s - self._time_s, truth.time_s
-        if truth.on_ground:
-            return 0.0, (0.0, 0.0, 0.0)
-        too_fast = truth.velocity_ned[2] + self._climb
-        integral = self._integral + SPEED_INTEGRAL_GAIN * too_fast * elapsed
-        self._integral = min(max(integral, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
-        upward = SPEED_GAIN * too_fast + self._integral
-        down = so3.to_body(truth.attitude, (0.0, 0.0, 1.0))
-        thrust = self._hover * (1.0 + upward / GRAVITY) / max(down[2], 0.5)
-        level = (-ATTITUDE_GAIN * down[1], ATTITUDE_GAIN * down[0], 0.0)
-        return min(max(thrust, 0.0), 1.0), level
-
-
-class Descend(Climb):
-    """Level out, come down slowly, stop the rotors on the ground."""
-
-    def __init__(self, hover: float, begin_s: float, *, brakes: bool = False) -> None:
-        """``hover``: see the base; one that ``brakes`` knows its speed, and leans against it."""
-        super().__init__(hover, -DESCENT_M_S, begin_s)
-        self._brakes = brakes
-
-    def fly(self, truth: TrueState) -> tuple[float, Vec3]:
-        """Thrust towards the vertical speed, and the rates."""
-        thrust, rates = super().fly(truth)
-        if not self._brakes or truth.on_ground:
-            return thrust, rates
-        north, east, _ = truth.velocity_ned
-        most = math.tan(BRAKING_LEAN)
-        push = math.hypot(north, east) * BRAKING_GAIN / GRAVITY
-        share = BRAKING_GAIN / GRAVITY * (1.0 if push <= most else most / push)
-        # Where the body's z axis shall point: its thrust, along -z, against the speed.
-        x, y, z = so3.to_body(truth.attitude, (share * north, share * east, 1.0))
-        # Position controllers ask for the thrust that the wanted attitude needs, not for more while
-        # it leans farther.
-        thrust *= max(so3.third_column(truth.attitude)[2], 0.5)
-        n = 1.0 / math.sqrt(x * x + y * y + z * z)
-        return thrust, (-ATTITUDE_GAIN * y * n, ATTITUDE_GAIN * x * n, 0.0)
 
 
 _MOVES = (
@@ -367,17 +145,17 @@ KNOWN = (
 STILL = _MOVES | EstimatorFlag.HEIGHT_ABSOLUTE | EstimatorFlag.CONSTANT_POSITION
 """ESTIMATOR_STATUS flags of a real autopilot without GPS: its position counts as constant."""
 SHORTEST_S = 0.001
-"""Nothing is sent more often [s]."""
+"""Shortest interval of a message [s]."""
 
 _UNKNOWN = (math.nan,) * 21
 """Covariance that is not sent."""
 
 
 class Streams:
-    """When each message is due; intervals change by MavCommand.SET_MESSAGE_INTERVAL."""
+    """Schedule of the messages; SET_MESSAGE_INTERVAL changes their intervals."""
 
     def __init__(self, rates_hz: Mapping[int, float], start_s: float) -> None:
-        """Messages by number with their default rates [Hz] (0: off), the first of each at
+        """Begin with default rates [Hz] by message number (0: off), the first of each at
         ``start_s`` [s].
         """
         self._defaults = {
@@ -410,7 +188,7 @@ class Streams:
         return True
 
     def take(self, now_s: float) -> list[int]:
-        """The messages that are due at ``now_s``; each is then due again one interval later."""
+        """Return the messages that are due at ``now_s``; each is due again one interval later."""
         limit = now_s + ROUNDING_S
         if self.next_due_s > limit:
             return []
@@ -425,8 +203,8 @@ class Streams:
 def builders(
     codec: MavlinkCodec, airframe: Airframe, own_estimate: bool
 ) -> dict[int, Callable[[float, float], Message]]:
-    """For each message number that tells of the vehicle's motion: (now, time since boot) [s] →
-    message.
+    """Return builders of the messages on the vehicle's motion: (now, time since boot) [s] →
+    message, by message number.
     """
     d = codec.dialect
     flags = KNOWN if own_estimate else STILL
@@ -470,10 +248,7 @@ def builders(
 
 
 def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> list[Message]:
-    """The ``number``-th STATUSTEXT.
-
-    A ``text`` that does not fit comes in pieces, the last of them not full.
-    """
+    """Return the ``number``-th STATUSTEXT: a long ``text`` in pieces, the last of them not full."""
     message = codec.dialect.MAVLink_statustext_message
     size = max(message.array_lengths)
     pieces = [text[i : i + size] for i in range(0, len(text) + 1, size)] if text else []
@@ -484,12 +259,13 @@ def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> li
 
 
 LANDED_S = 1.0
-"""Time on the ground after which it counts as landed [s]; it looks with each HEARTBEAT."""
+"""Time on the ground after which it counts as landed [s]; it is checked with each HEARTBEAT: 1 to
+2 s in all, as PX4's."""
 CONTROL_S = 0.01
-"""Period of its own control loop [s]."""
+"""Period of its own control loop [s]. Chosen: short against the lags of the vehicle."""
 
 FIRMWARE, COMMIT = 0x01_10_00_FF, b"simulate"
-"""The version that it says it runs, 1.16.0, and the first bytes of its commit."""
+"""Reported version, 1.16.0, and the first bytes of its commit."""
 
 
 class SimulatedAutopilot(Dialect):
@@ -513,12 +289,16 @@ class SimulatedAutopilot(Dialect):
         parameters: Mapping[str, float] | None = None,
         own_estimate: bool = False,
     ) -> None:
-        """Disarmed, booting at the first poll.
+        """Begin disarmed; it boots at the first poll.
 
-        ``lose`` tells of each set-point whether it got lost on the air; ``hover`` is the thrust
-        (0..1) that it believes to hover with (a parameter too); ``parameters`` differ from its
-        ``table``; with ``own_estimate`` it says that it knows its position and speed, and brakes
-        when it lands.
+        Args:
+            airframe: vehicle that it flies.
+            lose: called for each set-point; returns whether it got lost on the air.
+            hover: its hover thrust, 0..1, which is a parameter, too.
+            system_id: its MAVLink system.
+            parameters: values that differ from its ``table``, by name.
+            own_estimate: whether it knows its position and speed: it reports so, and brakes when it
+                lands.
 
         Raises:
             KeyError: it has no such parameter.
@@ -530,16 +310,15 @@ class SimulatedAutopilot(Dialect):
         )
         self.armed = False
         self.failsafe = False
-        """True while it says that it acts because set-points stopped."""
+        """Whether it reports that it acts because set-points stopped."""
         self.battery_share: float | None = None
-        """Charge of its battery [0..1], told by SYS_STATUS; None where it can't measure it."""
+        """Charge of its battery, 0..1, in SYS_STATUS; None where it can't measure it."""
         self.lacks = ""
         self.has_estimate = True
-        """False while its estimator knows no position yet, as for some 40 s after a boot: it tells
-        none."""
+        """Whether its estimator knows a position; for some 40 s after a boot it sends none."""
         self.uid = 0
-        """Id of its hardware in AUTOPILOT_VERSION; 0: it tells none."""
-        self._knows = own_estimate
+        """Id of its hardware in AUTOPILOT_VERSION; 0: none."""
+        self._has_own_estimate = own_estimate
         self._airframe = airframe
         self._lose = lose
         self._streams = Streams({}, 0.0)
@@ -554,18 +333,18 @@ class SimulatedAutopilot(Dialect):
 
     @property
     def next_due_s(self) -> float:
-        """When ``poll`` has something to do, if nothing is received before."""
+        """Instant at which ``poll`` has something to do, if nothing is received before."""
         due = min(self._streams.next_due_s, self._pilot_due_s, self._silence_due_s)
         return due if self._boot_s > -math.inf else -math.inf
 
     def poll(self, now_s: float) -> list[bytes]:
-        """Do what is due by ``now_s``; returns frames to send."""
+        """Do what is due by ``now_s``; return frames to send."""
         if self._boot_s == -math.inf:
             self._boot(now_s)
         frames: list[bytes] = []
         by_now = now_s + ROUNDING_S
         if by_now >= self._silence_due_s:
-            frames += self._fall_silent(now_s)
+            frames += self._on_silence(now_s)
         if self._pilot is not None and by_now >= self._pilot_due_s:
             frames += self._control(self._pilot, now_s)
         d = self.codec.dialect
@@ -588,7 +367,7 @@ class SimulatedAutopilot(Dialect):
         self._boot_s = -math.inf
 
     def receive(self, datagram: bytes, now_s: float) -> list[bytes]:
-        """Take one datagram; returns frames to send back."""
+        """Take one datagram; return frames to send back."""
         frames: list[bytes] = []
         for message in self.codec.feed(datagram, "station"):
             frames += self._take(message, now_s)
@@ -605,7 +384,9 @@ class SimulatedAutopilot(Dialect):
             case "SET_ATTITUDE_TARGET":
                 set_point = SetPoint(message)
                 return (
-                    self._obey(set_point, now_s) if not self._lose() and set_point.is_finite else []
+                    self._follow(set_point, now_s)
+                    if not self._lose() and set_point.is_finite
+                    else []
                 )
             case "COMMAND_LONG":
                 return self._command(message, now_s)
@@ -635,7 +416,7 @@ class SimulatedAutopilot(Dialect):
         self._pilot_due_s = now_s if pilot is not None else math.inf
 
     def _control(self, pilot: OnboardPilot, now_s: float) -> list[bytes]:
-        """One turn of its own control loop."""
+        """Make one step of its own control loop; return frames to send."""
         self._pilot_due_s = now_s + CONTROL_S
         self._airframe.act(now_s, *pilot.fly(self._airframe.truth(now_s)))
         if self._disarms_by_landing and self._has_landed(now_s):
@@ -643,7 +424,10 @@ class SimulatedAutopilot(Dialect):
         return []
 
     def _has_landed(self, now_s: float) -> bool:
-        """The land detector; it looks once a second, more often while landing by itself."""
+        """Return whether it has stood on the ground for ``LANDED_S``.
+
+        It is asked once a second, more often while it lands by itself.
+        """
         if not self._airframe.truth(now_s).on_ground:
             self._ground_since_s = None
             return False
@@ -716,12 +500,10 @@ class SimulatedAutopilot(Dialect):
         self._airframe.power(now_s, False)
         return self._say(MavSeverity.INFO, words)
 
-    # ---- what it says
+    # ---- messages
 
     def _own_builders(self) -> dict[int, Callable[[float, float], Message]]:
-        """For each message number that tells of the autopilot itself: (now, time since boot) [s] →
-        message.
-        """
+        """Return builders of the messages on the autopilot itself, as :func:`builders` does."""
         d = self.codec.dialect
         return {
             d.MAVLINK_MSG_ID_HEARTBEAT: lambda now_s, boot_s: self._heartbeat(),
@@ -757,7 +539,7 @@ class SimulatedAutopilot(Dialect):
 
     def _sys_status(self, now_s: float) -> Message:
         d, share = self.codec.dialect, self.battery_share
-        told = d.MAV_SYS_STATUS_PREARM_CHECK if self.tells_prearm_enabled else 0
+        told = d.MAV_SYS_STATUS_PREARM_CHECK if self.reports_prearm_enabled else 0
         health = d.MAV_SYS_STATUS_PREARM_CHECK if self.armed or self._passes_checks(now_s) else 0
         percent = -1 if share is None else round(100.0 * share)
         return d.MAVLink_sys_status_message(
@@ -778,5 +560,5 @@ class SimulatedAutopilot(Dialect):
 
 
 def whole(number: float) -> int:
-    """The whole part of a parameter; -1 where it is no number, or infinite."""
+    """Return the whole part of a parameter; -1 where it is not finite."""
     return int(number) if math.isfinite(number) else -1

@@ -40,16 +40,9 @@ from enum import IntEnum
 from typing import ClassVar
 
 from links.mavlink.protocol import ARDUPILOT, PX4, MavResult, MavSeverity
-from sim.autopilots.autopilot import (
-    ARDUPILOT_PARAMETERS,
-    PX4_PARAMETERS,
-    Climb,
-    Descend,
-    HoldAttitude,
-    SetPoint,
-    SimulatedAutopilot,
-    rates_or_zero,
-)
+from sim.autopilots.autopilot import SetPoint, SimulatedAutopilot, rates_or_zero
+from sim.autopilots.onboard_pilots import Climb, Descend, HoldAttitude
+from sim.autopilots.parameters import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 
 
 class CopterMode(IntEnum):
@@ -104,7 +97,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
 
     # ---- set-points
 
-    def _obey(self, set_point: SetPoint, now_s: float) -> list[bytes]:
+    def _follow(self, set_point: SetPoint, now_s: float) -> list[bytes]:
         if not self.armed or self.mode not in FOLLOWING:
             return []
         self._setpoint_s = now_s
@@ -148,7 +141,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
             return math.inf
         return self._setpoint_s + self.parameters["GUID_TIMEOUT"]
 
-    def _fall_silent(self, now_s: float) -> list[bytes]:
+    def _on_silence(self, now_s: float) -> list[bytes]:
         self._levelling = True
         self._fly_by(Climb(self._hover, 0.0, now_s), now_s)
         return []
@@ -168,7 +161,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         self._setpoint_s = math.inf
         self._levelling = False
         if self.armed and self.mode == CopterMode.LAND:
-            self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
+            self._fly_by(Descend(self._hover, now_s, brakes=self._has_own_estimate), now_s)
         return MavResult.ACCEPTED, []
 
     def _answer_arming(self, now_s: float) -> tuple[int, str]:
@@ -208,13 +201,15 @@ class Px4Mode:
 
 
 STREAM_GAP_S = 0.5
-"""Set-points further apart are no stream [s]: 2 Hz."""
+"""Largest interval of set-points in a stream [s]: PX4 requires 2 Hz."""
 HOVER_MEMORY_S = 1.0
-"""Time constant with which it learns its hover thrust from the commanded one in the air [s]."""
+"""Time constant with which the hover thrust is learnt from the commanded one in the air [s].
+Chosen."""
 HOVER_RANGE = 0.3
-"""Largest difference of the learnt hover thrust from MPC_THR_HOVER, as a share of it [-]."""
+"""Largest difference of the learnt hover thrust from MPC_THR_HOVER, as a share of it [-].
+Chosen."""
 STREAM_S = 1.0
-"""A stream counts after this long [s]."""
+"""Age from which a stream allows OFFBOARD and arming [s]: PX4 requires 1 s."""
 
 
 class Px4Autopilot(SimulatedAutopilot):
@@ -224,7 +219,7 @@ class Px4Autopilot(SimulatedAutopilot):
     table: ClassVar[Mapping[str, tuple[float, int]]] = PX4_PARAMETERS
     hover_parameter: ClassVar[str] = "MPC_THR_HOVER"
     land_mode: ClassVar[tuple[int, int]] = Px4Mode.LAND
-    tells_prearm_enabled: ClassVar[bool] = False
+    reports_prearm_enabled: ClassVar[bool] = False
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
         "ESTIMATOR_STATUS": 1.0,
@@ -242,12 +237,12 @@ class Px4Autopilot(SimulatedAutopilot):
 
     @property
     def _hover(self) -> float:
-        """As MPC_USE_HTE has it: learnt in the air, and MPC_THR_HOVER before."""
+        """Hover thrust, learnt in the air (MPC_USE_HTE); MPC_THR_HOVER before."""
         return super()._hover if self._learnt is None else self._learnt
 
     @property
     def mode(self) -> tuple[int, int]:
-        """Main and sub mode that it is in."""
+        """Its present main and sub mode."""
         return Px4Mode.LAND if self.failsafe else self._intended
 
     @property
@@ -261,19 +256,19 @@ class Px4Autopilot(SimulatedAutopilot):
         return self.mode in (Px4Mode.LAND, Px4Mode.POSCTL)  # COM_DISARM_LAND, as does a pilot
 
     def reboot(self, now_s: float) -> None:
-        """Begin anew."""
+        """Boot again in AUTO.LOITER, without set-points."""
         super().reboot(now_s)
         self._intended = Px4Mode.LOITER
         self._setpoint_s, self._stream_since_s = -math.inf, math.inf
 
     def take_over(self, now_s: float) -> None:
-        """A pilot takes it by the remote control, and lands it by hand."""
+        """Hand it to a pilot with a remote control, who lands it by hand."""
         self._intended = Px4Mode.POSCTL
-        self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
+        self._fly_by(Descend(self._hover, now_s, brakes=self._has_own_estimate), now_s)
 
     # ---- set-points
 
-    def _obey(self, set_point: SetPoint, now_s: float) -> list[bytes]:
+    def _follow(self, set_point: SetPoint, now_s: float) -> list[bytes]:
         frames: list[bytes] = []
         elapsed = now_s - self._setpoint_s
         if now_s - self._setpoint_s > STREAM_GAP_S:
@@ -298,9 +293,11 @@ class Px4Autopilot(SimulatedAutopilot):
     def _learn(self, thrust: float, elapsed_s: float, now_s: float) -> None:
         if elapsed_s > STREAM_GAP_S or self._airframe.truth(now_s).on_ground:
             return
-        told = self.parameters[self.hover_parameter]
+        configured = self.parameters[self.hover_parameter]
         hover = self._hover + (thrust - self._hover) * elapsed_s / (elapsed_s + HOVER_MEMORY_S)
-        self._learnt = min(max(hover, (1.0 - HOVER_RANGE) * told), (1.0 + HOVER_RANGE) * told)
+        self._learnt = min(
+            max(hover, (1.0 - HOVER_RANGE) * configured), (1.0 + HOVER_RANGE) * configured
+        )
 
     @property
     def _silence_due_s(self) -> float:
@@ -308,9 +305,9 @@ class Px4Autopilot(SimulatedAutopilot):
             return math.inf
         return self._setpoint_s + self.parameters["COM_OF_LOSS_T"]
 
-    def _fall_silent(self, now_s: float) -> list[bytes]:
+    def _on_silence(self, now_s: float) -> list[bytes]:
         self.failsafe = True
-        self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
+        self._fly_by(Descend(self._hover, now_s, brakes=self._has_own_estimate), now_s)
         return self._say(MavSeverity.CRITICAL, "Failsafe activated: no offboard signal, landing")
 
     def _streaming(self, now_s: float) -> bool:
@@ -328,7 +325,7 @@ class Px4Autopilot(SimulatedAutopilot):
         self._intended = mode
         self.failsafe = False
         if mode == Px4Mode.LAND and self.armed:
-            self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
+            self._fly_by(Descend(self._hover, now_s, brakes=self._has_own_estimate), now_s)
         return MavResult.ACCEPTED, []
 
     def _answer_arming(self, now_s: float) -> tuple[int, str]:

@@ -36,7 +36,7 @@ from sim.autopilots import (
     SimulatedAutopilot,
     betaflight,
 )
-from sim.autopilots.autopilot import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
+from sim.autopilots.parameters import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 from tests.airframe_double import Brick
 from tests.e2e.stations import run_here
 from tests.loops import in_virtual_time, running
