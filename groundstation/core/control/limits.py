@@ -72,6 +72,8 @@ class LimitInput(NamedTuple):
     """Mean disturbance of the last seconds [m/s², NED]."""
     is_uplink_lost: bool = False
     """Whether commands may not arrive."""
+    may_have_contact: bool = False
+    """Whether ground contact is possible."""
 
     @property
     def least_cosine(self) -> float:
@@ -171,12 +173,9 @@ class LevelNearGround(Limit):
     on the floor.
     """
 
-    may_have_contact = False
-    """Whether ground contact is possible."""
-
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
         """Return ``drive`` with rates towards level; see :class:`Limit`."""
-        if not self.may_have_contact:
+        if not now.may_have_contact:
             return drive
         rates = level(now.estimate.motion.attitude, now.mean_disturbance, self._gravity)
         return clamp_command(self._vehicle, drive.thrust, rates)[0]
@@ -209,10 +208,14 @@ class FlightLimits:
 
     def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
         self.first_climb = FirstClimbLimit(vehicle, config)
-        self.level = LevelNearGround(vehicle, config)
         self.uplink = UplinkLostLimit(vehicle, config)
         transit = TiltLimit(vehicle, config), ThrustLimit(vehicle, config)
-        limits: tuple[Limit, ...] = (self.first_climb, *transit, self.level, self.uplink)
+        limits: tuple[Limit, ...] = (
+            self.first_climb,
+            *transit,
+            LevelNearGround(vehicle, config),
+            self.uplink,
+        )
         self._limits = {type(limit): limit for limit in limits}
 
     def apply(

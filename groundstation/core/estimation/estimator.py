@@ -712,10 +712,7 @@ class ModelEstimator:
         self._gains = gains
         self._provable = gains.composite == "provable"
         self._separates = self._provable and gains.effectiveness_deviation > 0.0
-        self.frozen = False
-        """Whether λ̂ is frozen, as on the floor, whose force is no error of the thrust."""
-        self.lands = False
-        """Whether λ̂ is frozen in a landing, as ground effect is no error of the thrust."""
+        self._is_frozen = self._is_landing = False
         self._held: Vec3 | None = None
         self.actuator_response: ActuatorResponse | None = None
         """Response of the actuators between the last two poses; None at first and after a reset."""
@@ -757,7 +754,9 @@ class ModelEstimator:
 
     @property
     def _learns_thrust(self) -> bool:
-        return self._separates and not self.frozen and not self.lands and self._held is None
+        return (
+            self._separates and not self._is_frozen and not self._is_landing and self._held is None
+        )
 
     def add_command(self, time_s: float, drive: ActuatorCommand) -> None:
         """Take a command that reaches the actuators at ``time_s`` [s].
@@ -767,6 +766,16 @@ class ModelEstimator:
         since_s, path = schedule(self._drives, self._vehicle, time_s, drive), self._path
         while len(path) > 1 and path[-1][0] > since_s:
             path.pop()
+
+    def freeze_effectiveness(self) -> None:
+        """Freeze λ̂ until the next lift-off: the floor's force, or false poses, are no error of the
+        thrust.
+        """
+        self._is_frozen = True
+
+    def set_landing(self, lands: bool) -> None:
+        """Freeze λ̂ in a landing: ground effect is no error of the thrust."""
+        self._is_landing = lands
 
     def release(self) -> None:
         """Forget the disturbance before the flight: it was the force of a stand, or a hand."""
@@ -784,7 +793,7 @@ class ModelEstimator:
         ended some time ago, and wind has moved the vehicle since: the significant part of that
         disturbance stays. Return the disturbance that is left [m/s², NED].
         """
-        self.frozen = self.lands = False
+        self._is_frozen = self._is_landing = False
         north, east, _ = self.disturbance
         wind = math.hypot(north, east)
         kept = max(wind - LIFTED_M_S2, 0.0) / wind if self._provable and wind else 0.0
@@ -908,7 +917,7 @@ class ModelEstimator:
             chain = self._correct(
                 chain, subtract(measured, chain[1]), self._covariance, self._track, noise, noise, 1
             )
-            if len(self._recent) > 1 and not self.frozen and self._held is None:
+            if len(self._recent) > 1 and not self._is_frozen and self._held is None:
                 self._learn_bias(pose, measured, dt)
         position, velocity, self.disturbance = chain
         if self._held is not None:

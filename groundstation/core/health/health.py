@@ -452,6 +452,10 @@ class PoseHealth:
         self._hover_share = 1.0
         self.restart()
 
+    def set_autopilot_agreement(self, agrees: bool | None) -> None:
+        """Set whether the autopilot's own attitude agrees with the poses; None if not known."""
+        self.autopilot_agrees = agrees
+
     def restart(self) -> None:
         """Forget the poses so far: the vehicle was released, or its commands did not arrive."""
         self._turns, self._places, self._stops = TurnTests(), PlaceTests(), StopDetector()

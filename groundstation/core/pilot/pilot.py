@@ -16,7 +16,6 @@ from groundstation.core.control import (
     Adaptive,
     CertificateMonitor,
     ControllerConfig,
-    Descent,
     FlightLimits,
     FlightProfile,
     GainSchedule,
@@ -103,7 +102,7 @@ class Pilot:
         self._limits = FlightLimits(vehicle, config)
         self.state = VehicleState(vehicle, config, floor_z_m, health, follows_poses=follows_poses)
         """State of the vehicle, and health of its poses."""
-        self._is_climbing = False
+        self._is_climbing = self._may_have_contact = False
         self._last_s: float | None = None
         self._leg: tuple[Trajectory, float] | None = None
 
@@ -157,7 +156,7 @@ class Pilot:
         self._switch("ease", is_holding, is_holding, is_transit)
         self._profile = profile
         self._is_climbing = self._is_climbing and profile is TRANSIT
-        self.state.estimator.lands = profile is TRANSIT and not self._is_climbing
+        self.state.estimator.set_landing(profile is TRANSIT and not self._is_climbing)
 
     def _switch(self, what: str, *values: float) -> None:
         """Record a request ``what`` with ``values`` (:class:`SwitchRecord`)."""
@@ -171,9 +170,9 @@ class Pilot:
 
     def set_ground_contact(self, may_have_contact: bool) -> None:
         """Keep the vehicle level while ground contact is possible."""
-        if may_have_contact != self._limits.level.may_have_contact:
+        if may_have_contact != self._may_have_contact:
             self._switch("touch", float(may_have_contact))
-            self._limits.level.may_have_contact = may_have_contact
+            self._may_have_contact = may_have_contact
 
     def set_uplink_lost(self, is_lost: bool) -> None:
         """Freeze adaptation and limit commands while the uplink is lost."""
@@ -189,7 +188,7 @@ class Pilot:
         """
         if agrees != self.state.health.autopilot_agrees:
             self._switch("agreement", -1.0 if agrees is None else float(agrees))
-            self.state.health.autopilot_agrees = agrees
+            self.state.health.set_autopilot_agreement(agrees)
 
     def pause_response(self, paused: bool) -> None:
         """Pause the comparison of poses with commands while the link stalls: lost commands have no
@@ -197,12 +196,12 @@ class Pilot:
         """
         if paused != self.state.is_paused:
             self._switch("pause", float(paused))
-            self.state.is_paused = paused
+            self.state.pause_response(paused)
 
     def set_on_floor(self) -> None:
         """Freeze the estimate of the thrust scale: the floor carries the vehicle."""
         self._switch("stand")
-        self.state.estimator.frozen = True
+        self.state.estimator.freeze_effectiveness()
 
     def lift_off(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
         """Begin to fly: the vehicle has left the floor.
@@ -243,25 +242,7 @@ class Pilot:
         before = state.trusted_before()
         if state.descent is None:
             self._coast += rest_s
-        if state.descent is None or (blind and not state.descent.blind):
-            state.estimator.frozen = True  # no thrust scale from poses that may be false
-            disturbance = state.mean_disturbance.value or before.disturbance
-            if blind:
-                # A force that the poses have shown since is not believed, even if nothing
-                # contradicts them: a hand that covers the markers has pushed before.
-                disturbance = before.disturbance
-                motion = state.estimator.motion or before.motion
-                if not state.health.is_position_usable:
-                    motion = state.reckoning.reckon(before, state.newest_s)
-                state.estimator.believe(motion, disturbance, before.effectiveness)
-            sinks = state.estimator.predict(
-                max(self._last_s or 0.0, state.newest_s)
-            ).motion.velocity[2]
-            state.descent = Descent(
-                self._vehicle, self._gravity, disturbance, before.effectiveness, sink_m_s, sinks
-            )
-        state.descent.sink_m_s = sink_m_s
-        state.descent.blind = blind
+        state.descend(before, sink_m_s, blind=blind, at_s=self._last_s or 0.0)
         self._watch.restart()
         motion = state.estimator.motion or before.motion
         height_m = self._floor - min(motion.position[2], before.motion.position[2])
@@ -304,15 +285,15 @@ class Pilot:
             pose.position_ned[2],
             estimate,
             state.mean_disturbance.value or ZERO,
-            state.is_uplink_lost,
+            is_uplink_lost=state.is_uplink_lost,
+            may_have_contact=self._may_have_contact,
         )
         limits = self._profile.limits if descent is None else DESCENT_LIMITS
         drive = self._limits.apply(limits, decision.drive, now)
         if descent is None and self._limits.first_climb.lifted_s > -math.inf:
             state.suspect_new_disturbance(time_s, estimate)
         decision = decision._replace(drive=self._excite(time_s, drive))
-        state.reference_down_m = reference.position_ned[2]
-        state.add_command(time_s, decision.drive)
+        state.add_command(time_s, decision.drive, reference)
         if self._driver is not None:
             state.estimator.drive(self._driver.b_hat)
         mean = state.mean_disturbance.add(estimate, interval, is_suspect=state.health.is_suspect)

@@ -18,6 +18,7 @@ from groundstation.core.health import (
     ResponseLatency,
 )
 from groundstation.core.messages import Estimate, Pose
+from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 DISTURBANCE_MEMORY_S = 3.0
@@ -105,6 +106,7 @@ class VehicleState:
         long as nothing speaks against the poses.
         """
         self._vehicle, self._floor, self._follows_poses = vehicle, floor_z_m, follows_poses
+        self._gravity = config.gravity
         self.estimator = ModelEstimator(vehicle, config)
         """Motion at the newest pose, and its prediction."""
         self.tones = ExcitationTones(vehicle, config.gravity)
@@ -124,8 +126,8 @@ class VehicleState:
         self.is_released = self.is_paused = self.is_uplink_lost = False
         """Whether the vehicle flies; whether poses need not respond; whether commands may not
         arrive."""
-        self.reference_down_m = math.inf
-        """Position of the reference at the newest command [m, NED]."""
+        self._reference_down_m = math.inf
+        """Position of the reference at the newest command of the law [m, NED]."""
         self._gate = PoseGate()
         self._has_climbed = False
         self._due: Callable[[], None] | None = None
@@ -242,6 +244,37 @@ class VehicleState:
         )
         self.estimator.update_attitude(pose)
 
+    def descend(self, before: Trusted, sink_m_s: float, *, blind: bool, at_s: float) -> None:
+        """Begin a failsafe descent, or change it.
+
+        Args:
+            before: newest estimate from well before the poses were suspect.
+            sink_m_s: commanded sink rate [m/s].
+            blind: whether position and velocity are the model's.
+            at_s: instant of the newest command [s], from whose motion it begins.
+        """
+        if self.descent is None or (blind and not self.descent.blind):
+            self.estimator.freeze_effectiveness()
+            disturbance = self.mean_disturbance.value or before.disturbance
+            if blind:
+                # A force that the poses have shown since is not believed, even if nothing
+                # contradicts them: a hand that covers the markers has pushed before.
+                disturbance = before.disturbance
+                motion = self.estimator.motion or before.motion
+                if not self.health.is_position_usable:
+                    motion = self.reckoning.reckon(before, self.newest_s)
+                self.estimator.believe(motion, disturbance, before.effectiveness)
+            present_m_s = self.estimator.predict(max(at_s, self.newest_s)).motion.velocity[2]
+            self.descent = Descent(
+                self._vehicle,
+                self._gravity,
+                disturbance,
+                before.effectiveness,
+                sink_m_s,
+                present_m_s,
+            )
+        self.descent.sink_m_s, self.descent.blind = sink_m_s, blind
+
     def release(self) -> None:
         """Begin to fly, in the air: the disturbance before was the force of what held the
         vehicle.
@@ -250,6 +283,10 @@ class VehicleState:
         self.is_released = self._has_climbed = True
         self.trust_from_here((0.0, 0.0, 0.0))
         self.health.restart()
+
+    def pause_response(self, paused: bool) -> None:
+        """Pause the comparison of poses with commands, or resume it."""
+        self.is_paused = paused
 
     def set_uplink_lost(self, is_lost: bool) -> None:
         """Hold disturbance and thrust scale while commands may not arrive."""
@@ -288,7 +325,7 @@ class VehicleState:
         if response is None or motion is None:
             return
         height = self._floor - pose.position_ned[2]
-        reference_m = self._floor - self.reference_down_m
+        reference_m = self._floor - self._reference_down_m
         is_high = height > NEAR_FLOOR_M or (
             self.descent is None and reference_m > 2.0 * NEAR_FLOOR_M
         )
@@ -339,8 +376,12 @@ class VehicleState:
         """Newest estimate from well before the poses were suspect."""
         return self.reckoning.find_trusted(self.health.believed_until_s)
 
-    def add_command(self, time_s: float, drive: ActuatorCommand) -> None:
-        """Take a command that is sent at ``time_s`` [s]."""
+    def add_command(
+        self, time_s: float, drive: ActuatorCommand, reference: Reference | None = None
+    ) -> None:
+        """Take a command that is sent at ``time_s`` [s]; ``reference`` is what the law follows."""
+        if reference is not None:
+            self._reference_down_m = reference.position_ned[2]
         arrival_s = time_s + self._vehicle.command_delay_s
         self.estimator.add_command(arrival_s, drive)
         self.reckoning.add_command(arrival_s, drive)

@@ -120,15 +120,15 @@ class Course:
         self.home: Vec3 | None = None
         """Position of the take-off, NED [m]; None for a flight that starts in the air.
 
-        It follows an origin that moves while the vehicle stands. In flight it keeps its numbers, as
-        fence, trajectory and targets do: an estimate that has drifted, and is put right, moves
-        to where they are true.
+        Set at each pose of the spool-up: it follows an origin that moves while the vehicle stands.
+        In flight it keeps its numbers, as fence, trajectory and targets do: an estimate that has
+        drifted, and is put right, moves to where they are true.
         """
         self._config = config
         self.touchdown = Touchdown(config.weight_n)
         """Detection of the landing."""
         self.believes_height = True
-        """Whether the commands use the height of the poses."""
+        """Whether the commands use the height of the poses; set at each command."""
         takeoff = config.takeoff
         self._transit = Limits(takeoff.transit_m_s, takeoff.transit_m_s2)
 

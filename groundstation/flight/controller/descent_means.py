@@ -53,6 +53,10 @@ class DescentMeans:
         """Stop the motors of a blind descent at ``over_s``: its height is not measured."""
         self._over_s = over_s
 
+    def end_commands(self) -> None:
+        """End the commands with a bring-down: they arrive too late."""
+        self.chosen = Means.NOTHING
+
     def take_attitude(self, attitude: Attitude, in_poses: Quat, now_s: float) -> None:
         """Take the autopilot's attitude, and the same in the axes of the poses."""
         self._attitude_s = now_s

@@ -273,7 +273,7 @@ class FlightController:
             return False
         if why and self._uplink.is_late:
             self.failure = Failure("link.late", notice("fault.late_commands_end", why=why))
-            self._means.chosen = Means.NOTHING
+            self._means.end_commands()
             return True
         if why and self.state is not State.DESCENT:
             self.go(Event.DESCEND, why, now_s, fault=True)
@@ -427,7 +427,7 @@ class FlightController:
         state = self.mission.on(event, reason)
         if state is before:
             if event is Event.HOLD and isinstance(self.phase, HoldPhase):
-                self.phase.waits = True  # it no longer ends by itself
+                self.phase.wait_for_request()
             return
         self._listener.on_state(state, reason)
         if state not in IN_AIR:

@@ -103,11 +103,14 @@ class HoldPhase(FlightPhase):
         """``waits``: it lasts until a request ends it."""
         super().__init__(leg)
         self._config, self._course = config, course
-        self.waits = waits
-        """Whether it lasts until a request ends it."""
+        self._waits = waits
         self._thrusts_n: list[float] | None = None if waits else []
         """Commanded thrusts, whose mean is the hover thrust [N]; None without its measurement, or
         once that is done."""
+
+    def wait_for_request(self) -> None:
+        """Stay until a request ends this phase."""
+        self._waits = True
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
         """Go on to the trajectory, or land if the hover thrust does not fit the vehicle.
@@ -128,7 +131,7 @@ class HoldPhase(FlightPhase):
         percent = to_percent(hover / weight)
         if low <= hover / weight <= high:
             hovers = notice("mission.hovers", hover_n=hover, percent=percent)
-            return None if self.waits else MissionMove(Event.TRACK, hovers)
+            return None if self._waits else MissionMove(Event.TRACK, hovers)
         why = notice(
             "mission.hover_thrust",
             hover_n=hover,

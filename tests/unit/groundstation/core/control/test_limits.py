@@ -97,8 +97,8 @@ def test_near_the_ground_rates_only_level_and_only_while_contact_is_possible() -
     limits, away = FlightLimits(VEHICLE, GAINS), ActuatorCommand(HOVER_N, (0.3, 0.2, 0.1))
     now = at(0.05, attitude=tilted(5.0))
     assert limits.apply((LevelNearGround,), away, now) == away
-    limits.level.may_have_contact = True
-    roll, pitch, yaw = limits.apply((LevelNearGround,), away, now).rates
+    near = now._replace(may_have_contact=True)
+    roll, pitch, yaw = limits.apply((LevelNearGround,), away, near).rates
     assert roll < 0.0
     assert (pitch, yaw) == pytest.approx((0.0, 0.0), abs=1e-9)
 

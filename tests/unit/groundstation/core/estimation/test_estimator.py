@@ -283,7 +283,8 @@ def test_a_covariance_is_widened_until_it_explains_an_innovation_and_by_five_at_
 
 def test_at_lift_off_the_hover_thrusts_error_is_shared_and_friction_forgotten_beside_wind() -> None:
     estimator, _ = flown(CALM, 1.0, effectiveness_deviation=0.15)
-    estimator.frozen = estimator.lands = True
+    estimator.freeze_effectiveness()
+    estimator.set_landing(True)
     estimator.drive((3.0, 4.0, 2.0))
     left = estimator.lift_off(0.4, 1.2)
     # Thrust may be off by 0.15 g = 1.47 m/s², the disturbance by 1 m/s²: 68 % of the error are
@@ -295,7 +296,7 @@ def test_at_lift_off_the_hover_thrusts_error_is_shared_and_friction_forgotten_be
     assert estimator.effectiveness == pytest.approx(share)
     assert estimator.effectiveness_deviation == pytest.approx(0.15 * math.sqrt(1.0 - weight))
     assert estimator.motion is not None and estimator.motion.velocity[2] == -0.4
-    assert not estimator.frozen and not estimator.lands
+    assert estimator._learns_thrust
     estimator.drive((0.3, 0.0, 0.0))
     assert estimator.lift_off(0.4, 1.0) == pytest.approx((0.0, 0.0, 0.0)), "friction alone"
 

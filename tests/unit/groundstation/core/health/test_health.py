@@ -61,7 +61,7 @@ def fly(
     ``agrees`` is what the autopilot's own attitude says of them.
     """
     health = PoseHealth(VEHICLE.mass_kg, GRAVITY) if health is None else health
-    health.autopilot_agrees = agrees
+    health.set_autopilot_agreement(agrees)
     motions = [Motion((0.0, 0.0, -1.0), ZERO, IDENTITY, HOVER_N, ZERO)]
     for n in range(round(for_s / DT_S)):
         before, time_s = motions[-1], n * DT_S
