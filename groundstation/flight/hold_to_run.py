@@ -15,7 +15,7 @@ from groundstation.core.messages import notice
 from groundstation.core.mission import HoldToRun, InputLost
 from groundstation.runtime import require_package
 from groundstation.settings import OperatorConfig
-from links.core import CommandLink
+from links.core import LOOK_S, CommandLink
 from links.mavlink import MavlinkConnection, MavlinkLink
 from links.mavlink.protocol import Message, load_dialect
 
@@ -177,11 +177,6 @@ class ChannelInput:
                 self._receives = not enabled & receiver or bool(healthy & receiver)
 
 
-LOOK_S = 0.01
-"""Period at which the input is read [s]: a release is detected within twice this time, a bounce
-included."""
-
-
 class Input(Protocol):
     """A key, an axis, or a channel."""
 
@@ -208,7 +203,10 @@ class HoldWatch:
         self._connect = connect
 
     async def run(self, looked: Callable[[], None]) -> None:
-        """Read the input until cancelled, and call ``looked`` each time, also after it is lost."""
+        """Read the input until cancelled, and call ``looked`` each time, also after it is lost.
+
+        A release is detected within ``2 LOOK_S``, a bounce included.
+        """
         loop, held = asyncio.get_running_loop(), None
         try:
             held = self._connect()

@@ -3,8 +3,10 @@
 from links.core.deadman import (
     BRING_DOWN_LIMIT_S,
     DEADLINE_LIMIT_S,
+    LOOK_S,
     NEWS_S,
     REOPEN_S,
+    SILENCE_S,
     STALL_S,
     STUCK_S,
     TICK_S,

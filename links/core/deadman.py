@@ -527,6 +527,13 @@ NEWS_S = 3.0
 """Age up to which what a sender has told still counts [s]: three periods of HEARTBEAT."""
 REOPEN_S = 1.0
 """Pause before what was lost (a wire, a pacer, a broker, a tracker) is opened again [s]."""
+SILENCE_S = 0.15
+"""Silence of a vehicle after which it may not receive commands [s]: of its telemetry, or of its
+acknowledgements, which are overdue by then. Messages at 10 Hz are never silent for so long unless
+one is lost."""
+LOOK_S = 0.01
+"""Period at which a state is read that nobody announces [s]: a step of a hand-shake, an input, the
+sign of life of a pacer."""
 NUMBER_LIMIT = 1e30
 """Largest number in a command: a 32-bit float on the wire holds it."""
 

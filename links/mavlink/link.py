@@ -14,6 +14,7 @@ from typing import Self
 import msgspec
 
 from links.core import (
+    LOOK_S,
     STALL_S,
     TICK_S,
     Arrival,
@@ -150,10 +151,6 @@ class Transmitter:
             self._timer.cancel()
             self._timer = None
         self._silent.set()
-
-
-LOOK_S = 0.01
-"""Period at which an arming or landing step is polled [s]."""
 
 
 async def beside(connection: MavlinkConnection, step: HandshakeStep) -> None:

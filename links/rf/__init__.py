@@ -24,7 +24,6 @@ from links.rf.module_codec import (
 )
 from links.rf.pacer import (
     AFTERLIFE_S,
-    LOOK_S,
     Arm,
     End,
     FramePacer,

@@ -16,7 +16,17 @@ from typing import Any, Protocol, TypeAlias
 
 import msgspec
 
-from links.core import STALL_S, STUCK_S, Command, Deadman, Lateness, LinkMisuse, Phase, Segment
+from links.core import (
+    LOOK_S,
+    STALL_S,
+    STUCK_S,
+    Command,
+    Deadman,
+    Lateness,
+    LinkMisuse,
+    Phase,
+    Segment,
+)
 from links.rf.channel_map import Channels
 from links.rf.codec import Manner, RfLinkConfig, RfTelemetry, Service
 from links.rf.module_codec import RfConfig
@@ -606,16 +616,11 @@ class FramePacer:
         self._counts.errors["port_lost"] += 1
 
 
-LOOK_S = 0.01
-"""Time between a look that finds the sign of life too old and the next [s]."""
-LATE_S = 0.005
-"""A look that is later than this is ignored [s]: the watcher itself may have been suspended."""
-
-
 class StandbyWatch:
     """Two looks in time, :data:`LOOK_S` apart, must find the sign of life too old.
 
-    That is older than a stall, and than one and a half frame periods.
+    That is older than a stall, and than one and a half frame periods. A look that is late by half
+    the time between two is ignored: the watcher itself may have been suspended.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -632,7 +637,7 @@ class StandbyWatch:
 
         Whether the pacer stands still.
         """
-        late = now_s > self.next_s + LATE_S
+        late = now_s > self.next_s + 0.5 * LOOK_S
         old = vouched_s > 0.0 and now_s - vouched_s >= self._old_s
         convicted = old and not late and self._suspects
         self._suspects = old and not late

@@ -31,9 +31,9 @@ from groundstation.core.vehicle import Vehicle
 from groundstation.machine import sleep_until
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
+from links.core import LOOK_S
 from links.io import KEY_BYTES, NETWORK, read_key
 from links.rf import (
-    LOOK_S,
     RF_CODECS,
     Channels,
     FramePacer,

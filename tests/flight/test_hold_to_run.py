@@ -10,7 +10,7 @@ from groundstation.core.messages import Ask, Request, Verdict
 from groundstation.core.mission import InputLost, State
 from groundstation.core.mission.operator import DEBOUNCE_S
 from groundstation.flight import Flight, HoldWatch, assembly
-from groundstation.flight.hold_to_run import LOOK_S
+from links.core import LOOK_S
 from sim.autopilots import SimulatedAutopilot
 from sim.runs import MissionResult, Stage, fly_mission as fly, from_floor
 from sim.scenarios import SCENARIOS, prepare

@@ -17,13 +17,12 @@ from groundstation.flight.controller import LAST_CHANCE_S
 from groundstation.interfaces.api.client import STOP_ANSWER_S
 from groundstation.lab.props_off import STOP_S
 from groundstation.settings import Config, FlightConfig
-from links.core import STALL_S, Command
+from links.core import LOOK_S, NEWS_S, STALL_S, Command
 from links.core.deadman import BRING_DOWN_LIMIT_S, DEADLINE_LIMIT_S
 from links.mavlink import MavlinkLinkConfig
 from links.mavlink.connection import HEARTBEAT_S
 from links.mavlink.protocol import procedures
-from links.mavlink.protocol.autopilot_state import ESTIMATE_OLD_S
-from links.rf import LOOK_S, Channels, DsmLinkConfig, StandbyWatch
+from links.rf import Channels, DsmLinkConfig, StandbyWatch
 from links.rf.pacer import AFTERLIFE_S
 from links.rf.pacer_standby import PREPARE_S
 from sim.radio import MODULE
@@ -38,7 +37,7 @@ from tests.loops import in_virtual_time, running, until
 Tap = Callable[[float, tuple[str, int], tuple[str, int], bytes], None]
 Event = Callable[[Flight, Stage], None]
 SAFETY = Path(__file__).parents[2] / "docs" / "explanation" / "safety.md"
-LOOKS_S = operator.DEBOUNCE_S + 2.0 * hold_to_run.LOOK_S
+LOOKS_S = operator.DEBOUNCE_S + 2.0 * LOOK_S
 HEARTBEAT_TIMEOUT_S = MavlinkLinkConfig().heartbeat_timeout_s
 TIMES = {
     "pose to deadline, `flight.coast_s`": FlightConfig().coast_s,
@@ -54,7 +53,7 @@ TIMES = {
     "descent on the model, above hover thrust in all": model_descent.LONGEST_BRAKING_S,
     "our heartbeat over MAVLink, one every": HEARTBEAT_S,
     "autopilot's heartbeat missing, `link.heartbeat_timeout_s`": HEARTBEAT_TIMEOUT_S,
-    "autopilot's estimate is too old for LAND after": ESTIMATE_OLD_S,
+    "autopilot's estimate is too old for LAND after": NEWS_S,
     "autopilot is asked for its mode before LAND, every": procedures.AskMode.period_s,
     "autopilot is asked for its mode before LAND, at most": procedures.AskMode.tries
     * procedures.AskMode.period_s,
@@ -63,7 +62,7 @@ TIMES = {
     "presses of a key that count once, within": operator.ONCE_S,
     "props-off test: motors stop by themselves, within": STOP_S,
     "operator's pedal released, known within": LOOKS_S,
-    "operator's pedal lost, known within": hold_to_run.LOOK_S,
+    "operator's pedal lost, known within": LOOK_S,
     "operator's channel over MAVLink, one every": 1.0 / hold_to_run.RATE_HZ,
     "operator's channel over MAVLink counts as lost after": hold_to_run.OLD_S,
     "`stop-all` names flights that did not answer within": STOP_ANSWER_S,

@@ -7,15 +7,9 @@ import math
 
 from groundstation.core.messages import Sentence, notice
 from groundstation.core.safety import LATE_PERIODS
-from links.core import Arrival, CommandLink
+from links.core import NEWS_S, SILENCE_S, Arrival, CommandLink
 from links.text import to_ms
 
-SILENCE_S = 0.15
-"""Silence of a vehicle after which it may not receive commands [s]: of its telemetry, or of its
-acknowledgements, which are overdue by then. Messages at 10 Hz are never silent for so long unless
-one is lost."""
-TELEMETRY_LOST_S = 3.0
-"""Silence of the telemetry after which it counts as lost, and commands as arriving again [s]."""
 TELEMETRY_INTERVAL_S = 0.02
 """Telemetry interval that is assumed at first [s]: 50 Hz."""
 INTERVAL_WEIGHT = 0.1
@@ -59,10 +53,13 @@ class CommandUplink:
     def take_telemetry(self, now_s: float) -> None:
         """Take the time of a telemetry message."""
         since_s, self._telemetry_s = now_s - self._telemetry_s, now_s
-        if since_s < TELEMETRY_LOST_S:
+        if since_s < NEWS_S:
             self._interval_s += INTERVAL_WEIGHT * (since_s - self._interval_s)
 
     def is_stalled(self, now_s: float) -> bool:
-        """Whether the telemetry is silent for longer than usual, but not lost."""
+        """Whether the telemetry is silent for longer than usual, but not lost.
+
+        After ``NEWS_S`` it is lost, and commands count as arriving again.
+        """
         stall_s = max(SILENCE_S, LATE_PERIODS * self._interval_s)
-        return stall_s < now_s - self._telemetry_s < TELEMETRY_LOST_S
+        return stall_s < now_s - self._telemetry_s < NEWS_S

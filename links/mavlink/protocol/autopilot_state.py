@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from links.core import NEWS_S
 from links.mavlink.protocol.codec import (
     ARDUPILOT,
     ARMED,
@@ -44,8 +45,6 @@ ESTIMATE = {PX4: "ESTIMATOR_STATUS", ARDUPILOT: "EKF_STATUS_REPORT"}
 jump of the GPS in PX4, an estimator that has not begun in ArduPilot."""
 ESTIMATE_HZ = 2.0
 """Requested rate of the estimator's status [Hz]."""
-ESTIMATE_OLD_S = 2.5
-"""An estimator status older than this does not count [s]; unasked, autopilots send one a second."""
 _SPEED = EstimatorFlag.VELOCITY_HORIZONTAL | EstimatorFlag.VELOCITY_VERTICAL
 _PLACE = EstimatorFlag.POSITION_RELATIVE | EstimatorFlag.POSITION_ABSOLUTE
 _HEIGHT = EstimatorFlag.HEIGHT_ABSOLUTE | EstimatorFlag.HEIGHT_ABOVE_GROUND
@@ -93,7 +92,7 @@ class Vitals:
         """Whether it has told of late that it knows where it is: then it comes down better by
         itself than unseen.
         """
-        return self._knows and now_s - self._knows_s < ESTIMATE_OLD_S
+        return self._knows and now_s - self._knows_s < NEWS_S
 
     def _ready(self, enabled: int, health: int) -> bool | None:
         """PX4 1.16 tells by health alone, and in OFFBOARD it lacks the set-points that come only as

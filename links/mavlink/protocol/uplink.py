@@ -5,22 +5,15 @@ the autopilot answers each. Sans-IO.
 import math
 from collections import deque
 
-from links.core import Arrival
+from links.core import NEWS_S, SILENCE_S, Arrival
 from links.mavlink.protocol.codec import Message
 
 QUESTION_S = 0.05
 """Period of the TIMESYNC questions that leave beside set-points [s]."""
 SLOW_QUESTION_S = 0.1
 """Period of the same on slow serial ports [s]."""
-ANSWER_TIMEOUT_S = 5.0
-"""Time after which an unanswered question is forgotten [s]."""
-SILENCE_S = 0.15
-"""Silence of the autopilot after which its answers so far say nothing about the uplink [s]: the
-downlink may be lost."""
 LATE_ANSWER_S = 0.5
 """Delay of an answer beyond the usual round trip from which it is late [s]."""
-LATE_FOR_S = 0.15
-"""Time for which answers must be late until commands count as too late [s]."""
 
 
 class Uplink:
@@ -55,13 +48,13 @@ class Uplink:
         self._next_s = now_s + self._period
         asked_ns = int(now_s * 1e9)
         self._asked.append(asked_ns)
-        while self._asked[0] < asked_ns - ANSWER_TIMEOUT_S * 1e9:
+        while self._asked[0] < asked_ns - NEWS_S * 1e9:
             self._asked.popleft()
         return asked_ns
 
     def hear(self, message: Message, now_s: float, usual_s: float) -> None:
         """Take one message of the autopilot; a round trip usually takes ``usual_s`` [s]."""
-        if now_s - self._heard_s > SILENCE_S:
+        if now_s - self._heard_s > SILENCE_S:  # its answers so far say nothing: see arrival()
             self._since_s = now_s
         self._heard_s = now_s
         if message.get_type() != "TIMESYNC" or message.tc1 == 0 or message.ts1 not in self._asked:
@@ -80,6 +73,6 @@ class Uplink:
         [s].
         """
         if not self._answers or now_s - self._heard_s > SILENCE_S:
-            return Arrival()  # nobody can tell
-        late_s = self._late_s if now_s - self._late_since_s > LATE_FOR_S else 0.0
+            return Arrival()  # nobody can tell: the downlink may be lost
+        late_s = self._late_s if now_s - self._late_since_s > SILENCE_S else 0.0
         return Arrival(max(now_s - self._since_s - usual_s - self._period, 0.0), late_s)

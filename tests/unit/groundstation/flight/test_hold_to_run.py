@@ -13,9 +13,10 @@ from pymavlink.dialects.v20 import common
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.mission import HoldToRun, InputLost
 from groundstation.core.mission.operator import DEBOUNCE_S
-from groundstation.flight.hold_to_run import LOOK_S, OLD_S, RATE_HZ, ChannelInput, open_device
+from groundstation.flight.hold_to_run import OLD_S, RATE_HZ, ChannelInput, open_device
 from groundstation.interfaces.service import require_flyable
 from groundstation.settings import Config, OperatorConfig
+from links.core import LOOK_S
 from tests.hold_double import DeviceDouble, pad
 from tests.loops import in_virtual_time
 
