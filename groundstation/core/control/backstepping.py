@@ -244,17 +244,10 @@ def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
     return (bx * k, by * k, bz * k)
 
 
-POSITION_LIMIT = 1e6
-"""Limit of each component of position error, acceleration and jerk [m, m/s², m/s³]: no finite input
-overflows.
-
-Chosen: far beyond any flight.
-"""
-VELOCITY_LIMIT = 1e4
-"""Limit of each component of the speed error [m/s]: V grows with its fourth power. Chosen: far
-beyond any flight."""
-THRUST_LIMIT = 1e6
-"""Limit of the thrust that the law calculates with [N]. Chosen: far beyond any vehicle."""
+INPUT_LIMIT = 1e6
+"""Limit of the thrust, and of each component of the other inputs that the law calculates with
+[SI units]: no finite input overflows, though V grows with their fourth power. Chosen: far beyond
+any flight."""
 THRUST_SHARE_MIN = 1e-3
 """Least thrust that the law calculates with, as a share of the weight [-]: it divides by it.
 Chosen: far below any thrust that flies."""
@@ -478,11 +471,11 @@ def _evaluate(
     """Evaluate the three axes and (10)."""
     z1, z1_dot, (vx, vy, vz), attitude, thrust, b_hat, acceleration, jerk = state
     bx, by, bz = b_hat
-    a, b, c = z1 = clamp_each(ops, z1, POSITION_LIMIT)
-    d, e, f = clamp_each(ops, z1_dot, VELOCITY_LIMIT)
-    ax, ay, az = clamp_each(ops, acceleration, POSITION_LIMIT)
-    jx, jy, jz = clamp_each(ops, jerk, POSITION_LIMIT)
-    thrust = ops.clamp(thrust, THRUST_SHARE_MIN * mass * law.gravity, THRUST_LIMIT)
+    a, b, c = z1 = clamp_each(ops, z1, INPUT_LIMIT)
+    d, e, f = clamp_each(ops, z1_dot, INPUT_LIMIT)
+    ax, ay, az = clamp_each(ops, acceleration, INPUT_LIMIT)
+    jx, jy, jz = clamp_each(ops, jerk, INPUT_LIMIT)
+    thrust = ops.clamp(thrust, THRUST_SHARE_MIN * mass * law.gravity, INPUT_LIMIT)
     north, east, down = third_column(attitude)
     push = -thrust / mass
     ux, uy, uz = push * north + bx - ax, push * east + by - ay, push * down + law.gravity + bz - az

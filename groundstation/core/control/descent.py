@@ -20,6 +20,7 @@ import math
 from operator import mul
 
 from groundstation.core.control.attitude import make_decision, sine_error, specific_thrust
+from groundstation.core.control.bring_down import LEAST_SINE
 from groundstation.core.geometry import ZERO, Quat, Vec3, third_column
 from groundstation.core.messages import Decision, Estimate
 from groundstation.core.trajectory import Reference
@@ -37,12 +38,11 @@ BLIND_ATTITUDE_GAIN = 8.0
 """Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a
 vehicle that leans along its velocity is turned within .4 s. Half: north-west 5.32 m; double:
 5.05 m."""
-DISTURBANCE_LIMIT_M_S2 = 8.0
-"""Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8. Half
-and double: no change."""
 DISTURBANCE_DOWN_LIMIT_M_S2 = 4.0
 """Largest vertical disturbance that is compensated, down or up [m/s²]: rotors at 0.7 of their
-thrust have the effect of 4.2. Half: motors 1.66 m/s; double: 0.29 m/s."""
+thrust have the effect of 4.2. Half: motors 1.66 m/s; double: 0.29 m/s. Also the limit of
+``INTEGRAL_GAIN``'s integral, which so outweighs a wrong estimate. Half and double of that: no
+change."""
 LARGEST_RISE_SHARE = 0.24
 """Largest commanded upward acceleration, as a share of gravity [-]: late or false poses lead to
 more. Half: motors 1.90 m/s; double: 0.53 m/s."""
@@ -52,13 +52,11 @@ LARGEST_FALL_SHARE = 0.3
 INTEGRAL_GAIN = 1.0
 """Acceleration per integral of the sink rate's error [1/s²]. Half: motors 0.71 m/s; double:
 0.23 m/s."""
-INTEGRAL_LIMIT_M_S2 = 6.0
-"""Largest acceleration of that integral [m/s²]: more than ``DISTURBANCE_DOWN_LIMIT_M_S2``, so
-that it outweighs a wrong estimate. Half and double: no change."""
 THRUST_LIMIT_DOWN_M_S2 = 3.0
-"""Largest downward disturbance that raises the limit of the thrust, with valid poses [m/s²]: that
-limit is 15.9 m/s² then, and rotors at 0.7 of their thrust hover at 14.0. Half: motors 1.38 m/s;
-double: no change."""
+"""Largest downward disturbance that raises the limit of the thrust [m/s²]: that limit is 15.9 m/s²
+then, and rotors at 0.7 of their thrust hover at 14.0. Half: motors 1.38 m/s; double: no change. A
+blind descent compensates no larger vertical one, down or up: there half and double change
+nothing."""
 DISTURBANCE_MEAN_S = 0.3
 """Time constant of the mean horizontal disturbance [s]: late or false poses make the estimate
 oscillate. Half: gust 0.90 m, late 1.46 m aside for 1.31 m; double: 1.58 m, late 1.18 m."""
@@ -84,9 +82,6 @@ rate beyond the planned one, as a large tilt costs height [1/s]. Half: take-off 
 BLIND_LIFT_M_S = 0.7
 """Integral of its upward part over a blind descent [m/s]: the model has no floor and falls on.
 Half: z 1.99 m/s; double: 1.13 m/s."""
-BLIND_DISTURBANCE_DOWN_M_S2 = 1.5
-"""Largest vertical disturbance that is compensated in a blind descent, down or up [m/s²].
-Half and double: no change."""
 BLIND_MEAN_SINK_M_S = 0.7
 """Mean sink rate of a blind descent [m/s]; it gives the time of its end: its height is not
 measured."""
@@ -98,8 +93,6 @@ BLIND_BRAKE_S = 0.5
 """Time in addition for a vehicle that climbs, which nothing holds [s]: braking takes longer than at
 its limit. `rotors_mqx --seed 5 --fault "mirrored: z" --state hold --link dsm`: 4.5 m/s; half: 4.9;
 double: 3.2, but motors that turn on the floor longer than is allowed."""
-LEAST_SINE = 1e-6
-"""Sine of the angle to upside down below which the turn to level has no axis [-]. Rounding."""
 
 
 def blind_descent_limit_s(height_m: float, climb_m_s: float, gravity: float) -> float:
@@ -123,6 +116,11 @@ def level(attitude: Quat, disturbance: Vec3, gravity: float) -> Vec3:
     """
     along, _ = specific_thrust(ZERO, disturbance, gravity)
     return *_turn(attitude, along, ATTITUDE_GAIN), 0.0
+
+
+def _limit(value: float, largest: float) -> float:
+    """Return ``value`` within ±``largest``."""
+    return max(-largest, min(value, largest))
 
 
 def _turn(attitude: Quat, along: Vec3, gain: float) -> tuple[float, float]:
@@ -186,25 +184,22 @@ class Descent:
         """Compute one command."""
         motion, vehicle, g = estimate.motion, self._vehicle, self._gravity
         if self.blind:
-            mean_down = self.mean_disturbance[2]
-            disturbance = self._limit_disturbance(mean_down, BLIND_DISTURBANCE_DOWN_M_S2)
+            down = _limit(self.mean_disturbance[2], THRUST_LIMIT_DOWN_M_S2)
             wanted = self._accelerate_blind(motion.velocity, interval_s)
-            gain, limit = BLIND_ATTITUDE_GAIN, BLIND_DISTURBANCE_DOWN_M_S2
-            effectiveness = self._effectiveness
+            gain, effectiveness = BLIND_ATTITUDE_GAIN, self._effectiveness
         else:
             self._average_disturbance(estimate.disturbance, interval_s)
-            mean_down = self.mean_disturbance[2]
-            down = max(mean_down - DISTURBANCE_DROP_M_S2, estimate.disturbance[2])
-            disturbance = self._limit_disturbance(down, DISTURBANCE_DOWN_LIMIT_M_S2)
+            down = max(self.mean_disturbance[2] - DISTURBANCE_DROP_M_S2, estimate.disturbance[2])
+            down = _limit(down, DISTURBANCE_DOWN_LIMIT_M_S2)
             wanted = self._accelerate(motion.velocity, reference.velocity_ned, interval_s)
-            gain, limit = ATTITUDE_GAIN, THRUST_LIMIT_DOWN_M_S2
-            effectiveness = estimate.effectiveness
-        along, _ = specific_thrust(wanted, disturbance, g)
+            gain, effectiveness = ATTITUDE_GAIN, estimate.effectiveness
+        along, _ = specific_thrust(wanted, (*self.mean_disturbance[:2], down), g)
         roll, pitch = _turn(motion.attitude, along, gain)
         # The part of the acceleration along the body's axis: no thrust while the vehicle leans the
         # other way.
         lift = max(0.0, sum(map(mul, along, third_column(motion.attitude))))
-        lift = min(lift, (1.0 + LARGEST_RISE_SHARE) * (g + max(-limit, min(mean_down, limit))))
+        hover = g + _limit(self.mean_disturbance[2], THRUST_LIMIT_DOWN_M_S2)
+        lift = min(lift, (1.0 + LARGEST_RISE_SHARE) * hover)
         thrust_n = vehicle.mass_kg / effectiveness * lift
         return make_decision(
             vehicle, estimate, reference, thrust_n, (roll, pitch, 0.0), wanted=wanted
@@ -221,22 +216,11 @@ class Descent:
             down + vertical * (z - down),
         )
 
-    def _limit_disturbance(self, down_m_s2: float, limit_m_s2: float) -> Vec3:
-        """Return the disturbance that is compensated [m/s², NED], ``down_m_s2`` of it within
-        ±``limit_m_s2``.
-        """
-        north, east = (
-            max(-DISTURBANCE_LIMIT_M_S2, min(DISTURBANCE_LIMIT_M_S2, d))
-            for d in self.mean_disturbance[:2]
-        )
-        return north, east, max(-limit_m_s2, min(down_m_s2, limit_m_s2))
-
     def _accelerate(self, velocity: Vec3, wanted: Vec3, interval_s: float) -> Vec3:
         """Return the acceleration [m/s², NED] from ``velocity`` towards ``wanted`` [m/s, NED]."""
         (x, y, z), (north, east, down) = velocity, wanted
-        limit, g = INTEGRAL_LIMIT_M_S2, self._gravity
-        step = INTEGRAL_GAIN * (down - z) * interval_s
-        self._integral_m_s2 = max(-limit, min(limit, self._integral_m_s2 + step))
+        g, step = self._gravity, INTEGRAL_GAIN * (down - z) * interval_s
+        self._integral_m_s2 = _limit(self._integral_m_s2 + step, DISTURBANCE_DOWN_LIMIT_M_S2)
         falls = min(LARGEST_FALL_SHARE * g, SPEED_GAIN * (down - z)) + self._integral_m_s2
         return (
             SPEED_GAIN * (north - x),

@@ -16,7 +16,13 @@ aside.
 import math
 
 from groundstation.core.control.attitude import clamp_command, length, sine_error, specific_thrust
-from groundstation.core.control.bring_down import LIFTING_COSINE, OFF, SETTLE_S, SINK_S
+from groundstation.core.control.bring_down import (
+    LIFTING_COSINE,
+    OFF,
+    SETTLE_S,
+    SINK_S,
+    WEIGHT_RANGE,
+)
 from groundstation.core.geometry import FLOATS, Vec3, third_column
 from groundstation.core.messages import ROUNDING_S
 from groundstation.core.vehicle import Motion, Vehicle, integrate, lead
@@ -61,9 +67,7 @@ SPEED_GAIN = 2.0
 ATTITUDE_GAIN = 6.0
 """Body rate per sine of the attitude error [1/s]. Half: 0.50 m aside; double: 0.53 m."""
 LARGEST_TILT_RAD = math.radians(20.0)
-"""Largest commanded tilt [rad]. Half and double: no change."""
-PLANNED_WEIGHT_RANGE = (0.7, 1.3)
-"""Range of gravity and vertical disturbance together, as shares of gravity [-]."""
+"""Largest commanded tilt [rad]."""
 LARGEST_RATE_LEAD = 2.0
 """Largest lead of a body rate over its lag [-]: a lag above 0.07 s is not wholly inverted."""
 LEAST_LIFT_COSINE = 0.7
@@ -89,7 +93,7 @@ def plan_model_descent(
         disturbance: its mean before [m/s², NED].
         height_m: above the floor [m].
     """
-    lightest, heaviest = PLANNED_WEIGHT_RANGE
+    lightest, heaviest = WEIGHT_RANGE
     hover = mass_kg * min(max(gravity + disturbance[2], lightest * gravity), heaviest * gravity)
     thrust_lead = lead(FLOATS, STEP_S, vehicle.thrust_lag_s)
     rate_lead = min(lead(FLOATS, STEP_S, vehicle.rate_lag_s) / STEP_S, LARGEST_RATE_LEAD)
