@@ -12,18 +12,14 @@ from collections.abc import Callable
 
 from groundstation.core.geometry import Vec3, to_body
 from groundstation.core.messages import Pose, PoseSource, PoseStatus
-from links.mavlink import MavlinkLink
+from groundstation.pose.sources import BASE_S
+from links.mavlink import HEARTBEAT_S, MavlinkLink
 from links.mavlink.protocol import ARDUPILOT, ForwardConfig, Odometry, odometry, origin
 
-BASE_S = 0.04
-"""Velocity is measured over at least this time [s]."""
 GAP_S = 0.2
 """Largest time between two poses that give a velocity [s]."""
 EARLY = 0.1
 """Share of the period by which a pose may be early [-]: jitter must not halve the rate."""
-
-ORIGIN_S = 1.0
-"""Period of the origin for a disarmed ArduPilot [s]: a filter that has not begun takes none."""
 
 
 class Forward:
@@ -147,6 +143,7 @@ class ForwardingSource:
                 and connection.state == "connected"
                 and now_s >= self._origin_due_s
             ):
-                self._origin_due_s = now_s + ORIGIN_S
+                # A filter that has not begun takes none, so it comes as often as our HEARTBEAT.
+                self._origin_due_s = now_s + HEARTBEAT_S
                 connection.send(origin(connection.codec))
             connection.send(odometry(connection.codec, connection.kind, message))

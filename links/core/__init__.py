@@ -10,6 +10,7 @@ from links.core.deadman import (
     STALL_S,
     STUCK_S,
     TICK_S,
+    UNIT_TOLERANCE,
     Arrival,
     Attitude,
     Command,

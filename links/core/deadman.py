@@ -77,6 +77,11 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
         )
 
 
+UNIT_TOLERANCE = 0.01
+"""Largest difference from 1 of a unit quaternion's length, and from a rotation of a matrix [-]:
+printed numbers are rounded."""
+
+
 def from_euler_zyx(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Convert angles [rad], about z, then y, then x, to the body-to-world quaternion w, x, y, z."""
     cr = math.cos(0.5 * roll)
@@ -526,7 +531,8 @@ its deadline by then, and a shorter pause is flown through."""
 NEWS_S = 3.0
 """Age up to which what a sender has told still counts [s]: three periods of HEARTBEAT."""
 REOPEN_S = 1.0
-"""Pause before what was lost (a wire, a pacer, a broker, a tracker) is opened again [s]."""
+"""Pause before what was lost, or not there (a wire, a pacer, a broker, a station, a tracker), is
+opened again [s]."""
 SILENCE_S = 0.15
 """Silence of a vehicle after which it may not receive commands [s]: of its telemetry, or of its
 acknowledgements, which are overdue by then. Messages at 10 Hz are never silent for so long unless

@@ -27,6 +27,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any, TypeVar
 
+from links.core import STALL_S
 from links.text import Sentence, link_notice
 
 TYPE_CHECKING = False
@@ -290,8 +291,6 @@ class Datagrams:
         self._transport.abort()
 
 
-SHORTEST_S = 0.01
-"""A sleep [s]; below, the two clocks were only read one after the other."""
 OURS_S = 0.05
 """A clock so close to this machine's is this machine's [s]."""
 
@@ -324,9 +323,10 @@ class Sleep:
     def slept_s(self) -> float:
         """Return how long the computer has slept since then [s].
 
-        0.0 where it has not, or cannot tell.
+        0.0 where it has not, or cannot tell: less than a stall only parts the readings of two
+        clocks.
         """
         if not self._counts:
             return 0.0
         slept = _ahead_s() - self._before_s
-        return slept if slept > SHORTEST_S else 0.0
+        return slept if slept > STALL_S else 0.0

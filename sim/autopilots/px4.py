@@ -22,7 +22,7 @@ from select import select
 from typing import NamedTuple
 
 from groundstation.core.geometry import Vec3, so3
-from links.mavlink.protocol import ARMED, MavlinkCodec
+from links.mavlink.protocol import ARMED, MavlinkCodec, MavlinkLinkConfig
 from sim.autopilots.onboard import (
     LOOPBACK,
     PATIENCE_S,
@@ -66,10 +66,8 @@ HPA_PER_M = 0.12
 TEMPERATURE_DEG_C = 20.0
 """Temperature of the air [°C]."""
 
-_SIMULATOR_SYSTEM = 142
-"""MAVLink system of a simulator [-]; PX4 does not look at it."""
-_SIMULATOR_COMPONENT = 200
-"""MAVLink component of a simulator [-]; PX4 does not look at it."""
+STATION = MavlinkLinkConfig()
+"""Our station's MAVLink numbers, which the simulator speaks by: PX4 does not look at them."""
 
 
 class Px4Port(IntEnum):
@@ -121,7 +119,7 @@ class SimulatorCodec:
     """Both messages on the wire. Sans-IO; no bytes make it raise."""
 
     def __init__(self) -> None:
-        self._codec = MavlinkCodec(_SIMULATOR_SYSTEM, _SIMULATOR_COMPONENT)
+        self._codec = MavlinkCodec(STATION.system_id, STATION.component_id)
 
     def pack_sensors(
         self,
@@ -209,7 +207,7 @@ class Px4(Firmware):
         self._number = take_number(self.mavlink, Px4Port.OFFBOARD)
         self._program, self._noise = program, noise
         self._codec = SimulatorCodec()
-        self._port = MavlinkCodec(_SIMULATOR_SYSTEM, _SIMULATOR_COMPONENT)
+        self._port = MavlinkCodec(STATION.system_id, STATION.component_id)
         self._wire: socket.socket | None = None
         self._count = 0
         self._outputs = Outputs(0, False, (0.0, 0.0, 0.0, 0.0))

@@ -30,7 +30,7 @@ from groundstation.analysis.evidence.flight import Column
 from groundstation.config import ConfigError, parse_number
 from groundstation.core.geometry import so3
 from groundstation.core.messages import notice
-from groundstation.pose.sources import qualisys_codec
+from links.core import UNIT_TOLERANCE
 
 Table: TypeAlias = Mapping[str, Column]
 
@@ -375,7 +375,7 @@ def _quaternion(matrix: NDArray[np.float64]) -> tuple[float, float, float, float
     NaN where it is none: QTM writes zeros for a body that it does not see.
     """
     off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
-    if not (off < qualisys_codec.ORTHOGONAL and np.linalg.det(matrix) > 0.0):
+    if not (off < UNIT_TOLERANCE and np.linalg.det(matrix) > 0.0):
         return (math.nan, math.nan, math.nan, math.nan)
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     return so3.normalize(so3.from_matrix(((a, b, c), (d, e, f), (g, h, i))))

@@ -3,7 +3,6 @@
 from groundstation.interfaces.api.client import (
     ANSWER_S,
     END_S,
-    RETRY_S,
     StationClient,
     ask_station,
     open_client,

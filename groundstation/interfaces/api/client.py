@@ -56,8 +56,6 @@ from links.text import printable
 
 ANSWER_S = 3.0
 """Timeout for a station's hello, answer and next snapshot, and for a broker's answer [s]."""
-RETRY_S = 0.5
-"""Pause before a station or a broker that was not there is tried again [s]."""
 
 
 class StationClient:

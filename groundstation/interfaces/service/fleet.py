@@ -23,7 +23,7 @@ from groundstation.core.messages import Ask, Request, SourceError, notice
 from groundstation.core.mission import State
 from groundstation.flight import ensure_held
 from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensure_link
-from groundstation.interfaces.api import END_S, RETRY_S, ask_station, snapshots
+from groundstation.interfaces.api import END_S, ask_station, snapshots
 from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
 from groundstation.machine import (
@@ -37,6 +37,7 @@ from groundstation.machine import (
 )
 from groundstation.runtime import Exit
 from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served
+from links.core import REOPEN_S
 from links.io import describe_exit, open_child
 
 
@@ -47,7 +48,7 @@ async def until_ready(socket: Path) -> None:
             async for snapshot in snapshots(socket):
                 if snapshot.state == State.READY:
                     return
-        await asyncio.sleep(RETRY_S)
+        await asyncio.sleep(REOPEN_S)
 
 
 async def arm_vehicle(name: str, socket: Path) -> str:
@@ -65,7 +66,7 @@ async def tell_end(why: Request, name: str, socket: Path) -> None:
         with suppress(OSError, ApiError):
             await ask_station(why, name, socket)
             return
-        await asyncio.sleep(RETRY_S)
+        await asyncio.sleep(REOPEN_S)
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)

@@ -52,7 +52,6 @@ from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, REPEAT_S, Sta
 from groundstation.core.safety import LIVE, PREFIX
 from groundstation.interfaces.api import (
     END_S,
-    RETRY_S,
     OrderAnswer,
     StationClient,
     open_client,
@@ -113,7 +112,7 @@ from groundstation.machine import (
 from groundstation.recording import Entry, Recording, refuse_recordings
 from groundstation.runtime import Exit
 from groundstation.settings import Config, is_rehearsal
-from links.core import LinkStatus
+from links.core import REOPEN_S, LinkStatus
 from links.io import describe_exit, start_child
 from links.text import printable
 
@@ -161,7 +160,7 @@ class Attached:
             finally:
                 self._client = None
             yield FeedTrouble(self._gone() or trouble)
-            await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(REOPEN_S)
 
     async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
         """Ask for ``ask`` now or never."""
@@ -925,7 +924,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         says = str(notice("screen.begins_anew", pid=core.pid))
         print(says, file=sys.stderr)
         try:
-            asyncio.run(asyncio.sleep(RETRY_S))
+            asyncio.run(asyncio.sleep(REOPEN_S))
         except KeyboardInterrupt:
             break
         dashboard, code = show(says)

@@ -18,7 +18,7 @@ from textual.widgets import DataTable, Footer, Static
 
 from groundstation.config import is_name
 from groundstation.core.messages import Snapshot
-from groundstation.interfaces.api import RETRY_S, decode
+from groundstation.interfaces.api import decode
 from groundstation.interfaces.mqtt import (
     OFFLINE,
     SNAPSHOT,
@@ -39,6 +39,7 @@ from groundstation.interfaces.tui.model import (
 )
 from groundstation.interfaces.tui.terminal import TolerantDriver
 from groundstation.interfaces.tui.widgets import THEMES, Banner, Events, Numbers, require_terminal
+from links.core import REOPEN_S
 from links.text import printable
 
 COLUMNS = (
@@ -259,7 +260,7 @@ class FleetScreen(App[None]):
             except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
                 self._trouble = f"{self._broker}: {describe_error(error)}"
             heed_cancellation()
-            await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(REOPEN_S)
 
     def draw(self) -> None:
         """Show what is known now."""

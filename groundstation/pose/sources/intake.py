@@ -50,7 +50,7 @@ from groundstation.core.messages import (
     Sentence,
     notice,
 )
-from links.core import NEWS_S
+from links.core import NEWS_S, UNIT_TOLERANCE
 from links.io import format_address
 
 T = TypeVar("T")
@@ -401,8 +401,6 @@ class SourceClock:
         return (self._frames and not self.is_unsteady) or self._line.is_straight(slope)
 
 
-UNIT_TOLERANCE = 1e-3
-"""Largest difference from 1 of a unit quaternion's length; 32-bit floats leave it within 1e-6."""
 LATEST = 1e19
 """Largest plausible stamp [s or frames]: one in nanoseconds since 1970 is 1.8e18, where floats are
 256 apart; its unit is found by its rate."""

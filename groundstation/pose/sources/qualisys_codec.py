@@ -24,6 +24,7 @@ from enum import IntEnum
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, notice
 from groundstation.pose.sources.intake import Intake, PoseReader
+from links.core import UNIT_TOLERANCE
 
 
 class RtPacket(IntEnum):
@@ -53,8 +54,6 @@ _HEADER = struct.Struct("<II")
 _DATA = struct.Struct("<qII")
 _SIX_D = struct.Struct("<ihh")
 _BODY = struct.Struct("<12f")
-ORTHOGONAL = 1e-3
-"""Largest difference of a rotation matrix from an orthogonal one [-]."""
 
 
 class Framer:
@@ -234,8 +233,8 @@ def _is_rotation(rows: tuple[Vec3, Vec3, Vec3]) -> bool:
     """Whether the rows are a right-handed rotation: unit length, third = first x second."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     if (
-        abs(a * a + b * b + c * c - 1.0) > ORTHOGONAL
-        or abs(d * d + e * e + f * f - 1.0) > ORTHOGONAL
+        abs(a * a + b * b + c * c - 1.0) > UNIT_TOLERANCE
+        or abs(d * d + e * e + f * f - 1.0) > UNIT_TOLERANCE
     ):
         return False
     across = max(
@@ -244,4 +243,4 @@ def _is_rotation(rows: tuple[Vec3, Vec3, Vec3]) -> bool:
         abs(a * e - b * d - i),
         abs(a * d + b * e + c * f),
     )
-    return across <= ORTHOGONAL
+    return across <= UNIT_TOLERANCE

@@ -12,7 +12,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from links.core import Attitude, from_euler_zyx
+from links.core import UNIT_TOLERANCE, Attitude, from_euler_zyx
 from links.mavlink.protocol.codec import Message
 
 NEWEST = 16
@@ -75,8 +75,6 @@ SLOW_HZ = 12.5
 """Requested attitude rate on such a port [1/s]."""
 EARLY_S = 0.1
 """A stamp further ahead of its arrival comes from another clock than TIMESYNC's [s]."""
-_UNIT = 0.01
-"""A quaternion whose squared length is farther from one is none."""
 
 
 def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attitude | None:
@@ -93,9 +91,8 @@ def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attit
         case _:
             return None
     rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
-    w, x, y, z = q
-    n = w * w + x * x + y * y + z * z
-    if not (abs(n - 1.0) < _UNIT and math.isfinite(sum(rates))):  # not a number is never less
+    is_unit = abs(math.hypot(*q) - 1.0) < UNIT_TOLERANCE  # not a number is never less
+    if not (is_unit and math.isfinite(sum(rates))):
         return None
     time_s = arrival_s
     if clock is not None:

@@ -7,7 +7,7 @@ import time
 import pytest
 
 import links.io.wires
-from links.core import LinkError
+from links.core import STALL_S, LinkError
 from links.io import Sleep
 from links.mavlink import MavlinkLink
 from links.rf import Arm, FramePacer, pacer_child
@@ -17,7 +17,6 @@ from tests.unit.links.rf.test_pacer import CONFIG, PERIOD_S, Bench, is_disarm, l
 
 # By their numbers: a limit that the test took from the code would bear out any value.
 OURS_S = 0.05
-SHORTEST_S = 0.01
 
 
 class Lid:
@@ -50,13 +49,13 @@ def lid(own_lid: Lid, monkeypatch: pytest.MonkeyPatch) -> Lid:
 def test_a_computer_that_is_awake_has_not_slept_by_the_clock_that_goes_on_in_sleep() -> None:
     assert links.io.wires._AWAKE_OR_NOT == time.CLOCK_BOOTTIME
     sleep = Sleep(time.monotonic)
-    time.sleep(2.0 * SHORTEST_S)
+    time.sleep(1.1 * STALL_S)
     assert sleep.slept_s == 0.0
 
 
 def test_it_is_told_how_long_the_computer_slept_since_the_watch_began(lid: Lid) -> None:
     sleep = Sleep(time.monotonic)
-    lid.slept_s += 0.9 * SHORTEST_S
+    lid.slept_s += 0.9 * STALL_S
     assert sleep.slept_s == 0.0
     lid.slept_s += 600.0
     assert sleep.slept_s == pytest.approx(600.0, abs=0.1)

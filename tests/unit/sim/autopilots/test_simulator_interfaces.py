@@ -28,8 +28,8 @@ QUIET = (0.0,) * 10
 def test_hil_sensor_has_its_golden_bytes() -> None:
     frame = SimulatorCodec().pack_sensors(1_004_000, STATE, FORCE, QUIET, 0)
     assert frame.hex() == (
-        "fd3e0000008ec86b0000e0510f00000000000000003f000080be00001cc10000003f000080be0000003e"
-        "f6285c3ea69b443c9a99d93e7b447d44000000000000c03f0000a041ff1b3d6b"
+        "fd3e000000f5be6b0000e0510f00000000000000003f000080be00001cc10000003f000080be0000003e"
+        "f6285c3ea69b443c9a99d93e7b447d44000000000000c03f0000a041ff1b4ed6"
     )
 
 
