@@ -34,6 +34,7 @@ from links.bridge.codec import (
 from links.core import REOPEN_S, Command, LinkError
 from links.io import Datagrams, is_loopback, parse_address
 from links.rf import (
+    SILENT_S,
     Arm,
     DsmLinkConfig,
     End,
@@ -164,9 +165,6 @@ class KeptPacer:
                 self._disarmed = True
 
 
-SILENT_S = 1.0
-"""Silence after which a station counts as gone [s]: another may command once the vehicle is down.
-Chosen."""
 SESSIONS = 8
 """Limit of the remembered sessions [-]: a further one replaces the oldest that does not command.
 Chosen."""
@@ -338,7 +336,9 @@ class Bridge(asyncio.DatagramProtocol):
     def _take_over(self, session: BridgeEnd, now_s: float) -> bool:
         """Let this station command, if no vehicle flies and no other station commands.
 
-        Return whether it does.
+        One that is silent for ``SILENT_S`` counts as gone.
+
+        Return whether this one commands.
         """
         live = self._live
         if session.ended or self._pacer.report is None or not self._pacer.report.over:

@@ -14,7 +14,7 @@ from links.rf.betaflight_codec import (
 from links.rf.board import Board
 from links.rf.channel_map import Channels
 from links.rf.codec import Manner, RfFrame, RfLinkConfig, Service
-from links.rf.link import PacedLink, SerialRfLink, end_pacer
+from links.rf.link import SILENT_S, PacedLink, SerialRfLink, end_pacer
 from links.rf.module_codec import (
     RF_CODECS,
     CrsfLinkConfig,

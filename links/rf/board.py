@@ -20,6 +20,7 @@ from links.rf.betaflight_codec import (
     find_refusal,
     is_armed,
 )
+from links.rf.pacer import REOPEN_S
 from links.text import link_notice
 
 BAUD = 115200
@@ -30,10 +31,6 @@ RESTART_S = 20.0
 """Timeout of a board's answer after a restart [s]."""
 ANSWER_S = 0.5
 """Timeout of an answer by MSP [s]."""
-TRIES = 3
-"""Attempts at each question."""
-AGAIN_S = 0.25
-"""Wait before a port that is not there is tried again [s]."""
 
 
 class Board:
@@ -87,7 +84,7 @@ class Board:
                             "board.port", port=self.port, why=why.removeprefix(f"{self.port}: ")
                         )
                     ) from None
-                await asyncio.sleep(AGAIN_S)
+                await asyncio.sleep(REOPEN_S)
         if (variant := (await self.ask(MspCommand.FC_VARIANT)).payload) != VARIANT:
             raise LinkRejected(
                 link_notice(
@@ -119,17 +116,16 @@ class Board:
             LinkLost: none comes.
             LinkRejected: it does not know the command.
         """
-        for _ in range(TRIES):
-            reader = MspReader()
-            until_s = await self._write(encode_request(command), ANSWER_S)
-            while data := await self._read(until_s):
-                for answer in reader.feed(data):
-                    if answer.command == command and not answer.known:
-                        raise LinkRejected(
-                            link_notice("board.unknown_command", port=self.port, command=command)
-                        )
-                    if answer.command == command:
-                        return answer
+        reader = MspReader()
+        until_s = await self._write(encode_request(command), ANSWER_S)
+        while data := await self._read(until_s):
+            for answer in reader.feed(data):
+                if answer.command == command and not answer.known:
+                    raise LinkRejected(
+                        link_notice("board.unknown_command", port=self.port, command=command)
+                    )
+                if answer.command == command:
+                    return answer
         raise LinkLost(link_notice("board.silent"))
 
     async def ensure_disarmed(self) -> None:
@@ -198,7 +194,7 @@ class Board:
                 said += data
         except LinkError:
             pass  # it is gone already
-        await asyncio.sleep(AGAIN_S)
+        await asyncio.sleep(REOPEN_S)
         self._cut()
 
     async def _prompt_after(self, line: str, data: bytes) -> str:

@@ -32,7 +32,7 @@ ANEW_S = 0.01
 """An attitude that is not so much newer than the last is the same one, reported again [s]."""
 SILENT_S = 1.0
 """A pacer that reports nothing for so long, or no arming so long after its end, stands still, or
-can't be heard [s]."""
+can't be heard [s]; a bridge's station that sends nothing for so long is gone."""
 END_LIMIT_S = DEADLINE_LIMIT_S + BRING_DOWN_LIMIT_S + SILENT_S
 """Longest wait for a pacer to end [s]: the longest command, its bring-down, and its word of it."""
 
