@@ -196,8 +196,8 @@ def test_an_answer_half_a_second_beyond_the_usual_is_late_once_such_answers_last
     assert found == (pytest.approx(late_s) if told else 0.0)
 
 
-@pytest.mark.parametrize(("age_s", "overdue_s"), [(4.9, 0.07), (5.1, 0.0)])
-def test_what_was_asked_more_than_five_seconds_ago_is_forgotten(
+@pytest.mark.parametrize(("age_s", "overdue_s"), [(2.9, 0.07), (3.1, 0.0)])
+def test_what_was_asked_more_than_three_seconds_ago_is_forgotten(
     age_s: float, overdue_s: float
 ) -> None:
     uplink = begun()
