@@ -1,6 +1,6 @@
 """Simulated trackers: they sample the plant at the cameras' rate, and send real bytes to a source.
 
-Two have a protocol of requests. QTM speaks its real-time protocol over TCP, as far as qtm-rt needs
+Two answer requests. QTM speaks its real-time protocol over TCP, as far as qtm-rt needs
 it for 6D bodies; Motive answers NatNet clients and streams rigid bodies to them, or to a multicast
 group.
 """
@@ -47,7 +47,7 @@ class TrackedBody(NamedTuple):
     """False where it is hidden; the pose is then an old one."""
 
     def pose(self, frames: Frames) -> tuple[Vec3, Quat]:
-        """Position [m] and attitude in the axes of a lab."""
+        """Return position [m] and attitude in the axes of a lab."""
         return frames.theirs(self.position_ned, self.attitude)
 
 
@@ -74,7 +74,7 @@ sent."""
 
 
 class UdpTracker:
-    """Sends a datagram for each frame to whoever listens at an address."""
+    """Tracker that sends a datagram to an address for each frame."""
 
     def __init__(self, encode: Encoder, target: str) -> None:
         """``target`` is host:port."""
@@ -102,16 +102,15 @@ class UdpTracker:
             self._transport = None
 
 
-def make_tracker(told: PoseConfig, yaw_deg: float = 0.0) -> tuple[str, Tracker] | None:
-    """Our body's name and the tracking system that ``told`` expects.
+def make_tracker(configured: PoseConfig, yaw_deg: float = 0.0) -> tuple[str, Tracker] | None:
+    """Return our body's name and the tracking system that ``configured`` expects.
 
-    None where poses come some other way.
-
-    Its north lies ``yaw_deg`` [deg] east of where that is told.
+    None where poses come some other way. The tracker's north is ``yaw_deg`` [deg] east of the
+    configured one.
     """
-    if told.by_autopilot:
+    if configured.by_autopilot:
         return None
-    config: Any = told
+    config: Any = configured
     roll, pitch, yaw = config.alignment.lab_rotation_deg
     turned = msgspec.structs.replace(
         config.alignment, lab_rotation_deg=(roll, pitch, yaw + yaw_deg)
@@ -142,6 +141,7 @@ def vicon_encoder(config: ViconConfig) -> Encoder:
             (x, y, z), attitude = seen.pose(frames)
             angles = vicon_codec.euler_xyz_from_quaternion(attitude)
             objects.append(vicon_codec.ViconObject(seen.name, (1e3 * x, 1e3 * y, 1e3 * z), angles))
+        # Vicon Tracker's block sizes: 3 objects fit into 256 bytes, 6 into 512.
         size = 256 if len(objects) <= 3 else 512 if len(objects) <= 6 else 1024
         return vicon_codec.encode(frame, objects, size)
 
@@ -180,13 +180,14 @@ def vision_encoder(config: VisionConfig) -> Encoder:
 
 
 CIRCLE_M = 2.5
-"""Radius of the circle on which the other bodies fly, one radian behind each other [m]."""
+"""Radius of the circle on which the other bodies fly, one radian apart [m]. Chosen: off the
+figures."""
 CIRCLE_RAD_S = 0.4
-"""Angular speed of the other bodies [rad/s]."""
+"""Angular speed of the other bodies [rad/s]: they fly at 1 m/s."""
 
 
 class SeenVehicle:
-    """One vehicle before the cameras, and the noise of what they see of it."""
+    """One vehicle before the cameras, and the noise of its measured poses."""
 
     def __init__(self, name: str, plant: Quadrotor, world: World, seed: int) -> None:
         """Track the vehicle ``name``; the noise is drawn from ``seed``."""
@@ -196,14 +197,20 @@ class SeenVehicle:
         self._wander = PositionWander(world, normals(seed, "cameras' wander", 3))
 
     def measure(self, when: float) -> tuple[Vec3, Quat]:
-        """Place and attitude as the cameras find them at ``when`` [s]."""
+        """Return position [m, NED] and attitude as the cameras measure them at ``when`` [s]."""
         truth = with_noise(self.plant.truth(when), self._world, next(self._noise))
         truth = self._wander.distort(truth, self.plant.released_s)
         return truth.position_ned, truth.attitude
 
 
+OCCLUSION_SHARE = 0.5
+"""Share of each mishap period after which our body is occluded [-]. Chosen: apart from a swap."""
+SWAP_SHARE = 0.75
+"""Share of each mishap period after which two bodies are swapped [-]. Chosen, as above."""
+
+
 class Mocap:
-    """Cameras that run by themselves: their phase against our frames is drawn from the seed."""
+    """Cameras that run by themselves; their phase against our frames is drawn from the seed."""
 
     def __init__(
         self,
@@ -213,11 +220,10 @@ class Mocap:
         tracker: Tracker,
         standing: Sequence[tuple[str, Vec3]] = (),
     ) -> None:
-        """Have ``tracker`` send what the cameras see of ``vehicles``.
+        """Have ``tracker`` send the measured poses of ``vehicles``.
 
-        What befalls frames is that of the first one.
-
-        ``standing`` are further bodies that stand still, each by its name and place [m, NED].
+        Occlusions and losses are those of the first one. ``standing`` are further bodies at rest,
+        each by its name and position [m, NED].
         """
         self._standing = [
             TrackedBody(other, place, so3.IDENTITY, True) for other, place in standing
@@ -230,7 +236,7 @@ class Mocap:
         self.hidden: set[str] = set()
         """Names of the vehicles that the cameras do not see now."""
         self.sent_s: float | None = None
-        """When the newest frame left, on the event loop's clock [s]."""
+        """Instant at which the newest frame left, on the event loop's clock [s]."""
         self._covered = False
         self._begun_s = 0.0
         self._last: dict[str, tuple[Vec3, Quat]] = {}
@@ -244,14 +250,12 @@ class Mocap:
         self._vehicles[0].plant = plant
 
     def through(self, wrap: Callable[[Tracker], W]) -> W:
-        """Put ``wrap`` before the tracking computer, and return it: every frame passes it from now
-        on.
-        """
+        """Wrap the tracking computer, and return the wrapper: every frame passes it from now on."""
         self._tracker = wrapped = wrap(self._tracker)
         return wrapped
 
     async def run(self) -> None:
-        """Emit until cancelled."""
+        """Send frames until cancelled."""
         loop = asyncio.get_running_loop()
         world = self._world
         await self._tracker.open()
@@ -280,17 +284,17 @@ class Mocap:
         self._tracker.send(frame, when, bodies)
 
     def _observe(self, poses: Sequence[tuple[Vec3, Quat]], when: float) -> list[TrackedBody]:
-        """Our body first: where one is hidden, the last that was seen of it."""
+        """Return all bodies, ours first; a hidden one keeps the last pose that was measured."""
         world = self._world
         others = [_circling(n, when) for n in range(world.other_bodies)]
         bodies = []
         for number, (vehicle, true) in enumerate(zip(self._vehicles, poses, strict=True)):
             pose = true
-            occluded = number == 0 and self._mishap(when, world.occlusion_s, 0.5)
+            occluded = number == 0 and self._is_during(when, world.occlusion_s, OCCLUSION_SHARE)
             hidden = occluded or vehicle.name in self.hidden
             if hidden:
                 pose = self._last.get(vehicle.name, pose)
-            elif number == 0 and self._mishap(when, world.swap_s, 0.75):
+            elif number == 0 and self._is_during(when, world.swap_s, SWAP_SHARE):
                 others[:1] = [pose] if others else []
                 pose = _circling(0, when)
             self._last[vehicle.name] = pose
@@ -301,12 +305,12 @@ class Mocap:
             + self._standing
         )
 
-    def _mishap(self, when: float, length_s: float, share: float) -> bool:
-        """Whether one that begins after ``share`` of each period, and takes ``length_s``, is going
-        on.
+    def _is_during(self, when: float, length_s: float, share: float) -> bool:
+        """Return whether a mishap is going on that begins after ``share`` of each period [-], and
+        takes ``length_s`` [s].
 
-        The periods begin with the first frame, and anew as the vehicle is released: so a flight's
-        do not depend on how long it was made ready.
+        The periods begin with the first frame, and anew as the vehicle is released: those of a
+        flight do not depend on the time of its preparation.
         """
         if length_s <= 0.0:
             return False
@@ -315,7 +319,9 @@ class Mocap:
         return 0.0 <= (when - since) % period - share * period < length_s
 
     def _loses(self, when: float, luck: float) -> bool:
-        """Lost at random, or within one of the regular outages (the last part of each period)."""
+        """Return whether a frame is lost: at random, or in an outage, the last part of each
+        period.
+        """
         world = self._world
         if self._covered or luck < world.pose_loss:
             return True
@@ -326,13 +332,14 @@ class Mocap:
 
 
 def _circling(number: int, when: float) -> tuple[Vec3, Quat]:
+    """Return position [m, NED] and attitude of another body at ``when`` [s]."""
     angle = CIRCLE_RAD_S * when + number
     position = (CIRCLE_M * math.cos(angle), CIRCLE_M * math.sin(angle), -1.0)
     return position, so3.from_euler_zyx(0.0, 0.0, math.remainder(angle, math.tau))
 
 
 NEWEST_MINOR = 25
-"""The simulated QTM speaks versions 1.8 to 1.25 of the protocol, as QTM of 2024 does."""
+"""Newest minor version of the protocol: 1.8 to 1.25 are spoken, as by QTM of 2024 [-]."""
 
 
 class QtmServer:
@@ -345,12 +352,12 @@ class QtmServer:
         self.names: tuple[str, ...] = (config.name,)
         self._address = parse_address(config.server)
         self._server: asyncio.AbstractServer | None = None
-        self.clients: set[Client] = set()
+        self.clients: set[QtmClient] = set()
 
     async def open(self) -> None:
         """Listen for clients."""
         self._server = await asyncio.get_running_loop().create_server(
-            lambda: Client(self), *self._address
+            lambda: QtmClient(self), *self._address
         )
 
     def close(self) -> None:
@@ -369,13 +376,13 @@ class QtmServer:
             client.stream(data)
 
     def encode(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> bytes:
-        """The data packet of one frame; a hidden body is full of NaN."""
+        """Return the packet of one frame; a hidden body is full of NaN."""
         poses = [seen.pose(self._frames) if seen.tracked else None for seen in bodies]
         return qtm.encode_data(round((exposure_s + CLOCK_AHEAD_S) * 1e6), frame, poses)
 
 
-class Client(asyncio.Protocol):
-    """One connection."""
+class QtmClient(asyncio.Protocol):
+    """Connection of one client to the simulated QTM."""
 
     def __init__(self, server: QtmServer) -> None:
         self._server = server
@@ -391,7 +398,7 @@ class Client(asyncio.Protocol):
         self._say(qtm.RtPacket.COMMAND, "QTM RT Interface connected")
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget (called by the event loop)."""
+        """Forget the client (called by the event loop)."""
         self._transport = None
         self._server.clients.discard(self)
 
@@ -423,20 +430,20 @@ class Client(asyncio.Protocol):
             self._transport.write(qtm.text_packet(kind, text))
 
     def stream(self, data: bytes) -> None:
-        """Send one frame to whoever asked for frames."""
+        """Send one frame, if the client has requested frames."""
         if self._streaming and self._transport is not None:
             self._transport.write(data)
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         if self._transport is not None:
             self._transport.close()
 
 
 TICKS_PER_S = 10_000_000
-"""Windows' performance counter."""
+"""Ticks of Windows' performance counter [1/s]."""
 FORGET_S = 5.0
-"""A unicast client that has not been heard for so long is gone [s]."""
+"""Silence after which a unicast client gets no more frames [s]: ten of its keep-alives."""
 
 
 class NatNetServer(asyncio.DatagramProtocol):
@@ -503,18 +510,21 @@ class NatNetServer(asyncio.DatagramProtocol):
             self._answer(data, client)
 
     def models(self) -> bytes:
-        """The bodies that were streamed so far."""
+        """Return the description of all bodies that were streamed so far."""
         return natnet.encode_models(self._ids, self.info.version)
 
     def encode(
         self, frame: int, exposure_s: float, transmit_s: float, bodies: Sequence[TrackedBody]
     ) -> bytes:
-        """One frame; a hidden body's last pose is marked as not tracked."""
+        """Return the packet of one frame; a hidden body's last pose is marked as not tracked."""
         rigid = []
         for seen in bodies:
             position, (w, x, y, z) = seen.pose(self._frames)
             number = self._ids.setdefault(seen.name, len(self._ids) + 1)
-            rigid.append(natnet.RigidBody(number, position, (x, y, z, w), 0.0002, seen.tracked))
+            mean_error_m = 0.0002
+            rigid.append(
+                natnet.RigidBody(number, position, (x, y, z, w), mean_error_m, seen.tracked)
+            )
         exposure, transmit = (
             round((s + CLOCK_AHEAD_S) * TICKS_PER_S) for s in (exposure_s, transmit_s)
         )

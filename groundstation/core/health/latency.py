@@ -28,19 +28,19 @@ SLOW_S = 0.5
 """Time constant of the means that are taken out of both sides [s]: longer than any latency, shorter
 than a drift."""
 REPORT_S = 0.010
-"""Least latency of the response, and least change of any latency, that is reported [s]: no
-first-order lag with a delay describes rates better."""
+"""Least latency of the response, and least change of any latency, that is reported [s]: lag and
+delay of the body rates describe a vehicle no better."""
 POSE_REPORT_S = 0.008
-"""Least latency against the autopilot's attitude that is reported [s]: autopilots send their last
-loop's."""
+"""Least latency against the autopilot's attitude that is reported [s]: an autopilot sends the
+result of its last loop, which is that old."""
 RESPONSE_SAMPLES = 200
 """Samples before a latency of the response is reported [-]: 4 s at 50 Hz."""
 SAMPLE_S = 0.02
-"""Time that makes one sample [s]: poses closer than this share their turn."""
+"""Time of one independent sample [s]: poses closer than this count as a part of one."""
 POSE_SAMPLES = 100
 """Samples before a latency against the autopilot's attitude is reported [-]: 10 s at 10 Hz."""
 ATTITUDES_KEPT = 32
-"""Attitudes that are kept until a pose of their instant arrives [-]."""
+"""Attitudes that are kept until a pose of their instant arrives [-]: .6 s at 50 Hz."""
 
 Signals = tuple[float, float, float, float]
 """e and ġ, x and y of each."""
@@ -61,11 +61,13 @@ class LatencyFit:
         self._samples = 0.0
 
     def begin(self, now: Signals) -> None:
-        """Restart the slow means at ``now``."""
+        """Restart the slow means at the signals ``now``."""
         self._slow = now
 
     def add(self, dt: float, samples: float, now: Signals) -> None:
-        """Take signals, ``dt`` [s] after the last ones; they count as ``samples``."""
+        """Take the signals ``now``, ``dt`` [s] after the last ones; they count as ``samples``
+        [-].
+        """
         self._slow = slow = interpolate(self._slow, now, dt / SLOW_S)
         e, f, u, v = (x - mean for x, mean in zip(now, slow, strict=True))
         keep = 1.0 - dt / self._memory_s
@@ -94,7 +96,9 @@ class ResponseLatency:
     def __init__(self) -> None:
         """Begin without a pose."""
         self._model: tuple[float, float] | None = None
+        """Direction of gravity by the model, x and y in the body's axes; None before a pose."""
         self._slow_rate = (0.0, 0.0)
+        """Slow mean of its rate ġ, x and y [1/s]."""
         self._fit = LatencyFit(MEMORY_S, RESPONSE_SAMPLES)
         self._reported_s = 0.0
 
@@ -115,8 +119,9 @@ class ResponseLatency:
             return
         p, q, r = modelled_turn
         u, v = (r * b - q * c) / dt, (p * c - r * a) / dt
-        # The integrated direction is pulled to the measured one with time constant SLOW_S, as a
-        # slow mean is; the slow mean of its rate is taken out, too.
+        # The integrated direction follows the measured one with time constant SLOW_S, which takes
+        # the slow part out of their difference; it is taken out of the rate alike. Both take the
+        # same way through the fit, so its own slow mean does no harm.
         gain = dt / SLOW_S
         e, f = a - model[0] - dt * u, b - model[1] - dt * v
         self._model = a - (1.0 - gain) * e, b - (1.0 - gain) * f
@@ -158,14 +163,17 @@ class PoseLatency:
         """Begin without a pose; ``memory_s`` is the time constant of forgetting [s]."""
         self._attitudes: deque[Attitude] = deque(maxlen=ATTITUDES_KEPT)
         self._last: tuple[float, tuple[float, float]] | None = None
+        """Instant of the last pose [s], and its direction of gravity, x and y in the body's
+        axes."""
         self._at_s = -math.inf
+        """Instant of the last attitude that was compared [s]."""
         self._fit = LatencyFit(memory_s, POSE_SAMPLES)
         self._reported_s = 0.0
 
     def add_attitude(self, reported: Attitude) -> None:
         """Take an attitude reported by the autopilot.
 
-        One without body rates has no instant and is ignored.
+        One without body rates came by a radio, which does not send its instant, and is ignored.
         """
         if reported.rates_rad_s is None:
             return
@@ -232,12 +240,13 @@ class PoseLatency:
 
 
 def _is_new(late_s: float, reported_s: float) -> bool:
-    """Whether a latency is other than the reported one [s] by ``REPORT_S`` and by half: one that
-    grows, as of poses whose axes are turned, is not told at every 10 ms.
+    """Return whether a latency differs from the reported one [s] by ``REPORT_S`` and by half.
+
+    A growing one, as of poses whose axes are turned, is not reported every 10 ms.
     """
     return abs(late_s - reported_s) >= max(REPORT_S, 0.5 * abs(reported_s))
 
 
 def describe_latency(late_s: float) -> str:
-    """Latency in words; below 0 it is earlier [s]."""
+    """Return the latency in words; below 0 it is earlier [s]."""
     return f"{to_ms(abs(late_s)):.0f} ms {'later' if late_s > 0.0 else 'earlier'}"

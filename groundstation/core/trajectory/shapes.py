@@ -10,7 +10,7 @@ import inspect
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from itertools import chain, cycle, pairwise
+from itertools import chain, pairwise
 from numbers import Real
 from typing import Annotated, Any, NamedTuple, TypeAlias
 
@@ -179,7 +179,7 @@ class OwnTrajectory(Positioned):
             )
         except KeyboardInterrupt:
             raise  # Ctrl-C
-        except BaseException as error:  # sys.exit is no end of a flight either
+        except BaseException as error:  # a SystemExit must not end a flight either
             raise UserCodeFault(what, error) from error
         if not isinstance(found, Reference):
             hint = (
@@ -198,7 +198,7 @@ class OwnTrajectory(Positioned):
                 found.acceleration_ned,
                 found.jerk_ned,
             )
-            # Which takes no text for a number, as float does.
+            # isfinite refuses text, which float would take.
             finite = all(
                 map(math.isfinite, (found.yaw_rad, found.yaw_rate_rad_s, *chain(*vectors)))
             )
@@ -219,7 +219,7 @@ class OwnTrajectory(Positioned):
 
 
 class Tilted:
-    """``curve``, whose side towards one bearing is raised.
+    """Closed curve whose side towards one bearing is raised.
 
     See :class:`Trajectory` for ``at`` and ``position_at``.
     """
@@ -423,7 +423,9 @@ class Circle(Endless):
 
 
 def _landen() -> tuple[float, tuple[float, ...]]:
-    """2^N a_N, and the ratios c_n/a_n for n = N..1, of the arithmetic-geometric mean for m = -1."""
+    """Return 2^N a_N, and the ratios c_n/a_n for n = N..1, of the arithmetic-geometric mean for m =
+    -1.
+    """
     a, b = 1.0, math.sqrt(2.0)
     c = (a - b) / 2.0
     factor = 1.0
@@ -564,6 +566,9 @@ PEAK_SAMPLES = 16
 """Samples within the period of the fastest sine among which the peak is found [-]: the true peak is
 larger by 1 - cos(π / 16) = 2 % at most."""
 
+LEAST_SINES = 8
+"""Least number of sines in all [-]: two for each axis, and for the heading."""
+
 Frequency = Annotated[float, msgspec.Meta(ge=0.05, le=10.0)]
 LEAST_SWING_DEG = 1.6
 """Least swing of the heading, except 0 [deg]: a smaller number is in radians, of which 90° has
@@ -636,12 +641,15 @@ class ExcitationConfig(
             raise ValueError(
                 config_notice("trajectory.swing", least_deg=LEAST_SWING_DEG, found_deg=found_deg)
             )
-        if (
-            math.floor(self.highest_hz * self.period_s) - math.ceil(self.lowest_hz * self.period_s)
-            < 7
-        ):
-            needed = self.lowest_hz + 8.0 / self.period_s
+        if len(self.multiples) < LEAST_SINES:
+            needed = self.lowest_hz + LEAST_SINES / self.period_s
             raise ValueError(config_notice("trajectory.band", least_hz=needed))
+
+    @property
+    def multiples(self) -> range:
+        """Frequencies of the band, as multiples of 1/period."""
+        first = math.ceil(self.lowest_hz * self.period_s)
+        return range(first, math.floor(self.highest_hz * self.period_s) + 1)
 
     def build(self) -> Paced:
         """The trajectory of this config."""
@@ -652,8 +660,11 @@ class Sine(NamedTuple):
     """amplitude · sin(rate · t + phase)."""
 
     amplitude: float
+    """[m or rad]."""
     rate: float
+    """[rad/s]."""
     phase: float
+    """[rad]."""
 
 
 class Excitation(Endless, Positioned):
@@ -669,19 +680,17 @@ class Excitation(Endless, Positioned):
         self.period_s = config.period_s
         self._middle = config.position_ned
         self._yaw = math.radians(config.yaw_deg)
-        first = math.ceil(config.lowest_hz * config.period_s)
-        last = math.floor(config.highest_hz * config.period_s)
-        lines: tuple[list[int], ...] = ([], [], [], [])
-        for line, axis in zip(range(first, last + 1), cycle(lines), strict=False):
-            axis.append(line)
-        north, east, down, heading = (_spread(axis) for axis in lines)
-        count = PEAK_SAMPLES * last
+        multiples = config.multiples
+        # North, east, down and heading take turns.
+        north, east, down, heading = (_spread(multiples[i::4]) for i in range(4))
+        count = PEAK_SAMPLES * multiples[-1]
         samples_s = [config.period_s * i / count for i in range(count)]
-        # The same acceleration, or yaw rate, at every frequency of an axis: it decides what
-        # actuators must do.
+        # The same acceleration at every frequency of an axis: it decides what actuators must do.
         axes = [_sines(axis, config.period_s, 2) for axis in (north, east, down)]
         peak = max(math.hypot(*(_sum(sines, t)[2] for sines in axes)) for t in samples_s)
         self._axes = tuple(_scale(sines, config.acceleration_m_s2 / peak) for sines in axes)
+        # The same yaw rate at every frequency, of the lower half: others would need a larger yaw
+        # rate for the same swing.
         yaws = _sines(heading[: max(1, len(heading) // 2)], config.period_s, 1)
         swing = max(abs(_sum(yaws, t)[0]) for t in samples_s)
         self._yaw_sines = _scale(yaws, math.radians(config.yaw_swing_deg) / swing)
@@ -702,20 +711,19 @@ class Excitation(Endless, Positioned):
         )
 
 
-def _spread(lines: list[int]) -> list[int]:
-    """At most :data:`SINES_PER_AXIS` of them, evenly."""
-    if len(lines) <= SINES_PER_AXIS:
-        return lines
-    return [
-        lines[round(i * (len(lines) - 1) / (SINES_PER_AXIS - 1))] for i in range(SINES_PER_AXIS)
-    ]
+def _spread(multiples: Sequence[int]) -> Sequence[int]:
+    """Return :data:`SINES_PER_AXIS` of them at most, evenly."""
+    if len(multiples) <= SINES_PER_AXIS:
+        return multiples
+    gap = (len(multiples) - 1) / (SINES_PER_AXIS - 1)
+    return [multiples[round(i * gap)] for i in range(SINES_PER_AXIS)]
 
 
-def _sines(lines: list[int], period_s: float, order: int) -> list[Sine]:
-    """Sines at these multiples of 1/period, whose derivatives of that ``order`` all have amplitude
+def _sines(multiples: Sequence[int], period_s: float, order: int) -> list[Sine]:
+    """Return sines at these multiples of 1/period, whose derivatives of ``order`` have amplitude
     1.
     """
-    rates = [2.0 * math.pi * line / period_s for line in lines]
+    rates = [2.0 * math.pi * multiple / period_s for multiple in multiples]
     return [Sine(rate**-order, rate, -math.pi * i * i / len(rates)) for i, rate in enumerate(rates)]
 
 
@@ -724,7 +732,7 @@ def _scale(sines: list[Sine], factor: float) -> tuple[Sine, ...]:
 
 
 def _sum(sines: tuple[Sine, ...] | list[Sine], t: float) -> tuple[float, float, float, float]:
-    """The sum and its first three derivatives at ``t`` [s]."""
+    """Return the sum and its first three derivatives at ``t`` [s]."""
     a = b = c = d = 0.0
     for amplitude, w, phase in sines:
         s, k = amplitude * math.sin(w * t + phase), amplitude * math.cos(w * t + phase)
@@ -761,7 +769,7 @@ class Hold:
     duration_s: float | None = None
     """None: it never ends."""
     joints_s = (0.0,)
-    """Its begin alone: it never changes."""
+    """Its beginning alone: it never changes."""
 
     def __init__(self, position_ned: Vec3, yaw_rad: float) -> None:
         self._reference = Reference(position_ned, yaw_rad=yaw_rad)

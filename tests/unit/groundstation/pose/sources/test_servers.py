@@ -23,7 +23,7 @@ from groundstation.pose.sources import (
 from groundstation.pose.sources.qualisys import QualisysSource
 from links.io import parse_address
 from sim.trackers import NatNetServer, QtmServer, TrackedBody
-from sim.trackers.trackers import Client
+from sim.trackers.trackers import QtmClient
 from tests.loops import BOTH_LOOPS, Run, free_address, in_real_time, in_virtual_time, until
 
 
@@ -312,14 +312,14 @@ def test_an_older_qtm_is_asked_for_older_versions_on_a_new_connection_each(
 ) -> None:
     monkeypatch.setattr("sim.trackers.trackers.NEWEST_MINOR", minor)
     connections = 0
-    begun = Client.connection_made
+    begun = QtmClient.connection_made
 
-    def count(client: Client, transport: asyncio.BaseTransport) -> None:
+    def count(client: QtmClient, transport: asyncio.BaseTransport) -> None:
         nonlocal connections
         connections += 1
         begun(client, transport)
 
-    monkeypatch.setattr(Client, "connection_made", count)
+    monkeypatch.setattr(QtmClient, "connection_made", count)
 
     async def play(room: Room) -> None:
         assert (await room.more()).position_ned == (0.0, 0.0, -1.0)
