@@ -61,7 +61,7 @@ class TlogReader:
 
     def __init__(self, data: bytes) -> None:
         self._data = data
-        self._codec = MavlinkCodec(255, 190)
+        self._codec = MavlinkCodec()
         self._used = 0
 
     def find_fault(self) -> str:

@@ -91,6 +91,8 @@ def test_a_controller_reaches_and_follows_its_reference_within_the_limits(
     flight = watched(world, config)
     assert flight.result.completed, flight.result.why
     assert flight.last_cm < REACHES_CM[kind]
+    b_hat = flight.ticks[-1].decision.diagnostics.b_hat
+    assert b_hat == pytest.approx(world.wind_mean, abs=0.02)
     w, _, _, z = flight.ticks[-1].estimate.motion.attitude
     yaw_deg = YAW_DEG if path == "hover" else 0.0
     assert math.degrees(2.0 * math.atan2(z, w)) == pytest.approx(yaw_deg, abs=0.3)

@@ -6,10 +6,15 @@ from typing import Any
 import numpy as np
 from hypothesis import assume, given, strategies as st
 
-from groundstation.core.control.demand_limits import LEAST_COSINE, RESERVE, YAW_RAD_S2, DemandLimits
+from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.geometry import FLOATS, Quat, Vec3, arrays, rotate, third_column
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
+
+# By their numbers: a limit that the test took from the code would bear out any value.
+LEAST_COSINE = math.cos(math.radians(80.0))
+RESERVE = 1.03
+YAW_RAD_S2 = 2.5
 
 VEHICLE = Vehicle()
 LIMITS = DemandLimits(FLOATS, VEHICLE)

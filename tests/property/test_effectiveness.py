@@ -22,7 +22,6 @@ from groundstation.core.estimation import (
     update_covariance,
     update_effectiveness,
 )
-from groundstation.core.estimation.estimator import EFFECTIVENESS_LIMITS
 from groundstation.core.geometry import FLOATS, Vec3, add_scaled, subtract
 from groundstation.core.vehicle import (
     ActuatorCommand,
@@ -121,7 +120,7 @@ def compare_with_thirteen_states(poses: list[tuple[float, Vec3, bool]], seed: in
             )
             for i, chain in enumerate(zip(e.p, e.v, e.d, e.c, strict=True)):
                 state[i] += np.array(gain) * step[i] + moved * np.array(chain)
-            clipped |= not EFFECTIVENESS_LIMITS[0] < e.value < EFFECTIVENESS_LIMITS[1]
+            clipped |= not 0.6 < e.value < 1.4
     assert math.isclose(e.assumed, big[12, 12], rel_tol=1e-6)
     assert math.isclose(e.variance, big[12, 12], rel_tol=1e-6), "Joseph's form of the same"
     if not clipped:
@@ -178,7 +177,7 @@ def test_at_rest_they_look_the_same_and_only_their_sum_is_known() -> None:
 
 def test_what_is_broken_is_not_taken_for_worn() -> None:
     e, _ = flown(0.2, ZERO, 10.0, shaken=True)
-    assert e.value == EFFECTIVENESS_LIMITS[0]
+    assert e.value == 0.6
 
 
 def test_told_exactly_it_never_moves() -> None:

@@ -165,7 +165,7 @@ class _OwnAttitude:
         ``peer`` is the sender's address, None on a stream.
         """
         if wire not in self._codecs:
-            self._codecs[wire] = MavlinkCodec(255, 190)
+            self._codecs[wire] = MavlinkCodec()
         for message in self._codecs[wire].feed(data, peer):
             if message.get_type() == "TIMESYNC" and message.tc1 > 0:
                 trip_s = max(time_s - 1e-9 * message.ts1, 0.0)

@@ -549,7 +549,7 @@ class Intake:
         axes, ``velocity_ned`` is in ours.
         """
         x, y, z = position
-        if not math.isfinite(x + y + z + sum(attitude) + stamp + age_s):
+        if not math.isfinite(sum((*position, *attitude, stamp, age_s))):
             return self.drop("not_finite")
         if abs(math.hypot(*attitude) - 1.0) > UNIT_TOLERANCE:
             return self.drop("not_unit")
@@ -815,7 +815,7 @@ class Gate:
         None if it is implausible by itself.
         """
         w, x, y, z = pose.attitude
-        if not math.isfinite(sum(pose.position_ned) + w + x + y + z + pose.time_s):
+        if not math.isfinite(sum((*pose.position_ned, *pose.attitude, pose.time_s))):
             return self.drop("not_finite")
         square = w * w + x * x + y * y + z * z
         if not 0.8 < square < 1.2:

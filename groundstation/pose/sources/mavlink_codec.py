@@ -159,7 +159,7 @@ class VisionReader(PoseReader):
     ) -> None:
         """Read the messages of that MAVLink system and component; None: of any."""
         super().__init__(intake)
-        self._codec = MavlinkCodec(255, 190)
+        self._codec = MavlinkCodec()
         self._codec.dropped = intake.dropped  # one account for both
         self._system, self._component = system_id, component_id
 
@@ -177,8 +177,9 @@ class VisionReader(PoseReader):
             return self.intake.drop("other_component")
         if self.is_second(arrival_s):
             return None
-        if not -1e3 < m.roll + m.pitch + m.yaw < 1e3:  # NaN too
+        angles = (m.roll, m.pitch, m.yaw)
+        if not math.isfinite(sum(angles)):
             return self.intake.drop("not_finite")
-        attitude = so3.from_euler_zyx(m.roll, m.pitch, m.yaw)
+        attitude = so3.from_euler_zyx(*angles)
         resets = getattr(m, "reset_counter", 0)
         return self.intake.pose(m.usec * 1e-6, arrival_s, (m.x, m.y, m.z), attitude, resets=resets)

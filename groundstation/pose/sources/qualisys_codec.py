@@ -220,7 +220,7 @@ class QualisysReader(PoseReader):
         x, y, z, *m = own
         if all(map(math.isnan, (x, y, z))):
             return self.intake.drop("not_tracked")
-        if not math.isfinite(x + y + z + sum(m)):
+        if not math.isfinite(sum(own)):
             return self.intake.drop("not_finite")
         rows = ((m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8]))
         if not _is_rotation(rows):

@@ -193,8 +193,8 @@ class MavlinkCodec:
     No bytes make it raise; what it can't use is counted in ``dropped``.
     """
 
-    def __init__(self, system_id: int, component_id: int) -> None:
-        """Speak as ``system_id`` / ``component_id`` (1..255)."""
+    def __init__(self, system_id: int = 0, component_id: int = 0) -> None:
+        """Speak as ``system_id`` / ``component_id`` (1..255); without them it only reads."""
         self.dialect: Any = load_dialect()
         """pymavlink's message classes and numbers."""
         self.system_id = system_id

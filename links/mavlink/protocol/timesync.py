@@ -86,8 +86,11 @@ def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attit
     match message.get_type():
         case "ATTITUDE_QUATERNION":
             q = (message.q1, message.q2, message.q3, message.q4)
-        case "ATTITUDE" if math.isfinite(message.roll + message.pitch + message.yaw):
-            q = from_euler_zyx(message.roll, message.pitch, message.yaw)
+        case "ATTITUDE":
+            angles = (message.roll, message.pitch, message.yaw)
+            if not math.isfinite(sum(angles)):
+                return None
+            q = from_euler_zyx(*angles)
         case _:
             return None
     rates = (message.rollspeed, message.pitchspeed, message.yawspeed)

@@ -12,7 +12,7 @@ from links.core import Command, Deadman, LinkError, LinkLost, LinkMisuse, LinkRe
 from links.io import Datagrams
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.link import Transmitter
-from links.mavlink.protocol import ARDUPILOT, FORCE, PX4, ForwardConfig, MavCommand, MavlinkCodec
+from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavCommand, MavlinkCodec
 from tests.loops import in_real_time, in_virtual_time
 from tests.unit.links.mavlink.test_mavlink_link import (
     D,
@@ -39,7 +39,11 @@ def flown() -> Command:
 def is_kill(message: Any) -> bool:
     if message.get_type() != "COMMAND_LONG":
         return False
-    return (message.command, message.param1, message.param2) == (MavCommand.ARM_DISARM, 0.0, FORCE)
+    return (message.command, message.param1, message.param2) == (
+        MavCommand.ARM_DISARM,
+        0.0,
+        21196.0,
+    )
 
 
 def modes(autopilot: Endpoint) -> list[tuple[float, float]]:

@@ -6,7 +6,6 @@ import pytest
 
 from groundstation.core.control import TRANSIT, FlightLimits, Gains, LimitInput
 from groundstation.core.control.limits import (
-    UPLINK_LOST_GAIN,
     FirstClimbLimit,
     LevelNearGround,
     ThrustLimit,
@@ -22,6 +21,7 @@ FIRST_CLIMB_M = 0.25
 FIRST_CLIMB_SHARE = 1.2
 LEAST_THRUST_SHARE = 0.7
 UPLINK_LOST_SHARE = 0.95
+UPLINK_LOST_GAIN = 0.15
 
 VEHICLE = Vehicle()
 GAINS = Gains()

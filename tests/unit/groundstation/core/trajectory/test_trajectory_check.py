@@ -186,14 +186,38 @@ def rest_for_a_moment(exact: Reference, time_s: float) -> Reference:
 
 
 LIES: dict[str, tuple[Change, str]] = {
-    "at rest": (replace(velocity_ned=ZERO), "velocity"),
-    "too slow": (scaled("velocity_ned", 0.8), "velocity"),
-    "backwards": (scaled("velocity_ned", -1.0), "velocity"),
-    "no acceleration": (replace(acceleration_ned=ZERO), "acceleration"),
+    "too slow": (scaled("velocity_ned", 0.86), "velocity"),
     "twice": (scaled("acceleration_ned", 2.0), "acceleration"),
-    "no turn": (replace(yaw_rate_rad_s=0.0), "yaw rate"),
     "for half a second": (rest_for_a_moment, "velocity"),
 }
+
+AT_REST = Reference((0.0, 0.0, -1.5))
+# By so much it differs at rest: from when on [s], by how much, and the name of the fault.
+LARGEST = [
+    ("velocity_ned", 0.0, 0.05 / 0.9, "velocity"),
+    ("acceleration_ned", 0.0, 0.3 / 0.9, "acceleration"),
+    ("jerk_ned", 0.0, 5.0 / 0.9, "jerk"),
+    ("yaw_rate_rad_s", 0.0, 0.1 / 0.9, "yaw rate"),
+    ("position_ned", 0.5, 0.01 + 1.1 * 0.01**2, "velocity"),
+    ("velocity_ned", 0.5, 0.05, "acceleration"),
+    ("yaw_rad", 0.5, 0.02 + 1.1 * 0.01**2, "yaw rate"),
+    ("position_ned", 2.0, 0.05, "period"),  # after its first turn
+]
+
+
+@pytest.mark.parametrize(("changed", "since_s", "most", "name"), LARGEST)
+def test_no_more_than_rounding_is_taken_for_rounding(
+    changed: str, since_s: float, most: float, name: str
+) -> None:
+    def fault(size: float) -> str:
+        at_rest = getattr(AT_REST, changed)
+        value = (size, *at_rest[1:]) if changed.endswith("ned") else size
+        moved = msgspec.structs.replace(AT_REST, **{changed: value})
+        curve = Curve(lambda exact, time_s: moved if time_s >= since_s else AT_REST, 12.0)
+        odd = report(curve).inconsistency
+        return "" if odd is None else odd.name
+
+    assert (fault(0.997 * most), fault(1.003 * most)) == ("", name)
 
 
 @pytest.mark.parametrize(("change", "name"), LIES.values(), ids=LIES)
