@@ -70,32 +70,51 @@ def test_a_body_that_hangs_still_says_neither() -> None:
 
 
 @pytest.mark.parametrize(
-    ("late_s", "agrees"), [(0.0, True), (0.04, True), (0.16, False), (0.3, False)]
+    ("late_s", "since_s", "alarm", "tilt_deg"),
+    [
+        (0.0, None, 0.0, 0.0),
+        (0.04, None, 0.0437245, 0.512955),
+        (0.16, 6.4, 1.0, 1.81745),
+        (0.3, 4.4, 1.0, 3.07219),
+    ],
 )
 def test_poses_that_come_later_than_the_autopilot_turns_are_doubted(
-    late_s: float, agrees: bool
+    late_s: float, since_s: float | None, alarm: float, tilt_deg: float
 ) -> None:
-    assert watch(lambda time_s: swing(time_s - once_armed(time_s, late_s)), swing).agrees is agrees
+    found = watch(lambda time_s: swing(time_s - once_armed(time_s, late_s)), swing)
+    assert found.agrees is (since_s is None)
+    assert found.disagrees_since_s == pytest.approx(since_s)
+    assert (found.alarm, found.tilt_deg) == pytest.approx((alarm, tilt_deg), rel=1e-5, abs=1e-9)
 
 
-def test_a_tilt_that_was_there_before_arming_is_how_the_body_is_mounted() -> None:
-    verdict = watch(lambda _: (math.radians(5.0), 0.0, 0.0), still, armed_s=math.inf)
-    assert (verdict.mounting_deg, verdict.tilt_deg) == pytest.approx((5.0, 0.0), abs=0.1)
+@pytest.mark.parametrize(
+    ("since_s", "mounting_deg", "tilt_deg"), [(0.0, 5.81894, 0.0), (1.0, 0.556395, 5.26255)]
+)
+def test_a_tilt_that_was_there_before_arming_is_how_the_body_is_mounted(
+    since_s: float, mounting_deg: float, tilt_deg: float
+) -> None:
+    """A tenth of one that comes 1 s before is learnt by then."""
+    tilted = (math.radians(5.0), math.radians(-3.0), 0.0)
+    found = watch(lambda time_s: tilted if time_s >= since_s else ZERO, still)
+    assert (found.mounting_deg, found.tilt_deg) == pytest.approx((mounting_deg, tilt_deg), 1e-5)
 
 
-@pytest.mark.parametrize(("off_deg", "doubted"), [(7.0, False), (14.0, True)])
+@pytest.mark.parametrize(("off_deg", "alarm"), [(7.0, 0.69826), (14.0, 1.38611)])
 def test_a_tilt_that_comes_after_arming_is_doubted_beyond_ten_degrees(
-    off_deg: float, doubted: bool
+    off_deg: float, alarm: float
 ) -> None:
     verdict = watch(lambda time_s: (once_armed(time_s, math.radians(off_deg)), 0.0, 0.0), still)
-    assert (verdict.agrees is False) is doubted
+    assert verdict.alarm == pytest.approx(alarm, rel=1e-5)
+    assert (verdict.agrees is False) is (alarm >= 1.0)
 
 
 def test_an_autopilot_that_takes_a_third_of_a_lean_for_level_is_believed() -> None:
     def lean(time_s: float, share: float = 1.0) -> Angles:
         return (0.0, share * math.radians(35.0) * min(max(time_s - ARMED_S, 0.0) / 2.0, 1.0), 0.0)
 
-    assert watch(lean, lambda time_s: lean(time_s, 0.67)).agrees is not False
+    found = watch(lean, lambda time_s: lean(time_s, 0.67))
+    assert found.agrees is None
+    assert found.alarm == pytest.approx(0.590709, rel=1e-5)
 
 
 def test_without_attitudes_there_is_no_witness() -> None:
@@ -107,12 +126,10 @@ def test_without_attitudes_there_is_no_witness() -> None:
 
 
 def test_an_attitude_is_told_in_the_axes_of_the_poses() -> None:
-    witness = Witness()
-    watch(swing, swing, witness=witness)
-    found = witness.in_poses(told(8.0, (0.1, -0.05, 0.0)))
-    assert found is not None
-    turned = so3.rotation_vector(multiply(so3.conjugate(found), quaternion((0.1, -0.05, 0.0))))
-    assert math.hypot(*turned) < 0.09
+    witness, mounted = Witness(), (0.05, -0.02, 0.3)
+    watch(lambda _: mounted, still, witness=witness)
+    found = witness.in_poses(told(8.0, ZERO))
+    assert found == pytest.approx(quaternion(mounted), abs=3e-4)
 
 
 def test_a_vehicle_that_is_moved_by_hand_shows_which_axes_go_the_same_way() -> None:
@@ -122,7 +139,7 @@ def test_a_vehicle_that_is_moved_by_hand_shows_which_axes_go_the_same_way() -> N
     verdict = watch(
         lambda t: tipped(t, -1.0), lambda t: tipped(t, 1.0), armed_s=math.inf, lasts_s=6.0
     )
-    assert "roll" in verdict.alike and "pitch" in verdict.unlike
+    assert (verdict.alike, verdict.unlike) == (("roll",), ("pitch",))
 
 
 def test_slow_attitudes_are_compared_as_soon_as_a_later_pose_is_there() -> None:
@@ -134,6 +151,8 @@ def test_slow_attitudes_are_compared_as_soon_as_a_later_pose_is_there() -> None:
         assert time_s < 1.0 or witness.verdict(time_s) is not None
         if n % 25 == 0:  # 2 Hz, between two poses
             witness.add_attitude(told(time_s + 0.5 * POSE_S, ZERO))
+    assert witness.verdict(3.51 + 0.59) is not None
+    assert witness.verdict(3.51 + 0.61) is None
 
 
 def test_a_disagreement_that_lasts_is_told_once_and_again_after_an_agreement() -> None:
