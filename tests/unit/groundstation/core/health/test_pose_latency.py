@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.core.geometry import Quat, multiply, so3
+from groundstation.core.geometry import Quat, multiply, scale, so3
 from groundstation.core.health import PoseLatency, ResponseLatency
 from groundstation.core.messages import Pose
 from links.core import Attitude
@@ -15,9 +15,15 @@ NOISE_RAD = 0.002
 
 
 def true(time_s: float, strength: float) -> tuple[Quat, tuple[float, float, float]]:
-    """Attitude and body rates [rad/s] of a vehicle that rolls about, heading anywhere."""
-    roll = strength * math.sin(2.0 * time_s)
-    return so3.from_euler_zyx(roll, 0.0, 1.0), (2.0 * strength * math.cos(2.0 * time_s), 0.0, 0.0)
+    """Attitude and body rates [rad/s] of a vehicle that turns about all axes."""
+
+    def attitude(at_s: float) -> Quat:
+        roll, pitch = strength * math.sin(2.0 * at_s), strength * math.cos(1.7 * at_s)
+        return so3.from_euler_zyx(0.2 + roll, pitch - 0.1, 1.0 + 2.0 * strength * at_s)
+
+    h = 1e-4
+    turn = so3.turn_between(attitude(time_s - h), attitude(time_s + h))
+    return attitude(time_s), scale(0.5 / h, turn)
 
 
 def found(

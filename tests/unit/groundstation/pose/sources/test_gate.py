@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.geometry import Quat, Vec3, scale, so3
 from groundstation.core.messages import Pose, PoseStatus, Sentence
 from groundstation.pose.sources import Gate, GateConfig, GatedSource, describe_drop
 from groundstation.pose.sources.intake import Outbreaks
@@ -155,6 +155,24 @@ def test_a_wrong_body_is_not_believed_as_time_passes_but_the_true_one_when_it_is
     assert len(passed) == 10
 
 
+def test_a_flight_in_any_direction_is_expected_to_go_on_and_its_quaternion_keeps_its_sign() -> None:
+    gate, (w, x, y, z) = Gate(GateConfig()), so3.from_euler_zyx(0.3, -0.2, 2.0)
+    signs = [(-1.0) ** n for n in range(20)]
+    passed, _ = flown(
+        gate,
+        (
+            pose(n, scale(n * DT, (1.0, -1.5, 0.5)), (s * w, s * x, s * y, s * z))
+            for n, s in enumerate(signs)
+        ),
+    )
+    assert [one.attitude for one in passed] == [(w, x, y, z)] * 20
+    gate.filter_pose(pose(25, (1.0, 1.0, 1.0), (w, x, y, z)))
+    assert gate.excesses["jump"] == pytest.approx((1.968501969, 0.51))
+    turned = so3.multiply((w, x, y, z), so3.from_euler_zyx(0.6, 0.8, -1.0))
+    gate.filter_pose(pose(20, scale(20 * DT, (1.0, -1.5, 0.5)), turned))
+    assert gate.excesses["spin"] == pytest.approx((88.37996791, 35.0))
+
+
 def test_what_the_source_itself_has_moved_is_believed_at_once() -> None:
     gate = gate_in_flight()
     moved = pose(20, (5.0, 0.0, -1.0), reset_count=1)
@@ -202,11 +220,13 @@ def test_an_outbreak_is_told_once_as_it_begins_and_once_as_it_is_over() -> None:
     outbreaks = Outbreaks(COAST_S)
     told: list[Sentence] = []
     for n in range(300):
-        status = PoseStatus(0, {"not_tracked": max(0, min(n, 50) - 9), "jump": 0})
+        count = max(0, min(n, 50) - 9) + max(0, min(n, 250) - 243)
+        status = PoseStatus(0, {"not_tracked": count, "jump": 0})
         told += outbreaks.look(0.05 * n, status, None)
-    assert [event.id for event in told] == ["pose.dropping", "pose.passed"]
+    assert [event.id for event in told] == 2 * ["pose.dropping", "pose.passed"]
     assert "hidden" in str(told[0])
     assert "41 dropped" in str(told[1])
+    assert "7 dropped" in str(told[3])
 
 
 def look_on(*looks: tuple[float, PoseStatus, Pose | None]) -> list[tuple[float, str]]:
