@@ -107,8 +107,9 @@ def flown(scene: Scene) -> list[float]:
         falls = sum(part.thrust_n * part.duration_s for part in tick.command.bring_down)
         rows.append([
             *motion.position, now.thrust, math.hypot(*now.rates), falls, state.noise_m,
-            *tick.estimate.disturbance, tick.estimate.effectiveness, *(state.wind.value or ZERO),
-            health.alarm, health.push_alarm, health.is_suspect, health.has_failed, state.is_blind,
+            *tick.estimate.disturbance, tick.estimate.effectiveness,
+            *(state.mean_disturbance.value or ZERO), health.alarm, health.push_alarm,
+            health.is_suspect, health.has_failed, state.is_blind,
         ])  # fmt: skip
     ends = flies.last_command(9.5, PERIOD_S), flies.surrender(9.5, PERIOD_S)
     means = [sum(column) / len(rows) for column in zip(*rows, strict=True)]
