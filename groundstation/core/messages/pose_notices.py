@@ -4,7 +4,7 @@ A row ``drop.REASON`` belongs to each reason that sources and the gate count and
 name.
 """
 
-from links.text import NoticeTemplate
+from links.text import NoticeTemplate, as_warnings
 
 _DROPS = {
     "not_live": "Motive is in edit mode or plays a recording: go to Live",
@@ -150,10 +150,12 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
         "is a measurement or a preview running?",
     ),
     NoticeTemplate("qualisys.bodies", "QTM at {server} does not report its bodies: {why}"),
-    NoticeTemplate(
-        "pose.lost",
-        "poses are lost: none for {age_ms:.0f} ms, limit {limit_ms:.0f} ms (flight.coast_s)",
-        "check the tracker and its network",
+    *as_warnings(
+        NoticeTemplate(
+            "pose.lost",
+            "poses are lost: none for {age_ms:.0f} ms, limit {limit_ms:.0f} ms (flight.coast_s)",
+            "check the tracker and its network",
+        ),
     ),
     NoticeTemplate("pose.back", "poses are back after {gap_s:.2f} s"),
 )
