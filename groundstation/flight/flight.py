@@ -282,7 +282,7 @@ class Flight:
             self.say(notice("link.flown", says=says))
 
     async def _fly(self) -> None:
-        await self._preflight.depart(self._on_pose)
+        await self._preflight.run(self._on_pose)
         self._controller.go(Event.ARM, notice("mission.arming"), self._now())
         await self._commands.fly(
             Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE

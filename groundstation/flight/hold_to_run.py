@@ -213,7 +213,7 @@ class HoldWatch:
             self.hold.rename(held.what)
             while True:
                 try:
-                    self.hold.see(held.share(), loop.time())
+                    self.hold.take_position(held.share(), loop.time())
                 except InputLost as lost:
                     self.hold.lose(str(lost))
                 looked()

@@ -552,7 +552,7 @@ def _find_lateness(poses: list[Sample], autopilot: list[Attitude], frames: Frame
             case Attitude():
                 latency.add_attitude(seen)
             case Sample(time_s, attitude, position):
-                latency.add_pose(Pose(0, time_s, time_s, *frames.ours(position, attitude)))
+                latency.add_pose(Pose(0, time_s, time_s, *frames.to_ours(position, attitude)))
     return latency.late_s
 
 

@@ -14,7 +14,13 @@ from groundstation.core.geometry import Vec3, to_body
 from groundstation.core.messages import Pose, PoseSource, PoseStatus
 from groundstation.pose.sources import BASE_S
 from links.mavlink import HEARTBEAT_S, MavlinkLink
-from links.mavlink.protocol import ARDUPILOT, ForwardConfig, Odometry, odometry, origin
+from links.mavlink.protocol import (
+    ARDUPILOT,
+    ForwardConfig,
+    Odometry,
+    encode_odometry,
+    encode_origin,
+)
 
 GAP_S = 0.2
 """Largest time between two poses that give a velocity [s]."""
@@ -145,5 +151,5 @@ class ForwardingSource:
             ):
                 # A filter that has not begun takes none, so it comes as often as our HEARTBEAT.
                 self._origin_due_s = now_s + HEARTBEAT_S
-                connection.send(origin(connection.codec))
-            connection.send(odometry(connection.codec, connection.kind, message))
+                connection.send(encode_origin(connection.codec))
+            connection.send(encode_odometry(connection.codec, connection.kind, message))

@@ -19,7 +19,8 @@ from groundstation.core.geometry import Vec3
 from groundstation.settings import Config
 from sim.batch import Flights, fly_batch
 from sim.scenarios import SCENARIOS, overridden, prepare
-from sim.studies.comparison import PUSHED, worst_of_variants
+from sim.studies.comparison import worst_of_variants
+from sim.studies.equal_margins import PUSHED
 from sim.world import World, generator
 
 LAWS = ("adaptive", "geometric", "l1", "pid", "indi")

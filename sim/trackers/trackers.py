@@ -48,7 +48,7 @@ class TrackedBody(NamedTuple):
 
     def pose(self, frames: Frames) -> tuple[Vec3, Quat]:
         """Return position [m] and attitude in the axes of a lab."""
-        return frames.theirs(self.position_ned, self.attitude)
+        return frames.to_theirs(self.position_ned, self.attitude)
 
 
 class Tracker(Protocol):

@@ -4,8 +4,8 @@ import pytest
 
 from groundstation.core.control.controllers import Pid
 from sim.runs import Flyers
-from sim.studies import SEARCHED_LAWS, compare_at_equal_margins, comparison as module
-from sim.studies.comparison import FLOORS, EqualTerms, SearchedLaw, make_wrong
+from sim.studies import SEARCHED_LAWS, compare_at_equal_margins, equal_margins as module
+from sim.studies.equal_margins import FLOORS, EqualTerms, SearchedLaw, make_wrong
 from sim.studies.tune import Search, SortieOutcome, TuningTrial, stage_scenarios
 from sim.studies.tune.tune import CRASH_CM, Sortie
 from tests.flight.flights import UnflownFlyers

@@ -610,11 +610,12 @@ class _MappingReader:
         place = np.stack([table[name][rows] for name in part.position], axis=1)
         place *= UNITS[part.position_unit]
         place[~np.isfinite(place)] = np.nan
-        place = np.stack(self._frames.place(tuple(place.T)), axis=1)
+        place = np.stack(self._frames.convert_point(tuple(place.T)), axis=1)
         velocity = None
         if part.velocity is not None:
             velocity = np.stack(
-                self._frames.place(tuple(table[name][rows] for name in part.velocity)), axis=1
+                self._frames.convert_point(tuple(table[name][rows] for name in part.velocity)),
+                axis=1,
             )
         resets = table[part.resets][rows] if part.resets else np.zeros(len(time))
         attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
@@ -728,7 +729,7 @@ class _MappingReader:
         length = np.linalg.norm(given, axis=1, keepdims=True)
         given = np.divide(given, length, out=np.full_like(given, np.nan), where=length > 0.5)
         w, x, y, z = given.T
-        _, ours = self._frames.ours((0.0, 0.0, 0.0), (w, x, y, z))
+        _, ours = self._frames.to_ours((0.0, 0.0, 0.0), (w, x, y, z))
         return np.stack(ours, axis=1)
 
     def _between(self, known_s: Column, known: Column, time_s: Column) -> Column:

@@ -129,28 +129,23 @@ class Axes(Protocol):
 
 
 class Frames:
-    """The way from one source's axes into ours, and back.
-
-    Worked out once, as every pose goes through it.
-    """
+    """Conversion from one source's axes into ours, and back."""
 
     def __init__(
         self, world: World = "ned", body: Body = "frd", alignment: Alignment | None = None
     ) -> None:
-        """``world`` and ``body`` name the source's axes.
-
-        ``alignment``: as they are named, where None.
-        """
+        """Take the names of the source's axes, and their ``alignment``; None: as they are named."""
         more = alignment or Alignment()
         lab, turned = _turn(more.lab_rotation_deg), _turn(more.body_rotation_deg)
-        # R_ned_frd = R_ned_lab R_lab_body R_frd_bodyᵀ: of a quaternion, a linear map.
+        # R_ned_frd = R_ned_lab R_lab_body R_frd_bodyᵀ, which is linear in the quaternion: its
+        # matrix has the images of the unit quaternions as columns.
         self._before = multiply(lab, _quaternion(world))
         self._after = conjugate(multiply(turned, _quaternion(body)))
         images = [
             self._turn_attitude((float(i == 0), float(i == 1), float(i == 2), float(i == 3)))
             for i in range(4)
         ]
-        self._attitude = tuple(image[row] for row in range(4) for image in images)
+        self._attitude_rows = tuple(zip(*images, strict=True))
         self._columns = tuple(to_world(lab, axis) for axis in axes(world))
         self._origin = more.lab_origin_m
         self._centre = more.centre_of_mass_m if any(more.centre_of_mass_m) else None
@@ -158,26 +153,21 @@ class Frames:
     def _turn_attitude(self, attitude: Quat) -> Quat:
         return multiply(multiply(self._before, attitude), self._after)
 
-    def ours(self, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-        """Position of the centre of mass [m, NED] and attitude (FRD to NED) of what the source
-        measured.
+    def to_ours(self, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        """Convert a measured pose [m]; return position of the centre of mass [m, NED] and attitude,
+        body FRD to NED.
         """
         w, x, y, z = attitude
-        a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q = self._attitude
-        ours = (
-            a * w + b * x + c * y + d * z,
-            e * w + f * x + g * y + h * z,
-            i * w + j * x + k * y + m * z,
-            n * w + o * x + p * y + q * z,
-        )
-        place = self.place(position)
+        q0, q1, q2, q3 = (a * w + b * x + c * y + d * z for a, b, c, d in self._attitude_rows)
+        ours = q0, q1, q2, q3
+        place = self.convert_point(position)
         if self._centre is not None:
             dx, dy, dz = to_world(ours, self._centre)
             place = (place[0] + dx, place[1] + dy, place[2] + dz)
         return place, ours
 
-    def place(self, position: Vec3) -> Vec3:
-        """A point of the source's world [m] in ours [m, NED]."""
+    def convert_point(self, position: Vec3) -> Vec3:
+        """Convert a point of the source's world [m] into ours [m, NED]."""
         x, y, z = position
         (a, b, c), (d, e, f), (g, h, i) = self._columns
         north, east, down = self._origin
@@ -187,8 +177,8 @@ class Frames:
             c * x + f * y + i * z + down,
         )
 
-    def theirs(self, position_ned: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-        """The inverse of :meth:`ours`, sign included: what a source says, for simulators."""
+    def to_theirs(self, position_ned: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        """Invert :meth:`to_ours`, sign of the quaternion included: for simulated sources."""
         (x, y, z), (north, east, down) = position_ned, self._origin
         x, y, z = x - north, y - east, z - down
         if self._centre is not None:
@@ -200,18 +190,18 @@ class Frames:
 
 
 def frames_of(axes: Axes) -> Frames:
-    """The way from the axes that a config names into ours."""
+    """Return the conversion from the axes of a configuration into ours."""
     return Frames(axes.world, axes.body, axes.alignment)
 
 
 def axes(name: str) -> tuple[Vec3, Vec3, Vec3]:
-    """Where the named x, y and z point, in NED or FRD."""
+    """Return unit vectors along the named x, y and z, in NED or FRD."""
     x, y, z = (_POINTING[letter] for letter in name)
     return x, y, z
 
 
 def _quaternion(name: str) -> Quat:
-    """The rotation that takes components along the named axes to NED, or FRD."""
+    """Return the rotation from components along the named axes to NED, or FRD."""
     (a, b, c), (d, e, f), (g, h, i) = axes(name)
     return from_matrix(((a, d, g), (b, e, h), (c, f, i)))
 

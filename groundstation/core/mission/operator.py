@@ -9,23 +9,23 @@ from collections.abc import Callable
 from groundstation.core.messages import ROUNDING_S, Ask, Request, Sentence, notice, notice_fact
 
 ONCE_S = 1.0
-"""Time within which presses count once [s]: a bouncing key, or a signal to a whole group, is no
-second press."""
+"""Time within which presses count as one [s]: a bouncing key, or a signal to a whole group of
+processes, is no second press. Chosen."""
 REPEAT_S = 0.1
-"""A press so soon after the one before is the repetition of a key that is held down [s]: keyboards
-repeat it 11 to 33 times a second, and a finger taps 7 times a second at most."""
+"""Interval below which a press is the repetition of a key that is held down [s]: keyboards repeat
+it 11 to 33 times a second, and a finger taps 7 times a second at most."""
 STEPS = (
     (Ask.LAND, "asked to land", "once more: failsafe descent"),
     (Ask.DESCEND, "asked for a failsafe descent", "once more: motors off, AND IT FALLS"),
     (Ask.KILL, "motors off, now", "there is nothing stronger"),
 )
-"""Request, confirmation and outlook of each press. The flight itself reports what follows."""
+"""Request of each press, its confirmation, and the effect of the next press."""
 
 
 class Interrupts:
     """Requests by repeated Ctrl-C: the first lands, the second descends, the third kills.
 
-    One held down only lands.
+    A key that is held down counts as one press.
 
     Times are on the event loop's clock [s].
     """
@@ -35,8 +35,8 @@ class Interrupts:
         self._counted_s = self._newest_s = -math.inf
 
     def press(self, name: str, now_s: float) -> tuple[Request | None, Sentence]:
-        """Return the request of a press, or None for a bounce or a repetition, and the operator's
-        text.
+        """Return the request of a press, None for a bounce or a repetition, and a sentence for the
+        operator.
         """
         again = now_s - self._counted_s < ONCE_S or now_s - self._newest_s < REPEAT_S
         self._newest_s = now_s
@@ -52,9 +52,9 @@ class Interrupts:
 
 
 DEBOUNCE_S = 0.03
-"""A control that is open for less than this still counts as held [s]: contacts bounce."""
+"""Time for which a control must be open to count as released [s]: contacts bounce."""
 HYSTERESIS = 0.1
-"""Hysteresis of an axis between held and released, as a share of its travel [-]."""
+"""Hysteresis of an axis between held and released, as a share of its travel [-]. Chosen."""
 
 
 class InputLost(Exception):
@@ -62,16 +62,17 @@ class InputLost(Exception):
 
 
 class HoldToRun:
-    """One input, from free over held to free again. Times are on the event loop's clock [s].
+    """State of one hold-to-run control: held or free. Times are on the event loop's clock [s].
 
     It counts as held only after it was free: a control that is stuck, tied down or reversed does
     not enable a flight.
     """
 
     def __init__(self, what: str, held_from: float) -> None:
-        """``what`` is its name for the operator.
+        """Begin unseen.
 
-        From the share ``held_from`` of its travel [-] on it is held.
+        ``what`` is its name for the operator; from the share ``held_from`` of its travel [-] on it
+        is held.
         """
         self._what = what
         self._held_from = held_from
@@ -80,10 +81,10 @@ class HoldToRun:
         self._lost = notice("hold.unseen").text
 
     def rename(self, what: str) -> None:
-        """Call it ``what`` from now on."""
+        """Take ``what`` for its name from now on."""
         self._what = what
 
-    def see(self, share: float | None, now_s: float) -> None:
+    def take_position(self, share: float | None, now_s: float) -> None:
         """Take the input's position, 0 (free) to 1 (held).
 
         None, as before its first value, counts as lost.
@@ -111,12 +112,12 @@ class HoldToRun:
 
     @property
     def obstacle(self) -> Sentence | None:
-        """Why the vehicle may not fly; None while it is held."""
+        """Sentence why the vehicle may not fly; None while the control is held."""
         return None if self._held and not self._lost else self._describe(notice_fact)
 
     @property
     def advice(self) -> Sentence:
-        """Obstacle or its absence, with the remedy."""
+        """Sentence on its state, with the remedy."""
         return self._describe(notice)
 
     def _describe(self, make: Callable[..., Sentence]) -> Sentence:

@@ -30,8 +30,8 @@ from links.core import CommandLink, LinkError
 from links.text import to_ms
 
 RECHECK_S = 1.0
-"""Period at which the checks are repeated until the operator arms [s]: screens show checks that are
-no older."""
+"""Period at which the checks are repeated until the operator arms [s]: the largest age of those on
+screens."""
 
 
 class FlightEnded(Exception):
@@ -43,7 +43,7 @@ class FlightEnded(Exception):
 
 
 class ArmingSequence:
-    """The sequence of one flight from connecting until the vehicle may be armed."""
+    """Sequence of one flight from connecting until the vehicle may be armed."""
 
     checks: tuple[Check, ...] = ()
     """Newest checks, for the screens; empty once the operator has armed."""
@@ -83,16 +83,16 @@ class ArmingSequence:
         self._others = others
         self._say = say
         self._company = company
-        self._look: Checks | None = None
+        self._checker: Checks | None = None
         self.arm_asked = asyncio.Event()
-        """Set by a request to arm."""
+        """Event that a request to arm sets."""
         self.first_pose = asyncio.Event()
-        """The owner sets this event at the first pose."""
+        """Event that the flight sets at its first pose."""
 
-    async def depart(self, deliver: Callable[[Pose], None]) -> None:
+    async def run(self, deliver: Callable[[Pose], None]) -> None:
         """Run the whole sequence; when it returns, the vehicle may be armed.
 
-        ``deliver`` gets all poses from now on.
+        ``deliver`` is called with each pose from now on.
 
         Raises:
             FlightEnded: no pose arrives, a check fails, or the operator does not confirm.
@@ -105,7 +105,7 @@ class ArmingSequence:
         controller.go(Event.START, notice("mission.waiting"), loop.time())
         await self._connect(deliver)
         if from_floor:
-            await self._stand()
+            await self._examine_at_rest()
             for one in self._check():
                 if one.verdict in (Verdict.WARN, Verdict.FAIL):
                     self._say(
@@ -117,7 +117,7 @@ class ArmingSequence:
         status = self._source.status
         ready = notice("mission.ready", rate_hz=status.rate_hz, latency_ms=to_ms(status.latency_s))
         controller.go(Event.CONNECTED, ready, loop.time())
-        await self._operator()
+        await self._wait_for_operator()
         if from_floor:
             self._check(arming=True)
             self._ensure_passed("fault.not_armed")
@@ -126,13 +126,10 @@ class ArmingSequence:
         self._controller.witness.arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
-        """Connect and make the checks, without arming.
-
-        A connection that fails is a failed check.
-        """
+        """Connect and make the checks, without arming; a failed connection is a failed check."""
         try:
             await self._connect(deliver)
-            await self._stand()
+            await self._examine_at_rest()
             return self._check()
         except (FlightEnded, LinkError, OSError) as error:
             conflict = self._link.status.conflict
@@ -143,19 +140,19 @@ class ArmingSequence:
                 else found
             )
 
-    async def _stand(self) -> None:
+    async def _examine_at_rest(self) -> None:
         """Collect poses of the vehicle at rest for ``LISTEN_S``, and let the link examine its
         autopilot.
         """
-        self._look = Checks(self._config, self._others, read_proof(proof_path(self._config)))
+        self._checker = Checks(self._config, self._others, read_proof(proof_path(self._config)))
         await asyncio.gather(asyncio.sleep(LISTEN_S), self._link.examine())
 
     def _check(self, *, arming: bool = False) -> list[Check]:
         """Make all checks; ``arming``: the motors start next."""
-        assert self._look is not None, "_stand comes first"
+        assert self._checker is not None, "_examine_at_rest comes first"
         now, standing = asyncio.get_running_loop().time(), self._controller.standing
         agreement = self._controller.witness.verdict(now)
-        checks = self._look(
+        checks = self._checker(
             standing,
             self._pilot.state.noise_m,
             self._link.status,
@@ -198,13 +195,13 @@ class ArmingSequence:
         why = explain_drops(self._source.status) or notice("pose.nothing_arrived")
         return notice("pose.nothing_of_use", kind=pose.kind, keys=keys, why=why)
 
-    async def _operator(self) -> None:
+    async def _wait_for_operator(self) -> None:
         """Wait until the operator arms: at the terminal, or by a request."""
         confirmed = asyncio.ensure_future(self._confirm())
         asked = asyncio.ensure_future(self.arm_asked.wait())
         try:
             while not (confirmed.done() or asked.done()):
-                if self._look is not None:
+                if self._checker is not None:
                     self._check()  # the screens show the present checks until the operator arms
                 await asyncio.wait(
                     {confirmed, asked}, timeout=RECHECK_S, return_when=asyncio.FIRST_COMPLETED

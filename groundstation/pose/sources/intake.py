@@ -572,7 +572,7 @@ class Intake:
         if velocity_ned is not None and not math.isfinite(sum(velocity_ned)):
             velocity_ned = None  # PX4's way to say that it has none
         if self._frames is not None:
-            position, attitude = self._frames.ours(position, attitude)
+            position, attitude = self._frames.to_ours(position, attitude)
         return Pose(
             self.accepted - 1,
             time_s,
@@ -590,7 +590,7 @@ class Intake:
         needed.
         """
         if self.others is not None and name in self.others:
-            place = position if self._frames is None else self._frames.place(position)
+            place = position if self._frames is None else self._frames.convert_point(position)
             self.others.see(
                 name, arrival_s - self.clock.late_s - self._base_latency_s - age_s, place
             )

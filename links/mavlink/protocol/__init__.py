@@ -28,7 +28,7 @@ from links.mavlink.protocol.codec import (
     load_dialect,
 )
 from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
-from links.mavlink.protocol.odometry_codec import Odometry, odometry, origin
+from links.mavlink.protocol.odometry_codec import Odometry, encode_odometry, encode_origin
 from links.mavlink.protocol.procedures import (
     MULTIROTORS,
     STREAM_S,

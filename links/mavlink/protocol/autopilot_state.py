@@ -41,7 +41,7 @@ ARDUPILOT_MODES = {
 }  # fmt: skip
 """HEARTBEAT.custom_mode of Copter."""
 ESTIMATE = {PX4: "ESTIMATOR_STATUS", ARDUPILOT: "EKF_STATUS_REPORT"}
-"""Message with the status of the estimator. The flags of both mean the same but for bit 1024: a
+"""Message with the status of the estimator. Its flags mean the same in both but for bit 1024: a
 jump of the GPS in PX4, an estimator that has not begun in ArduPilot."""
 ESTIMATE_HZ = 2.0
 """Requested rate of the estimator's status [Hz]."""
@@ -61,16 +61,18 @@ class Vitals:
 
     def __init__(self) -> None:
         self.mode = ""
-        """Its mode's name; empty before the first heartbeat, and where nobody knows its modes."""
+        """Name of its mode; empty before the first heartbeat, and of an unknown autopilot."""
         self.mode_s = -math.inf
         """Time of the newest heartbeat [s]."""
         self.battery_v: float | None = None
         self.battery_share: float | None = None
         self.ready: bool | None = None
-        """Whether its pre-arm checks pass; None where it does not tell, or lacks set-points."""
+        """Whether its pre-arm checks pass; None where it does not report it, or lacks
+        set-points."""
         self._kind = -1
-        self._knows = False
-        self._knows_s = -math.inf
+        self._has_position = False
+        self._estimator_s = -math.inf
+        """Time of the newest estimator status [s]."""
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take one message of the autopilot."""
@@ -86,17 +88,19 @@ class Vitals:
                     message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
                 )
             case "ESTIMATOR_STATUS" | "EKF_STATUS_REPORT":
-                self._knows, self._knows_s = knows_itself(message.flags), now_s
+                self._has_position, self._estimator_s = has_position(message.flags), now_s
 
     def could_land(self, now_s: float) -> bool:
-        """Whether it has told of late that it knows where it is: then it comes down better by
-        itself than unseen.
+        """Return whether its newest status reports a position, so that its mode LAND lands better
+        than a bring-down.
         """
-        return self._knows and now_s - self._knows_s < NEWS_S
+        return self._has_position and now_s - self._estimator_s < NEWS_S
 
     def _ready(self, enabled: int, health: int) -> bool | None:
-        """PX4 1.16 tells by health alone, and in OFFBOARD it lacks the set-points that come only as
-        it is armed.
+        """Return whether the pre-arm checks pass, by the sensors in SYS_STATUS; None if not known.
+
+        PX4 1.16 reports it by health alone, and in OFFBOARD it lacks the set-points that come only
+        when it is armed.
         """
         prearm = load_dialect().MAV_SYS_STATUS_PREARM_CHECK
         passes = bool(health & prearm)
@@ -105,12 +109,14 @@ class Vitals:
         return passes if enabled & prearm else None
 
     def foreign(self, since_s: float) -> str:
-        """Mode of a heartbeat since ``since_s`` [s] that follows no set-points; else empty."""
+        """Return the mode of a heartbeat since ``since_s`` [s] that follows no set-points; else
+        empty.
+        """
         return self.mode if self.mode_s >= since_s and self.mode not in (*FOLLOWING, "") else ""
 
 
-def knows_itself(flags: int) -> bool:
-    """Whether the flags of ESTIMATE tell of speed, height and some horizontal position."""
+def has_position(flags: int) -> bool:
+    """Return whether the flags of ``ESTIMATE`` report speed, height and a horizontal position."""
     known = flags & _SPEED == _SPEED and bool(flags & _PLACE) and bool(flags & _HEIGHT)
     return known and not flags & _DOUBTED
 
@@ -130,19 +136,19 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
 GAP = "[…]"
 """Mark in a text of the autopilot where a part of it was lost."""
 REMEMBERED_TEXTS = 20
-"""Texts of the autopilot that are kept, and that parts may still come to."""
+"""Number of texts that are kept, and can still be completed [-]. Chosen."""
 QUOTED_TEXTS = 3
-"""Texts that are quoted where it refuses something."""
+"""Largest number of texts that are quoted where it refuses something [-]. Chosen."""
 
 
 class StatusText(msgspec.Struct):
-    """One text, of one part or of several that come in their order; a missing part is marked."""
+    """Text of one part, or of several in their order; a missing part is marked."""
 
     whose: tuple[int, int, int, int]
     """System and component of its sender, STATUSTEXT.id (0 of a text of one part) and severity."""
     text: bytes = b""
     newest: tuple[int, bytes] = (-1, b"")
-    """The part that came last: STATUSTEXT.chunk_seq, and its bytes."""
+    """Newest part: STATUSTEXT.chunk_seq, and its bytes."""
     is_whole: bool = False
 
     def add(self, part: int, text: bytes, *, is_full: bool) -> None:
@@ -152,13 +158,13 @@ class StatusText(msgspec.Struct):
         self.is_whole = not self.whose[2] or not is_full
 
     def show(self) -> str:
-        """The text, fit to be shown; what has not come is marked."""
-        text = self.text.decode(errors="replace")  # a letter may stand in two parts
+        """Return the text for screens, with marks for missing parts."""
+        text = self.text.decode(errors="replace")  # a letter may be split between two parts
         return printable(text.strip() if self.is_whole else text.strip() + GAP)
 
 
 class Words:
-    """Texts of an autopilot (STATUSTEXT) of late, long ones joined by sender and id."""
+    """Newest texts of an autopilot (STATUSTEXT); parts are joined by sender and id."""
 
     def __init__(self) -> None:
         self._texts: deque[StatusText] = deque(maxlen=REMEMBERED_TEXTS)
@@ -186,10 +192,7 @@ class Words:
         return self._texts[-1].show() if self._texts else ""
 
     def complaints(self) -> str:
-        """The last warnings and errors, newest last, each once.
-
-        An empty string where there are none.
-        """
+        """Return the last warnings and errors, newest last, each once; empty without any."""
         texts = [text.show() for text in self._texts if text.whose[3] <= MavSeverity.WARNING]
         newest = list(dict.fromkeys(reversed(texts)))[:QUOTED_TEXTS]
         return "; ".join(f"“{text}”" for text in reversed(newest))
@@ -200,12 +203,12 @@ STALE_NEWS_S = 0.5
 
 
 def is_autopilot(heartbeat: Message) -> bool:
-    """Whether its sender is an autopilot, rather than a ground station, a companion or a camera."""
+    """Return whether a heartbeat is an autopilot's: no ground station, companion or camera."""
     return bool(heartbeat.type != GROUND_STATION and heartbeat.autopilot != INVALID)
 
 
 class HeartbeatMonitor:
-    """The one autopilot at the other end. Times are on the event loop's clock [s]."""
+    """Monitor of one autopilot's heartbeats. Times are on the event loop's clock [s]."""
 
     def __init__(self, timeout_s: float) -> None:
         """Start without a heartbeat; ``timeout_s`` [s] without one is silence."""
@@ -214,39 +217,40 @@ class HeartbeatMonitor:
         self.vehicle = 0
         """HEARTBEAT.type of that heartbeat."""
         self.address: Any = None
-        """Where it sends from; None where that is not known, or goes without saying."""
+        """Address that it sends from; None where it is not known, or the wire has only one end."""
         self._timeout = timeout_s
         self._heard_s = -math.inf
         self._armed_s: float | None = None
 
     @property
     def armed(self) -> bool:
-        """Whether its motors are believed to be on."""
+        """Whether its motors count as on."""
         return self._armed_s is not None
 
     def believe_armed(self, since_s: float | None) -> None:
-        """Believe that the motors are on since then, or off (None), until a heartbeat tells."""
+        """Take the motors for on since ``since_s`` [s], or for off (None), until a heartbeat says
+        so.
+        """
         self._armed_s = since_s
 
     def silence_s(self, now_s: float) -> float:
-        """Time since its newest heartbeat [s].
-
-        Infinite before the first, and after its wire was lost.
+        """Return the time since its newest heartbeat [s]; infinite before the first, and after its
+        wire was lost.
         """
         return now_s - self._heard_s
 
     def is_silent(self, now_s: float) -> bool:
-        """Whether its heartbeats have stayed away for too long."""
+        """Return whether its heartbeats have been missing for longer than the timeout."""
         return self.silence_s(now_s) > self._timeout
 
     def lose(self) -> None:
-        """Its wire was lost: whatever it says next may be another's, or its own after a restart."""
+        """Forget it, as its wire was lost: the next heartbeat may be another autopilot's."""
         self.address = None
         self._armed_s = None
         self._heard_s = -math.inf
 
     def beat(self, heartbeat: Message, now_s: float) -> bool:
-        """Take that it lives; returns whether it was silent before, or not heard at all."""
+        """Take a heartbeat; return whether it is the first, or the first after a silence."""
         news = self.kind is None or self.is_silent(now_s)
         self._heard_s = now_s
         if news:
@@ -254,7 +258,7 @@ class HeartbeatMonitor:
         return news
 
     def take_armed(self, heartbeat: Message, now_s: float) -> None:
-        """Take whether its motors are on."""
+        """Take from a heartbeat whether its motors are on."""
         if heartbeat.base_mode & ARMED:
             if self._armed_s is None:
                 self._armed_s = now_s

@@ -25,7 +25,7 @@ def seen(*shares: float | None, above: float = 0.75, step_s: float = LOOK_S) -> 
     """A hold that was looked at again and again."""
     hold = HoldToRun("the pedal", above)
     for number, share in enumerate(shares):
-        hold.see(share, number * step_s)
+        hold.take_position(share, number * step_s)
     return hold
 
 
@@ -57,10 +57,10 @@ def test_what_was_lost_must_be_let_go_before_it_counts_again() -> None:
     hold = seen(0.0, 1.0)
     hold.lose("No such device")
     assert (hold.lost, str(hold.obstacle)) == (True, "the pedal is lost: No such device")
-    hold.see(1.0, 1.0)
+    hold.take_position(1.0, 1.0)
     assert str(hold.obstacle) == "the pedal was held from the beginning"
-    hold.see(0.0, 1.01)
-    hold.see(1.0, 1.02)
+    hold.take_position(0.0, 1.01)
+    hold.take_position(1.0, 1.02)
     assert hold.obstacle is None
 
 
@@ -72,7 +72,7 @@ def test_it_is_never_believed_held_for_longer_than_a_bounce_after_it_was_open(
     for held, step_s in looks:
         now += step_s
         open_s = None if held else now if open_s is None else open_s
-        hold.see(1.0 if held else 0.0, now)
+        hold.take_position(1.0 if held else 0.0, now)
         if open_s is not None and now - open_s >= DEBOUNCE_S:
             assert hold.obstacle
 

@@ -29,7 +29,7 @@ def test_each_of_the_24_mappings_of_the_world_and_of_the_body_is_found(number: i
     world, body = WORLDS[number], BODIES[(7 * number + 5) % 24]
     # Hands that hold it level within the 12 degrees that are asked for: about one in a hundred, as
     # of seed 2, does not, and is told so.
-    carry, attitudes = carried(Frames(world, body).theirs, seed=24 + number)
+    carry, attitudes = carried(Frames(world, body).to_theirs, seed=24 + number)
     # With the autopilot's attitudes, and by the shown moves alone.
     result, alone = (solve_axes(carry.rests, carry.samples, told) for told in (attitudes, []))
     assert (result.world, result.body) == (alone.world, alone.body) == (world, body)
@@ -76,7 +76,7 @@ def test_a_lab_that_is_turned_and_a_body_that_lies_askew_are_measured(
         body_rotation_deg=body_deg,
         lab_origin_m=(1.0, 2.0, 0.0),
     )
-    result = found(Frames("nwu", "flu", alignment).theirs, seed=3)
+    result = found(Frames("nwu", "flu", alignment).to_theirs, seed=3)
     assert (result.world, result.body) == ("nwu", "flu")
     assert result.lab_rotation_deg == pytest.approx((0.0, 0.0, lab_deg), abs=1.0)
     assert result.body_rotation_deg == pytest.approx(body_deg, abs=1.0)
@@ -89,14 +89,14 @@ def test_what_is_found_brings_the_poses_into_our_axes() -> None:
         "ulb",
         Alignment(lab_rotation_deg=(0.0, 0.0, 30.0), body_rotation_deg=(3.0, 5.0, 15.0)),
     )
-    result = found(truth.theirs, seed=8)
+    result = found(truth.to_theirs, seed=8)
     ours = Frames(
         result.world, result.body,
         Alignment(lab_rotation_deg=result.lab_rotation_deg,
             body_rotation_deg=result.body_rotation_deg),
     )  # fmt: skip
     attitude = so3.from_euler_zyx(0.1, 0.2, 0.3)
-    place, seen = ours.ours(*truth.theirs((1.0, 2.0, -3.0), attitude))
+    place, seen = ours.to_ours(*truth.to_theirs((1.0, 2.0, -3.0), attitude))
     assert place == pytest.approx((1.0, 2.0, -3.0), abs=0.1)
     assert abs(sum(a * b for a, b in zip(seen, attitude, strict=True))) > math.cos(
         math.radians(1.0)
@@ -109,7 +109,7 @@ def test_what_is_found_brings_the_poses_into_our_axes() -> None:
 def test_how_late_poses_are_is_measured_within_some_milliseconds(
     late_s: float, seen_s: float | None
 ) -> None:
-    result = found(Frames("nue", "fur").theirs, late_s=late_s, seed=4)
+    result = found(Frames("nue", "fur").to_theirs, late_s=late_s, seed=4)
     assert result.late_s == (None if seen_s is None else pytest.approx(seen_s, abs=0.002))
 
 
@@ -128,7 +128,7 @@ def test_a_move_that_was_not_made_as_shown_is_named(name: str, instead: Vec3, wo
     moves = [
         msgspec.structs.replace(move, axis=instead) if move.name == name else move for move in MOVES
     ]
-    carry, attitudes = carried(Frames("nwu", "flu").theirs, moves=moves)
+    carry, attitudes = carried(Frames("nwu", "flu").to_theirs, moves=moves)
     with pytest.raises(CarryFailure, match=words) as caught:
         solve_axes(carry.rests, carry.samples, attitudes)
     assert caught.value.move == name
@@ -146,6 +146,6 @@ def test_a_tracker_that_follows_something_else_is_found_out() -> None:
 
 def test_a_vehicle_that_does_not_stand_level_at_first_is_told() -> None:
     slope = Frames("ned", "frd", Alignment(lab_rotation_deg=(0.0, 20.0, 0.0)))
-    carry, attitudes = carried(slope.theirs)
+    carry, attitudes = carried(slope.to_theirs)
     with pytest.raises(CarryFailure, match="axes are tilted"):
         solve_axes(carry.rests, carry.samples, attitudes)

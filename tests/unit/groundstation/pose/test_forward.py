@@ -8,7 +8,14 @@ import pytest
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose
 from groundstation.pose.forward import Forward
-from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, Odometry, odometry
+from links.mavlink.protocol import (
+    ARDUPILOT,
+    PX4,
+    ForwardConfig,
+    MavlinkCodec,
+    Odometry,
+    encode_odometry,
+)
 from tests.external_poses import ExternalPoses, Fused
 
 
@@ -97,7 +104,7 @@ def test_the_bytes_hold_what_each_autopilot_wants() -> None:
     )
     codec = MavlinkCodec(245, 190)
     for kind, speed in ((PX4, None), (ARDUPILOT, (0.1, 0.2, 0.3))):
-        frame = odometry(codec, kind, told)
+        frame = encode_odometry(codec, kind, told)
         (message,) = MavlinkCodec(1, 1).feed(frame)
         frame_id = 1 if kind == PX4 else 20  # MAV_FRAME_LOCAL_NED, _LOCAL_FRD
         frames = message.frame_id, message.child_frame_id, message.estimator_type

@@ -31,7 +31,7 @@ Z: Vec3 = (0.0, 0.0, 1.0)
 
 def position(given: Vec3, world: World, alignment: Alignment | None = None) -> Vec3:
     """Where it is in NED."""
-    return Frames(world, "frd", alignment).ours(given, so3.IDENTITY)[0]
+    return Frames(world, "frd", alignment).to_ours(given, so3.IDENTITY)[0]
 
 
 def assert_axes(turn: Quat, forward: Vec3, right: Vec3) -> None:
@@ -73,7 +73,7 @@ def test_each_axis_of_the_lab_points_where_its_letter_says(world: World) -> None
 def test_each_axis_of_the_body_points_where_a_turn_in_the_labs_axes_takes_it(
     world: World, body: Body, turn: Quat
 ) -> None:
-    attitude = Frames(world, body, None).ours((0.0, 0.0, 0.0), turn)[1]
+    attitude = Frames(world, body, None).to_ours((0.0, 0.0, 0.0), turn)[1]
     assert math.hypot(*attitude) == pytest.approx(1.0, abs=1e-15)
     for letter, axis in zip(body, (X, Y, Z), strict=True):
         points = np.array(so3.to_world(turn, axis)) @ [towards(one) for one in world]
@@ -90,7 +90,7 @@ def test_each_axis_of_the_body_points_where_a_turn_in_the_labs_axes_takes_it(
 )
 def test_markers_six_centimetres_above_the_centre_of_mass(given: Quat, centre: Vec3) -> None:
     markers = Alignment(centre_of_mass_m=(0.0, 0.0, 0.06))
-    place, _ = Frames("ned", "frd", markers).ours((1.0, 0.0, 0.0), given)
+    place, _ = Frames("ned", "frd", markers).to_ours((1.0, 0.0, 0.0), given)
     assert place == pytest.approx(centre, abs=1e-15)
 
 
@@ -104,7 +104,7 @@ def test_everything_at_once() -> None:
         body_rotation_deg=(0.0, 0.0, 90.0),
         centre_of_mass_m=(0.1, 0.0, 0.0),
     )
-    place, turn = Frames("nue", "fur", alignment).ours((2.0, 1.0, 0.0), so3.IDENTITY)
+    place, turn = Frames("nue", "fur", alignment).to_ours((2.0, 1.0, 0.0), so3.IDENTITY)
     assert place == pytest.approx((0.6, 2.0, -2.0), abs=1e-15)
     assert_axes(turn, forward=(1.0, 0.0, 0.0), right=(0.0, 1.0, 0.0))
 
@@ -122,6 +122,6 @@ def test_the_way_back_gives_the_same_numbers_with_the_same_sign(alignment: Align
     given, place = so3.normalize((0.5, -0.1, 0.7, 0.3)), (1.25, -2.5, 0.75)
     for world, body in itertools.product(WORLDS, BODIES):
         frames = Frames(world, body, alignment)
-        back = frames.theirs(*frames.ours(place, given))
+        back = frames.to_theirs(*frames.to_ours(place, given))
         assert back[0] == pytest.approx(place, abs=1e-14)
         assert back[1] == pytest.approx(given, abs=1e-14)
