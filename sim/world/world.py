@@ -283,17 +283,9 @@ GRID_S = 0.0025
 # x through one more lag τ; E[x²] = 1, E[xy] = E[y²] = 1/2, so its variance is 2.
 ROOT3 = math.sqrt(3.0)
 """Root of 3, of Dryden's lateral filter."""
-KEEP: Vec3 = (
-    math.exp(-GRID_S / CORRELATION_S[0]),
-    math.exp(-GRID_S / CORRELATION_S[1]),
-    math.exp(-GRID_S / CORRELATION_S[2]),
-)
+KEEP = tuple(math.exp(-GRID_S / correlation_s) for correlation_s in CORRELATION_S)
 """Share of each state that a step keeps."""
-SPREAD: Vec3 = (
-    math.sqrt(1.0 - KEEP[0] ** 2),
-    math.sqrt(1.0 - KEEP[1] ** 2),
-    math.sqrt(1.0 - KEEP[2] ** 2),
-)
+SPREAD = tuple(math.sqrt(1.0 - keep**2) for keep in KEEP)
 """Weight of the new random number in a step, which keeps the variance 1."""
 
 

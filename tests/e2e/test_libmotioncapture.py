@@ -76,7 +76,7 @@ def test_a_child_that_dies_and_one_that_hangs_are_started_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(libmotioncapture, "REOPEN_S", 0.05)
-    monkeypatch.setattr(libmotioncapture, "SILENT_S", 1.0)
+    monkeypatch.setattr(libmotioncapture, "NEWS_S", 1.0)
 
     async def work(source: Any, poses: list[Pose]) -> None:
         for lost, hit in enumerate((signal.SIGKILL, signal.SIGSTOP), 1):

@@ -45,6 +45,7 @@ from groundstation.analysis.identify import (
 )
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.estimation import (
+    LOST_INTERVALS,
     NOISE_FLOOR_M2,
     Estimation,
     ModelEstimator,
@@ -65,8 +66,6 @@ NEAR = 0.25
 """The pose that judges a prediction lies within this share of its horizon."""
 BASE_S = 0.05
 """Constant velocity is the mean over this time [s]; constant acceleration takes twice as long."""
-GAP = 1.5
-"""Poses that take this many times as long as usual have a gap between them [-]."""
 LIFTED_M = 0.2
 """A vehicle that begins, or ends, on the floor flies while it is this far above it [m]."""
 STANDS_S = 0.5
@@ -199,7 +198,7 @@ def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
     fives: Any = [tuple(place[k : last + k].T) for k in range(5)]
     variance, along, way2 = fourth_difference(times, fives)
     span_s = times[4] - times[0]
-    whole = span_s < GAP * np.median(span_s)
+    whole = span_s < LOST_INTERVALS * np.median(span_s)
     noise2, along2, speed2 = (
         float(np.mean(of, where=whole)) for of in (variance, along, way2 / span_s**2)
     )
@@ -442,7 +441,7 @@ def judge_filter(driven: DrivenFlight, gains: Estimation) -> Judged:
     consistency: list[float] = []
     for i, estimator in _fly_filter(driven, gains, consistency):
         now, older = float(at_s[i]), i - 2 * base
-        if older < air.start or now - at_s[older] > GAP * 2.0 * base * period_s:
+        if older < air.start or now - at_s[older] > LOST_INTERVALS * 2.0 * base * period_s:
             continue
         velocity = (place[i] - place[i - base]) / (now - at_s[i - base])
         before = (place[i - base] - place[older]) / (at_s[i - base] - at_s[older])
@@ -598,7 +597,7 @@ def doubt_attitude(driven: DrivenFlight) -> str:
     if len(at_s) < 4 * k:
         return ""
     spans = np.stack([at_s[k:-k] - at_s[: -2 * k], at_s[2 * k :] - at_s[k:-k]])[..., None]
-    whole = spans.max(axis=0)[:, 0] < GAP * np.median(spans)
+    whole = spans.max(axis=0)[:, 0] < LOST_INTERVALS * np.median(spans)
     shares = []
     went, leant = (
         (

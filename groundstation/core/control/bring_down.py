@@ -26,26 +26,27 @@ from typing import NamedTuple
 
 from groundstation.core.geometry import ZERO, Vec3, rotate, third_column, to_body
 from groundstation.core.vehicle import Motion, Vehicle
-from links.core import Segment
+from links.core import BRING_DOWN_LIMIT_S, Segment
 
 ON_FLOOR_M = 0.03
 """Height above the floor below which the motors just stop [m]."""
 MARGIN_M = 0.15
 """Height above the floor at which braking shall be over [m]."""
-SINK_S = 1.45
-"""Longest time for falling, sinking and braking together [s].
+SETTLE_S = 0.4
+"""Time of further sinking after the braking, in case the floor is not reached yet [s].
 
 This value and those down to ``HOVER_BIAS`` have the slowest worst touchdown of flights that were
 cut short at 1 and 2 m: by a vehicle as modelled, one with other thrust, lags and gusts, and one
 with strong drag (`groundstation-sim dev faults SCENARIO --fault dropout --set
 link.bring_down=rates` flies them).
 """
-SETTLE_S = 0.4
-"""Time of further sinking after the braking, in case the floor is not reached yet [s]."""
 SETTLE_SHARE = 0.93
 """Thrust in that time, as a share of the hover thrust [-]."""
 OFF_S = 0.15
 """Duration of zero thrust at the end [s]: long enough to arrive on a link that loses frames."""
+SINK_S = BRING_DOWN_LIMIT_S - (SETTLE_S + OFF_S)
+"""Longest time for falling, sinking and braking together [s]: the rest of the longest bring-down
+that a link plays."""
 TOUCHDOWN_M_S = 0.8
 """Speed at the end of the braking [m/s]: not zero, as a vehicle that stops above the floor falls
 the rest."""

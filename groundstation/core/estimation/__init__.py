@@ -16,6 +16,7 @@ from groundstation.core.estimation.bounds import (
     WitnessGain,
 )
 from groundstation.core.estimation.estimator import (
+    LOST_INTERVALS,
     NOISE_FLOOR_M2,
     NOISE_MEMORY,
     NOISE_SPAN_S,

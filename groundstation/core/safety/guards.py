@@ -208,8 +208,8 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 FRAMES = 100
 """Number of frames among which late ones are counted."""
 LATE_PERIODS = 2.5
-"""Periods after the last frame, or message, from which the next one is late [-]: one is missing,
-and half a period is jitter."""
+"""Periods after the last frame, message or stamp of a pose from which the next one is late [-]: one
+is missing, and half a period is jitter."""
 UNDER_FLOOR_M = 0.5
 """Largest plausible depth of a pose under the floor [m]: in 39 of 40 landings PX4's own height was
 within it, and once off by .65 m."""

@@ -8,10 +8,9 @@ import math
 from groundstation.core.messages import Sentence, notice
 from groundstation.core.safety import LATE_PERIODS
 from links.core import NEWS_S, SILENCE_S, Arrival, CommandLink
+from links.mavlink.protocol import ATTITUDE_HZ
 from links.text import to_ms
 
-TELEMETRY_INTERVAL_S = 0.02
-"""Telemetry interval that is assumed at first [s]: 50 Hz."""
 INTERVAL_WEIGHT = 0.1
 """Weight of each interval in its running mean [-]."""
 UPLINK_LOST_S = 0.5
@@ -27,7 +26,7 @@ class CommandUplink:
 
     def __init__(self, link: CommandLink) -> None:
         self._link = link
-        self._telemetry_s, self._interval_s = -math.inf, TELEMETRY_INTERVAL_S
+        self._telemetry_s, self._interval_s = -math.inf, 1.0 / ATTITUDE_HZ
         self.is_down = False
         """Whether acknowledgements are overdue by more than ``SILENCE_S``."""
         self.is_late = False

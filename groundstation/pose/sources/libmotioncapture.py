@@ -21,11 +21,8 @@ from groundstation.machine import cancel_task
 from groundstation.pose.sources.intake import ANSWER_S, Intake, ReaderSource
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from groundstation.runtime import describe_install
-from links.core import REOPEN_S
+from links.core import NEWS_S, REOPEN_S
 from links.io import is_loopback, open_child
-
-SILENT_S = 2.0
-"""Silence after which the child is ended and restarted [s]."""
 
 
 class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotioncapture"):
@@ -165,9 +162,11 @@ class LibmotioncaptureSource(ReaderSource):
             await child.wait()
 
     async def _stay(self) -> None:
-        """Deliver the child's poses, and start it again if it falls silent, until cancelled."""
+        """Deliver the child's poses, and start it again after ``NEWS_S`` of silence, until
+        cancelled.
+        """
         while True:
-            while line := await self._line(SILENT_S):
+            while line := await self._line(NEWS_S):
                 self._take(line.strip())
             opened = False
             while not opened:
