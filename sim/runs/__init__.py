@@ -3,6 +3,7 @@
 from sim.runs.fleet import FleetMission, fly_fleet
 from sim.runs.flight import (
     CONFIRM_S,
+    LIMIT_S,
     MISSION_CONFIRM_S,
     MissionResult,
     confirm_at,

@@ -50,7 +50,7 @@ from groundstation.settings import Config
 from links.core import signal, thrust
 
 ROUNDS = 15
-"""Most steps of the fit."""
+"""Most steps of a fit, and most turns of fitting model and noise."""
 CLOSE = 0.01
 """Step, as a share of each deviation, below which the fit has converged [-]."""
 MEMORY_S = 1.0
@@ -739,9 +739,6 @@ variance."""
 ABOUT_THRUST = (0.0, 1e2, 1e5)
 """Where the search for the noises begins: white noise on acceleration [1/s³], and on the wind's
 change [1/s⁵], over the positions' variance."""
-THRUST_ROUNDS = 6
-"""Model and noise are fitted in turn, so often at most: the better the model, the weaker the noise
-that is left."""
 SAG_PER_MIN = 0.1
 """A battery's thrust falls by about so much in a minute, one deviation [-]."""
 
@@ -790,7 +787,8 @@ def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
     values = starts[int((news**2).sum(axis=(0, 1)).argmin())]
     fit, about = None, (ABOUT_THRUST, ABOUT_THRUST)
     powers: tuple[Column, ...] = (COARSE, FINE)
-    for _ in range(THRUST_ROUNDS):
+    # Model and noise in turn: the better the model, the weaker the noise that is left.
+    for _ in range(ROUNDS):
         level, upright = scene.fit_noises(values, about, powers)
         # By what was seen before: a velocity that knows the gust to come would take it for drag.
         _, halfway = level[1].innovations(scene.position(values), scene.pushes(values))

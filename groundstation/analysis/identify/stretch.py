@@ -17,7 +17,7 @@ from groundstation.core.health import PoseLatency
 from groundstation.core.messages import Pose, notice
 from groundstation.core.mission import State
 from groundstation.recording import Recording
-from groundstation.settings import Config, read_flown_config
+from groundstation.settings import Config, FlightConfig, read_flown_config
 from links.mavlink.protocol import LONGEST_S, NEWEST, MavlinkCodec, Trip, attitude_of
 
 Column = NDArray[np.float64]
@@ -27,7 +27,7 @@ LEAST_S = 8.0
 SETTLING_S = 0.5
 """The first instants are left out [s]: what the actuators did before is not known as well, and a
 filter settles."""
-COMMAND_GAP_S = 0.25
+COMMAND_GAP_S = FlightConfig().coast_s
 """Where commands are further apart [s], the link may have brought the vehicle down by its own: the
 stretch ends."""
 POSE_GAP_S = 0.5
