@@ -63,7 +63,7 @@ FAULTS = (
     Fault("deadman.py", "self.held = False\n        self.command = None\n", "self.held = False\n"),
     Fault("guards.py", "None if depth <= UNDER_FLOOR_M", "None if depth <= 2.0 * UNDER_FLOOR_M"),
     Fault("guards.py", "None if tilt <= v.config.tilt_deg", "None if tilt <= 2.0 * v.config.tilt_deg"),
-    Fault("guards.py", "None if rtt <= limit", "None if rtt <= 5.0 * limit"),
+    Fault("guards.py", "if rtt is None or rtt <= limit", "if rtt is None or rtt <= 5.0 * limit"),
     Fault("guards.py", "share is None or not share < limit", "share is None or not share > limit"),
     Fault("guards.py", "return max(\n            (one for one in found", "return min(\n            (one for one in found"),
     Fault("guards.py", "now_s - left_s > LATE_PERIODS", "now_s - left_s > 10.0 * LATE_PERIODS"),

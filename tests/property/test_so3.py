@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import given, strategies as st
 
-from groundstation.core.geometry import Quat, Vec3, arrays, so3
+from groundstation.core.geometry import Quat, Vec3, arrays, cross, so3
 
 Matrix = npt.NDArray[np.float64]
 
@@ -59,6 +59,7 @@ def test_vectors_turn_as_the_matrix_turns_them(q: Quat, v: Vec3) -> None:
     assert near(so3.to_body(q, v), matrix(q).T @ v)
     assert near(so3.to_world(so3.conjugate(q), v), matrix(q).T @ v)
     assert near(so3.third_column(q), matrix(q)[:, 2])
+    assert near(cross(v, so3.third_column(q)), np.cross(v, matrix(q)[:, 2]))
 
 
 @given(quaternion)

@@ -406,8 +406,10 @@ def _overruns(v: GuardView) -> Numbers | None:
 
 
 def _round_trip(v: GuardView) -> Numbers | None:
-    rtt, limit = 0.0 if v.link is None else v.link.rtt_s or 0.0, v.config.rtt_s
-    return None if rtt <= limit else {"rtt_ms": to_ms(rtt), "limit_ms": to_ms(limit)}
+    rtt, limit = None if v.link is None else v.link.rtt_s, v.config.rtt_s
+    if rtt is None or rtt <= limit:
+        return None
+    return {"rtt_ms": to_ms(rtt), "limit_ms": to_ms(limit)}
 
 
 def _charge(v: GuardView) -> Numbers | None:

@@ -40,6 +40,8 @@ class Scene(NamedTuple):
     """Positions are 0.3 m aside."""
     drifting_s: Span = NEVER
     """They go aside at 0.3 m/s."""
+    mirrored_s: Span = NEVER
+    """East is west."""
     turning_s: Span = NEVER
     """Headings turn at 0.5 rad/s."""
     unheard_s: Span = NEVER
@@ -58,17 +60,19 @@ def flown(scene: Scene) -> list[float]:
     vehicle, draws, rows = scene.vehicle, random.Random(1), list[list[float]]()
     flies, hover_n = Pilot(vehicle, Gains(), COAST_S, 0.0), vehicle.mass_kg * G
     state, health = flies.state, flies.state.health
-    position, attitude, lifted_m = ZERO, IDENTITY, 0.0
+    position, attitude, lifted_m, mirror_m = ZERO, IDENTITY, 0.0, 0.0
     motion = Motion(position, ZERO, attitude, hover_n, ZERO)
     drives = deque(3 * [ActuatorCommand(hover_n, ZERO)], maxlen=3)
     flies.set_on_floor()
     for n in range(475):
         time_s = n * PERIOD_S
-        frozen, stiff, silent, jumped, drifting, turning, unheard, gust, touch = (
-            begin_s <= time_s < end_s for begin_s, end_s in scene[:9]
+        frozen, stiff, silent, jumped, drifting, mirrored, turning, unheard, gust, touch = (
+            begin_s <= time_s < end_s for begin_s, end_s in scene[:10]
         )
         noise = (draws.gauss(0.0, 0.0003), draws.gauss(0.0, 0.0003), draws.gauss(0.0, 0.0003))
         aside_m = 0.3 * jumped + (0.3 * (time_s - scene.drifting_s[0]) if drifting else 0.0)
+        mirror_m = mirror_m if mirrored else motion.position[1]
+        aside_m += 2.0 * (mirror_m - motion.position[1])
         yaw_rad = 0.5 * (time_s - scene.turning_s[0]) if turning else 0.0
         position = position if frozen else add(add(motion.position, noise), (0.0, aside_m, 0.0))
         attitude = (
@@ -149,6 +153,10 @@ FLIGHTS: dict[str, tuple[Scene, list[float]]] = {
          [-0.142624, -0.3137, -2.58316, 0.850553, 1.10901, 1.27552, 0.000748543, 0.789481,
           -0.352633, 0.602199, 0.969669, 1.1643, -0.326475, 0.867808, 0.0, 0.062921, 0.337778,
           0.0, 0.115556, 0.797487, 0.342444, 34, 0.000653861]),
+    "positions that are mirrored": (Scene(mirrored_s=(5.5, 7.0)),
+         [-0.117404, -0.389221, -2.21051, 0.845046, 1.3433, 1.25797, 0.000800875, 0.85852,
+          -0.2573, 0.556398, 0.961491, 1.23676, -0.266968, 0.831534, 0.222901, 1.04222, 0.142506,
+          0.334152, 0.334152, 0.819238, 0.02, 1.0, 0.000653861]),
     "headings that turn": (Scene(turning_s=(5.5, 7.0)),
          [-0.206379, 0.153463, -2.4012, 0.845238, 1.14128, 1.30636, 0.000773598, 0.858026,
           -0.365484, 0.546191, 0.960457, 1.19858, -0.337234, 0.795237, 0.488487, 0.0627228,

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.settings import Config
-from links.rf import Channels, DsmLinkConfig
+from links.rf import Channels, CrsfLinkConfig, DsmLinkConfig
 from links.rf.channel_map import ArmSwitch, ChannelMap, Copy, Fixed, Stick, Throttle
 
 PLAIN = Channels(ChannelMap(), count=6, thrust_max_n=2.0)
@@ -17,6 +17,8 @@ RATE = math.radians(100.0)
 def test_half_thrust_and_half_rates_are_half_way() -> None:
     half = [0.0, 0.5, -0.5, 0.5, 0.0, 0.0]
     assert PLAIN.flying(1.0, (RATE, -RATE, 1.5 * RATE)) == pytest.approx(half)
+    crsf = Channels(CrsfLinkConfig().map, count=6, thrust_max_n=2.0)
+    assert crsf.flying(1.0, (RATE, -RATE, 1.5 * RATE)) == pytest.approx([0.5, -0.5, 0, 0.5, 1, 0])
 
 
 def test_what_cannot_be_said_is_clamped() -> None:
