@@ -213,7 +213,7 @@ def _ensure_apart(whos: list[_Who], labs: list[Config], relay_port: int, path: P
         "remote",
         "tcp",
     ):  # several may be behind one address: they have their own system ids
-        ends = [lab.link.destination if lab.link.way == key else None for lab in labs]
+        ends = [lab.link.destination if lab.link.address_key == key else None for lab in labs]
         _ensure_unlike(f"link.{key}", list(zip(names, ends, strict=True)), path)
     _ensure_unlike(
         "status.path",
@@ -246,6 +246,6 @@ def _end(config: Config, key: str) -> str | None:
     Of an address of this machine only the port counts.
     """
     link = config.link
-    if link.way != key:
+    if link.address_key != key:
         return None
     return str(parse_address(link.endpoint)[1]) if key == "listen" else link.endpoint

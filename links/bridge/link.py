@@ -318,8 +318,8 @@ class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
         parse_address(self.remote, "remote")
 
     @property
-    def way(self) -> str:
-        """The key of the bridge's address."""
+    def address_key(self) -> str:
+        """Key with the bridge's address."""
         return "remote"
 
     @property

@@ -328,34 +328,30 @@ class AutopilotLink(Protocol):
 class LinkKind(
     msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"
 ):
-    """Beside the configuration of a link: what is asked of it, with the answer of a kind that has
-    none.
-    """
+    """Base of the configurations of all kinds of links, with the defaults of their properties."""
 
     has_autopilot: ClassVar[bool] = False
-    """At the other end is an autopilot that tells of itself, not a receiver that is told alone."""
+    """Whether the other end is an autopilot that reports its state, not a receiver that only
+    listens."""
 
     @property
     def kind(self) -> str:
-        """The name of the kind."""
+        """Name of the kind."""
         return str(self.__struct_config__.tag)
 
     @property
-    def way(self) -> str:
-        """The key that says where the other end is."""
+    def address_key(self) -> str:
+        """Key with the address of the other end."""
         raise NotImplementedError
 
     @property
     def endpoint(self) -> str:
-        """Where the other end is: what ``way`` says, or stands for it by default.
-
-        Host:port, or a serial port.
-        """
-        return str(getattr(self, self.way))
+        """Address of the other end, host:port, or a serial port."""
+        return str(getattr(self, self.address_key))
 
     @property
     def destination(self) -> str:
-        """Where commands go, as others of this machine can compare it."""
+        """Destination of commands, to be compared with those of other flights on this machine."""
         return f"{self.kind} {self.endpoint}"
 
     @property

@@ -254,11 +254,15 @@ async def open_wire(config: MavlinkLinkConfig, owner: "ReconnectingTransport") -
 def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> Sentence:
     """Return why the wire can't be opened, and what to do."""
     endpoint, why = config.endpoint, _describe(error)
-    if config.way == "remote" and error.errno == EADDRINUSE:
+    if config.address_key == "remote" and error.errno == EADDRINUSE:
         return link_notice(
             "mavlink.local_port_taken", endpoint=endpoint, why=why, port=config.local_address[1]
         )
-    advice = link_notice("address.refused") if config.way == "serial" else advise_on_address(error)
+    advice = (
+        link_notice("address.refused")
+        if config.address_key == "serial"
+        else advise_on_address(error)
+    )
     return link_notice("mavlink.open", endpoint=endpoint, why=why, advice=advice)
 
 

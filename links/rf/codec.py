@@ -236,15 +236,14 @@ class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
             raise ValueError(link_notice("rf.lead"))
 
     @property
-    def way(self) -> str:
-        """The key of the module's port."""
+    def address_key(self) -> str:
+        """Key with the module's port."""
         return "port"
 
     @property
     def real(self) -> str:
-        """The key that may lead to a real vehicle, and its value.
-
-        Flight/preflight knows the one exception.
+        """The setting that may lead to a real vehicle; groundstation/flight/preflight has the one
+        exception.
         """
         return f"port = {self.port}"
 

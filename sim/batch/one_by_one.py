@@ -13,15 +13,16 @@ from groundstation.settings import Config
 
 
 class OneByOne:
-    """N controllers of the configured kind, asked one after the other."""
+    """N controllers of the configured kind, called one after the other."""
 
     def __init__(self, count: int, config: Config) -> None:
+        """Make ``count`` controllers of ``config``."""
         self._controllers: list[Controller] = [
             make_controller(config.controller, config.vehicle) for _ in range(count)
         ]
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """One command of each; ``estimate`` has arrays of shape (N,)."""
+        """Return the commands of all as one decision; ``estimate`` has arrays of shape (N,)."""
         motion, count = estimate.motion, len(self._controllers)
         numbers = (
             *motion.position,
@@ -65,7 +66,7 @@ class OneByOne:
 
 
 def _make_estimate(time_s: float, row: list[float]) -> Estimate:
-    """The estimate of one vehicle."""
+    """Return the estimate of one vehicle, from the numbers in the order of :meth:`decide`."""
     px, py, pz, vx, vy, vz, w, x, y, z, thrust, p, q, r, north, east, down, effectiveness = row
     motion = Motion((px, py, pz), (vx, vy, vz), (w, x, y, z), thrust, (p, q, r))
     return Estimate(time_s, motion, (north, east, down), ZERO, effectiveness)

@@ -77,7 +77,7 @@ def report(args: argparse.Namespace) -> Exit:
 
 
 def search(args: argparse.Namespace) -> Exit:
-    """Search, verify and write; 1 where nothing better was found."""
+    """Search, verify and write; exit code 1 where nothing better was found."""
     _check(args)
     stages = _stages(args, SCENARIOS)
     if any(stage.config.vehicle != stages[0].config.vehicle for stage in stages):
@@ -97,7 +97,7 @@ def search(args: argparse.Namespace) -> Exit:
         trials = _run_trials(args, wanted, flyers)
         best = find_best(trials)
         if best is None:
-            return _nothing(args, trials)
+            return _report_failure(args, trials)
         evidence = verify(wanted, trials[0], best, flyers, args.verify)
     written = None if evidence.complaints else args.out
     if written is not None:
@@ -112,7 +112,7 @@ def search(args: argparse.Namespace) -> Exit:
 
 
 def _run_trials(args: argparse.Namespace, wanted: Search, flyers: Flyers) -> list[TuningTrial]:
-    """Run the search; one that is interrupted says how it goes on."""
+    """Run the search; tell how an interrupted one continues."""
     with ProgressBar("trials", args.trials, quiet=args.json) as counter:
         try:
             return run(
@@ -135,11 +135,12 @@ def _run_trials(args: argparse.Namespace, wanted: Search, flyers: Flyers) -> lis
 
 
 def journal_of(out: Path | None) -> Path | None:
-    """Where the trials of a search are kept that writes to ``out``."""
+    """Return the file with the trials of a search that writes to ``out``."""
     return None if out is None else out.with_name(f"{out.name}.trials")
 
 
 def _check(args: argparse.Namespace) -> None:
+    """Refuse options that contradict each other, or would overwrite a file."""
     if args.write is not None:
         raise ConfigError("--write", notice("tune.search_write"))
     if args.verify > SEARCH_SEED:
@@ -158,7 +159,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _stages(args: argparse.Namespace, default: list[str]) -> list[Staged]:
-    """The scenarios to fly, checked as far as that goes without flying."""
+    """Return the scenarios to fly, checked as far as possible without a flight."""
     check_duration(args.duration, LEAST_JUDGED_S)
     stages = stage_scenarios(args.scenarios or default, args.config, args.overrides)
     for stage in stages:
@@ -170,8 +171,8 @@ def _workers(args: argparse.Namespace) -> int:
     return int(args.workers or os.cpu_count() or 1)
 
 
-def _nothing(args: argparse.Namespace, trials: list[TuningTrial]) -> Exit:
-    """Nothing beats the configuration as it came: say why, as far as that is known."""
+def _report_failure(args: argparse.Namespace, trials: list[TuningTrial]) -> Exit:
+    """Print why no trial is better than the configuration at the start."""
     start = trials[0]
     if args.json:
         print(json.dumps(_facts(trials, None, None, None)))

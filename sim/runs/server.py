@@ -115,7 +115,7 @@ async def serve(
     link, room = config.link, config.rehearsal
     async with _alone(room, *_describe_wires(config)), _broker(config) as broker:
         pty = None
-        if not link.has_autopilot or link.way == "serial":
+        if not link.has_autopilot or link.address_key == "serial":
             pty = PtyWire(None if room is None else _ours(Path(room.serial)))
         stage = Stage(
             world,
@@ -157,7 +157,7 @@ def _describe_end(config: Config, autopilot: str, pty: PtyWire | None) -> str:
     """Describe the receiver of the commands, and its address."""
     link = config.link
     if isinstance(link, MavlinkLinkConfig):
-        medium = {"tcp": "tcp", "serial": "the serial port"}.get(link.way, "udp")
+        medium = {"tcp": "tcp", "serial": "the serial port"}.get(link.address_key, "udp")
         return f"{autopilot} autopilot (MAVLink) to {medium} {link.endpoint}"
     if isinstance(link, BridgeLinkConfig):
         return f"bridge and receiver at udp {link.remote}"
@@ -198,7 +198,7 @@ async def serve_fleet(
         ConfigError: the links are not MAVLink's, or another one serves the same.
     """
     for lab in labs:
-        if not lab.link.has_autopilot or lab.link.way == "serial":
+        if not lab.link.has_autopilot or lab.link.address_key == "serial":
             raise ConfigError("link.kind", notice("serve.fleet_link"), lab.vehicle.name)
     stage = FleetStage(
         worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot

@@ -586,8 +586,8 @@ def world_from(text: str) -> World:
 
 def _on_udp(config: Config) -> Config:
     """``config``, where its link is one that the simulated network has."""
-    if config.link.way in ("tcp", "serial"):
-        raise ConfigError(f"link.{config.link.way}", notice("sim.udp_only"))
+    if config.link.address_key in ("tcp", "serial"):
+        raise ConfigError(f"link.{config.link.address_key}", notice("sim.udp_only"))
     return config
 
 

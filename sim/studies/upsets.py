@@ -1,9 +1,8 @@
-"""Upsets: large steps and pushes of the wind, and starts far from the reference, flown by every
-law.
+"""Upsets: large steps and pushes of the wind, and starts far from the reference, with every law.
 
-All laws fly on the same estimate, and none inverts the actuators' lags but ours:
-:mod:`sim.studies.comparison`. The printed law of 2013 is left out, as it does not hold these
-vehicles still. Hold is flown with our gains of a hold.
+All laws fly on the same estimate, and only ours inverts the actuators' lags
+(:mod:`sim.studies.comparison`). The printed law of 2013 is left out, as it does not hold these
+vehicles still. In a hold, ours flies with its gains of a hold.
 """
 
 import math
@@ -25,29 +24,30 @@ from sim.world import World, generator
 
 LAWS = ("adaptive", "geometric", "l1", "pid", "indi")
 VEHICLES = ("paper", "quad1kg")
-"""The scenarios whose vehicles are upset."""
+"""Scenarios whose vehicles are upset."""
 HOLD = ("trajectory.kind=hold", "trajectory.position_ned=[0.8,-0.8,-1.0]")
 """A hold one metre above the start."""
 PHASES: dict[str, tuple[str, ...]] = {"figure": (), "hold": HOLD}
+"""Overrides that choose each phase."""
 BATCHES = len(LAWS) * (len(PHASES) + 1)
-"""Batches that one vehicle is flown in [-]."""
+"""Number of batches for each vehicle [-]: the phases, and the drawn starts."""
 UPSET_AT_S = World().wind_step_time_s
-"""The wind steps so long after the release [s], as in the scenarios with steps: laws and estimates
+"""Time of the wind's step after the release [s], as in the scenarios with steps: laws and estimates
 have settled."""
 PUSHED_S = UPSET_AT_S + 5.0
-"""Length of these flights [s]."""
+"""Duration of these flights [s]."""
 STATES_S = 6.0
-"""Length of the flights from a drawn start [s]."""
+"""Duration of the flights from a drawn start [s]. Chosen."""
 FARTHEST_M = 5.0
-"""Largest drawn distance from the reference [m]."""
+"""Largest drawn distance from the reference [m]. Chosen."""
 FASTEST_M_S = 3.0
-"""Largest drawn speed [m/s]."""
+"""Largest drawn speed [m/s]. Chosen."""
 STEEPEST_DEG = 90.0
-"""Largest drawn tilt [deg]."""
+"""Largest drawn tilt [deg]. Chosen."""
 NO_FLOOR_M = 100.0
 """Depth of the floor below drawn starts [m]: the height that a law loses is measured instead."""
 ENOUGH = 1.1
-"""Largest peak and time over the best baseline's that are no fault [-]."""
+"""Ratio to the best baseline up to which peak and time count as equal [-]. Chosen."""
 
 
 class UpsetRow(NamedTuple):
@@ -81,8 +81,8 @@ class StatesRow(NamedTuple):
 
 
 def list_upsets() -> dict[str, list[tuple[str, ...]]]:
-    """Upset to its directions, as overrides of the truth: the variants of the scenarios with
-    pushes.
+    """Return the directions of each upset as overrides of the world: the variants of the scenarios
+    with pushes.
     """
     found: dict[str, list[tuple[str, ...]]] = {}
     for name in PUSHED:
@@ -141,21 +141,19 @@ def fly_upsets(
     ]
 
 
-def _prepare(scenario: str, law: str, told: Iterable[str]) -> tuple[World, Config]:
-    """The truth, and what ``law`` is told.
+def _prepare(scenario: str, law: str, phase: Iterable[str]) -> tuple[World, Config]:
+    """Return the world, and the configuration of ``law`` in the ``phase`` of these overrides.
 
     In a hold it flies with its gains of a hold, if it has any.
     """
-    world, config = prepare(SCENARIOS[scenario], [*told, f"controller.kind={law}"])
-    if told and isinstance(config.controller, Gains):
+    world, config = prepare(SCENARIOS[scenario], [*phase, f"controller.kind={law}"])
+    if phase and isinstance(config.controller, Gains):
         config = msgspec.structs.replace(config, controller=hold_gains(config.controller))
     return world, config
 
 
 def draw_start(world: World, reference: Vec3, seed: int) -> World:
-    """``world`` with a start that is drawn by ``seed``: where, how fast, how tilted, each uniform
-    in its size.
-    """
+    """Return ``world`` with a drawn start: position, velocity and tilt, each of uniform size."""
     draw = generator(seed, "upset")
 
     def draw_vector(most: float, axes: int) -> list[float]:
@@ -227,7 +225,7 @@ def compare_upsets(
 
 
 def _over_best(values: dict[str, float | None]) -> tuple[str, bool]:
-    """Ours over the best of the others, as a cell, and whether that is more than :data:`ENOUGH`."""
+    """Return ours over the best of the others as a cell, and whether it exceeds :data:`ENOUGH`."""
     ours, others = values[LAWS[0]], [values[law] for law in LAWS[1:] if values.get(law) is not None]
     known = [value for value in others if value is not None]
     if ours is None:
@@ -241,7 +239,7 @@ def _over_best(values: dict[str, float | None]) -> tuple[str, bool]:
 
 
 def upsets_table(rows: Sequence[UpsetRow], states: Sequence[StatesRow]) -> str:
-    """Both results as a page shows them."""
+    """Return both results as a page shows them."""
     head = ["peak, cm (back under 5 cm after, s)", *LAWS, "peak over best", "time over best"]
     lines = [f"| {' | '.join(head)} |", f"|---|{'---:|' * (len(head) - 1)}"]
     missed = 0

@@ -99,12 +99,12 @@ NO_LAG_S = 1e-12
 """Added to every lag [s], so that a lag of 0 divides by no zero: far below any step, so it changes
 nothing."""
 SATURATED_SHARE = 1e-9
-"""Thrust that the mixer leaves out, as a share of a rotor's, above which the integral pauses [-]:
-above rounding."""
+"""Thrust that saturation takes, as a share of a rotor's full one, above which the integral pauses
+[-]: above rounding."""
 
 
 def compute_drag(ops: Ops, body: Body, drag: AirDrag) -> Vec3:
-    """The acceleration of ``body`` by the air [m/s², NED]."""
+    """Return the acceleration of ``body`` by the air [m/s², NED]."""
     linear_x, linear_y, linear_z = drag.linear
     x, y, z = to_body(body.attitude, subtract(body.velocity, drag.air))
     inflow = ops.sqrt(x * x + y * y)
@@ -114,7 +114,7 @@ def compute_drag(ops: Ops, body: Body, drag: AirDrag) -> Vec3:
 
 
 def _decay(ops: Ops, h: Real, lag_s: Real) -> Real:
-    """The share of its old value that a first-order lag keeps over ``h`` [s]; 0 without lag [-]."""
+    """Return the share of its value that a first-order lag keeps over ``h`` [s]; 0 without lag."""
     return ops.exp(-h / (lag_s + NO_LAG_S))
 
 
@@ -124,7 +124,7 @@ def _low_pass(old: Vec3, new: Vec3, rise: Real) -> Vec3:
 
 
 def _leak(attitude: Quat, rate_command: Vec3, leak: Real) -> Vec3:
-    """The acceleration [m/s², NED] that commanded body rates leak into the translation."""
+    """Return the acceleration [m/s², NED] that commanded body rates leak into the translation."""
     return to_world(attitude, (leak * rate_command[1], -leak * rate_command[0], 0.0))
 
 
@@ -137,8 +137,8 @@ def integrate(
     h: Real,
     physics: Physics,
 ) -> Body:
-    """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant
-    ``wind`` [m/s², NED].
+    """Return ``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s, FRD]) and a
+    constant ``wind`` [m/s², NED].
     """
     half, rate_lag, thrust_lag = 0.5 * h, physics.rate_lag_s, physics.thrust_lag_s
     # Attitude in the middle and at the end: the exact integral of the rates.
@@ -220,7 +220,7 @@ class RateLoopGains(NamedTuple):
 
 
 class RateLoop(NamedTuple):
-    """The rate loop's state."""
+    """State of the rate loop."""
 
     thrust: float
     """Filtered thrust command [N]."""
@@ -243,7 +243,7 @@ class Actuators(NamedTuple):
 
 
 def describe_rotors(world: World) -> tuple[RotorFrame, RateLoopGains]:
-    """Rotors and rate loop of ``world``."""
+    """Return the constants of the rotors and of the rate loop of ``world``."""
     rotors = world.rotors
     lever_m = rotors.arm_m * math.sqrt(0.5)
 
@@ -278,7 +278,7 @@ def describe_rotors(world: World) -> tuple[RotorFrame, RateLoopGains]:
 
 
 def begin_rotors(thrust: float, gains: RateLoopGains) -> Actuators:
-    """Rotors that give a total ``thrust`` [N], and a rate loop without rates."""
+    """Return rotors that give ``thrust`` [N] in all, and a rate loop without rates."""
     speed = signal(0.25 * thrust / gains.full_n, gains.curve)
     return Actuators((speed, speed, speed, speed), RateLoop(thrust, ZERO, ZERO, ZERO, ZERO))
 
@@ -293,17 +293,20 @@ def run_rate_loop(
     torque = J (P e + I ∫e - D d/dt ω), e = commanded rates - filtered ``gyro`` [rad/s]. While a
     rotor is at its limit, the integral pauses.
     """
-    told_rates = _low_pass(loop.rates, rates, 1.0 - _decay(FLOATS, h, gains.rate_filter_s))
+    rate_command = _low_pass(loop.rates, rates, 1.0 - _decay(FLOATS, h, gains.rate_filter_s))
     measured = _low_pass(loop.gyro, gyro, 1.0 - _decay(FLOATS, h, gains.gyro_filter_s))
     slow = _low_pass(loop.slow, measured, 1.0 - _decay(FLOATS, h, gains.d_filter_s))
-    told = loop.thrust + (1.0 - _decay(FLOATS, h, gains.thrust_filter_s)) * (thrust - loop.thrust)
-    error = subtract(told_rates, measured)
+    thrust_command = loop.thrust + (1.0 - _decay(FLOATS, h, gains.thrust_filter_s)) * (
+        thrust - loop.thrust
+    )
+    error = subtract(rate_command, measured)
     # The output of a first-order filter changes by the distance to its input over its time
     # constant.
     derivative = scale(1.0 / gains.d_filter_s, subtract(measured, slow))
     demand = add(multiply_each(gains.p, error), multiply_each(gains.i, loop.integral))
     torque = multiply_each(gains.inertia, subtract(demand, multiply_each(gains.d, derivative)))
-    level, full = 0.25 * told, gains.full_n
+    level, full = 0.25 * thrust_command, gains.full_n
+    # Thrust of each rotor for roll, pitch and yaw [N].
     a = 0.25 * torque[0] / gains.lever_m
     b = 0.25 * torque[1] / gains.lever_m
     c = 0.25 * torque[2] / gains.torque_m
@@ -313,7 +316,7 @@ def run_rate_loop(
     integrated_s = h if over[0] + over[1] + over[2] + over[3] <= SATURATED_SHARE * full else 0.0
     front_right, rear_left, front_left, rear_right = (signal(share, gains.curve) for share in given)
     integral = add_scaled(loop.integral, integrated_s, error)
-    return RateLoop(told, told_rates, measured, slow, integral), (
+    return RateLoop(thrust_command, rate_command, measured, slow, integral), (
         front_right,
         rear_left,
         front_left,
@@ -360,7 +363,7 @@ def integrate_rotors(
     speeds: FourRotors,
     signals: FourRotors,
     full_n: float,
-    told: Vec3,
+    rate_command: Vec3,
     other: Vec3,
     h: float,
     frame: RotorFrame,
@@ -368,8 +371,8 @@ def integrate_rotors(
     """Integrate ``body`` and rotor ``speeds`` (0..1) for ``h`` [s] under held ``signals`` (0..1).
 
     The error is of second order in ``h``. ``full_n`` is the full thrust of one rotor now [N],
-    ``other`` a constant acceleration, such as wind [m/s², NED], and ``told`` the commanded rates
-    [rad/s], for the leak alone.
+    ``other`` a constant acceleration, such as wind [m/s², NED], and ``rate_command`` the commanded
+    rates [rad/s], for the leak alone.
     """
     after = _spin(speeds, signals, h, frame)
     straight = 1.0 - frame.curve
@@ -383,7 +386,7 @@ def integrate_rotors(
     before = a + b + c + d
     a, b, c, d = thrusts_after
     thrust = a + b + c + d
-    other = add(other, _leak(body.attitude, told, frame.rate_leak))
+    other = add(other, _leak(body.attitude, rate_command, frame.rate_leak))
     other = (other[0], other[1], other[2] + frame.gravity)
 
     def accelerate(attitude: Quat, thrust_n: float, velocity: Vec3) -> Vec3:

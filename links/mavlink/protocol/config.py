@@ -10,15 +10,15 @@ from links.io import is_loopback, parse_address, remote_setting
 from links.text import link_notice
 
 DEFAULT_LISTEN = "127.0.0.1:14540"
-"""Where PX4 sends what it has for an offboard computer."""
-
-
+"""Address that PX4 sends to for an offboard computer."""
 LOCAL_PORTS = range(20_000, 30_000)
-"""Local ports for ``remote``: free for users, below those that Linux gives away (32768)."""
+"""Local ports for ``remote``: unprivileged, and below those that Linux assigns itself (from
+32768)."""
 ODOMETRY_BYTES = 258
-"""Longest frame that forwarding sends."""
+"""Longest frame of forwarding [bytes]: an ODOMETRY of 233, with header, checksum and signature."""
 FORWARD_SHARE = 0.3
-"""Limit of forwarding as a share of a serial port's rate [-]: the rest is for other frames."""
+"""Limit of forwarding as a share of a serial port's rate [-]: the rest is for other frames.
+Chosen."""
 
 
 class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -221,13 +221,13 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     ] = True
 
     def __post_init__(self) -> None:
-        ways = {
+        addresses = {
             "listen": self.listen,
             "remote": self.remote,
             "tcp": self.tcp,
             "serial": self.serial,
         }
-        given = [name for name, way in ways.items() if way is not None]
+        given = [name for name, address in addresses.items() if address is not None]
         if len(given) > 1:
             raise ValueError(link_notice("mavlink.exclusive", keys=" and ".join(given)))
         if self.local_port is not None and self.remote is None:
@@ -245,21 +245,18 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
                 link_notice("mavlink.forward_rate", rate_hz=rate_hz, bytes_s=needed, baud=self.baud)
             )
         if self.serial is None:
-            parse_address(self.endpoint, self.way)
+            parse_address(self.endpoint, self.address_key)
 
     @property
     def real(self) -> str | None:
-        """The key that may lead to a real vehicle, and its value.
-
-        None where all stays on this machine.
-        """
+        """The setting that may lead to a real vehicle; None where all stays on this machine."""
         if self.serial is not None:
             return f"serial = {self.serial}"
-        return remote_setting(self.way, self.endpoint)
+        return remote_setting(self.address_key, self.endpoint)
 
     @property
-    def way(self) -> str:
-        """The key that says where the autopilot is."""
+    def address_key(self) -> str:
+        """Key with the address of the autopilot."""
         return (
             "serial"
             if self.serial
@@ -272,12 +269,12 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
 
     @property
     def endpoint(self) -> str:
-        """The address that is given, host:port, or the serial port."""
+        """The configured address, host:port, or the serial port."""
         return self.serial or self.tcp or self.remote or self.listen or DEFAULT_LISTEN
 
     @property
     def destination(self) -> str:
-        """Where commands go: several vehicles may be behind one address."""
+        """Destination of commands: several vehicles may be behind one address."""
         return f"{super().destination} system {self.target_system}"
 
     @property
@@ -298,5 +295,5 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
 
     @property
     def key_files(self) -> dict[str, str]:
-        """The signing key's, where there is one."""
+        """File of the signing key, where there is one."""
         return {} if self.signing_key_file is None else {"signing_key_file": self.signing_key_file}
