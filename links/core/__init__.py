@@ -11,6 +11,7 @@ from links.core.deadman import (
     STUCK_S,
     TICK_S,
     UNIT_TOLERANCE,
+    UPLINK_LOST_S,
     Arrival,
     Attitude,
     Command,

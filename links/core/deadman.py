@@ -533,6 +533,9 @@ SILENCE_S = 0.15
 """Silence of a vehicle after which it may not receive commands [s]: of its telemetry, or of its
 acknowledgements, which are overdue by then. Messages at 10 Hz are never silent for so long unless
 one is lost."""
+UPLINK_LOST_S = 0.5
+"""Delay of an acknowledgement beyond the usual round trip from which the uplink is lost [s]: the
+operator is informed, and the vehicle descends."""
 LOOK_S = 0.01
 """Period at which a state is read that nobody announces [s]: a step of a hand-shake, an input, the
 sign of life of a pacer."""

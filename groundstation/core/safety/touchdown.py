@@ -38,7 +38,8 @@ SUSPENDED_M_S = 0.4
 vehicle would pass from this speed upwards to this speed downwards within 0.5 s. An autopilot's own
 speed wanders by more than ``STILL_M_S``."""
 NEAR_M = 0.3
-"""Height below which the vehicle is near the floor [m]: legs and a wandering estimate included."""
+"""Height below which the vehicle is near the floor [m]: legs and a wandering estimate included.
+Ground effect begins there, so goto accepts no lower point."""
 OFF_REFERENCE_M = 0.3
 """Distance from its reference from which the vehicle does not follow it [m]: the floor, or a hand,
 holds it. Not every controller lets thrust fall to ``LOW_SHARE`` then."""

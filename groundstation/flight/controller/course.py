@@ -37,9 +37,6 @@ DRIFT_BRAKING_M_S2 = 3.0
 DRIFT_BRAKING_PER_S = 3.5
 """Largest deceleration by an autopilot's own estimate, per m/s of its speed [1/s]: its speed may be
 wrong by 0.3 m/s, which is then braked by 1 m/s² only."""
-LEAST_HEIGHT_M = 0.3
-"""Lowest height that goto accepts [m]: below it ground effect, and the detection of a landing,
-begin."""
 CHECKED_INTERVALS = 40
 """Intervals between the points at which a leg is checked before it is flown [-]: every 10 cm of a
 leg of 4 m."""
@@ -69,9 +66,9 @@ class Clearance:
     def find_obstacle(self, place: Vec3) -> Sentence | None:
         """Describe the obstacle to a stay at ``place``; None where there is none."""
         height = self._floor_z_m - place[2]
-        if not (math.isfinite(sum(place)) and height >= LEAST_HEIGHT_M):
+        if not (math.isfinite(sum(place)) and height >= NEAR_M):
             side = "above" if height >= 0.0 else "below"
-            return notice("goto.height", height_m=abs(height), side=side, limit_m=LEAST_HEIGHT_M)
+            return notice("goto.height", height_m=abs(height), side=side, limit_m=NEAR_M)
         room = math.inf if self.fence is None else self.fence.room_m(place)
         return None if room > 0.0 else notice("goto.outside", outside_m=abs(room))
 

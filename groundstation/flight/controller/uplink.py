@@ -7,15 +7,12 @@ import math
 
 from groundstation.core.messages import Sentence, notice
 from groundstation.core.safety import LATE_PERIODS
-from links.core import NEWS_S, SILENCE_S, Arrival, CommandLink
+from links.core import NEWS_S, SILENCE_S, UPLINK_LOST_S, Arrival, CommandLink
 from links.mavlink.protocol import ATTITUDE_HZ
 from links.text import to_ms
 
 INTERVAL_WEIGHT = 0.1
 """Weight of each interval in its running mean [-]."""
-UPLINK_LOST_S = 0.5
-"""Acknowledgements overdue for this long: the operator is informed, and the vehicle descends
-[s]."""
 
 
 class CommandUplink:

@@ -5,15 +5,13 @@ the autopilot answers each. Sans-IO.
 import math
 from collections import deque
 
-from links.core import NEWS_S, SILENCE_S, Arrival
+from links.core import NEWS_S, SILENCE_S, UPLINK_LOST_S, Arrival
 from links.mavlink.protocol.codec import Message
 
 QUESTION_S = 0.05
 """Period of the TIMESYNC questions that leave beside set-points [s]."""
 SLOW_QUESTION_S = 0.1
 """Period of the same on slow serial ports [s]."""
-LATE_ANSWER_S = 0.5
-"""Delay of an answer beyond the usual round trip from which it is late [s]."""
 
 
 class Uplink:
@@ -65,7 +63,7 @@ class Uplink:
         self._since_s, self._answers = max(self._since_s, asked_s), True
         self._late_s = now_s - asked_s - usual_s
         self._late_since_s = (
-            min(self._late_since_s, now_s) if self._late_s > LATE_ANSWER_S else math.inf
+            min(self._late_since_s, now_s) if self._late_s > UPLINK_LOST_S else math.inf
         )
 
     def arrival(self, now_s: float, usual_s: float) -> Arrival:
