@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from groundstation.core.control import Law, LawState, backstep, yaw_rate
+from groundstation.core.control import Law, LawState, backstep, sine_error, turning, yaw_rate
 from groundstation.core.control.backstepping import (
     BacksteppingAxis,
     LawOutput,
@@ -162,6 +162,14 @@ def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(
     # η1 starts like (r - B)^(n+1): its n-th difference across the sphere vanishes with h.
     deviation = max(abs(a - b) for a, b in zip(at(2.0 + h), xi, strict=True))
     assert deviation <= 20.0 * (1 + math.hypot(*xi)) * (4.1 * h / 2.25) ** (order + 1)
+
+
+@given(angle, vec, st.floats(0.3, 3.0))
+def test_a_direction_turns_by_its_derivative(angles: Vec3, dot: Vec3, length: float) -> None:
+    q, h = quaternion(angles), 1e-6
+    along = vec3(length * np.array(so3.third_column(q)))
+    turned = np.array(sine_error(q, vec3(np.array(along) + h * np.array(dot)))) / h
+    assert turning(q, along, dot) == pytest.approx(turned, rel=1e-4, abs=1e-3)
 
 
 @given(gains, st.tuples(*[vec] * 7), angle, st.floats(0.3, 3.0), st.floats(0.05, 2.0), drags)

@@ -481,15 +481,12 @@ class CertificateMonitor:
         warnings, self._opening, state = self._opening, (), NONE
         if last is not None and 0.0 < time_s - last.time_s < LASTING_S:
             warnings += self._find_warnings(last, now)
-            state = self._promise
-            saturated, dt = last.decision.saturated, time_s - last.time_s
+            state, dt = self._state(suspended=last.decision.saturated), time_s - last.time_s
             self._watched_s += dt
-            if saturated or self._above.excess > 0.0 or self._disturbance.for_s > 0.0:
-                state = self._state(suspended=saturated)
-                if state == VIOLATED:
-                    self._violated_s += dt
-                elif state == SUSPENDED:
-                    self._suspended_s += dt
+            if state == VIOLATED:
+                self._violated_s += dt
+            elif state == SUSPENDED:
+                self._suspended_s += dt
         return CertificateReading(state, self._above.excess, warnings)
 
     def _find_warnings(self, last: Look, now: Look) -> tuple[Sentence, ...]:
@@ -511,9 +508,8 @@ class CertificateMonitor:
             found.append(
                 self._suspension.update(frame, bound, pinned=self._thrust.for_s >= LASTING_S)
             )
-        bx, by, bz = now.decision.diagnostics.b_hat
-        b2 = bx * bx + by * by + bz * bz
-        found.append(self._check_disturbance(math.sqrt(b2), last.time_s, dt))
+        length = math.hypot(*now.decision.diagnostics.b_hat)
+        found.append(self._check_disturbance(length, last.time_s, dt))
         found.append(self._check_thrust(now.decision.drive.thrust, last.time_s, dt))
         return tuple(one for one in found if one is not None)
 
@@ -546,15 +542,12 @@ class CertificateMonitor:
             "certificate.thrust_margin", which=which, thrust_n=thrust_n, for_s=pinned.for_s
         )
 
-    @property
-    def _promise(self) -> str:
-        """State where nothing is exceeded or suspended."""
-        return HOLDS if self._measure.decrease.share > 0.0 else NONE
-
     def _state(self, *, suspended: bool) -> str:
         if max(self._above.for_s, self._disturbance.for_s) >= LASTING_S:
             return VIOLATED
-        return SUSPENDED if suspended and self._measure.law is not None else self._promise
+        if suspended and self._measure.law is not None:
+            return SUSPENDED
+        return HOLDS if self._measure.decrease.share > 0.0 else NONE
 
     def reading(self) -> Certificate | None:
         """For screens; None before the second command."""

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 from hypothesis import given, strategies as st
 
@@ -78,10 +79,13 @@ def test_from_rest_to_rest_it_keeps_the_limits_and_is_hardly_longer_than_it_must
 def test_stopping_and_running_in_are_no_faster_than_the_motion_that_they_meet(
     time_s: float, speed: float
 ) -> None:
-    moving = LemniscateConfig(speed_m_s=speed).build().at(time_s)
+    flown = LemniscateConfig(speed_m_s=speed).build().at(time_s)
+    moving = msgspec.structs.replace(flown, yaw_rad=0.3, yaw_rate_rad_s=0.4)
     for way, rest, other in ((stop(moving, LIMITS), 1.0, 0.0), (run_in(moving, LIMITS), 0.0, 1.0)):
         stands = way.at(rest * way.duration_s)
         assert stands.velocity_ned == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+        turned = 0.3 + 0.2 * way.duration_s * (rest - other)
+        assert math.remainder(stands.yaw_rad - turned, math.tau) == pytest.approx(0.0, abs=1e-9)
         assert way.at(other * way.duration_s).position_ned == pytest.approx(moving.position_ned)
         seen = [way.at(way.duration_s * i / 100) for i in range(101)]
         assert max(math.hypot(*r.velocity_ned) for r in seen) <= 1.25 * speed
