@@ -126,7 +126,7 @@ class KeptPacer:
         if self._ends and ended:
             return
         if report is not None:
-            self._tell(report, before)
+            self._report_changes(report, before)
             # The stand-by paces alone, or the pacer has lost its stand-by and no vehicle flies:
             # make place for a pair.
             is_lone = report.heir or (report.alone and report.over)
@@ -139,8 +139,8 @@ class KeptPacer:
         self.report = report
         self._on_report(ended)
 
-    def _tell(self, report: PacerReport, before: PacerReport | None) -> None:
-        """Tell the operator each change from the report ``before``."""
+    def _report_changes(self, report: PacerReport, before: PacerReport | None) -> None:
+        """Report each change from the report ``before`` to the operator."""
         if report.port and (before is None or before.port != report.port):
             self._say(report.port)
         if before is not None and before.port and not report.port:
@@ -215,7 +215,7 @@ class Bridge(asyncio.DatagramProtocol):
         self._config = config
         self._key = key
         self._say = say
-        self._random = nonce
+        self._draw_nonce = nonce
         self._remote_only = remote_only
         self._pacer = KeptPacer(config.link, open_pacer, say, self._take_report)
         self._arming = 0
@@ -276,13 +276,14 @@ class Bridge(asyncio.DatagramProtocol):
         if self._remote_only and is_loopback(addr[0]):
             self._refuse_local(addr)
         elif kind == DatagramKind.UP:
-            self._up(data, addr, now)
+            self._take_up(data, addr, now)
         elif kind == DatagramKind.HELLO:
-            self._hello(data, addr, now)
+            self._take_hello(data, addr, now)
         else:
             self.dropped["not_ours"] += 1
 
     def _refuse_local(self, addr: Any) -> None:
+        """Count a datagram of this machine; report the first one to the operator."""
         if not self.dropped["from_this_machine"]:
             self._say(
                 link_notice(
@@ -291,7 +292,8 @@ class Bridge(asyncio.DatagramProtocol):
             )
         self.dropped["from_this_machine"] += 1
 
-    def _hello(self, data: bytes, addr: Any, now_s: float) -> None:
+    def _take_hello(self, data: bytes, addr: Any, now_s: float) -> None:
+        """Offer a session to the station at ``addr``."""
         seal = first_seal(self._key, DatagramKind.HELLO, name_of(data))
         hello = seal.open(data, HELLOS, self.dropped)
         if hello is None or self._pacer.report is None:
@@ -306,7 +308,7 @@ class Bridge(asyncio.DatagramProtocol):
                     next(nonce for nonce, each in self._sessions.items() if each is not self._live)
                 ]
             session = self._sessions[hello.nonce] = BridgeEnd(
-                self._key, hello.nonce, self._random(NONCE_BYTES)
+                self._key, hello.nonce, self._draw_nonce(NONCE_BYTES)
             )
         welcome = Welcome(
             hello.nonce, session.bridge_nonce, now_s, self._config.link.manner, self._pacer.report
@@ -314,7 +316,8 @@ class Bridge(asyncio.DatagramProtocol):
         if self._wire is not None:
             self._wire.send(session.welcome.close(welcome), addr)
 
-    def _up(self, data: bytes, addr: Any, now_s: float) -> None:
+    def _take_up(self, data: bytes, addr: Any, now_s: float) -> None:
+        """Take the wanted state of the station at ``addr``, if it may command; answer it."""
         name = name_of(data)
         session = next((each for each in self._sessions.values() if each.up.name == name), None)
         if session is None:
@@ -329,7 +332,7 @@ class Bridge(asyncio.DatagramProtocol):
         if session is not self._live and not self._take_over(session, now_s):
             self._answer(session)
             return
-        has_news = self._obey(session, up)
+        has_news = self._pass_requests(session, up)
         if has_news or up.command is None:
             self._answer(session)
 
@@ -349,7 +352,7 @@ class Bridge(asyncio.DatagramProtocol):
         self._say(link_notice("bridge.commands", host=session.peer[0], port=session.peer[1]).text)
         return True
 
-    def _obey(self, session: BridgeEnd, up: Up) -> bool:
+    def _pass_requests(self, session: BridgeEnd, up: Up) -> bool:
         """Pass the station's new requests to the pacer.
 
         Return whether there was more than a command.

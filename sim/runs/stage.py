@@ -71,21 +71,18 @@ if TYPE_CHECKING:
 
 
 class Stage:
-    """Everything that is not the ground station.
-
-    Every random draw comes from ``seed``, one stream a purpose.
-    """
+    """Simulated side of one vehicle. Random numbers come from ``seed``, one stream a purpose."""
 
     bridge_task: asyncio.Task[None] | None = None
-    """Runs a radio's bridge; to cancel it is its operator's Ctrl-C."""
+    """Task of a radio's bridge; to cancel it is its operator's Ctrl-C."""
     radio: RfPeer | None = None
-    """The other end of a radio link."""
+    """Other end of a radio link; None for MAVLink."""
     board: "FlightBoard | None" = None
     """Betaflight behind it; None where the receiver flies the vehicle itself."""
     onboard: OnboardFirmware | None = None
     """Real firmware at the end of a MAVLink link; None where a simulated autopilot is."""
     mocap: Mocap | None = None
-    """Capture system of its own."""
+    """Its own capture system; None where it has none."""
     _mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
     _bridge: "Bridge | None" = None
     _telemetry_hz = 0.0
@@ -103,7 +100,7 @@ class Stage:
         alone: bool = True,
         standing: Sequence[tuple[str, Vec3]] = (),
     ) -> None:
-        """Set up a vehicle that is held in the air; ``config`` tells addresses and formats.
+        """Set up a vehicle that is held in the air; ``config`` has addresses and formats.
 
         ``autopilot`` is one of ``AUTOPILOTS``, Betaflight, or real firmware behind MAVLink over
         UDP; ``parameters`` differ from its usual ones. A radio link, or a serial one of MAVLink,
@@ -135,14 +132,14 @@ class Stage:
         """The wire to the module of a radio link on the network in memory."""
         # Where its own estimate serves as the poses, it comes as late as the cameras' would.
         pose_delay_s = 0.0 if tracked is not None else world.pose_latency_s
-        self._fit(config, seed, autopilot, parameters, pose_delay_s)
+        self._fit_link_end(config, seed, autopilot, parameters, pose_delay_s)
         if tracked is not None and alone:
             name, tracker = tracked
             self.mocap = Mocap(
                 world, [SeenVehicle(name, self.plant, world, seed)], seed, tracker, standing
             )
 
-    def _fit(
+    def _fit_link_end(
         self,
         config: Config,
         seed: int,
@@ -150,7 +147,7 @@ class Stage:
         parameters: Mapping[str, float] | None,
         pose_delay_s: float,
     ) -> None:
-        """Fit what obeys the commands: a receiver, real firmware, or a simulated autopilot."""
+        """Fit the end of the link: a receiver, real firmware, or a simulated autopilot."""
         link = config.link
         if not isinstance(link, MavlinkLinkConfig):
             assert isinstance(autopilot, str), "real firmware speaks MAVLink"
@@ -198,7 +195,7 @@ class Stage:
         world, radio = self.world, module(config, self.world, betaflight=betaflight)
         receiver: Receiver
         if betaflight:
-            self.board = _switch_on(self.plant, world, radio, seed)
+            self.board = _start_betaflight(self.plant, world, radio, seed)
             receiver = PulseReceiver(self.board.hear, radio, lose=self._lose_frame)
         else:
             receiver = RfReceiver(self.vehicle, radio, lose=self._lose_frame)
@@ -225,15 +222,14 @@ class Stage:
 
     @property
     def peer(self) -> AutopilotPeer:
-        """Its socket."""
+        """The autopilot's end of the wire."""
         assert self._mavlink is not None, "a radio link ends at a receiver"
         return self._mavlink[1]
 
     def offer_hand(self, seed: int) -> None:
-        """For each line on standard input a hand takes the vehicle from where it stands, and makes
-        all moves.
+        """Have a hand carry the vehicle by all moves for each line on standard input.
 
-        Afterwards it is held where the last one left it.
+        Afterwards the vehicle is held at the last place.
         """
         from sim.world import make_hand
 
@@ -258,7 +254,7 @@ class Stage:
         loop.add_reader(sys.stdin.fileno(), take)
 
     async def run(self) -> None:
-        """Let the world turn until cancelled."""
+        """Run all parts until cancelled."""
         async with asyncio.TaskGroup() as group:
             if self.onboard is not None:
                 group.create_task(self.onboard.run())
@@ -285,8 +281,8 @@ class Stage:
                 group.create_task(self.mocap.run())
 
 
-def _switch_on(plant: Quadrotor, world: World, radio: RfConfig, seed: int) -> "FlightBoard":
-    """Betaflight on ``plant``, set up for what the module ``radio`` says."""
+def _start_betaflight(plant: Quadrotor, world: World, radio: RfConfig, seed: int) -> "FlightBoard":
+    """Return Betaflight on ``plant``, with the settings for the module ``radio``."""
     from sim.autopilots import GAINS, FlightBoard, describe_settings  # only where there is one
 
     sticks = radio.map.roll, radio.map.pitch, radio.map.yaw
@@ -308,7 +304,7 @@ def _wire(link: MavlinkLinkConfig, pty: PtyWire | None) -> OpenWire | None:
 
 
 def _signer(key_file: Path) -> Signer:
-    """The autopilot's own use of the key that the ground station has."""
+    """Return the autopilot's signer, with the key of the ground station."""
     try:
         return StampFile(key_file).make_signer(asyncio.get_running_loop().time)
     except ValueError as error:
@@ -316,17 +312,15 @@ def _signer(key_file: Path) -> Signer:
 
 
 SEEDS_APART = 1000
-"""Between the seeds of two vehicles of one fleet."""
+"""Difference between the seeds of two vehicles of one fleet [-]: more than a user flies in a
+row."""
 
 OnStep = Callable[[int, float, Vec3], None]
 """Takes the vehicle's number, the time [s] and the true place [m, NED] of every step of a plant."""
 
 
 class FleetStage:
-    """Everything that is not a ground station.
-
-    Every random draw comes from ``seed``, one stream a purpose.
-    """
+    """Simulated side of a fleet. Random numbers come from ``seed``, one stream a purpose."""
 
     def __init__(
         self,
@@ -337,7 +331,7 @@ class FleetStage:
         *,
         autopilot: str = "px4",
     ) -> None:
-        """A vehicle for each of ``worlds``; ``labs`` tell the addresses and formats to speak.
+        """Set up a vehicle for each of ``worlds``, with addresses and formats of ``labs``.
 
         Raises:
             ConfigError: the poses come from no capture system that sees them all.
@@ -364,7 +358,7 @@ class FleetStage:
         self.mocap = Mocap(worlds[0], vehicles, seed, tracked[0][1])
 
     async def run(self) -> None:
-        """Let the world turn until cancelled."""
+        """Run all parts until cancelled."""
         async with asyncio.TaskGroup() as group:
             for stage in self.stages:
                 group.create_task(stage.run())
@@ -372,7 +366,8 @@ class FleetStage:
 
 
 APART_M = 3.0
-"""Distance between the figures of neighbours in the square grid [m]."""
+"""Distance between the figures of neighbours in the square grid [m]. Chosen: more than a figure's
+width."""
 
 
 def _move_in_grid(place: Vec3, number: int, count: int) -> Vec3:
@@ -384,19 +379,19 @@ def _move_in_grid(place: Vec3, number: int, count: int) -> Vec3:
 def lay_out(
     folder: Path, world: World, config: Config, count: int, ports: Sequence[int]
 ) -> tuple[Path, list[World]]:
-    """Write ``lab.toml`` and ``fleet.toml`` into ``folder``, for ``count`` vehicles like the one
-    told.
+    """Write ``lab.toml`` and ``fleet.toml`` into ``folder``, for ``count`` vehicles like that of
+    ``config``.
 
     Args:
         folder: of the two files.
-        world: the truth of the first vehicle, the others' differing by where they are.
-        config: what all are told; its trajectory is moved for each.
-        count: how many vehicles.
+        world: world of the first vehicle; the others' differ by the start.
+        config: configuration of all; its trajectory is moved for each.
+        count: number of vehicles.
         ports: free UDP ports: one for poses, one for the first of ``count`` copies of them, which
             follow one another, and one for each vehicle's link.
 
     Returns:
-        The fleet file, and the truth of each vehicle.
+        The fleet file, and the world of each vehicle.
 
     Raises:
         ConfigError: the trajectory can't be moved, or link or count are none for a fleet.

@@ -18,9 +18,9 @@ from sim.world.world import (
     Wind,
     WindTunnel,
     World,
-    begin_eddies,
-    cell,
+    advance_turbulence,
+    begin_turbulence,
     compute_steady,
     compute_turbulence,
-    stir,
+    find_grid_step,
 )

@@ -1,7 +1,6 @@
-"""World: the truth of a simulated flight, what the vehicle, the air, the cameras and the radio
-really do.
+"""World: the true figures of a simulated flight, of vehicle, air, cameras and radio; and its wind.
 
-Its wind is given as the acceleration of the vehicle: mean, sine gusts, one step, and Dryden-shaped
+The wind is given as an acceleration of the vehicle: mean, sine gusts, one step, and Dryden-shaped
 turbulence.
 """
 
@@ -43,24 +42,24 @@ AngleNoise = Annotated[float, msgspec.Meta(ge=0.0, le=0.2)]
 """Noise of an angle [rad]; more is in degrees."""
 Speed = Annotated[float, msgspec.Meta(ge=0.001, le=50.0)]
 """A speed [m/s]; more is in millimetres per second."""
-Push = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
-"""An acceleration by the air, or a speed of it [m/s², m/s]: ten times the weight, or a
-hurricane."""
+Component = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
+"""Component of an acceleration by the air [m/s²], or of a velocity [m/s]: ten times the weight, or
+a hurricane."""
 Angle = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 """An angle [deg]."""
 Coupling = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
 """A body rate that comes with a speed [rad/m]: a turn within 6 cm of climb."""
 Place: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 """A point [m, NED]."""
-Pushes: TypeAlias = tuple[Push, Push, Push]
-"""A vector of accelerations or speeds [NED]."""
+Components: TypeAlias = tuple[Component, Component, Component]
+"""An acceleration [m/s², NED] or a velocity [m/s, NED]."""
 Angles: TypeAlias = tuple[Angle, Angle, Angle]
 """A rotation vector [deg]."""
 
 
 class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Rotors, body and rate loop of a vehicle with ``sim.plant = "rotors"``. Defaults: of
-    the one of 80 g.
+    """Rotors, body and rate loop of a vehicle with ``sim.plant = "rotors"``. Defaults: those of the
+    vehicle of 80 g.
     """
 
     arm_m: Positive = 0.11
@@ -77,7 +76,7 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     spin_down_s: Lag = 0.040
     """Time constant of a rotor that slows down [s]."""
     p: NonNegative = 25.0
-    """Angular acceleration that the rate loop asks for per error of rate [1/s]."""
+    """Angular acceleration demanded per error of the rate [1/s]."""
     i: NonNegative = 25.0
     """Angular acceleration demanded per integral of the rate error [1/s²]."""
     d: NonNegative = 0.4
@@ -89,9 +88,9 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     gyro_filter_hz: Positive = 80.0
     """Edge of the gyro's filter [Hz]."""
     d_filter_hz: Positive = 60.0
-    """Edge of the one that D has beside it [Hz]."""
+    """Edge of the further filter of D [Hz]."""
     rate_filter_s: Lag = 0.0
-    """Time constant of a filter that told rates pass first [s]."""
+    """Time constant of the filter of the rate set-points [s]."""
     thrust_filter_s: Lag = 0.0
     """Time constant of the filter of the thrust set-point [s]."""
 
@@ -99,14 +98,14 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class WindTunnel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Effects of a wall of fans beside drag and the air's mean speed; none by default."""
 
-    gust_m_s: Push = 0.0
+    gust_m_s: Component = 0.0
     """The air's speed to the north gains so much times sin(``gust_rad_s`` t + ``gust_phase_rad``)
     [m/s]."""
     gust_rad_s: Positive = 1.0
     """[rad/s]"""
     gust_phase_rad: float = 0.0
     """[rad]"""
-    rest_m_s2: Pushes = (0.0, 0.0, 0.0)
+    rest_m_s2: Components = (0.0, 0.0, 0.0)
     """Random push: Ornstein-Uhlenbeck noise, RMS [m/s², NED]."""
     rest_s: Period = 0.6
     """Its correlation time [s]."""
@@ -118,8 +117,8 @@ class WindTunnel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Pitch at the release, nose up [deg]."""
 
     def turn(self, rates: Vec3, velocity: Vec3) -> Vec3:
-        """Body rates that it follows where ``rates`` are commanded [rad/s, FRD] at ``velocity``
-        [m/s, NED].
+        """Return the body rates that the vehicle follows [rad/s, FRD] where ``rates`` are commanded
+        at ``velocity`` [m/s, NED].
         """
         return (rates[0], self.pitch_gain * rates[1] + self.pitch_per_climb * velocity[2], rates[2])
 
@@ -128,10 +127,7 @@ STILL = WindTunnel()
 
 
 class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Every figure of a scenario.
-
-    The controller knows none of them: it believes what its own config says.
-    """
+    """All figures of a scenario. The controller knows none of them, but its own configuration."""
 
     mass_kg: Mass = 0.080
     """[kg]"""
@@ -170,22 +166,22 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     the thrust [1/m]."""
     inflow_lift_per_m: float = 0.0
     """Acceleration along the thrust per square of that speed [1/m]."""
-    air_velocity: Pushes = (0.0, 0.0, 0.0)
+    air_velocity: Components = (0.0, 0.0, 0.0)
     """Speed of the air, against which the drag along the body's axes counts [m/s, NED]."""
     tunnel: WindTunnel = STILL
     """A wall of fans; not in the array engine."""
     rate_leak: float = 0.0
     """Centre of mass off the rotors' centre: lateral acceleration per commanded body rate [m/s² per
     rad/s]."""
-    wind_mean: Pushes = (0.1, -0.05, 0.2)
+    wind_mean: Components = (0.1, -0.05, 0.2)
     """Constant disturbance [m/s², NED]."""
-    wind_gust: Pushes = (0.0, 0.0, 0.0)
+    wind_gust: Components = (0.0, 0.0, 0.0)
     """Amplitude of the sine gusts [m/s², NED]."""
     wind_gust_hz: Rate = 0.2
     """Their frequency [Hz]."""
     wind_turbulence: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
     """Dryden-shaped turbulence, RMS per axis [m/s²]."""
-    wind_step: Pushes = (0.0, 0.0, 0.0)
+    wind_step: Components = (0.0, 0.0, 0.0)
     """A step of the wind [m/s², NED]."""
     wind_step_time_s: Duration = 30.0
     """When it comes [s after release]."""
@@ -232,7 +228,7 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Speed of the reference along the figure eight [m/s]."""
     start_ned: Place = (0.8, -0.8, 0.0)
     """Where the vehicle is held until it obeys [m, NED]."""
-    start_velocity: Pushes = (0.0, 0.0, 0.0)
+    start_velocity: Components = (0.0, 0.0, 0.0)
     """Velocity at the release [m/s, NED]: the vehicle is thrown."""
     start_turn_deg: Angles = (0.0, 0.0, 0.0)
     """Attitude in which it is held, as a rotation vector from level and north [deg]."""
@@ -240,7 +236,7 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Thrust at the release, as a share of the hover thrust [-]."""
     own_estimate: bool = False
     """Whether the autopilot knows its own position and speed (GPS, optical flow), and says so."""
-    velocity_bias: Pushes = (0.0, 0.0, 0.0)
+    velocity_bias: Components = (0.0, 0.0, 0.0)
     """Bias of the autopilot's velocity against its own positions [m/s, NED]; ArduCopter's, with a
     simulated GPS: 0.016."""
     estimate_wander_m: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
@@ -270,28 +266,26 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 # MIL-F-8785C, low altitude: at 1 m height the scale lengths are 7.9 m along and across the wind and
-# 1 m vertically; flown through at 3 m/s they become these correlation times. Indoors nothing better
-# is
-# known.
+# 1 m vertically; flown through at 3 m/s they become these correlation times. For rooms no better
+# figures are known.
 CORRELATION_S = (2.6, 2.6, 0.33)
 """Correlation times of the turbulence, along and across the wind and vertical [s]."""
 
 
 GRID_S = 0.0025
-"""Turbulence moves once in this time, and is held between [s]."""
+"""Period at which the turbulence advances; it is held between [s]: one step of the plant."""
 # The lateral form (1 + √3 τs)/(1 + τs)² is √3 x - (√3 - 1) y: x has time τ and unit variance, y is
 # x through one more lag τ; E[x²] = 1, E[xy] = E[y²] = 1/2, so its variance is 2.
 ROOT3 = math.sqrt(3.0)
 """Root of 3, of Dryden's lateral filter."""
 KEEP = tuple(math.exp(-GRID_S / correlation_s) for correlation_s in CORRELATION_S)
-"""Share of each state that a step keeps."""
+"""Share of each state that a grid step keeps [-]."""
 SPREAD = tuple(math.sqrt(1.0 - keep**2) for keep in KEEP)
-"""Weight of the new random number in a step, which keeps the variance 1."""
+"""Weight of the new random number in a grid step, which keeps the variance 1 [-]."""
 
 
-class Eddies(NamedTuple):
-    """The state of the turbulence: x, y and z through one lag, y and z through a second one.
-
+class TurbulenceState(NamedTuple):
+    """State of the turbulence: x, y and z after one lag, y and z after a second one.
     Elementwise.
     """
 
@@ -300,27 +294,27 @@ class Eddies(NamedTuple):
     twice_z: Real
 
 
-def begin_eddies(normals: Vec3) -> Eddies:
-    """In the stationary state, from three standard normal numbers."""
-    return Eddies(normals, 0.0, 0.0)
+def begin_turbulence(normals: Vec3) -> TurbulenceState:
+    """Return a stationary state, from three standard normal numbers."""
+    return TurbulenceState(normals, 0.0, 0.0)
 
 
-def stir(eddies: Eddies, normals: Vec3) -> Eddies:
-    """One grid step later, from three standard normal numbers."""
-    (x, y, z), twice_y, twice_z = eddies
+def advance_turbulence(state: TurbulenceState, normals: Vec3) -> TurbulenceState:
+    """Return the state one grid step later, from three standard normal numbers."""
+    (x, y, z), twice_y, twice_z = state
     x = KEEP[0] * x + SPREAD[0] * normals[0]
     y = KEEP[1] * y + SPREAD[1] * normals[1]
     z = KEEP[2] * z + SPREAD[2] * normals[2]
-    return Eddies(
+    return TurbulenceState(
         (x, y, z), KEEP[1] * twice_y + (1.0 - KEEP[1]) * y, KEEP[2] * twice_z + (1.0 - KEEP[2]) * z
     )
 
 
-def compute_turbulence(eddies: Eddies, rms: Real) -> Vec3:
-    """The turbulence [m/s², NED]: Dryden's longitudinal form on x, lateral form on y and z
-    (MIL-F-8785C, 3.7).
+def compute_turbulence(state: TurbulenceState, rms: Real) -> Vec3:
+    """Return the turbulence [m/s², NED] of ``rms`` [m/s²]: Dryden's longitudinal form on x, lateral
+    form on y and z (MIL-F-8785C, 3.7).
     """
-    (x, y, z), twice_y, twice_z = eddies
+    (x, y, z), twice_y, twice_z = state
     k = rms / math.sqrt(2.0)
     return (
         rms * x,
@@ -341,7 +335,7 @@ class SteadyWind(NamedTuple):
 
 
 def compute_steady(ops: Ops, wind: SteadyWind, flight_time: float) -> Vec3:
-    """Mean, gust and step or push [m/s², NED] at ``flight_time`` [s]."""
+    """Return mean, gust and step or push together [m/s², NED] at ``flight_time`` [s]."""
     sine = ops.sin(2.0 * math.pi * wind.gust_hz * flight_time)
     is_push = wind.push_s > 0.0
     since = (flight_time - wind.step_time_s) / ops.where(is_push, wind.push_s, 1.0)
@@ -350,16 +344,13 @@ def compute_steady(ops: Ops, wind: SteadyWind, flight_time: float) -> Vec3:
     return add_scaled(add_scaled(wind.mean, sine, wind.gust), share, wind.step)
 
 
-def cell(flight_time: float) -> int:
-    """Which step of the grid ``flight_time`` [s] lies in.
-
-    A time that is a step's start but for rounding does.
-    """
+def find_grid_step(flight_time: float) -> int:
+    """Return the number of the grid step that contains ``flight_time`` [s], its start included."""
     return int(flight_time / GRID_S + 1e-6)
 
 
 class Wind:
-    """The disturbance acceleration b(t) [m/s², NED] of one flight; questions go forward in time."""
+    """Disturbance b(t) [m/s², NED] of one flight, for instants that do not go back in time."""
 
     def __init__(self, world: World, normals: Iterator[tuple[float, ...]]) -> None:
         """Take the world's wind figures, and rows of three standard normal numbers for the
@@ -372,16 +363,16 @@ class Wind:
         )
         self._normals = normals
         self._is_constant = not any((*w.wind_gust, *w.wind_step))
-        self._restless = bool(world.wind_turbulence) or any(world.tunnel.rest_m_s2)
-        self._index = -1
-        self._eddies: Eddies | None = None
-        self._felt: Vec3 = (0.0, 0.0, 0.0)
-        self._rest: Vec3 = (0.0, 0.0, 0.0)
+        self._is_random = bool(world.wind_turbulence) or any(world.tunnel.rest_m_s2)
+        self._grid_step = -1
+        self._turbulence_state: TurbulenceState | None = None
+        self._turbulence: Vec3 = (0.0, 0.0, 0.0)
+        self._residual: Vec3 = (0.0, 0.0, 0.0)
         self.push: Vec3 = (0.0, 0.0, 0.0)
         """Additional acceleration beside the world's wind [m/s², NED]; may be changed in flight."""
 
     def at(self, flight_time: float) -> Vec3:
-        """b at ``flight_time`` [s] after release."""
+        """Return b [m/s², NED] at ``flight_time`` [s] after release."""
         x, y, z = (
             self._steady.mean
             if self._is_constant
@@ -389,32 +380,36 @@ class Wind:
         )
         if self.push != (0.0, 0.0, 0.0):
             x, y, z = x + self.push[0], y + self.push[1], z + self.push[2]
-        if not self._restless:
+        if not self._is_random:
             return (x, y, z)
         rest = self._world.tunnel.rest_m_s2
-        index = cell(flight_time)
-        while self._index < index:
+        grid_step = find_grid_step(flight_time)
+        while self._grid_step < grid_step:
             if self._world.wind_turbulence:
                 a, b, c = next(self._normals)
-                self._eddies = (
-                    begin_eddies((a, b, c))
-                    if self._eddies is None
-                    else stir(self._eddies, (a, b, c))
+                self._turbulence_state = (
+                    begin_turbulence((a, b, c))
+                    if self._turbulence_state is None
+                    else advance_turbulence(self._turbulence_state, (a, b, c))
                 )
-                self._felt = compute_turbulence(self._eddies, self._world.wind_turbulence)
+                self._turbulence = compute_turbulence(
+                    self._turbulence_state, self._world.wind_turbulence
+                )
             if any(rest):
-                keep = math.exp(-GRID_S / self._world.tunnel.rest_s) if self._index >= 0 else 0.0
+                keep = (
+                    math.exp(-GRID_S / self._world.tunnel.rest_s) if self._grid_step >= 0 else 0.0
+                )
                 spread, (a, b, c), (p, q, r) = (
                     math.sqrt(1.0 - keep * keep),
                     next(self._normals),
-                    self._rest,
+                    self._residual,
                 )
                 i, j, k = rest
-                self._rest = (
+                self._residual = (
                     keep * p + spread * i * a,
                     keep * q + spread * j * b,
                     keep * r + spread * k * c,
                 )
-            self._index += 1
-        (tx, ty, tz), (p, q, r) = self._felt, self._rest
+            self._grid_step += 1
+        (tx, ty, tz), (p, q, r) = self._turbulence, self._residual
         return (x + tx + p, y + ty + q, z + tz + r)

@@ -15,7 +15,7 @@ from sim.autopilots import (
     describe_settings,
     pack_pulses,
 )
-from sim.autopilots.betaflight import LISTENS_S
+from sim.autopilots.betaflight import RECEIVER_S
 from sim.radio import FAILSAFE_S
 from sim.runs import RECORDING, Stage, fly, from_floor, simulate
 from sim.runs.flight import Result
@@ -61,7 +61,7 @@ def test_it_runs_where_the_cache_s_path_has_a_space_and_a_colon(
     cache.symlink_to(betaflight.cache_folder().parent)
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache.parent))
     with BetaflightFirmware() as firmware:
-        assert firmware.step(LISTENS_S).cli_port
+        assert firmware.step(RECEIVER_S).cli_port
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_pulses_that_come_back_start_no_motor_until_the_arm_channel_has_been_dow
             ]
             return max(answers[-1].motors)
 
-        for _ in range(round(LISTENS_S / STEP_S)):
+        for _ in range(round(RECEIVER_S / STEP_S)):
             firmware.step()
         assert give(4.0, 988, 988) == 0.0
         assert give(1.0, 988, 2012) > 0.0

@@ -42,9 +42,11 @@ LEAST_THRUST_SHARE = 0.4
 """Least thrust before the floor, as a share of the hover thrust [-]: with less, rates are hard to
 hold. Half: 1.35 m/s; double: 1.23 m/s, 0.47 m aside."""
 LEANING_COSINE = math.cos(math.radians(12.0))
-"""Cosine of a tilt from which thrust is the least one where it would accelerate the vehicle [-]."""
+"""Cosine of the tilt from which thrust is the least one while it would accelerate the vehicle
+further [-]. Chosen: upright but for small corrections."""
 HIGH_M = 1.0
-"""Height from which half of the least thrust is used for that [m]: the vehicle sinks meanwhile."""
+"""Height above which that thrust is half of the least one [m]: the vehicle sinks meanwhile.
+Chosen."""
 THRUST_BIAS = 0.97
 """Factor on the thrust [-]: to meet the floor early is better than to stop above it. Less by 7 %:
 1.55 m/s; more by 7 %: 1.24 m/s."""
@@ -67,11 +69,12 @@ SPEED_GAIN = 2.0
 ATTITUDE_GAIN = 6.0
 """Body rate per sine of the attitude error [1/s]. Half: 0.50 m aside; double: 0.53 m."""
 LARGEST_TILT_RAD = math.radians(20.0)
-"""Largest commanded tilt [rad]."""
+"""Largest commanded tilt [rad]. Chosen: half of that of transit, as the state may be wrong."""
 LARGEST_RATE_LEAD = 2.0
 """Largest lead of a body rate over its lag [-]: a lag above 0.07 s is not wholly inverted."""
 LEAST_LIFT_COSINE = 0.7
-"""Least cosine of the tilt by which thrust is divided to keep its vertical part [-]: 45°."""
+"""Least cosine of the tilt by which thrust is divided to keep its vertical part [-]: 45°.
+Chosen."""
 
 
 def plan_model_descent(

@@ -1,8 +1,8 @@
 """Time (TIMESYNC) and attitude of an autopilot, on our clock. Sans-IO.
 
-We send our time; it comes back with the autopilot's time in between. Half-way is the best guess for
-when that was, and the shorter the round trip, the better the guess: so the one with the shortest of
-the newest trips counts. ATTITUDE_QUATERNION and ATTITUDE both are FRD to NED with body rates,
+We send our time; it comes back with the autopilot's. The autopilot's time is taken for that of the
+middle of the round trip, and the shorter the trip, the better: of the newest trips the shortest
+counts. ATTITUDE_QUATERNION and ATTITUDE both are FRD to NED with body rates,
 stamped by milliseconds since boot. Source: mavlink.io/en/services/timesync.html; the minimum filter
 as in NTP (RFC 5905, section 10); message definitions of pymavlink 2.4.50; the stamp and TIMESYNC
 count from one zero on PX4 1.16 and ArduCopter 4.8-dev.
@@ -16,9 +16,9 @@ from links.core import UNIT_TOLERANCE, Attitude, from_euler_zyx
 from links.mavlink.protocol.codec import Message
 
 NEWEST = 16
-"""Round trips remembered."""
+"""Number of round trips among which the shortest counts [-]. Chosen: 16 s of heartbeats."""
 LONGEST_S = 1.0
-"""A message takes no longer [s]: a later answer answers nothing, and an older stamp is of another
+"""Longest travel time of a message [s]: a later answer is ignored, and an older stamp is of another
 clock than TIMESYNC's."""
 
 
@@ -32,7 +32,7 @@ class Trip(NamedTuple):
 
 
 class Timesync:
-    """Our questions, and what follows from the answers."""
+    """Difference of the autopilot's clock from ours, by our questions and their answers."""
 
     def __init__(self) -> None:
         self._trips: deque[Trip] = deque(maxlen=NEWEST)
@@ -41,14 +41,14 @@ class Timesync:
         """The shortest of the newest trips; None before the first answer."""
 
     def ask(self, now_s: float) -> int:
-        """The time to send in a question (TIMESYNC.ts1) that leaves at ``now_s`` [ns]."""
+        """Return TIMESYNC.ts1 of a question that leaves at ``now_s`` [ns]."""
         self._asked_ns = max(int(now_s * 1e9), self._asked_ns + 1)
         return self._asked_ns
 
     def take_answer(self, theirs_ns: int, ours_ns: int, now_s: float) -> bool:
         """Take an answer (TIMESYNC.tc1, .ts1) that arrived at ``now_s`` [s].
 
-        False where it is not to our question.
+        Return whether it is to our newest question.
         """
         rtt_s = now_s - ours_ns * 1e-9
         if ours_ns != self._asked_ns or theirs_ns <= 0 or not 0.0 <= rtt_s + 1e-9 <= LONGEST_S:
@@ -66,15 +66,16 @@ class Timesync:
 
 
 ATTITUDES = ("ATTITUDE_QUATERNION", "ATTITUDE")
-"""The messages that tell it; the first is tried first."""
+"""Messages with the attitude, in the order in which they are requested."""
 ATTITUDE_HZ = 50.0
 """Requested attitude rate [1/s]: 2 kB a second."""
 SLOW_BAUD = 115_200
-"""Serial ports up to this speed may lead to a telemetry radio [bit/s]."""
+"""Largest speed of a serial port that may lead to a telemetry radio [bit/s]."""
 SLOW_HZ = 12.5
-"""Requested attitude rate on such a port [1/s]."""
+"""Requested attitude rate on such a port [1/s]: a quarter."""
 EARLY_S = 0.1
-"""A stamp further ahead of its arrival comes from another clock than TIMESYNC's [s]."""
+"""Lead of a stamp over its arrival from which it is of another clock than TIMESYNC's [s].
+Chosen."""
 
 
 def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attitude | None:

@@ -11,11 +11,11 @@ from sim.world import (
     Quadrotor,
     Wind,
     World,
-    begin_eddies,
+    advance_turbulence,
+    begin_turbulence,
     compute_turbulence,
     generator,
     rows,
-    stir,
 )
 from sim.world.world import CORRELATION_S, GRID_S
 
@@ -112,12 +112,12 @@ def test_it_lands_upright_on_the_floor_and_takes_off_again() -> None:
 
 def test_turbulence_has_the_asked_rms_and_correlation_on_every_axis() -> None:
     normals = rows(generator(3, "wind").standard_normal, 3)
-    eddies = begin_eddies((0.1, 0.1, 0.1))
+    state = begin_turbulence((0.1, 0.1, 0.1))
     values = np.empty((200_000, 3))
     for i in range(len(values)):
         a, b, c = next(normals)
-        eddies = stir(eddies, (a, b, c))
-        values[i] = compute_turbulence(eddies, 0.2)
+        state = advance_turbulence(state, (a, b, c))
+        values[i] = compute_turbulence(state, 0.2)
     h = GRID_S
     assert values.std(axis=0) == pytest.approx((0.2, 0.2, 0.2), rel=0.1)
     for axis, time in enumerate(CORRELATION_S):
