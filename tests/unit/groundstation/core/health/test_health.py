@@ -258,16 +258,17 @@ def watch_stop(
     model_m_s: list[float],
     commanded_m_s2: float = 0.0,
     noise_m: float = NOISE_M,
+    way: Vec3 = (1.0, 0.0, 0.0),
 ) -> tuple[bool, bool]:
-    """Whether a vehicle at ``places_m`` north by its poses stopped dead, and is to be asked.
+    """Whether a vehicle at ``places_m`` along ``way`` stopped dead by its poses, and is asked.
 
     The model has it at ``model_m_s`` before each pose, and commands give it ``commanded_m_s2``.
     """
     detector, stopped, asked, since_s = StopDetector(), False, False, 0.0
     for n, (place_m, speed_m_s) in enumerate(zip(places_m, model_m_s, strict=True)):
-        pose = Pose(n, since_s, since_s, (place_m, 0.0, -1.0), IDENTITY)
-        before = Motion((0.0, 0.0, -1.0), (speed_m_s, 0.0, 0.0), IDENTITY, 0.8, ZERO)
-        commanded = commanded_m_s2, 0.0, 0.0
+        pose = Pose(n, since_s, since_s, geo.scale(place_m, way), IDENTITY)
+        before = Motion(ZERO, geo.scale(speed_m_s, way), IDENTITY, 0.8, ZERO)
+        commanded = geo.scale(commanded_m_s2, way)
         found_s = detector.add_pose(pose, before, commanded, ZERO, FRAME_S, noise_m)
         stopped |= found_s is not None
         asked |= detector.is_driven
@@ -298,8 +299,14 @@ def test_a_picture_that_freezes_is_stopped_dead_unless_its_motion_was_slow_or_lo
     speed_m_s: float, commanded_m_s2: float, noise_m: float, stopped: bool
 ) -> None:
     moves = [n * FRAME_S * speed_m_s for n in range(10)]
-    found, _ = watch_stop(moves + 9 * moves[-1:], 19 * [speed_m_s], commanded_m_s2, noise_m)
-    assert found is stopped
+    watched = moves + 9 * moves[-1:], 19 * [speed_m_s], commanded_m_s2, noise_m
+    for way in (
+        (1.0, 0.0, 0.0),
+        (0.70711, 0.70711, 0.0),
+        (-0.70711, 0.70711, 0.0),
+        (0.0, 0.0, 1.0),
+    ):
+        assert watch_stop(*watched, way)[0] is stopped
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import math
 import random
 from collections.abc import Callable, Iterable
 from itertools import accumulate
+from statistics import fmean
 from typing import Any
 
 import pytest
@@ -83,6 +84,31 @@ def test_a_clock_that_falls_back_is_counted_and_believed_after_a_second() -> Non
     assert clock.restarts == 1
     assert len(got) == pytest.approx(899, abs=2)
     assert got[-1] == pytest.approx(14.99, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("frame_s", "numbers"),
+    [
+        (None, (3850, 0.02639667, 0.3039631, 0.009999984, -0.0005013558, 0, 0.8517843, 1, 1)),
+        (0.012, (3950, 0.02560976, 0.3039737, 0.009999871, -0.1666774, 0, 1.02163, 1, 0)),
+    ],
+)
+def test_a_stream_in_all_kinds_of_trouble_has_these_numbers(
+    frame_s: float | None, numbers: tuple[float, ...]
+) -> None:
+    """Jitter, a drift, a gap, a queue, and a clock that falls back; frames of an unknown rate."""
+    clock, chance, ages_s, arrival_s = SourceClock(frame_s), random.Random(1), list[float](), 0.0
+    for n in [*range(1500), *range(1550, 4000)]:
+        left_s = 0.01 * n + (5.0 if n >= 2300 else 0.0)
+        queued_s = 0.3 if 2000 <= n < 2200 or n >= 3900 else 0.0
+        arrival_s = max(arrival_s, left_s + queued_s + 0.004 * chance.random())
+        stamp = 1.0005 * 0.01 * n - (2.0 if n >= 2500 else 0.0)
+        told = times(clock, [(stamp if frame_s is None else n, arrival_s)])
+        ages_s += [arrival_s - time_s for time_s in told]
+        if n == 1000:
+            clock.apply_exchange(stamp - left_s + 0.001)
+    found = len(ages_s), fmean(ages_s), max(ages_s), clock.interval_s, clock.drift, clock.late_s
+    assert (*found, clock.stamp_rate, clock.gaps, clock.restarts) == pytest.approx(numbers, 1e-5)
 
 
 def test_a_clock_that_begins_anew_is_a_reset_that_no_count_of_the_sources_own_hides() -> None:
