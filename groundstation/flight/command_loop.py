@@ -109,7 +109,7 @@ class StallDetector:
 
 
 LINK_CHECK_S = 0.5
-"""Period at which the autopilot's presence and arming are checked [s]."""
+"""Period at which the autopilot's presence and arming are checked, also after the flight [s]."""
 DISARM_WAIT_S = 8.0
 """Time for a landed autopilot to accept disarming [s]: it must first detect the landing."""
 HANG_S = 1.0

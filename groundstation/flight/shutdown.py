@@ -4,10 +4,9 @@ import asyncio
 from contextlib import suppress
 
 from groundstation.core.messages import Distrusts, PoseSource, Say, notice
+from groundstation.flight.command_loop import LINK_CHECK_S
 from links.core import CommandLink, LinkError
 
-MONITOR_PERIOD_S = 0.1
-"""Period at which an autopilot left in the air is checked after the flight [s]."""
 MONITORED_S = 30.0
 """An autopilot that lands by itself is monitored, and can be killed, for this long after the last
 command [s]."""
@@ -100,7 +99,7 @@ class Shutdown:
         self._say(notice("flight.poses_go_on" if self.forwards else "flight.still_heard"))
         while self._turns() and not self.leave.is_set() and (self.forwards or now_s() < until_s):
             with suppress(TimeoutError):
-                async with asyncio.timeout(MONITOR_PERIOD_S):
+                async with asyncio.timeout(LINK_CHECK_S):
                     await self.leave.wait()
         self.stays = False
         if self.killed:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import msgspec
 import numpy as np
 
-from groundstation.core.estimation import fourth_difference
+from groundstation.core.estimation import SIGNIFICANT, fourth_difference
 from groundstation.core.geometry import (
     Alignment,
     Body,
@@ -47,9 +47,8 @@ if TYPE_CHECKING:
 WINDOW_S = 2.0
 """Jitter and noise are those of the last so many seconds [s]."""
 REST_M = 0.002
-"""At rest, the means of the window's two halves differ by less than this plus the noise [m]."""
-REST_NOISE = 4.0
-"""Multiple of one pose's noise that is added to it [-]."""
+"""At rest, the means of the window's two halves differ by less than this, plus ``SIGNIFICANT``
+times the noise of one pose [m]."""
 KEPT_EVENTS = 5
 """Newest events kept: as many as are shown below the table."""
 
@@ -197,7 +196,7 @@ def _at_rest(poses: list[Pose]) -> tuple[Vec3, Vec3] | None:
     fives = zip(places, places[1:], places[2:], places[3:], places[4:], strict=False)
     noise = math.sqrt(fmean(fourth_difference(range(5), five)[0] for five in fives))
     half = len(places) // 2
-    if math.dist(_mean(places[:half]), _mean(places[half:])) > REST_M + REST_NOISE * noise:
+    if math.dist(_mean(places[:half]), _mean(places[half:])) > REST_M + SIGNIFICANT * noise:
         return None
     back = conjugate(poses[0].attitude)
     turns = [_degrees(rotation_vector(multiply(back, pose.attitude))) for pose in poses]

@@ -28,6 +28,7 @@ from typing import NamedTuple, Self
 from groundstation.config import ConfigError
 from groundstation.machine import sleep_until
 from links.rf import PROMPT, find_refusal
+from sim.autopilots.onboard import ANSWER_S, PATIENCE_S
 from sim.text import notice
 from sim.world import FourRotors, Quadrotor, TrueState
 
@@ -39,10 +40,6 @@ STEP_S = 0.001
 kHz."""
 BOOT_S = 6.0
 """Time between power-on and readiness to arm [s]: about 5 s, with a margin of 1 s."""
-READ_S = 0.002
-"""Timeout of one read from the command line [s]: it is a thread that runs in real time."""
-PROMPT_TIMEOUT_S = 10.0
-"""Timeout of the command line [s]."""
 RECEIVER_S = 2.0
 """Time after power-on from which receiver frames are sent [s]: the firmware forgets earlier
 ones."""
@@ -286,7 +283,7 @@ class CommandLine:
         for _ in range(2000):
             port = firmware.step().cli_port
         self._line = socket.create_connection(("127.0.0.1", port), 5.0)
-        self._line.settimeout(READ_S)
+        self._line.settimeout(ANSWER_S)
         self._line.send(b"#")
         self._wait(PROMPT)
 
@@ -315,7 +312,7 @@ class CommandLine:
 
     def _wait(self, end: str) -> str:
         heard = b""
-        for _ in range(round(PROMPT_TIMEOUT_S / READ_S)):
+        for _ in range(round(PATIENCE_S / ANSWER_S)):  # its thread runs in real time
             for _ in range(10):
                 self._firmware.step()
             try:

@@ -30,6 +30,8 @@ LOOPBACK = "127.0.0.1"
 """Address on which firmware and simulator talk."""
 Normals: TypeAlias = Iterator[tuple[float, ...]]
 """Rows of ten standard normal numbers."""
+ANSWER_S = 0.002
+"""Duration of one wait for an answer that may not come [s, wall clock]."""
 PATIENCE_S = 60.0
 """Time without an answer after which a process counts as stopped [s, wall clock].
 

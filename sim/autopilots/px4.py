@@ -24,6 +24,7 @@ from typing import NamedTuple
 from groundstation.core.geometry import Vec3, so3
 from links.mavlink.protocol import ARMED, MavlinkCodec, MavlinkLinkConfig
 from sim.autopilots.onboard import (
+    ANSWER_S,
     LOOPBACK,
     PATIENCE_S,
     Firmware,
@@ -43,8 +44,6 @@ BOOT_S = 8.0
 [s]."""
 BEGINS_US = 1_000_000
 """Time of the first HIL_SENSOR [µs]; PX4 takes 0 for no time."""
-ANSWER_S = 0.002
-"""Disarmed, an answer is waited for so long [s, of the wall clock]: there may be none."""
 TAKEN_S = 0.1
 """Its MAVLink thread is waited for so long [s, of the wall clock]: in SET_MESSAGE_INTERVAL it
 sleeps in the plant's time, and does not answer."""
@@ -268,7 +267,7 @@ class Px4(Firmware):
         return self._outputs.motors
 
     def _wait(self, now_us: int) -> None:
-        """Take outputs until those of ``now_us`` have come."""
+        """Take outputs until those of ``now_us`` have come; disarmed, there may be none."""
         assert self._wire is not None
         until = time.monotonic() + (PATIENCE_S if self._outputs.armed else ANSWER_S)
         while self._outputs.time_us < now_us:

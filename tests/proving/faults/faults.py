@@ -41,8 +41,6 @@ STEP_S = 0.01
 """Step of what moves a vehicle, or its heading, little by little [s]."""
 TETHER_PER_S2 = 40.0
 """Stiffness of a cable per mass [1/s²]: 3.2 N/m at 80 g."""
-ROTOR_M = 0.05
-"""Rotor radius in the ground effect's model [m]."""
 LED_TILT_DEG = 20.0
 """Tilt of a vehicle in the hand that takes it out of the air [deg]."""
 GRIP_S = 0.3
@@ -291,10 +289,11 @@ async def tether(scene: Scene, slack_m: float) -> None:
 @takes
 async def cushion(scene: Scene, on_floor: float) -> None:
     """Near the floor the same rotors lift more, by that share on it."""
-    floor, mass = scene.stage.world.floor_z_m, scene.stage.world.mass_kg
+    world = scene.stage.world
+    floor, mass, radius = world.floor_z_m, world.mass_kg, world.rotor_radius_m
 
     def pull(body: Body) -> Vec3:
-        radii = 1.0 + (floor - body.position[2]) / (2.0 * ROTOR_M)
+        radii = 1.0 + (floor - body.position[2]) / (2.0 * radius)
         more = on_floor / radii**2 * body.thrust / mass
         x, y, z = so3.third_column(body.attitude)
         return -more * x, -more * y, -more * z
