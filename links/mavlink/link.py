@@ -1,9 +1,9 @@
 """MAVLink link: thrust and body rates to PX4 or ArduPilot over UDP, TCP or a serial port.
 
-What the dead man's switch lets leave is sent on timers of the event loop, not in a task: a
-controller that raised, waits for ever, was cancelled or no longer ticks does not touch it. A
-process that stands still is told by the clock: what is due then is asked anew. Two requests wait
-for no other: the landing of a vehicle that nobody steers, and motors off.
+Commands that the dead man's switch allows are sent on timers of the event loop, not in a task: a
+controller that raised, waits for ever, was cancelled or no longer ticks has no effect on them. A
+process that stood still finds that by the clock, and asks the switch again. Two requests wait for
+no other: the landing of a vehicle that nobody steers, and motors off.
 """
 
 import asyncio
@@ -62,28 +62,31 @@ from links.mavlink.protocol import (
 from links.text import link_notice
 
 REPEAT_AFTER = 2.0
-"""A command is first repeated after this many periods; before, the next one may just be late."""
+"""Periods after which a command is first repeated [-]: before, the next one may just be late."""
 
 
 class Transmitter:
-    """One link's timer. Times are on the event loop's clock [s]."""
+    """Timer of one link, which sends what the dead man's switch allows.
+
+    Times are on the event loop's clock [s].
+    """
 
     def __init__(
         self,
         deadman: Deadman,
         period_s: float,
-        leave: Callable[[Command | Segment, float], None],
+        send: Callable[[Command | Segment, float], None],
         count_read: Callable[[], int] = lambda: 0,
     ) -> None:
-        """``leave(what, now_s)`` puts it on the wire.
+        """``send(what, now_s)`` puts a command on the wire.
 
-        ``count_read()`` is how often the wire was read so far.
+        ``count_read()`` returns the number of reads from the wire so far.
         """
         self._count_read = count_read
         self._read: int | None = None
         self._deadman = deadman
         self._period = period_s
-        self._leave = leave
+        self._send = send
         self._timer: asyncio.TimerHandle | None = None
         self._due_s = 0.0
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -91,60 +94,60 @@ class Transmitter:
         self._silent.set()
 
     def start(self) -> None:
-        """Somebody has armed: let commands count, and keep watch from now on."""
+        """Let commands count, and send them, from now on: the operator has armed."""
         self._deadman.arm()
         self._loop = asyncio.get_running_loop()
         self._silent.clear()
         self._due_s = self._loop.time() + self._period
-        self._set()
+        self._schedule()
 
     def stop(self) -> None:
-        """Nothing that lifts from now on: killed, disarmed, or closed."""
+        """Let nothing that lifts leave from now on: killed, disarmed, or closed."""
         self._deadman.stop()
         self._end()
 
-    def left(self, now_s: float) -> None:
-        """A command has just been taken and has left."""
-        self._due_s = self._next(now_s, REPEAT_AFTER * self._period)
+    def note_sent(self, now_s: float) -> None:
+        """Note that a command has just left."""
+        self._due_s = self._find_due_s(now_s, REPEAT_AFTER * self._period)
         if self._timer is None:
-            self._set()
+            self._schedule()
 
     async def silent(self) -> None:
         """Return once nothing that lifts may leave any more without a new arming."""
         await self._silent.wait()
 
-    def _next(self, now_s: float, wait_s: float) -> float:
+    def _find_due_s(self, now_s: float, wait_s: float) -> float:
         return min(now_s + wait_s, self._deadman.changes_s(now_s) + TICK_S)
 
-    def _set(self) -> None:
+    def _schedule(self) -> None:
         if self._loop is not None:
             if self._timer is not None:
                 self._timer.cancel()
-            self._timer = self._loop.call_at(self._due_s, self._turn)
+            self._timer = self._loop.call_at(self._due_s, self._send_due)
 
-    def _turn(self) -> None:
+    def _send_due(self) -> None:
         self._timer = None
         if self._loop is None:
             return
         now = self._loop.time()
         if now < self._due_s - TICK_S:  # a newer command has moved it
-            self._set()
+            self._schedule()
             return
         if now > self._due_s + STALL_S and self._read != (read := self._count_read()):
             # The program stood still: what waits to be read comes first, as it may say that the
             # vehicle is another's.
-            self._read, self._timer = read, self._loop.call_later(0.0, self._turn)
+            self._read, self._timer = read, self._loop.call_later(0.0, self._send_due)
             return
         self._read = None
         leaves = self._deadman.at(now)
         if self._deadman.phase(now) is Phase.OVER:
             self._end()
             return
-        self._due_s = self._next(now, self._period)
-        self._set()  # before anything that may raise
+        self._due_s = self._find_due_s(now, self._period)
+        self._schedule()  # before anything that may raise
         if leaves is not None:
             with contextlib.suppress(Exception):  # whatever it is, the next turn must come
-                self._leave(leaves, now)
+                self._send(leaves, now)
 
     def _end(self) -> None:
         if self._timer is not None:
@@ -153,14 +156,14 @@ class Transmitter:
         self._silent.set()
 
 
-async def beside(connection: MavlinkConnection, step: HandshakeStep) -> None:
-    """Go through ``step`` without waiting for hand-shakes that are under way.
+async def run_step(connection: MavlinkConnection, step: HandshakeStep) -> None:
+    """Run ``step`` without waiting for hand-shakes that are under way.
 
     Raises:
         LinkError: it failed.
     """
     loop = asyncio.get_running_loop()
-    leave = connection.subscribe(step.hear)
+    unsubscribe = connection.subscribe(step.hear)
     try:
         while True:
             for frame in step.poll(loop.time()):
@@ -171,7 +174,7 @@ async def beside(connection: MavlinkConnection, step: HandshakeStep) -> None:
                 return
             await asyncio.sleep(LOOK_S)
     finally:
-        leave()
+        unsubscribe()
 
 
 __all__ = ["MavlinkLink", "MavlinkLinkConfig"]
@@ -181,9 +184,9 @@ class ArmedSpan(msgspec.Struct, gc=False):
     """State of one arming."""
 
     sleep: Sleep | None = None
-    """Counts the sleep of this computer since."""
+    """Counter of this computer's sleep since the arming."""
     obeys_s: float | None = None
-    """Since when the autopilot obeys [s]; None before that, and once it does not any more."""
+    """Instant since which the autopilot follows us [s]; None before, and once it no longer does."""
     taken: str = ""
     """Sender that has taken the vehicle over, in words; empty where none has."""
     lands_by_itself: bool = False
@@ -231,7 +234,7 @@ class MavlinkLink:
         self._sent = 0
         self._deadman = Deadman()
         self._transmitter = Transmitter(
-            self._deadman, config.period_s, self._leave, lambda: self.connection.read
+            self._deadman, config.period_s, self._write, lambda: self.connection.read
         )
         self._under_way: Handshake | None = None
         self._armed = ArmedSpan()
@@ -274,7 +277,7 @@ class MavlinkLink:
 
     @property
     def follows_poses(self) -> bool:
-        """True where a command may leave as soon as a pose has come."""
+        """Whether a command may leave as soon as a pose has come."""
         return self._config.follows_poses
 
     @property
@@ -320,10 +323,10 @@ class MavlinkLink:
         self.connection.wish(ATTITUDES, SLOW_HZ if _is_slow(self._config) else ATTITUDE_HZ)
 
         def hear(message: Message, arrival_s: float) -> None:
-            told = attitude_of(message, arrival_s, self.connection.clock)
-            if told is not None:
-                self._angles = told.angles_rad
-                watch(told)
+            attitude = attitude_of(message, arrival_s, self.connection.clock)
+            if attitude is not None:
+                self._angles = attitude.angles_rad
+                watch(attitude)
 
         self.connection.subscribe(hear)
 
@@ -405,20 +408,19 @@ class MavlinkLink:
         return self._send(command, self._loop.time())
 
     def _send(self, command: Command, now_s: float) -> bool:
-        self._watch()
+        self._check_takeover()
         if not self._deadman.take(command, now_s):
             return False
-        self._leave(command, now_s)
-        self._transmitter.left(now_s)
+        self._write(command, now_s)
+        self._transmitter.note_sent(now_s)
         return True
 
-    def _watch(self) -> None:
-        """An autopilot that somebody else has disarmed must not fly on when that somebody arms it
-        again.
+    def _check_takeover(self) -> None:
+        """Stop sending where the autopilot is no longer ours.
 
-        One that somebody else has put in another mode is theirs: nothing leaves from then on, no
-        bring-down either. Nor does anything after this computer has slept: the autopilot has come
-        down without us long ago.
+        One that somebody else has disarmed must not fly on when it is armed again. One in another
+        mode is somebody else's: no bring-down leaves either. After this computer has slept, the
+        autopilot has come down without us long ago.
         """
         armed = self._armed
         if armed.slept_s:
@@ -434,8 +436,8 @@ class MavlinkLink:
             armed.obeys_s = None
             self._transmitter.stop()
 
-    def _leave(self, what: Command | Segment, now_s: float) -> None:
-        self._watch()
+    def _write(self, what: Command | Segment, now_s: float) -> None:
+        self._check_takeover()
         if self._deadman.at(now_s) is not what:
             return
         thrust = signal(what.thrust_n / self._thrust_max, self._curve)
@@ -475,26 +477,26 @@ class MavlinkLink:
         )
 
     def could_land_by_itself(self, now_s: float) -> bool:
-        """Whether it would land, asked at ``now_s`` [s], by a position not made of our poses."""
+        """Return whether its mode LAND would use a position that is not made of our poses."""
         return self._could_land(now_s, by_itself=True)
 
     def distrust(self) -> None:
-        """Our poses are wrong: until it is connected anew, LAND is asked of an autopilot only that
-        knows by itself.
+        """Note that our poses are wrong: until the next connection, mode LAND is requested only of
+        an autopilot with a position of its own.
         """
         self._distrusted = True
 
     async def _land(self) -> None:
-        """Ask for mode LAND beside the bring-down by rates, which ends as soon as it is accepted.
+        """Request mode LAND during the bring-down by rates, which ends once it is accepted.
 
-        Before, it is asked for its mode: whoever has taken it over, but a moment ago, keeps it.
+        Its mode is requested before: somebody who has just taken it over keeps it.
         """
         connection, armed, asked_s = self.connection, self._armed, asyncio.get_running_loop().time()
         try:
-            await beside(connection, AskMode(connection.autopilot()))
+            await run_step(connection, AskMode(connection.autopilot()))
             armed.taken = self._vitals.foreign(asked_s)
             if not armed.taken:
-                await beside(connection, landing(connection.autopilot()))
+                await run_step(connection, landing(connection.autopilot()))
                 armed.lands_by_itself = True
         except LinkError:
             return  # the bring-down by rates goes on to its end
@@ -506,12 +508,12 @@ class MavlinkLink:
         return self._armed.lands_by_itself
 
     def ask_mode(self) -> None:
-        """Have the autopilot tell its mode now, not only within a second."""
+        """Request the autopilot's mode now, instead of within a second."""
         if self._armed.obeys_s is not None:
             self.connection.send(self.connection.autopilot().message_request("HEARTBEAT"))
 
     def arrival(self, now_s: float) -> Arrival:
-        """Whether commands reach the autopilot, and in time, by answers to TIMESYNC."""
+        """Return whether commands reach the autopilot in time, by its answers to TIMESYNC."""
         return self._uplink.arrival(now_s, self._usual_s)
 
     @property
@@ -566,7 +568,7 @@ class MavlinkLink:
     async def _see_kill_through(self, step: Kill) -> None:
         if self.connection.state == "closed":
             raise LinkLost(link_notice("kill.closed"))
-        await beside(self.connection, step)
+        await run_step(self.connection, step)
         self.connection.believe_armed(False)
 
     async def close(self) -> None:

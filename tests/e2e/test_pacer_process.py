@@ -79,7 +79,7 @@ class Flight:
     async def _connect(self) -> int:
         """Connect; the stand-by."""
         await self.link.connect()
-        pacer = self.link._heard.pacer
+        pacer = self.link._watched.pacer
         assert isinstance(pacer, PacerProcess)
         return pacer._process.pid
 
@@ -313,7 +313,7 @@ async def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
     async with begun(Flight()) as it:
         os.kill(it.pacer, signal.SIGKILL)
         await it.lost()
-        pacer = it.link._heard.pacer
+        pacer = it.link._watched.pacer
         assert isinstance(pacer, PacerProcess)
         pacer.forget()  # as its death would: the other end of the wire closes
         await asyncio.sleep(COAST_S + DOWN_S + 0.3)

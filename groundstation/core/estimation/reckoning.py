@@ -10,21 +10,24 @@ REMEMBER_S = 5.0
 """Time for which estimates and commands are kept [s]: the longest window of the response, and of
 ``SUSPECT``."""
 STEP_S = 0.08
-"""Longest single step of the model [s]."""
+"""Longest single step of the model [s]. Chosen: short against the lags of thrust and rates (.1
+s)."""
 
 
 class Trusted(NamedTuple):
     """State of the vehicle at one pose that was above suspicion."""
 
     time_s: float
+    """Stamp of the pose, on the event loop's clock [s]."""
     motion: Motion
     disturbance: Vec3
     """Mean of the last seconds [m/s², NED]."""
     effectiveness: float
+    """λ̂, estimated thrust scale [-]."""
 
 
 class Reckoning:
-    """One vehicle's trusted estimates and commands. Times are on the event loop's clock [s]."""
+    """Trusted estimates and commands of one vehicle. Times are on the event loop's clock [s]."""
 
     def __init__(self, vehicle: Vehicle, gravity: float) -> None:
         self._vehicle, self._gravity = vehicle, gravity
@@ -64,11 +67,11 @@ class Reckoning:
         for i, (begins, drive) in enumerate(drives):
             ends = min(drives[i + 1][0] if i + 1 < len(drives) else until_s, until_s)
             if ends > max(begins, now):
-                motion = self.roll(motion, drive, ends - now, mass, before.disturbance)
+                motion = self.propagate(motion, drive, ends - now, mass, before.disturbance)
             now = max(now, ends)
         return motion
 
-    def roll(
+    def propagate(
         self,
         motion: Motion,
         drive: ActuatorCommand,
@@ -76,8 +79,10 @@ class Reckoning:
         mass_kg: float,
         disturbance: Vec3,
     ) -> Motion:
-        """Return ``motion`` after ``duration_s`` [s] of one ``drive``, in steps short enough for
-        the model.
+        """Return ``motion`` after ``duration_s`` [s] of one ``drive``, in steps of ``STEP_S`` at
+        most.
+
+        ``mass_kg`` is the effective mass m/λ̂ [kg], ``disturbance`` is in [m/s², NED].
         """
         vehicle = self._vehicle
         steps = int(duration_s / STEP_S) + 1

@@ -20,9 +20,9 @@ LOSSY_SHARE = 0.01
 """Share of messages above which losses are reported [-]: at 1 % one set-point or pose in 100 is
 missing."""
 REPEAT_FACTOR = 10.0
-"""Growth of a reason's count after which it is reported again in flight [-]."""
+"""Growth of a reason's count after which it is reported again in flight [-]. Chosen."""
 FEW = 3
-"""Least number of losses that make a share [-]."""
+"""Least number of losses that are compared with a share [-]: one or two are chance."""
 
 
 class DropLimit(NamedTuple):

@@ -396,7 +396,7 @@ class Pilot:
             return ()
         vehicle, motion = self._vehicle, now.motion
         mass = vehicle.mass_kg / now.effectiveness
-        motion = self.state.reckoning.roll(motion, drive, held_s, mass, disturbance)
+        motion = self.state.reckoning.propagate(motion, drive, held_s, mass, disturbance)
         return plan_bring_down(
             motion,
             vehicle,

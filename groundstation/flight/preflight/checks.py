@@ -38,9 +38,9 @@ from groundstation.flight.controller import Course
 from groundstation.flight.preflight.configuration import (
     examine_trajectory,
     explain_refusal,
+    find_braking_room,
     find_real_key,
     is_simulated,
-    least_braking_room,
 )
 from groundstation.flight.preflight.proof import Proof, explain_missing_proof
 from groundstation.machine import Running, socket_path
@@ -371,7 +371,7 @@ class Checks:
         ways.append(("trajectory", self._trajectory, self._trajectory.joints_s[-1]))
         least, where = self._fence.room_m(above), "hold after take-off"
         for name, way, lasts_s in ways:
-            room, at_s = least_braking_room(self._fence, way, lasts_s)
+            room, at_s = find_braking_room(self._fence, way, lasts_s)
             if room < least:
                 least, where = room, f"{name}, {at_s:.1f} s after its start"
         if least <= 0.0:

@@ -1,7 +1,4 @@
-"""May this configuration fly?
-
-Its trajectory, its fence, its key files: before anything is opened.
-"""
+"""Checks of a configuration before anything is opened: trajectory, fence, key files."""
 
 import math
 from pathlib import Path
@@ -90,17 +87,17 @@ def explain_infeasibility(
 
 
 STEP_S = 0.05
-"""Step at which trajectories are checked against the fence [s]."""
+"""Step at which trajectories are checked against the fence [s]: 10 cm at 2 m/s. Chosen."""
 
 
-def least_braking_room(fence: Fence, way: Trajectory, lasts_s: float) -> tuple[float, float]:
-    """Return the least room to the fence after braking from a point of ``way`` [m], and the time of
-    that point [s].
+def find_braking_room(fence: Fence, trajectory: Trajectory, lasts_s: float) -> tuple[float, float]:
+    """Return the least room to the fence after braking from a point of ``trajectory`` [m], and the
+    time of that point [s].
     """
     least_m, at_s = math.inf, 0.0
     for i in range(int(lasts_s / STEP_S) + 2):
         time_s = min(i * STEP_S, lasts_s)
-        at = way.at(time_s)
+        at = trajectory.at(time_s)
         room_m = fence.braking_room_m(at.position_ned, at.velocity_ned)
         if room_m < least_m:
             least_m, at_s = room_m, time_s
@@ -116,7 +113,7 @@ def explain_fence(config: Config) -> Sentence | None:
         return None
     trajectory = config.trajectory.build()
     fence = Fence(config.fence, config.flight.floor_z_m)
-    room_m, at_s = least_braking_room(fence, trajectory, trajectory.joints_s[-1])
+    room_m, at_s = find_braking_room(fence, trajectory, trajectory.joints_s[-1])
     return None if room_m > 0.0 else notice("trajectory.fence", at_s=at_s, short_m=-room_m)
 
 
