@@ -12,7 +12,6 @@ from collections.abc import Callable
 
 from groundstation.core.geometry import Vec3, to_body
 from groundstation.core.messages import Pose, PoseSource, PoseStatus
-from groundstation.pose.sources import BASE_S
 from links.mavlink import HEARTBEAT_S, MavlinkLink
 from links.mavlink.protocol import (
     ARDUPILOT,
@@ -22,6 +21,8 @@ from links.mavlink.protocol import (
     encode_origin,
 )
 
+BASE_S = 0.04
+"""Velocity is measured over at least this time [s]."""
 GAP_S = 0.2
 """Largest time between two poses that give a velocity [s]."""
 EARLY = 0.1

@@ -17,7 +17,6 @@ from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, Sta
 from groundstation.core.pilot import Monitors, Pilot
 from groundstation.core.safety import (
     LATE_PERIODS,
-    NEAR_M,
     OFF_REFERENCE_M,
     Escalation,
     GuardAction,
@@ -59,6 +58,9 @@ LANDING_FACTOR = 2.0
 DESCENT_M_S = 0.5
 """Sink rate of the failsafe descent [m/s]: ArduPilot's own landing (LAND_SPEED); 4 s from a height
 of 2 m."""
+DISARMED_HEIGHT_M = 0.2
+"""An autopilot that disarms below this height during a descent has detected the landing; one that
+will not is stopped by force only below it, as it then falls no farther [m]."""
 
 
 class FlightListener(Protocol):
@@ -163,13 +165,19 @@ class FlightController:
         near the floor.
         """
         floor = self._config.flight.floor_z_m
-        return self.tick is not None and floor - self.tick.estimate.motion.position[2] < NEAR_M
+        return (
+            self.tick is not None
+            and floor - self.tick.estimate.motion.position[2] < DISARMED_HEIGHT_M
+        )
 
     @property
     def is_at_floor(self) -> bool:
         """Whether the newest pose shows the vehicle near the floor."""
         pose = self._pilot.state.newest_pose
-        return pose is not None and self._config.flight.floor_z_m - pose.position_ned[2] < NEAR_M
+        return (
+            pose is not None
+            and self._config.flight.floor_z_m - pose.position_ned[2] < DISARMED_HEIGHT_M
+        )
 
     def on_pose(self, pose: Pose) -> None:
         """Take a pose: estimate the state, and the health of the poses."""

@@ -5,12 +5,14 @@ Sans-IO.
 
 import math
 
-from groundstation.core.health import INTERVAL_SHARE
 from groundstation.core.messages import Sentence, notice
 from groundstation.core.safety import LATE_PERIODS
 from links.core import NEWS_S, SILENCE_S, UPLINK_LOST_S, Arrival, CommandLink
 from links.mavlink.protocol import ATTITUDE_HZ
 from links.text import to_ms
+
+INTERVAL_WEIGHT = 0.1
+"""Weight of each interval in its running mean [-]."""
 
 
 class CommandUplink:
@@ -48,7 +50,7 @@ class CommandUplink:
         """Take the time of a telemetry message."""
         since_s, self._telemetry_s = now_s - self._telemetry_s, now_s
         if since_s < NEWS_S:
-            self._interval_s += INTERVAL_SHARE * (since_s - self._interval_s)
+            self._interval_s += INTERVAL_WEIGHT * (since_s - self._interval_s)
 
     def is_stalled(self, now_s: float) -> bool:
         """Whether the telemetry is silent for longer than usual, but not lost.

@@ -15,7 +15,6 @@ from groundstation.pose.sources.datagram import (
     send_by,
 )
 from groundstation.pose.sources.intake import (
-    BASE_S,
     FAST,
     Gate,
     GateConfig,

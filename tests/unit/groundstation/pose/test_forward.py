@@ -56,8 +56,8 @@ def test_the_rate_is_kept_by_the_time_of_the_poses_and_none_is_too_old(
     [
         ([], None),
         ([0.99], None),  # 10 ms are too short
-        ([0.974], 0.026),  # half the base suffices
-        ([0.98 - 0.01 * n for n in range(6, -2, -1)], 0.05),  # the base, and no pose before it
+        ([0.979], 0.021),  # half the base suffices
+        ([0.98 - 0.01 * n for n in range(5, -2, -1)], 0.04),  # the base, and no pose before it
         ([0.801], 0.199),
         ([0.799], None),  # an outage is no base
         ([1.01], None),  # nor is a clock that has run back
