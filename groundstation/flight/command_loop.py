@@ -17,6 +17,7 @@ from groundstation.flight.controller import LAST_CHANCE_S, FlightController
 from groundstation.flight.preflight import FlightEnded
 from groundstation.machine import wake
 from links.core import STALL_S, TICK_S, Command, CommandLink, LinkError, Phase
+from links.mavlink.protocol import DISARM_S
 from links.text import to_ms
 
 
@@ -110,8 +111,6 @@ class StallDetector:
 
 LINK_CHECK_S = 0.5
 """Period at which the autopilot's presence and arming are checked, also after the flight [s]."""
-DISARM_WAIT_S = 8.0
-"""Time for a landed autopilot to accept disarming [s]: it must first detect the landing."""
 HANG_S = 1.0
 """The controller must notice a silent link within this time [s]; else it hangs."""
 
@@ -285,7 +284,7 @@ class CommandLoop:
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""
         loop, ended = asyncio.get_running_loop(), "mission.disarmed"
-        give_up = loop.time() + DISARM_WAIT_S
+        give_up = loop.time() + DISARM_S
         zeros = asyncio.create_task(self._stream_zeros())
         try:
             while True:

@@ -3,6 +3,7 @@
 from sim.radio.radio import (
     FAILSAFE_S,
     MODULE,
+    THROTTLE_DOWN,
     Failsafe,
     PtyWire,
     PulseReceiver,

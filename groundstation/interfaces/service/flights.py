@@ -45,7 +45,6 @@ from groundstation.core.messages import (
 from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, State
 from groundstation.core.safety import CERTAIN_S
 from groundstation.flight import (
-    DISARM_WAIT_S,
     Flight,
     FlightOutcome,
     StepTimer,
@@ -74,6 +73,7 @@ from groundstation.runtime import Exit, __version__
 from groundstation.settings import Config
 from links.core import LinkError
 from links.io import make_child_command
+from links.mavlink.protocol import DISARM_S
 
 
 def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -> Exit:
@@ -195,7 +195,7 @@ def longest_landing_s(config: Config) -> float:
     landing = config.landing
     slow = min(landing.touchdown_m_s, config.flight.descent_m_s)
     sinking_s = top / config.flight.descent_m_s + landing.approach_m / slow
-    return sinking_s + CERTAIN_S + DISARM_WAIT_S + END_S + SPARE_S
+    return sinking_s + CERTAIN_S + DISARM_S + END_S + SPARE_S
 
 
 USER = r"\A[A-Za-z0-9_][A-Za-z0-9_.@-]*\Z"

@@ -659,8 +659,9 @@ STREAM_S = 1.2
 ARMING_DELAY_S = 2.5
 """ArduCopter's rotors turn by then after it was armed [s]: 2 s (ARMING_DELAY_SEC in its config.h),
 on a slow clock."""
-LAND_S = 10.0
-"""Mode LAND must disarm a vehicle on the ground within this time [s]."""
+DISARM_S = 10.0
+"""A vehicle on the ground must be disarmed within this time [s], as we ask for it or by mode LAND:
+the autopilot must first detect the landing."""
 
 FOLLOWING_MODES = {"OFFBOARD": (1.0, 6.0), "GUIDED": (1.0, 4.0), "GUIDED_NOGPS": (1.0, 20.0)}
 """Modes that follow set-points, PX4's and ArduPilot's: parameters of MavCommand.DO_SET_MODE."""
@@ -759,7 +760,7 @@ def disarming(autopilot: AutopilotAddress) -> Handshake:
 
 def landing_disarmed(autopilot: AutopilotAddress) -> Handshake:
     """ArduPilot's own way from standing on the ground to motors off: mode LAND."""
-    return Handshake([_enter_land(autopilot, "hint.land_disarmed"), Disarmed(LAND_S)])
+    return Handshake([_enter_land(autopilot, "hint.land_disarmed"), Disarmed(DISARM_S)])
 
 
 def landing(autopilot: AutopilotAddress) -> Handshake:
