@@ -33,11 +33,14 @@ class Pacing:
     def __init__(self, link: CommandLink) -> None:
         self._link = link
         self._frame_s = 0.0
+        """Instant of the newest frame."""
         self._waiting: asyncio.Future[None] | None = None
+        """Wait that a pose ends; None while there is none."""
         self._from_s = 0.0
+        """Earliest end of that wait."""
 
     def begin(self) -> None:
-        """The first frame is now."""
+        """Take this instant for that of the first frame."""
         self._frame_s = asyncio.get_running_loop().time()
 
     async def next(self, left_s: float, deadline_s: float) -> None:
@@ -47,11 +50,11 @@ class Pacing:
         """
         period, chance = self._link.period_s, deadline_s - LAST_CHANCE_S
         if chance <= left_s + TICK_S:
-            chance = math.inf  # it has been used
+            chance = math.inf  # the last command was that one
         if self._link.follows_poses:
             await self._wait(min(left_s + 0.5 * period, chance), min(left_s + 1.5 * period, chance))
             return
-        # Otherwise it left early, and this frame is still to come.
+        # A command that left earlier was a last chance: this frame is still to come.
         if left_s > self._frame_s - 0.5 * period:
             self._frame_s += period
         if self._frame_s < left_s:  # late frames are skipped; the others keep the link's phase
@@ -83,7 +86,8 @@ class Pacing:
 
 
 STALL_CHECK_S = 0.02
-"""Longest time between two calls of :meth:`StallDetector.note_running` [s]."""
+"""Longest time between two calls of :meth:`StallDetector.note_running` [s]. Chosen: below
+``STALL_S``."""
 DRAIN_S = 0.01
 """Data read within this time after a stall does not count [s]: a socket is drained within some
 milliseconds."""
@@ -93,7 +97,9 @@ class StallDetector:
     """Detects that this program was stalled. Times are on the event loop's clock [s]."""
 
     _looked_s: float | None = None
+    """Newest instant at which the program ran."""
     _drained_s = 0.0
+    """Instant from which read data count again after a stall."""
 
     def note_running(self, now_s: float) -> None:
         """Note that the program runs at ``now_s``."""
@@ -110,9 +116,10 @@ class StallDetector:
 
 
 LINK_CHECK_S = 0.5
-"""Period at which the autopilot's presence and arming are checked, also after the flight [s]."""
+"""Period at which the autopilot's presence and arming are checked, also after the flight [s].
+Chosen."""
 HANG_S = 1.0
-"""The controller must notice a silent link within this time [s]; else it hangs."""
+"""Time within which the controller must notice a silent link [s]; else it hangs. Chosen."""
 
 
 class CommandLoop:
@@ -150,10 +157,10 @@ class CommandLoop:
 
         Raises:
             FlightEnded: the flight can't go on.
-            LinkError: the link can't.
+            LinkError: the link fails.
         """
         loop, controller = asyncio.get_running_loop(), self._controller
-        looking = asyncio.ensure_future(self._look())
+        checking = asyncio.ensure_future(self._check_stalls())
         status = self._link.status
         self._warned |= {status.warning, status.conflict}  # the pre-flight checks reported them
         self.drops = LinkDropWatch(status)
@@ -165,10 +172,10 @@ class CommandLoop:
             if controller.state is State.DISARMING:
                 await self._stop_motors()
         finally:
-            looking.cancel()
+            checking.cancel()
 
-    async def _look(self) -> None:
-        """Detect stalls between frames and poses that are far apart, too."""
+    async def _check_stalls(self) -> None:
+        """Detect stalls also between frames and poses that are far apart."""
         loop = asyncio.get_running_loop()
         while True:
             self._stalls.note_running(loop.time())
@@ -193,7 +200,7 @@ class CommandLoop:
     async def _transmit(self) -> None:
         """Send commands, each from the newest pose, until the vehicle is on the floor."""
         loop, controller = asyncio.get_running_loop(), self._controller
-        look, last = loop.time(), None
+        check_s, last = loop.time(), None
         self._pacing.begin()
         while True:
             now = loop.time()
@@ -202,8 +209,8 @@ class CommandLoop:
             slow = STEP_WATCH.get().slow
             if slow is not None:
                 self._warn(slow.text, slow)
-            if now >= look:
-                look += LINK_CHECK_S
+            if now >= check_s:
+                check_s += LINK_CHECK_S
                 self._ensure_armed(now)
                 controller.on_link_status(now)
                 self._warn_of_link()

@@ -134,7 +134,7 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def channels(self) -> list[int]:
-        """Every channel that is named."""
+        """Numbers of all channels that are named."""
         named = (
             self.thrust,
             self.roll,
@@ -148,18 +148,18 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Sticks(NamedTuple):
-    """Thrust and rates meant by stick positions."""
+    """Thrust and rates that stick positions command."""
 
     thrust_n: float
     """[N]"""
     rates_rad_s: Rates
     """Body rates [rad/s], FRD."""
     armed: bool
-    """True where there is no channel for it."""
+    """Whether the arm channel arms; True without one."""
 
 
 class Channels:
-    """One vehicle's map, ready for use."""
+    """Conversion between commands and positions by the map of one vehicle."""
 
     def __init__(self, channel_map: ChannelMap, *, count: int, thrust_max_n: float) -> None:
         """``count`` channels in all; ``thrust_max_n`` is the thrust at full throttle [N]."""
@@ -177,9 +177,8 @@ class Channels:
         self._idle = {armed: self._make_idle(armed) for armed in (False, True)}
 
     def flying(self, thrust_n: float, rates_rad_s: Rates) -> list[float]:
-        """Positions for a thrust [N] and body rates [rad/s, FRD], armed.
-
-        Clamped to what the channels can say.
+        """Return the positions for a thrust [N] and body rates [rad/s, FRD], armed, and clamped to
+        the channels' range.
         """
         m, out = self._map, self._rest.copy()
         throttle = m.thrust
@@ -192,8 +191,8 @@ class Channels:
         return out
 
     def idle(self, *, armed: bool) -> list[float]:
-        """Positions without thrust: the failsafe values, or with ``armed`` the arm channel up and
-        no rates.
+        """Return positions without thrust: the failsafe values, or if ``armed`` no rates and the
+        arm channel's armed position.
         """
         return self._idle[armed]
 

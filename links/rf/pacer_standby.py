@@ -74,12 +74,12 @@ def _stand_by(
     gc.freeze()
     while True:
         ready, _, _ = select.select(waits, [], [], max(0.0, watch.next_s - clock.now()))
-        if heard in ready and not port.hear():
+        if heard in ready and not port.take_messages():
             waits.remove(heard)
         if ended in ready:
             lease.take()
             code = pacer.wait()
-            port.hear()
+            port.take_messages()
             if code < 0:
                 return link_notice("module.pacer_killed", signal=-code).text
             return link_notice("module.pacer_failed", code=code).text if code else ""
@@ -88,7 +88,7 @@ def _stand_by(
                 lease.take()
                 pacer.kill()
                 pacer.wait()
-                port.hear()
+                port.take_messages()
                 return link_notice("module.pacer_stood").text
             lease.vouch(LeaseWord.STANDBY, watch.next_s + VOUCH_S)
 

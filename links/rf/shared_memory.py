@@ -7,11 +7,10 @@ Mailbox: the newest of many values, from one process to another. Neither side ev
     byte 64       slot 0, then slot 1: number, size, CRC-32 of number and value (8 bytes each), and
                   the value
 
-Record n goes to slot n mod 2, so what is written never touches the newest whole record. A reader
-that takes so long that its slot is written anew meanwhile sees it by the number, which it looks at
-before and after, and comes again later; the checksum holds where a processor reorders what it
-writes. Half a record is thus never read, and a writer that dies in the midst of one leaves the one
-before.
+Record n goes to slot n mod 2, so a writer never touches the newest whole record. A slow reader,
+whose slot is written anew meanwhile, finds that by the number, which it reads before and after, and
+tries again later; the checksum protects it where a processor reorders writes. Half a record is thus
+never read, and a writer that dies while it writes leaves the record before.
 
 Lease: whose turn it is to write to the port, and signs of life of a pacer and its stand-by.
 
@@ -47,7 +46,7 @@ from links.io import discard, open_port, waiting
 from links.text import link_notice
 
 CAPACITY_BYTES = 16384
-"""Largest value."""
+"""Largest size of a value [bytes]. Chosen: far above a report or a command."""
 _HEAD = struct.Struct("=QQQ")
 """Before a slot's value: its number, length and checksum."""
 _SLOT = _HEAD.size + CAPACITY_BYTES
@@ -92,9 +91,8 @@ class Mailbox:
         self._words[0] = self.newest = number
 
     def get(self) -> bytes | None:
-        """The newest value.
-
-        None where it was got before, or is being written over at this very moment.
+        """Return the newest value; None where it was returned before, or is just being
+        overwritten.
         """
         number = self._words[0]
         at = 64 + number % 2 * _SLOT
@@ -108,7 +106,7 @@ class Mailbox:
         return value
 
     def close(self) -> None:
-        """Let go of the memory; the other end keeps it."""
+        """Release the memory; the other end keeps it."""
         self._words.release()
         self._bytes.release()
         self._memory.close()
@@ -158,16 +156,16 @@ class Lease:
         self._words[LeaseWord.GENERATION] += 1
 
     def vouch(self, who: LeaseWord, until_s: float) -> None:
-        """``who`` lives, and says so up to ``until_s`` [s]."""
+        """Vouch that ``who`` lives, up to ``until_s`` [s]."""
         self._words[who] = int(1e9 * until_s)
 
     def vouched_s(self, who: LeaseWord) -> float:
-        """Time up to which ``who`` has vouched to live [s]; 0.0 where it never has."""
+        """Return the time up to which ``who`` has vouched to live [s]; 0.0 where it never has."""
         return 1e-9 * self._words[who]
 
 
 OPEN_S = 2.0
-"""Limit of opening or closing a port [s]; nothing is armed meanwhile."""
+"""Longest time to open or close a port [s]; nothing is armed meanwhile. Chosen."""
 _OPENED, _CLOSED = b"opened", b"closed"
 
 
@@ -207,7 +205,7 @@ class SharedPort:
             raise OSError(
                 error.errno, link_notice("module.port", path=self._path, why=error.strerror).text
             ) from None
-        self._tell(_OPENED, self._fd)
+        self._send(_OPENED, self._fd)
 
     def write(self, frame: bytes) -> bool:
         """Send one frame; False, with nothing sent, where earlier bytes still wait: those are
@@ -251,7 +249,7 @@ class SharedPort:
         # The lock is on what is open, which the stand-by may hold longer.
         with contextlib.suppress(OSError):  # its device is gone already
             fcntl.flock(fd, fcntl.LOCK_UN)
-        self._tell(_CLOSED)
+        self._send(_CLOSED)
         with contextlib.suppress(OSError):
             os.close(fd)
 
@@ -260,25 +258,26 @@ class SharedPort:
             raise OSError(errno.EBADF, f"{self._path} is not open")
         return self._fd
 
-    def _tell(self, what: bytes, *fds: int) -> None:
+    def _send(self, what: bytes, *fds: int) -> None:
+        """Send ``what``, and descriptors, to the stand-by, if there is one."""
         if self._beside is not None:
-            # One that is dead, or has stood still for long, is no stand-by any more.
+            # A stand-by that is dead, or has stood still for long, takes nothing any more.
             with contextlib.suppress(OSError):
                 socket.send_fds(self._beside, [what], list(fds))
 
 
 class HeldPort:
-    """Port as the stand-by holds it."""
+    """Serial port that the stand-by holds for its pacer."""
 
     def __init__(self, beside: socket.socket) -> None:
         """``beside`` leads to the pacer."""
         self.beside = beside
         beside.setblocking(False)
         self.fd: int | None = None
-        """Its descriptor; None while it is closed."""
+        """Descriptor of the port; None while it is closed."""
 
-    def hear(self) -> bool:
-        """Take what the pacer has said of it; False where it says nothing any more."""
+    def take_messages(self) -> bool:
+        """Take the pacer's messages about the port; return whether the pacer can send more."""
         while True:
             try:
                 what, fds, _, _ = socket.recv_fds(self.beside, len(_OPENED), 1)

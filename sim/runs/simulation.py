@@ -208,7 +208,7 @@ class Plan(NamedTuple):
     ends: Ends
     seed: int
     duration_s: float
-    asked: FeasibilityReport
+    demands: FeasibilityReport
     """Demands of the trajectory on the vehicle."""
 
 
@@ -295,7 +295,7 @@ def _fly(
 
 
 def _state_facts(plan: Plan, result: Result) -> dict[str, Any]:
-    """Figures of the flight, as ``groundstation-sim fly --json`` prints them."""
+    """Return the figures of the flight that ``groundstation-sim fly --json`` prints."""
     return {
         "scenario": plan.name,
         "seed": plan.seed,
@@ -305,7 +305,9 @@ def _state_facts(plan: Plan, result: Result) -> dict[str, Any]:
         "why": result.why,
         "duration_s": result.duration_s,
         **msgspec.to_builtins(result.verdict),
-        "thrust_bound_m_s2": _thrust_bound(plan.config, plan.asked, result.verdict.lyapunov_start),
+        "thrust_bound_m_s2": _thrust_bound(
+            plan.config, plan.demands, result.verdict.lyapunov_start
+        ),
         "log_sha256": result.log_sha256,
         "warnings": list(result.warnings),
         "datagrams": result.datagrams,
@@ -365,9 +367,10 @@ def _keep_on_error(folder: "RunFolder | None") -> Iterator[None]:
         raise
 
 
-def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | None) -> float | None:
-    """The a-priori bound on T/m for this flight [m/s²] (docs/explanation/law.md, section 4).
-
+def _thrust_bound(
+    config: Config, demands: FeasibilityReport, v_start: float | None
+) -> float | None:
+    """Return the a-priori bound on T/m for this flight [m/s²] (docs/explanation/law.md, section 4);
     None without that law.
     """
     from groundstation.core.control import Law, thrust_bound
@@ -375,7 +378,7 @@ def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | Non
     if v_start is None or not isinstance(config.controller, Law):
         return None
     return thrust_bound(
-        config.controller, acceleration_sup=asked.acceleration_m_s2, v_start=v_start
+        config.controller, acceleration_sup=demands.acceleration_m_s2, v_start=v_start
     )
 
 
@@ -395,15 +398,15 @@ class RunFolder:
             ConfigError: the folder can't be written.
         """
         self.path = path
-        told = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
+        header = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
         with refuse_io("--out", "file.unwritten", path):
             path.mkdir(parents=True, exist_ok=True)
-            write_whole(path / "config.toml", told.config)
+            write_whole(path / "config.toml", header.config)
             for name in (RECORDING, "flight.tlog"):
                 (path / name).unlink(missing_ok=True)
             # Times of the recording begin at 0, not at the wall clock: the same flight gives the
             # same bytes.
-            self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
+            self._log = FlightLog(path / RECORDING, header, epoch_ns=0, tell=_warn)
         self._world = world
         self._last_s = 0.0
         self._state = "idle"

@@ -92,9 +92,9 @@ def compute_demand(motion: PathMotion, gravity: float, ops: Ops = FLOATS) -> Mot
 def demands(
     times: Sequence[float], looks: Iterable[MotionDemand], vehicle: Vehicle, limits: LimitsConfig
 ) -> list[Demand]:
-    """Speed, acceleration, tilt, thrust and body rates where each is at its extreme.
+    """Return speed, acceleration, tilt, thrust and body rates where each is at its extreme.
 
-    ``looks`` are at ``times`` [s].
+    ``looks`` are the demands at ``times`` [s].
     """
     speed, acceleration, tilt, specific_thrust, rates = zip(*looks, strict=True)
     thrust = [vehicle.mass_kg * value for value in specific_thrust]
@@ -140,28 +140,35 @@ def demands(
 
 
 def largest(values: Sequence[float]) -> float:
-    """The largest of ``values``.
-
-    One that is not a number is larger than all, as it keeps no limit.
-    """
+    """Return the largest of ``values``; NaN counts as larger than all, as it keeps no limit."""
     nan = next(filter(math.isnan, values), None)
     return max(values) if nan is None else nan
 
 
 def _rates(axis: Vec3, jerk: Vec3, yaw: Real, yaw_rate: Real, strength: Real, ops: Ops) -> Vec3:
-    """Body rates [rad/s] where the thrust's ``axis`` is the body's z.
+    """Return body rates [rad/s] by the equations above.
 
-    A trajectory has a thousand of them.
+    Args:
+        axis: z, the unit vector of the specific thrust [NED].
+        jerk: j [m/s³, NED].
+        yaw: ψ [rad].
+        yaw_rate: ψ˙ [rad/s].
+        strength: |F| [m/s²].
+        ops: arithmetic.
     """
     sqrt, where = ops.sqrt, ops.where
     (a, b, c), (d, e, f) = axis, jerk
     along = a * d + b * e + c * f
+    # d, e, f: z˙.
     d, e, f = -(d - along * a) / strength, -(e - along * b) / strength, -(f - along * c) / strength
+    # u, v, w: horizontal unit vector to the right of the heading.
     u, v, w = -ops.sin(yaw), ops.cos(yaw), 0.0 * yaw
+    # x, y, z: the body's x axis, across it and z.
     x, y, z = v * c - w * b, w * a - u * c, u * b - v * a
     length = sqrt(x * x + y * y + z * z)
     k = 1.0 / where(length > 1e-6, length, 1e-6)
     x, y, z = k * x, k * y, k * z
+    # u, v, w: the body's y axis.
     u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
     roll, pitch = -(u * d + v * e + w * f), x * d + y * e + z * f
     cos_pitch = sqrt(w * w + c * c)
@@ -382,8 +389,9 @@ def _find_corner(start_s: float, end_s: float, a: Reference, b: Reference) -> In
 def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Inconsistency | None:
     """Compare the derivatives of two samples ``span_s`` apart [s] with their differences.
 
-    None where they agree.
+    None where they agree, to a tenth and a tolerance that is chosen for rounded points.
     """
+    # Name, unit and tolerance; the quantity and its declared derivative at both samples.
     tables = (
         ("velocity", "m/s", 0.05, a.position_ned, b.position_ned, a.velocity_ned, b.velocity_ned),
         (
@@ -397,11 +405,11 @@ def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Incons
         ),
         ("jerk", "m/s³", 5.0, a.acceleration_ned, b.acceleration_ned, a.jerk_ned, b.jerk_ned),
     )
-    for name, unit, spare, first, last, one, other in tables:
+    for name, unit, tolerance, first, last, one, other in tables:
         found = [(y - x) / span_s for x, y in zip(first, last, strict=True)]
         declared = [0.5 * (x + y) for x, y in zip(one, other, strict=True)]
         length = math.hypot(*declared)
-        if not math.dist(found, declared) <= spare + 0.1 * max(length, math.hypot(*found)):
+        if not math.dist(found, declared) <= tolerance + 0.1 * max(length, math.hypot(*found)):
             return Inconsistency(
                 time_s=time_s, name=name, declared=length, found=math.hypot(*found), unit=unit
             )
@@ -455,7 +463,7 @@ def _share(
     """
     import numpy as np
 
-    # All instants at once: they are computed a dozen times.
+    # All instants as arrays: they are computed a dozen times.
     ops = arrays()
     whole: Any = [
         np.moveaxis(np.array(column), -1, 0) if isinstance(column[0], tuple) else np.array(column)

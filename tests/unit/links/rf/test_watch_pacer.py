@@ -80,10 +80,10 @@ def test_a_port_is_held_in_common_and_let_go_in_common() -> None:
         SharedPort(os.ttyname(near), 125000, lease, lease.generation, theirs),
         HeldPort(beside),
     )
-    assert held.hear()
+    assert held.take_messages()
     assert held.fd is None
     port.open()
-    assert held.hear()
+    assert held.take_messages()
     assert held.fd is not None
     assert port.write(b"one")
     lease.take()
@@ -100,10 +100,10 @@ def test_a_port_is_held_in_common_and_let_go_in_common() -> None:
     assert "lock:" in descriptor.read_text()
     port.close()
     assert "lock:" not in descriptor.read_text(), "who opens it again is not kept out"
-    held.hear()
+    held.take_messages()
     assert held.fd is None
     theirs.close()
-    assert not held.hear(), "the pacer says nothing any more"
+    assert not held.take_messages(), "the pacer says nothing any more"
     beside.close()
     os.close(far)
     os.close(near)
