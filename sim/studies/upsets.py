@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from groundstation.core.control import Gains, hold_gains
-from groundstation.core.geometry import Vec3
+from groundstation.core.geometry import FARTHEST_M, Vec3
 from groundstation.settings import Config
 from sim.batch import Flights, fly_batch
 from sim.scenarios import SCENARIOS, overridden, prepare
@@ -38,14 +38,12 @@ PUSHED_S = UPSET_AT_S + 5.0
 """Duration of these flights [s]."""
 STATES_S = 6.0
 """Duration of the flights from a drawn start [s]. Chosen."""
-FARTHEST_M = 5.0
+FARTHEST_START_M = 5.0
 """Largest drawn distance from the reference [m]. Chosen."""
 FASTEST_M_S = 3.0
 """Largest drawn speed [m/s]. Chosen."""
 STEEPEST_DEG = 90.0
 """Largest drawn tilt [deg]. Chosen."""
-NO_FLOOR_M = 100.0
-"""Depth of the floor below drawn starts [m]: the height that a law loses is measured instead."""
 ENOUGH = 1.1
 """Ratio to the best baseline up to which peak and time count as equal [-]. Chosen."""
 
@@ -161,7 +159,7 @@ def draw_start(world: World, reference: Vec3, seed: int) -> World:
         parts: list[float] = (most * draw.random() * normals / np.linalg.norm(normals)).tolist()
         return parts
 
-    x, y, z = draw_vector(FARTHEST_M, 3)
+    x, y, z = draw_vector(FARTHEST_START_M, 3)
     u, v, w = draw_vector(FASTEST_M_S, 3)
     roll, pitch = draw_vector(STEEPEST_DEG, 2)
     north, east, down = reference
@@ -170,7 +168,7 @@ def draw_start(world: World, reference: Vec3, seed: int) -> World:
         start_ned=(north + x, east + y, down + z),
         start_velocity=(u, v, w),
         start_turn_deg=(roll, pitch, 0.0),
-        floor_z_m=NO_FLOOR_M,
+        floor_z_m=FARTHEST_M,  # none in reach: the height that a law loses is measured instead
     )
 
 

@@ -61,7 +61,7 @@ def test_drawn_starts_are_within_their_bounds_and_repeat() -> None:
     away = [math.dist(one.start_ned, reference) for one in drawn]
     speeds = [math.hypot(*one.start_velocity) for one in drawn]
     tilts = [math.hypot(*one.start_turn_deg) for one in drawn]
-    limits = (upsets.FARTHEST_M, upsets.FASTEST_M_S, upsets.STEEPEST_DEG)
+    limits = (upsets.FARTHEST_START_M, upsets.FASTEST_M_S, upsets.STEEPEST_DEG)
     for values, most in zip((away, speeds, tilts), limits, strict=True):
         assert max(values) <= most
         assert min(values) < 0.1 * most

@@ -55,6 +55,7 @@ from groundstation.analysis.report import (
     save_figures,
 )
 from groundstation.config import ConfigError, from_dict, refuse_io, round_digits, write_value
+from groundstation.core.estimation import SIGNIFICANT
 from groundstation.core.geometry import so3
 from groundstation.core.messages import QUANTILE_95, notice
 from groundstation.core.trajectory import ExcitationConfig
@@ -704,9 +705,6 @@ def facts(found: IdentifiedVehicle) -> dict[str, Any]:
 COMPARED = (*NEEDED, "drag", "pose_latency")
 """Parameters that a flight's summary compares with the configuration: others repeat these, or are
 no keys."""
-APART = 2.0
-"""Widening of the intervals before a difference is reported [-]: of many figures some lie outside
-their 95 %."""
 
 
 def find_outside(path: Path) -> list[str]:
@@ -726,9 +724,9 @@ def find_outside(path: Path) -> list[str]:
     for one in (found.parameters[name] for name in COMPARED):
         if one.value is None or one.interval is None or one.told is None:
             continue
-        if abs(one.told - one.value) > APART * max(
-            one.interval[1] - one.value, one.value - one.interval[0]
-        ):
+        half = max(one.interval[1] - one.value, one.value - one.interval[0])
+        # Of many figures some lie outside of their 95 %.
+        if abs(one.told - one.value) > SIGNIFICANT / QUANTILE_95 * half:
             unit = f" {one.unit}" if one.unit else ""
             low, high = one.interval
             lines.append(
