@@ -25,7 +25,7 @@ from groundstation.core.trajectory.shapes import (
 )
 
 POINTS = ((0.0, 0.0, -1.0), (2.0, 0.5, -1.0), (2.0, 3.0, -2.0), (-1.0, 2.0, -1.5), (0.0, 0.0, -1.0))
-SAMPLED_S = tuple(0.4 * i for i in range(16))
+SAMPLED_S = tuple(5.0 + 0.4 * i for i in range(16))
 SAMPLED = tuple((math.sin(t), math.cos(0.7 * t), -1.0 - 0.1 * t) for t in SAMPLED_S)
 TABLE: dict[str, TrajectoryConfig] = {
     "hold": HoldConfig(position_ned=(1.0, -2.0, -1.5), yaw_deg=30.0),

@@ -26,6 +26,7 @@ SUP = certificate.virtual_control_sup(LAW)
 
 def test_the_virtual_control_of_the_papers_gains_reaches_7_03_m_s2_per_axis() -> None:
     assert pytest.approx(7.03, abs=0.005) == SUP
+    assert certificate.virtual_control_sup(Law()) == pytest.approx(38.96, abs=0.005)
 
 
 def test_the_bound_is_its_terms_and_negative_for_the_papers_gains() -> None:
