@@ -188,8 +188,6 @@ Ratios: TypeAlias = tuple[float, float, float]
 """Spectral densities of the noise that drives x0, x1, x2, over the variance of a measurement."""
 DIFFUSE = 1e8
 """Variance of what is unknown at first, in units of the noise's."""
-UNSURE = 3
-"""Number of first innovations that are left out: the filter starts without knowledge [-]."""
 LOOKS = 800
 """Number of samples, in the middle of the flight, for the noise levels [-]."""
 COARSE = np.arange(-4.0, 4.1, 1.0)
@@ -295,10 +293,11 @@ def design_filter(at_s: Column, ratios: Ratios, gap_s: float) -> InnovationFilte
     """
     spans = np.diff(at_s, prepend=at_s[0])
     gains, variances = np.zeros((len(at_s), 3)), np.full(len(at_s), np.inf)
-    densities, cover, known = Densities(*ratios, 0.0), _unknown(ratios), -UNSURE
+    # The first innovations are left out, one a state: the filter starts without knowledge.
+    densities, cover, known = Densities(*ratios, 0.0), _unknown(ratios), -len(ratios)
     for k, span in enumerate(spans.tolist()):
         if span > gap_s:
-            cover, known = _unknown(ratios), -UNSURE
+            cover, known = _unknown(ratios), -len(ratios)
         cover = predict_covariance(cover, span, densities)
         total = cover[PP] + 1.0
         gain, cover = update_covariance(cover, 1.0)
@@ -365,10 +364,10 @@ def _unlikely(
     sets = len(ratios[0])
     x0, x1, x2 = (np.zeros((sets, left.shape[1])) for _ in range(3))
     squares, logs, count = np.zeros(sets), np.zeros(sets), 0
-    cover, known = _unknown(ratios), -UNSURE
+    cover, known = _unknown(ratios), -len(ratios)
     for k, h in enumerate(np.diff(at_s, prepend=at_s[0]).tolist()):
         if h > gap_s:
-            cover, known = _unknown(ratios), -UNSURE
+            cover, known = _unknown(ratios), -len(ratios)
         cover = predict_covariance(cover, h, rates)
         total = cover[PP] + 1.0
         gain, cover = update_covariance(cover, 1.0)
