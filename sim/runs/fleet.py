@@ -1,5 +1,5 @@
-"""Missions of a fleet in virtual time, in one process, judged by the truth: their figures, and how
-near they came.
+"""Missions of a fleet in virtual time, in one process, judged by the truth: figures, and
+distances.
 """
 
 import asyncio
@@ -32,12 +32,12 @@ SAMPLE_S = 0.02
 
 
 class Nearest(msgspec.Struct, frozen=True):
-    """The least distance between two vehicles of a fleet."""
+    """Smallest distance between two vehicles of a fleet."""
 
     distance_m: float
     between: tuple[str, str]
     time_s: float
-    """When it was, from the first vehicle's release [s]."""
+    """Its time since the release of the first vehicle [s]."""
 
 
 class FleetFlight(MissionVerdict, frozen=True, kw_only=True):
@@ -47,23 +47,23 @@ class FleetFlight(MissionVerdict, frozen=True, kw_only=True):
 
 
 class Tracks:
-    """Every step of every plant."""
+    """True paths of all vehicles, by every step of their plants."""
 
     def __init__(self, count: int) -> None:
         self.of = [TrueTrack() for _ in range(count)]
-        """One a vehicle."""
+        """Path of each vehicle."""
 
     def step(self, number: int, time_s: float, place: Vec3) -> None:
-        """One step."""
+        """Take one step of vehicle ``number``: its instant [s] and position [m, NED]."""
         self.of[number].step(time_s, place)
 
     @property
     def begun_s(self) -> float:
-        """When the first vehicle was released, on the event loop's clock [s]; 0 before that."""
+        """Release of the first vehicle, on the event loop's clock [s]; 0 before that."""
         return min((one.times[0] for one in self.of if one.times), default=0.0)
 
     def last(self, number: int, start: Vec3) -> Vec3:
-        """Where it was seen last [m, NED]; ``start`` where it was never released."""
+        """Return the last position of a vehicle [m, NED]; ``start`` if it was never released."""
         one = self.of[number]
         north, east, down = one.axes
         return (north[-1], east[-1], down[-1]) if one.times else start
@@ -102,15 +102,15 @@ def judge(
     tracks: Tracks,
     stage: FleetStage,
 ) -> FleetFlight:
-    """One vehicle's flight by the truth.
+    """Judge one vehicle's flight by the truth.
 
     Args:
-        number: that of the vehicle.
-        member: its name, and what its ground station is told.
-        states: those that its ground station went through.
-        started_s: when its figure began, on the event loop's clock [s]; None where it did not.
-        fault: what made it come down early; empty where nothing did.
-        tracks: every step of every plant.
+        number: number of the vehicle.
+        member: its name, and the configuration of its ground station.
+        states: states that its ground station went through.
+        started_s: begin of its figure, on the event loop's clock [s]; None without one.
+        fault: reason of an early end; empty without one.
+        tracks: true paths of all vehicles.
         stage: the simulated side.
     """
     plant, world = stage.stages[number].plant, stage.stages[number].world
@@ -132,9 +132,9 @@ def judge(
 
 
 PORTS = (51001, 51101, *range(14541, 14641))
-"""In virtual time no port is ever taken."""
+"""UDP ports of poses, relay and links: in virtual time none is taken."""
 APART_S = 0.1
-"""Time between the arming of one vehicle and of the next [s]."""
+"""Time between the arming of one vehicle and of the next [s]. Chosen."""
 
 FleetScript: TypeAlias = Callable[[dict[str, Flight], FleetStage], Coroutine[Any, Any, None]]
 Change: TypeAlias = Callable[[list[World], FleetPlan], tuple[list[World], FleetPlan]]
@@ -151,7 +151,7 @@ class FleetMission(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def landed(self) -> bool:
-        """Whether all went as it was meant to."""
+        """Whether all vehicles have flown their missions and landed."""
         return all(one.landed for one in self.vehicles)
 
 
@@ -171,7 +171,7 @@ async def fly_fleet(
 
     See :func:`sim.runs.flight.from_floor`.
 
-    ``script(flights, stage)`` runs beside them; ``change`` may alter truth and plan before;
+    ``script(flights, stage)`` runs beside them; ``change`` may alter worlds and plan before;
     ``on_event`` takes each vehicle's name and notice.
 
     Raises:
@@ -208,7 +208,7 @@ async def fly_fleet(
 
 
 def _plan_fleet(world: World, config: Config, count: int) -> tuple[list[World], FleetPlan]:
-    """Return the truth of each vehicle, and the fleet as its files tell it."""
+    """Return the world of each vehicle, and the fleet as its files describe it."""
     with tempfile.TemporaryDirectory(prefix="groundstation-sim-") as folder:
         file, worlds = lay_out(Path(folder), world, config, count, PORTS)
         return worlds, read_fleet(file)
@@ -235,7 +235,7 @@ def _make_flights(
 
 @asynccontextmanager
 async def _relaying(fleet: FleetPlan) -> AsyncIterator[None]:
-    """The fleet's relay of poses runs, where it has one."""
+    """Run the fleet's relay of poses, if it has one."""
     if fleet.relay_listen is None:
         yield
         return
@@ -248,11 +248,13 @@ async def _relaying(fleet: FleetPlan) -> AsyncIterator[None]:
 def _note(
     states: list[StateEntry], name: str, on_event: Callable[[str, Notice], None] | None
 ) -> Subscriber:
-    def hear(event: FlightEvent) -> None:
+    """Return a subscriber that adds the states of one flight to ``states``."""
+
+    def take(event: FlightEvent) -> None:
         if isinstance(event, Notice):
             if on_event is not None:
                 on_event(name, event)
             if event.kind == "state":
                 states.append(StateEntry(event.state, event.time_s, event.text))
 
-    return hear
+    return take

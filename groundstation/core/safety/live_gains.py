@@ -20,19 +20,20 @@ from groundstation.core.messages import Estimate, Reply, Sentence, notice
 from groundstation.core.trajectory import Reference
 
 RAMP_S = 2.0
-"""Duration of a change [s]."""
+"""Duration of a change [s]. Chosen: slow against the loop."""
 BACK_S = 0.5
-"""Duration of its reversal [s]."""
+"""Duration of its reversal [s]. Chosen: the old gain has flown well."""
 JUDGED_S = 10.0
-"""Time that is compared, before and after a change [s]."""
-STALL_S = 0.5
-"""Interval of commands above which the flight is interrupted [s]."""
+"""Time that is compared, before and after a change [s]. Chosen: a figure of eight takes as long."""
+INTERRUPTION_S = 0.5
+"""Interval of commands from which a flight counts as interrupted, and which counts for that long
+[s]. Chosen."""
 RMS_FACTOR = 1.5
-"""Factor on the RMS error above which a change is reverted [-]."""
+"""Factor on the RMS error above which a change is reverted [-]. Chosen: gusts come to less."""
 V_FACTOR = 4.0
-"""Factor on the mean V above which a change is reverted [-]."""
+"""Factor on the mean V above which a change is reverted [-]: V is a sum of squares. Chosen."""
 STEP_FACTOR = 2.0
-"""Largest factor of one change, up or down [-]."""
+"""Largest factor of one change, up or down [-]. Chosen."""
 LIVE = ("k2", "k3", "kb", "k_yaw", "kappa", "k_omega")
 """Gains that may be changed. The shapes of σ, ρ and Ω may not: with them V is another function."""
 PREFIX = "controller."
@@ -46,6 +47,8 @@ class GainStep(NamedTuple):
 
 
 class _GainRamp(NamedTuple):
+    """Linear change of one gain, from ``start_s`` on within ``over_s`` [s]."""
+
     name: str
     old: float
     new: float
@@ -75,9 +78,11 @@ class LiveGains:
         self.gains = gains if isinstance(gains, Gains) else None
         """Present gains; None for a controller without gains that may be changed."""
         self._past: deque[tuple[float, float, float]] = deque()
+        """Instant [s], e² [m²] and V [m²/s²] of each command of the last ``JUDGED_S``."""
         self._move: _GainRamp | None = None
         self._trial: _GainTrial | None = None
         self._squares = self._v = 0.0
+        """∫ e² dt [m²s] and ∫ V dt [m²/s] since the change began."""
         self._last_s = -math.inf
 
     @property
@@ -116,11 +121,11 @@ class LiveGains:
             return Reply.of(False, notice("gain.busy", key=key))
         if (
             not self._past
-            or now_s - self._past[0][0] < JUDGED_S - STALL_S
-            or now_s - self._past[-1][0] > STALL_S
+            or now_s - self._past[0][0] < JUDGED_S - INTERRUPTION_S
+            or now_s - self._past[-1][0] > INTERRUPTION_S
         ):
             return Reply.of(False, notice("gain.too_early", key=key, before_s=JUDGED_S))
-        squares, v = self._means()
+        squares, v = self._find_means()
         span = RAMP_S + JUDGED_S
         self._move = _GainRamp(name, now, value, now_s, RAMP_S)
         self._trial = _GainTrial(self._move, RMS_FACTOR**2 * squares * span, V_FACTOR * v * span)
@@ -137,7 +142,7 @@ class LiveGains:
         if self.gains is None:
             return None, None
         squared = math.dist(estimate.motion.position, reference.position_ned) ** 2
-        dt, self._last_s = min(time_s - self._last_s, STALL_S), time_s
+        dt, self._last_s = min(time_s - self._last_s, INTERRUPTION_S), time_s
         past = self._past
         if counts:
             past.append((time_s, squared, v))
@@ -153,6 +158,7 @@ class LiveGains:
     def _judge(
         self, trial: _GainTrial, time_s: float, squared: float, v: float, dt: float, *, counts: bool
     ) -> Sentence | None:
+        """Judge the change by one more command; return the sentence on its end, if it ends."""
         key = PREFIX + trial.move.name
         if not counts:
             self._revert(trial, time_s)
@@ -178,11 +184,13 @@ class LiveGains:
         return None
 
     def _revert(self, trial: _GainTrial, now_s: float) -> None:
+        """End the trial, and begin to change the gain back."""
         now = getattr(self.gains, trial.move.name)
         self._trial = None
         self._move = _GainRamp(trial.move.name, now, trial.move.old, now_s, BACK_S)
 
     def _step(self, time_s: float) -> GainStep | None:
+        """Return the gain of a change under way at ``time_s``; None without one."""
         move, gains = self._move, self.gains
         if move is None or gains is None:
             return None
@@ -192,7 +200,7 @@ class LiveGains:
         self.gains = msgspec.structs.replace(gains, **{move.name: value})
         return GainStep(move.name, value)
 
-    def _means(self) -> tuple[float, float]:
-        """Mean e² [m²] and mean V [m²/s²] of the time before the change."""
+    def _find_means(self) -> tuple[float, float]:
+        """Return the mean e² [m²] and the mean V [m²/s²] of the time before the change."""
         count = len(self._past)
         return sum(one[1] for one in self._past) / count, sum(one[2] for one in self._past) / count

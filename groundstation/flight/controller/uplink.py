@@ -12,7 +12,7 @@ from links.mavlink.protocol import ATTITUDE_HZ
 from links.text import to_ms
 
 INTERVAL_WEIGHT = 0.1
-"""Weight of each interval in its running mean [-]."""
+"""Weight of each interval in its running mean [-]. Chosen."""
 
 
 class CommandUplink:
