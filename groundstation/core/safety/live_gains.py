@@ -29,9 +29,9 @@ INTERRUPTION_S = 0.5
 """Interval of commands from which a flight counts as interrupted, and which counts for that long
 [s]. Chosen."""
 RMS_FACTOR = 1.5
-"""Factor on the RMS error above which a change is reverted [-]. Chosen: gusts come to less."""
+"""Factor on the RMS error above which a change is reverted [-]. Chosen."""
 V_FACTOR = 4.0
-"""Factor on the mean V above which a change is reverted [-]: V is a sum of squares. Chosen."""
+"""Factor on the mean V above which a change is reverted [-]. Chosen: V is a sum of squares."""
 STEP_FACTOR = 2.0
 """Largest factor of one change, up or down [-]. Chosen."""
 LIVE = ("k2", "k3", "kb", "k_yaw", "kappa", "k_omega")
