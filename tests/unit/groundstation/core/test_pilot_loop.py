@@ -1,6 +1,7 @@
 """The pilot in a loop with the model of a vehicle: the numbers of its flights.
 
-A change of how it flies changes them, and nothing else does.
+A change of how it flies changes them, and nothing else does:
+``python -m tests.unit.groundstation.core.test_pilot_loop`` prints those of today.
 """
 
 import math
@@ -204,3 +205,8 @@ position at lift-off [m]."""
 @pytest.mark.parametrize(("scene", "numbers"), FLIGHTS.values(), ids=FLIGHTS)
 def test_a_pilots_flights_have_these_numbers(scene: Scene, numbers: list[float]) -> None:
     assert flown(scene) == pytest.approx(numbers, rel=1e-5, abs=1e-12)
+
+
+if __name__ == "__main__":  # the numbers of today
+    for name, (scene, _) in FLIGHTS.items():
+        print(name, [float(f"{number:.6g}") for number in flown(scene)])
