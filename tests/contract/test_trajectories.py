@@ -4,6 +4,7 @@ import math
 from fractions import Fraction
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import assume, example, given, strategies as st
 
@@ -329,3 +330,24 @@ def test_a_bad_setting_is_refused_in_words(
 ) -> None:
     with pytest.raises(msgspec.ValidationError, match=words):
         msgspec.convert({"kind": kind, **settings}, TrajectoryConfig)
+
+
+def test_an_excitation_moves_each_axis_at_frequencies_of_its_own_and_equally_hard() -> None:
+    config, count = ExcitationConfig(highest_hz=8.0), 2000
+    trajectory = config.build()
+    seen = [trajectory.at(config.period_s * (1.0 + i / count)) for i in range(count)]
+    columns = np.array([[*one.acceleration_ned, one.yaw_rate_rad_s] for one in seen])
+    spectra = 2.0 / count * np.abs(np.fft.rfft(columns, axis=0)).T
+    multiples = [np.flatnonzero(axis > 1e-3) for axis in spectra]
+    assert [one.tolist() for one in multiples] == [
+        [8, 24, 40, 60, 76, 92, 108, 128, 144, 160],
+        [9, 25, 41, 57, 73, 93, 109, 125, 141, 157],
+        [10, 26, 42, 58, 74, 94, 110, 126, 142, 158],
+        [11, 27, 43, 59, 75],
+    ]
+    for axis, own in zip(spectra, multiples, strict=True):
+        assert axis[own] == pytest.approx(axis[own[0]])
+    hardest = max(math.hypot(*one.acceleration_ned) for one in seen)
+    assert hardest == pytest.approx(config.acceleration_m_s2, rel=0.01)
+    swing_rad = max(abs(one.yaw_rad) for one in seen)
+    assert math.degrees(swing_rad) == pytest.approx(config.yaw_swing_deg, rel=0.01)

@@ -25,6 +25,7 @@ from groundstation.core.geometry import (
     Vec3,
     add_scaled,
     rotate,
+    scale,
     so3,
     third_column,
 )
@@ -188,9 +189,9 @@ def test_a_push_is_never_tilted_beyond_its_limit_nor_upside_down(wanted: Vec3) -
 def test_indi_pushes_against_the_wind_that_the_observer_sees() -> None:
     gains = Indi(k_acceleration=0.0, actuator_compensation=False)
     decision = make_controller(gains, PLAIN).decide(
-        make_estimate(disturbance=(0.0, 0.0, 2.0)), HERE, 0.0
+        make_estimate(disturbance=(1.0, -0.5, 2.0)), HERE, 0.0
     )
-    assert decision.drive.thrust == pytest.approx(PLAIN.mass_kg * (G + 2.0))
+    assert decision.drive.thrust == pytest.approx(PLAIN.mass_kg * math.hypot(1.0, 0.5, G + 2.0))
 
 
 def test_l1_finds_an_unknown_push_and_counteracts_what_its_filter_lets_through() -> None:
@@ -202,11 +203,11 @@ def test_l1_finds_an_unknown_push_and_counteracts_what_its_filter_lets_through()
     phi = (1.0 - keep) / 2.0
     off = filtered = 0.0
     for k in range(120):
-        moving = make_estimate({"velocity": (k * h * sigma, 0.0, -2.0 * k * h * sigma)})
+        moving = make_estimate({"velocity": scale(k * h * sigma, (1.0, 0.5, -2.0))})
         seen = controller.decide(moving, HERE, h if k else 0.0).diagnostics.b_hat
         found = -keep / phi * off
         filtered += (1.0 - math.exp(-6.0 * h)) * (found - filtered) if k else 0.0
-        assert seen == pytest.approx((filtered, 0.0, -2.0 * filtered), abs=1e-9)
+        assert seen == pytest.approx(scale(filtered, (1.0, 0.5, -2.0)), abs=1e-9)
         off = keep * off + phi * found - h * sigma
     # What stays of it is the known share: e^(A_s T_s) T_s / Φ.
     assert filtered == pytest.approx(keep * h / phi * sigma, rel=1e-3)
