@@ -3,7 +3,6 @@
 from sim.radio.radio import (
     FAILSAFE_S,
     MODULE,
-    THROTTLE_DOWN,
     Failsafe,
     PtyWire,
     PulseReceiver,

@@ -376,7 +376,7 @@ def bridge_to(link: BridgeLinkConfig, radio: RfConfig, pty: PtyWire) -> "Bridge"
 FAILSAFE_S = 1.0
 """Time for which the receiver holds the last frame [s]."""
 THROTTLE_DOWN = 0.02
-"""Thrust up to this share counts as none, and lifts nothing [-]."""
+"""Thrust below this share counts as none."""
 DOWNLINK_S = 0.03
 """Latency of the downlink [s]: telemetry waits for slots of the radio."""
 GAP_FRAMES = 0.6

@@ -47,7 +47,6 @@ from groundstation.core.geometry import (
     to_body,
     to_world,
 )
-from links.core import signal
 from sim.world.world import World
 
 
@@ -98,6 +97,8 @@ class AirDrag(NamedTuple):
 NO_LAG_S = 1e-12
 """Added to every lag [s], so that a lag of 0 divides by no zero: far below any step, so it changes
 nothing."""
+TINY = 1e-30
+"""Added to a denominator that is 0 for a rotor at rest [-]."""
 SATURATED_SHARE = 1e-9
 """Thrust that saturation takes, as a share of a rotor's full one, above which the integral pauses
 [-]: above rounding."""
@@ -279,8 +280,17 @@ def describe_rotors(world: World) -> tuple[RotorFrame, RateLoopGains]:
 
 def begin_rotors(thrust: float, gains: RateLoopGains) -> Actuators:
     """Return rotors that give ``thrust`` [N] in all, and a rate loop without rates."""
-    speed = signal(0.25 * thrust / gains.full_n, gains.curve)
+    speed = _speed(0.25 * thrust / gains.full_n, gains.curve)
     return Actuators((speed, speed, speed, speed), RateLoop(thrust, ZERO, ZERO, ZERO, ZERO))
+
+
+def _speed(share: float, curve: float) -> float:
+    """Rotor speed n that gives ``share`` = f n² + (1 - f) n of the full thrust, f the ``curve``.
+
+    Apart from :func:`links.core.signal`, which flights of this plant prove.
+    """
+    straight = 1.0 - curve
+    return 2.0 * share / (straight + math.sqrt(straight * straight + 4.0 * curve * share) + TINY)
 
 
 def run_rate_loop(
@@ -314,7 +324,7 @@ def run_rate_loop(
     given = [min(max(one / full, 0.0), 1.0) for one in wanted]
     over = [abs(one - full * share) for one, share in zip(wanted, given, strict=True)]
     integrated_s = h if over[0] + over[1] + over[2] + over[3] <= SATURATED_SHARE * full else 0.0
-    front_right, rear_left, front_left, rear_right = (signal(share, gains.curve) for share in given)
+    front_right, rear_left, front_left, rear_right = (_speed(share, gains.curve) for share in given)
     integral = add_scaled(loop.integral, integrated_s, error)
     return RateLoop(thrust_command, rate_command, measured, slow, integral), (
         front_right,

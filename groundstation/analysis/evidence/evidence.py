@@ -576,8 +576,10 @@ def integrate_thrust(driven: DrivenFlight) -> Column:
     return np.concatenate([np.zeros((1, 3)), np.cumsum(h * speed + 0.5 * h * h * push, axis=0)])
 
 
+LEANS_S = 0.1
+"""Time over which an acceleration must show in the lean [s]."""
 LEANS_M_S2 = 0.5
-"""Least acceleration to a side that must show in the lean [m/s²], over ``2 BASE_S``."""
+"""Least such acceleration to a side [m/s²]."""
 LEANS = (0.2, 5.0)
 """On at least one axis the acceleration is between these shares of what the tilt gives, wind and
 drag included [-]."""
@@ -591,7 +593,7 @@ def doubt_attitude(driven: DrivenFlight) -> str:
     Empty where they can, or where hardly anything moves.
     """
     at_s, place = driven.at_s[driven.air], driven.place[driven.air]
-    k = max(1, round(2.0 * BASE_S / float(np.median(np.diff(at_s)))))
+    k = max(1, round(LEANS_S / float(np.median(np.diff(at_s)))))
     if len(at_s) < 4 * k:
         return ""
     spans = np.stack([at_s[k:-k] - at_s[: -2 * k], at_s[2 * k :] - at_s[k:-k]])[..., None]

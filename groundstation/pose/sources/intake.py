@@ -50,7 +50,6 @@ from groundstation.core.messages import (
     Sentence,
     notice,
 )
-from groundstation.core.safety import LATE_PERIODS
 from links.core import NEWS_S, UNIT_TOLERANCE
 from links.io import format_address
 
@@ -90,6 +89,8 @@ RATE_S = 2.0
 """Time over which the rate of the stamps is measured [s]; it is given from half of it on."""
 AVERAGED = 20
 """Number of messages over which the usual interval is averaged [-]."""
+GAP_INTERVALS = 2.5
+"""Stamps further apart than this many usual intervals are a gap [-]."""
 
 
 class StampedArrival(NamedTuple):
@@ -268,7 +269,7 @@ class SourceClock:
         """
         elapsed = stamps * self._scale.slope
         usual_s = self.interval_s
-        is_gap = 0.0 < LATE_PERIODS * usual_s < elapsed
+        is_gap = 0.0 < GAP_INTERVALS * usual_s < elapsed
         if is_gap and self.is_unsteady:
             self._line.best.clear()
             if elapsed - (arrival_s - self._arrival_s) > SLACK_S:
@@ -327,7 +328,7 @@ class SourceClock:
     def _count(self, elapsed_s: float, waited_s: float) -> None:
         if elapsed_s - waited_s > STEP_S:
             return
-        longest = LATE_PERIODS * self.interval_s
+        longest = GAP_INTERVALS * self.interval_s
         if self.interval_s == 0.0:
             self.interval_s = elapsed_s
             return

@@ -24,7 +24,7 @@ from links.core import TICK_S, Command, Segment, signal
 from links.mavlink import MavlinkLinkConfig
 from links.mavlink.protocol import MavlinkCodec
 from links.rf import Channels, RfLinkConfig
-from sim.radio import MODULE, THROTTLE_DOWN
+from sim.radio import MODULE
 from sim.time import Address
 from sim.world import Quadrotor
 from tests.proving.faults.fault import (
@@ -136,6 +136,8 @@ class Truth:
 OVER = 1.03
 """Share of the true thrust in the wind up to which a thrust counts as hovering [-]: it is known so
 well."""
+LIFTS = 0.01
+"""A smaller share of the thrust lifts nothing."""
 
 
 class Thrust:
@@ -170,7 +172,7 @@ class Thrust:
         """A command leaves."""
         if self._over:
             return
-        if signal > THROTTLE_DOWN:
+        if signal > LIFTS:
             self.last_lift_s = time_s
         self._close(time_s)
         if time_s >= self.answered_s:
@@ -607,7 +609,7 @@ class WireJudge:
             pairs = zip((thrust, *rates), (share, *due.rates_rad_s), strict=True)
             if all(abs(a - b) < AGREES for a, b in pairs):
                 return
-        if thrust > THROTTLE_DOWN:
+        if thrust > LIFTS:
             self._say(f"a command left at {time_s:.3f} s that was not due then")
 
     def _radio(self, time_s: float, data: bytes) -> None:
@@ -619,7 +621,7 @@ class WireJudge:
                 continue
             sticks = channels.read(heard.positions)
             self._thrust.command(time_s, sticks.thrust_n if sticks.armed else 0.0)
-            lifts = sticks.armed and sticks.thrust_n > THROTTLE_DOWN
+            lifts = sticks.armed and sticks.thrust_n > LIFTS
             if lifts and not any(_due(command, time_s - lead_s) for command in self._commands):
                 self._say(f"a frame that lifts left at {time_s:.3f} s, and no command was due then")
 
