@@ -124,3 +124,11 @@ async def test_the_quaternion_is_asked_for_and_the_angles_are_stopped(
     await link.connect()
     asked = {m.param1: m.param2 for m in autopilot.of("COMMAND_LONG")}
     assert (asked[30.0], asked[31.0]) == (-1.0, 20_000.0)
+
+
+@scene(connect=False)
+async def test_unless_it_is_to_be_quiet_no_message_is_stopped(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    await link.connect()
+    assert -1.0 not in {m.param2 for m in autopilot.of("COMMAND_LONG")}

@@ -121,6 +121,13 @@ def test_blind_it_brakes_a_climb_of_the_model_and_pulls_no_more_than_so_far(
     )
 
 
+@pytest.mark.parametrize(("climbs_m_s", "longest_s"), [(2.0, 3.57898), (-3.0, 2.42857)])
+def test_a_blind_descent_from_one_metre_may_last_so_long(
+    climbs_m_s: float, longest_s: float
+) -> None:
+    assert blind_descent_limit_s(1.0, climbs_m_s, G) == pytest.approx(longest_s, rel=1e-5)
+
+
 @pytest.mark.parametrize("climbs_m_s", [-0.5, 0.0, 0.3, 0.6, 1.3, 2.0])
 @pytest.mark.parametrize("height_m", [0.1, 0.3, 0.6, 1.0, 2.0, 3.0])
 def test_blind_its_motors_stop_no_higher_by_its_model_than_a_fall_of_a_third_of_a_metre(

@@ -155,6 +155,17 @@ def test_slow_attitudes_are_compared_as_soon_as_a_later_pose_is_there() -> None:
     assert witness.verdict(3.51 + 0.61) is None
 
 
+def test_attitudes_wait_for_their_poses_and_older_ones_are_ignored() -> None:
+    witness, newest_s = Witness(), 0.07
+    for at_s in (0.03, 0.05, 0.05, 0.04, newest_s):
+        witness.add_attitude(told(at_s, ZERO))
+    for n in range(5):
+        witness.add_pose(Pose(n, n * POSE_S, n * POSE_S, ZERO, IDENTITY))
+    witness.pair_up()
+    assert witness.verdict(newest_s + 0.59) is not None
+    assert witness.verdict(newest_s + 0.61) is None
+
+
 def test_a_disagreement_that_lasts_is_told_once_and_again_after_an_agreement() -> None:
     witness, told_s = Witness(), list[float]()
     witness.arm()
