@@ -77,9 +77,9 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
         )
 
 
-UNIT_TOLERANCE = 0.01
-"""Largest difference from 1 of a unit quaternion's length, and from a rotation of a matrix [-]:
-printed numbers are rounded."""
+UNIT_TOLERANCE = 1e-3
+"""Largest difference from 1 of a unit quaternion's length, and from a rotation of a matrix [-];
+32-bit floats leave it within 1e-6."""
 
 
 def from_euler_zyx(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

@@ -144,8 +144,8 @@ KNOWN = (
 """Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS."""
 STILL = _MOVES | EstimatorFlag.HEIGHT_ABSOLUTE | EstimatorFlag.CONSTANT_POSITION
 """ESTIMATOR_STATUS flags of a real autopilot without GPS: its position counts as constant."""
-SHORTEST_US = 4000.0
-"""Shortest interval of a message [µs]; ArduPilot says so, where less is asked for."""
+SHORTEST_S = 0.001
+"""Shortest interval of a message [s]."""
 
 _UNKNOWN = (math.nan,) * 21
 """Covariance that is not sent."""
@@ -179,7 +179,7 @@ class Streams:
         if interval_us == 0.0:
             interval = self._defaults[number]
         else:
-            interval = max(interval_us, SHORTEST_US) * 1e-6 if interval_us > 0.0 else math.inf
+            interval = max(interval_us * 1e-6, SHORTEST_S) if interval_us > 0.0 else math.inf
         self._intervals[number] = interval
         self._due.pop(number, None)
         if interval < math.inf:

@@ -40,7 +40,7 @@ from enum import IntEnum
 from typing import ClassVar
 
 from links.mavlink.protocol import ARDUPILOT, PX4, MavResult, MavSeverity
-from sim.autopilots.autopilot import SHORTEST_US, SetPoint, SimulatedAutopilot, rates_or_zero
+from sim.autopilots.autopilot import SetPoint, SimulatedAutopilot, rates_or_zero
 from sim.autopilots.onboard_pilots import Climb, Descend, HoldAttitude
 from sim.autopilots.parameters import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 
@@ -55,6 +55,8 @@ class CopterMode(IntEnum):
 
 
 FOLLOWING = (CopterMode.GUIDED, CopterMode.GUIDED_NOGPS)
+SHORTEST_US = 4000.0
+"""Shortest interval of a message [µs]."""
 ARMING_DELAY_S = 2.4
 """Time between arming and the first turn of the rotors [s]: 2 s (ARMING_DELAY_SEC of ArduCopter's
 config.h), on a slow clock."""
@@ -183,6 +185,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
                 MavSeverity.INFO,
                 f"SET_MESSAGE_INTERVAL: {1e6 / interval_us:.0f} Hz is too fast, 250 Hz it is",
             )
+            interval_us = SHORTEST_US
         return MavResult.ACCEPTED if self._streams.set(
             number, interval_us, now_s
         ) else MavResult.DENIED, said

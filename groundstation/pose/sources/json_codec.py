@@ -19,12 +19,13 @@ import msgspec
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose.sources.intake import Intake, PoseReader
-from links.core import UNIT_TOLERANCE
 
 MAX_DATAGRAM = 4096
 """Longest datagram that is read [bytes]."""
 MAX_NAME = 64
 """Longest name [characters]."""
+ROUNDING = 0.01
+"""Largest difference from 1 of a quaternion's length: printed numbers are rounded."""
 
 _Name = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)]
 
@@ -174,7 +175,7 @@ def _unit(given: tuple[float, float, float, float] | NamedQuaternion) -> Quat | 
         (given.w, given.x, given.y, given.z) if isinstance(given, NamedQuaternion) else given
     )
     length = math.hypot(w, x, y, z)
-    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+    if not abs(length - 1.0) <= ROUNDING:
         return None
     return (w / length, x / length, y / length, z / length)
 

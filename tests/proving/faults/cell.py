@@ -28,7 +28,6 @@ from groundstation.core.mission import State
 from groundstation.flight import Give, make_flight
 from groundstation.recording import Record
 from links.core import BRING_DOWN_LIMIT_S, thrust as thrust_of
-from links.mavlink import HEARTBEAT_S
 from sim.autopilots import Px4Autopilot
 from sim.radio import FAILSAFE_S
 from sim.runs import LIMIT_S, MISSION_CONFIRM_S, Stage, confirm_at, from_floor
@@ -48,7 +47,6 @@ from tests.proving.faults.fault import (
 )
 from tests.proving.faults.faults import find_fault
 from tests.proving.faults.judge import (
-    ACKNOWLEDGED_S,
     AUTOPILOT_LANDS,
     JUDGED_S,
     Observations,
@@ -87,6 +85,8 @@ STILL_SHARE = 0.05
 """Motors that give less than this share of the weight are off [-]."""
 BLIND_S = 0.2
 """Beside the limits that are told: age of the last true pose, and rounding [s]."""
+HEARTBEAT_S = 1.1
+"""An autopilot tells of its mode once a second."""
 
 
 class NotReached(Exception):
@@ -361,10 +361,9 @@ class DeckFlight:
             return wire.wrong
         most_s = config.flight.coast_s + config.guards.level_s + BRING_DOWN_LIMIT_S + BLIND_S
         lifted_s = self._thrust.last_lift_s - struck_s
-        told_s = HEARTBEAT_S + ACKNOWLEDGED_S  # an autopilot tells of its mode once a second
         if self._fault.poses is Poses.GONE and self._thrust.last_lift_s > struck_s + most_s:
             return f"a command that lifts left {lifted_s:.2f} s after the last true pose"
-        if self._fault.silences and wire.last_s > struck_s + told_s and MOMENTS[state].flying:
+        if self._fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
             return f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
         return ""
 

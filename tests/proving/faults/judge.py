@@ -20,7 +20,7 @@ from groundstation.core.messages import IdleRecord, TickRecord
 from groundstation.core.mission import State
 from groundstation.recording import Record
 from groundstation.settings import Config
-from links.core import TICK_S, Command, Segment, signal
+from links.core import Command, Segment, signal
 from links.mavlink import MavlinkLinkConfig
 from links.mavlink.protocol import MavlinkCodec
 from links.rf import Channels, RfLinkConfig
@@ -549,6 +549,8 @@ def _judge_push(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
 
 AGREES = 2e-6
 """32-bit floats agree so well with what they were made of [-]."""
+INSTANT_S = 2e-6
+"""Timers fire up to a clock's tick early or late [s]."""
 
 
 class WireJudge:
@@ -601,7 +603,7 @@ class WireJudge:
             self._say(f"a number that is not finite left at {time_s:.3f} s")
         self._thrust.command(time_s, thrust)
         # At the very border of two parts either may be meant.
-        borders = (time_s - 2.0 * TICK_S, time_s + 2.0 * TICK_S)
+        borders = (time_s - INSTANT_S, time_s + INSTANT_S)
         for due in {_due(command, at_s) for command in self._commands for at_s in borders}:
             if due is None:
                 continue
