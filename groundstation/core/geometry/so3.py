@@ -44,6 +44,7 @@ class Ops:
         cos: Callable[[Real], Real],
         asinh: Callable[[Real], Real],
         atan2: Callable[[Real, Real], Real],
+        degrees: Callable[[Real], Real],
         where: Callable[[Any, Real, Real], Real],
         clamp: Callable[[Real, Real, Real], Real],
     ) -> None:
@@ -57,6 +58,7 @@ class Ops:
         self.cos = cos
         self.asinh = asinh
         self.atan2 = atan2
+        self.degrees = degrees
         self.where = where
         self.clamp = clamp
 
@@ -68,6 +70,7 @@ FLOATS = Ops(
     cos=math.cos,
     asinh=math.asinh,
     atan2=math.atan2,
+    degrees=math.degrees,
     where=_where,
     clamp=_clamp,
 )
@@ -85,6 +88,7 @@ def arrays() -> Ops:
         cos=np.cos,
         asinh=np.arcsinh,
         atan2=np.arctan2,
+        degrees=np.degrees,
         where=where,
         clamp=lambda value, low, high: np.minimum(np.maximum(value, low), high),
     )

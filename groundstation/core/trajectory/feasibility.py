@@ -83,9 +83,9 @@ def compute_demand(motion: PathMotion, gravity: float, ops: Ops = FLOATS) -> Mot
     return MotionDemand(
         sqrt(u * u + v * v + w * w),
         sqrt(x * x + y * y + z * z),
-        _DEGREES * ops.atan2(sqrt(a * a + b * b), c),
+        ops.degrees(ops.atan2(sqrt(a * a + b * b), c)),
         strength,
-        (_DEGREES * p, _DEGREES * q, _DEGREES * r),
+        (ops.degrees(p), ops.degrees(q), ops.degrees(r)),
     )
 
 
@@ -176,10 +176,6 @@ def _rates(axis: Vec3, jerk: Vec3, yaw: Real, yaw_rate: Real, strength: Real, op
     sin_roll, cos_roll = w / cos_pitch, c / cos_pitch
     cos_roll = where(abs(cos_roll) < 1e-6, 1e-6, cos_roll)
     return roll, pitch, (cos_pitch * yaw_rate - sin_roll * pitch) / cos_roll
-
-
-_DEGREES = 180.0 / math.pi
-"""Degrees in a radian."""
 
 
 STEP_S = 0.01
