@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from links.io import read_key
-from links.mavlink.protocol import TICKS_PER_S, Signer
+from links.mavlink.protocol import LAST_STAMP, TICKS_PER_S, Signer
 from links.text import link_notice
 
 _EPOCH = datetime(2015, 1, 1, tzinfo=UTC)
@@ -43,6 +43,8 @@ class StampFile:
         now = int((datetime.now(UTC) - _EPOCH).total_seconds() * TICKS_PER_S)
         try:
             kept = int(self._path.read_text("ascii"))
+            if not 0 <= kept < LAST_STAMP:
+                raise ValueError(f"{kept} is not from 0 to {LAST_STAMP - 1}")
         except FileNotFoundError:
             kept = 0
         except (OSError, ValueError) as error:

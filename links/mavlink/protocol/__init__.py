@@ -55,7 +55,7 @@ from links.mavlink.protocol.procedures import (
     landing_disarmed,
 )
 from links.mavlink.protocol.senders import OtherTraffic, TargetSenders
-from links.mavlink.protocol.signing import TICKS_PER_S, Signer
+from links.mavlink.protocol.signing import LAST_STAMP, TICKS_PER_S, Signer
 from links.mavlink.protocol.timesync import (
     ATTITUDE_HZ,
     ATTITUDES,

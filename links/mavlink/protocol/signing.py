@@ -22,6 +22,8 @@ from pymavlink.dialects.v20 import minimal
 
 TICKS_PER_S = 100_000
 """Units of the time stamp in a second."""
+LAST_STAMP = 2**48 - 1
+"""Largest time stamp of a signature: it has 48 bits (MAVLink 2)."""
 
 
 class Signer:

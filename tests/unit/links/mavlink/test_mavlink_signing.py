@@ -213,9 +213,12 @@ def test_after_a_restart_no_stamp_is_used_again_even_if_the_clock_was_set_back(
     assert stamps.first() == now + 1_000_000_001
 
 
-def test_a_damaged_stamp_is_told_of(tmp_path: Path) -> None:
+@pytest.mark.parametrize("text", ["yesterday", "", "-1", "281474976710655"])
+def test_a_damaged_stamp_is_told_of_also_one_that_no_stamp_of_48_bits_can_follow(
+    tmp_path: Path, text: str
+) -> None:
     path = key_file(tmp_path, KEY)
-    (tmp_path / "key.stamp").write_text("yesterday")
+    (tmp_path / "key.stamp").write_text(text)
     with pytest.raises(ValueError, match="remove it"):
         StampFile(path).first()
 
