@@ -82,7 +82,7 @@ class Recording:
         self.about: dict[str, str] = {}
         """The first record (records.About), and versions; every value as text."""
         self.result: dict[str, str] = {}
-        """The headline (headline.Headline) as text; empty until the end was read."""
+        """The headline (headline.FlightHeadline) as text; empty until the end was read."""
         self.whole = False
         """True once the end was read and nothing was damaged."""
         self.damaged_at: int | None = None
@@ -190,7 +190,7 @@ def quick_headline(path: Path) -> tuple[dict[str, str], FlightHeadline, bool]:
     Nothing between is read: damage there shows in whatever reads the messages.
 
     Raises:
-        NoRecording, OSError: see :class:`RecordedVehicle`.
+        NoRecording, OSError: see :class:`Recording`.
     """
     from mcap.reader import make_reader
 

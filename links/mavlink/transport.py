@@ -178,7 +178,7 @@ SERIAL_QUEUE_S = 0.02
 
 
 class SerialTransport(StreamTransport):
-    """Serial port. Implements :class:`links.io.wires.PortProtocol`."""
+    """Serial port, opened by :meth:`links.io.wires.Network.open_serial`."""
 
     def __init__(self, baud: int, owner: "ReconnectingTransport") -> None:
         super().__init__(owner)

@@ -1,6 +1,7 @@
 """A folder is a room, and others ask for what is in it through its ``__init__`` alone."""
 
 import ast
+import re
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -125,6 +126,29 @@ def test_a_name_is_handed_on_only_where_somebody_asks_for_it() -> None:
         if path.suffix in (".py", ".md") and "proving" not in path.relative_to(ROOT).parts
     )
     assert {(face, name) for face, name in idle if name not in outside} == set()
+
+
+def defined(tree: ast.AST) -> Iterator[str]:
+    """Names of classes, functions, constants and attributes that a module defines."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node.name
+        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.id if isinstance(node, ast.Name) else node.attr
+
+
+def test_a_docstring_refers_to_what_is_there() -> None:
+    known = {name for module in FILES for name in defined(parse(module))}
+    known |= {module.rpartition(".")[2] for module in FILES}
+    past = set()
+    for module, path in FILES.items():
+        for target in re.findall(
+            r":(?:class|meth|func|data|attr):`([^`]+)`", path.read_text("utf-8")
+        ):
+            first, *more = target.split(".")
+            if (not more and first not in known) or (first in ROOTS and not known.issuperset(more)):
+                past.add((module, target))
+    assert past == set()
 
 
 def test_what_does_no_io_does_none_through_the_faces_that_it_asks() -> None:

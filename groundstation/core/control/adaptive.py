@@ -138,7 +138,7 @@ class Adaptive:
 
     State: b̂, and what came before: d̂, the reference's jerk.
 
-    With ``ARRAYS`` for ``ops`` one object flies N vehicles of one configuration: all numbers have
+    With ``arrays()`` for ``ops`` one object flies N vehicles of one configuration: all numbers have
     shape (N,).
     """
 

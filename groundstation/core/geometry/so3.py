@@ -4,7 +4,7 @@ A quaternion (w, x, y, z) turns body vectors into world vectors: v_world = R(q) 
 
 Control code is straight-line and elementwise: it uses + - * /, comparisons, and the functions of
 :class:`Ops`. Called with ``FLOATS`` it flies one vehicle in plain floats (several times faster than
-small arrays); called with ``ARRAYS`` the same source flies N vehicles, each number being an array
+small arrays); called with ``arrays()`` the same source flies N vehicles, each number being an array
 of shape (N,). Both sides of a ``where`` are evaluated, so both must be safe to compute.
 """
 
@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 from links.core import from_euler_zyx as from_euler_zyx  # noqa: PLC0414  # one of the rotations here
 
 Real: TypeAlias = float
-"""A float, or, under ``ARRAYS``, a numpy array of shape (N,) of float64."""
+"""A float, or, under ``arrays()``, a numpy array of shape (N,) of float64."""
 
 Vec3: TypeAlias = tuple[Real, Real, Real]
 """Three components along x, y, z of the frame that the name tells."""

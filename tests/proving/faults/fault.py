@@ -57,7 +57,7 @@ class Kind(StrEnum):
     """Rule by which the rows of a family are judged."""
 
     REQUIRED = "required"
-    """False or missing poses: :data:`judge.REQUIRED_SHARE` of the cells are within the limits."""
+    """False or missing poses: :data:`REQUIRED_SHARE` of the cells are within the limits."""
     KNOWN_LIMIT = "known limit"
     """False poses that are found late or never: wider limits, and a smaller share of the cells."""
     HONEST = "honest"
