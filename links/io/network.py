@@ -25,7 +25,7 @@ def parse_address(text: str, key: str = "") -> tuple[str, int]:
     if (
         found is None
         or not 1 <= int(found["port"]) <= 65535
-        or not (found["host"] or _is_ipv6(found["ipv6"]))
+        or not (_is_name(found["host"]) if found["host"] else _is_ipv6(found["ipv6"]))
     ):
         says = link_notice("address.none", found=text)
         raise ValueError(f"{key}: {says}" if key else says)
@@ -56,6 +56,15 @@ def is_loopback(host: str) -> bool:
 def remote_setting(key: str, address: str) -> str | None:
     """Return ``key = address`` where the address may be another machine's; None on loopback."""
     return None if is_loopback(parse_address(address)[0]) else f"{key} = {address}"
+
+
+def _is_name(host: str) -> bool:
+    """Return whether ``host`` can be looked up: its labels have 1 to 63 characters (RFC 1035)."""
+    try:
+        host.encode("idna")
+    except UnicodeError:
+        return False
+    return True
 
 
 def _is_ipv6(host: str) -> bool:

@@ -259,18 +259,19 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
         """Key with the address of the autopilot."""
         return (
             "serial"
-            if self.serial
+            if self.serial is not None
             else "tcp"
-            if self.tcp
+            if self.tcp is not None
             else "remote"
-            if self.remote
+            if self.remote is not None
             else "listen"
         )
 
     @property
     def endpoint(self) -> str:
         """The configured address, host:port, or the serial port."""
-        return self.serial or self.tcp or self.remote or self.listen or DEFAULT_LISTEN
+        endpoint: str | None = getattr(self, self.address_key)
+        return DEFAULT_LISTEN if endpoint is None else endpoint
 
     @property
     def destination(self) -> str:

@@ -312,6 +312,7 @@ def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(
         ({"listen": "127.0.0.1:14540", "remote": "127.0.0.1:14580"}, "exclude each other"),
         ({"tcp": "a:1", "serial": "/dev/x"}, "tcp and serial exclude each other"),
         ({"listen": "a:1", "tcp": "b:1"}, "listen and tcp exclude each other"),
+        ({"tcp": ""}, "tcp: '' is not an address"),
         ({"bring_down": "land", "ardupilot_mode": "GUIDED_NOGPS"}, "position estimate on board"),
         ({"tcp": "nowhere"}, "is not an address"),
         ({"listen": "nowhere"}, "is not an address"),
