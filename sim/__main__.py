@@ -377,7 +377,7 @@ MOVED = {
     name.removeprefix("dev "): name for name in COMMANDS["commands"] if name.startswith("dev ")
 } | {
     "honest": "dev faults --kind honest",
-    "bring-down": "dev faults --fault dropout",
+    "bring-down": "dev faults --fault dropout --set link.bring_down=rates",
     "states": "dev reference",
 }
 """Spelling of a command without ``dev``, or of one that has gone → its name today."""
