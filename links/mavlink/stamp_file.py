@@ -44,7 +44,9 @@ class StampFile:
         try:
             kept = int(self._path.read_text("ascii"))
             if not 0 <= kept < LAST_STAMP:
-                raise ValueError(f"{kept} is not from 0 to {LAST_STAMP - 1}")
+                raise ValueError(
+                    link_notice("mavlink.stamp_range", stamp=kept, last=LAST_STAMP - 1)
+                )
         except FileNotFoundError:
             kept = 0
         except (OSError, ValueError) as error:

@@ -116,6 +116,7 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
         "mavlink.port_stuck", "the port takes nothing any more", "check flow control and wiring"
     ),
     NoticeTemplate("mavlink.port_gone", "the port is gone ({why})"),
+    NoticeTemplate("mavlink.stamp_range", "{stamp} is not from 0 to {last}"),
     NoticeTemplate(
         "mavlink.stamp_unread", "cannot read the newest time stamp in {path} ({why}): remove it"
     ),

@@ -46,7 +46,7 @@ CELLS = [
     ("motors: 70 %", "take-off", "landing"),
     ("controller exception", "landing", "aborted"),
     ("SIGTERM", "descent", "flies on"),
-    ("frame loss", "tracking", "autopilot lands → handed_over"),
+    ("frame loss", "tracking", "autopilot lands → landing"),
     ("estimator reset", "tracking", "flies on"),
     ("wireless", "moving", "flies on"),
     ("stamps off: 5 ms", "hold", "flies on"),

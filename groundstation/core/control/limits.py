@@ -8,7 +8,7 @@ more. A profile lists the limits of its phases, in their order
 Half and double of a constant were flown by `groundstation-sim dev faults paper`: of a share of the
 hover thrust its difference from 1, of a cosine its angle. The cells, as they are: *mirrored*,
 `--fault "mirrored: x" --state start`, 1.47 m aside; *load*, `--fault "load dropped" --state
-take-off`, 0.41 m up; *gust*, `--fault gust --state landing`, 0.20 m aside; *answers*, `--fault "one
+take-off`, 0.12 m up; *gust*, `--fault gust --state landing`, 0.20 m aside; *answers*, `--fault "one
 way silent: answers"`, `--state tracking` 0.90 m aside, `--state hold` meets the floor at 0.58 m/s.
 """
 
@@ -43,8 +43,9 @@ FIRST_CLIMB_COSINE = math.cos(math.radians(30.0))
 it holds against a disturbance of 5.7 m/s². Half: mirrored 1.11 m; double: 1.75 m."""
 LEAST_THRUST_SHARE = 0.7
 """Least thrust in transit, climb and landing as a share of the hover thrust [-]: the vehicle falls
-at .3 g at most, and thrust may still become low enough for touchdown.LOW_SHARE. Half: load 1.48 m,
-and the flight ends; double: 0.11 m."""
+at .3 g at most, and thrust may still become low enough for touchdown.LOW_SHARE. Half: load 0.17 m,
+`--fault "late: 200 ms" --state landing` meets the floor at 0.46 m/s, for 1.41 m/s; double: 0.10 m,
+0.94 m/s."""
 TRANSIT_COSINE = math.cos(math.radians(40.0))
 """Cosine of the largest tilt in transit, climb and landing [-]: it holds against a disturbance of 8
 m/s², and follows a mirrored position at .84 g at most. Half: gust 0.92 m; double: no change."""
@@ -166,11 +167,10 @@ class ThrustLimit(Limit):
         """Return ``drive`` with thrust between both bounds; see :class:`Limit`."""
         down_m_s2, cosine = now.mean_disturbance[2], now.least_cosine
         per_m_s2 = self._vehicle.mass_kg / now.estimate.effectiveness
-        # A downward gust may be over by now: its mean would hold the vehicle up.
-        least = min(
-            LEAST_THRUST_SHARE * per_m_s2 * (self._gravity + min(down_m_s2, 0.0)),
-            self._vehicle.thrust_max_n,
-        )
+        # By the present disturbance: the mean follows a hand that lifts the vehicle too late, and a
+        # downward gust, which may be over by now, would hold it up.
+        lifted_m_s2 = self._gravity + min(now.estimate.disturbance[2], 0.0)
+        least = min(LEAST_THRUST_SHARE * per_m_s2 * lifted_m_s2, self._vehicle.thrust_max_n)
         # The horizontal acceleration is no larger than at the tilt limit in level flight.
         across = math.hypot(*third_column(now.estimate.motion.attitude)[:2]) * cosine
         hover_n = per_m_s2 * (self._gravity + down_m_s2)
