@@ -16,8 +16,7 @@ from groundstation.core.pilot import Pilot
 from groundstation.flight.controller import LAST_CHANCE_S, FlightController
 from groundstation.flight.preflight import FlightEnded
 from groundstation.machine import wake
-from links.core import STALL_S, TICK_S, Command, CommandLink, LinkError, Phase
-from links.mavlink.protocol import DISARM_S
+from links.core import DISARM_S, STALL_S, TICK_S, Command, CommandLink, LinkError, Phase
 from links.text import to_ms
 
 

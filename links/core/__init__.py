@@ -3,6 +3,7 @@
 from links.core.deadman import (
     BRING_DOWN_LIMIT_S,
     DEADLINE_LIMIT_S,
+    DISARM_S,
     LOOK_S,
     NEWS_S,
     REOPEN_S,

@@ -536,6 +536,9 @@ one is lost."""
 UPLINK_LOST_S = 0.5
 """Delay of an acknowledgement beyond the usual round trip from which the uplink is lost [s]: the
 operator is informed, and the vehicle descends."""
+DISARM_S = 10.0
+"""A vehicle on the ground must be disarmed within this time [s], as we ask for it or by mode LAND:
+the autopilot must first detect the landing."""
 LOOK_S = 0.01
 """Period at which a state is read that nobody announces [s]: a step of a hand-shake, an input, the
 sign of life of a pacer."""

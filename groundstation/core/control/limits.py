@@ -169,8 +169,8 @@ class ThrustLimit(Limit):
         per_m_s2 = self._vehicle.mass_kg / now.estimate.effectiveness
         # By the present disturbance: the mean follows a hand that lifts the vehicle too late, and a
         # downward gust, which may be over by now, would hold it up.
-        lifted_m_s2 = self._gravity + min(now.estimate.disturbance[2], 0.0)
-        least = min(LEAST_THRUST_SHARE * per_m_s2 * lifted_m_s2, self._vehicle.thrust_max_n)
+        weight_m_s2 = self._gravity + min(now.estimate.disturbance[2], 0.0)
+        least = min(LEAST_THRUST_SHARE * per_m_s2 * weight_m_s2, self._vehicle.thrust_max_n)
         # The horizontal acceleration is no larger than at the tilt limit in level flight.
         across = math.hypot(*third_column(now.estimate.motion.attitude)[:2]) * cosine
         hover_n = per_m_s2 * (self._gravity + down_m_s2)

@@ -71,9 +71,8 @@ from groundstation.machine import (
 from groundstation.recording import END_S
 from groundstation.runtime import Exit, __version__
 from groundstation.settings import Config
-from links.core import LinkError
+from links.core import DISARM_S, LinkError
 from links.io import make_child_command
-from links.mavlink.protocol import DISARM_S
 
 
 def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -> Exit:

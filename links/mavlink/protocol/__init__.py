@@ -30,7 +30,6 @@ from links.mavlink.protocol.codec import (
 from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
 from links.mavlink.protocol.odometry_codec import Odometry, encode_odometry, encode_origin
 from links.mavlink.protocol.procedures import (
-    DISARM_S,
     MULTIROTORS,
     STREAM_S,
     WHOLE_BITS,

@@ -42,7 +42,7 @@ from enum import IntEnum, IntFlag
 from itertools import islice
 from typing import NamedTuple, Protocol
 
-from links.core import LinkError, LinkLost, LinkRejected
+from links.core import DISARM_S, LinkError, LinkLost, LinkRejected
 from links.mavlink.protocol.autopilot_state import ESTIMATE, ESTIMATE_HZ, Words
 from links.mavlink.protocol.codec import (
     ARDUPILOT,
@@ -659,9 +659,6 @@ STREAM_S = 1.2
 ARMING_DELAY_S = 2.5
 """ArduCopter's rotors turn by then after it was armed [s]: 2 s (ARMING_DELAY_SEC in its config.h),
 on a slow clock."""
-DISARM_S = 10.0
-"""A vehicle on the ground must be disarmed within this time [s], as we ask for it or by mode LAND:
-the autopilot must first detect the landing."""
 
 FOLLOWING_MODES = {"OFFBOARD": (1.0, 6.0), "GUIDED": (1.0, 4.0), "GUIDED_NOGPS": (1.0, 20.0)}
 """Modes that follow set-points, PX4's and ArduPilot's: parameters of MavCommand.DO_SET_MODE."""

@@ -18,7 +18,9 @@ from groundstation.core.pilot import Pilot
 from groundstation.core.trajectory import LemniscateConfig
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
 
-G, PERIOD_S, COAST_S = 9.81, 0.02, 0.25
+G = 9.81
+PERIOD_S = 0.02
+COAST_S = 0.25
 LATE = Vehicle(command_delay_s=PERIOD_S, rate_delay_s=PERIOD_S)
 SPOOLED_UP = 20
 LIFT_OFF = 35
@@ -30,7 +32,7 @@ NEVER = (math.inf, math.inf)
 
 
 class Scene(NamedTuple):
-    """From when to when something is wrong [s]."""
+    """Spans of a flight in which something is wrong [s]."""
 
     frozen_s: Span = NEVER
     """The poses' positions stay the same."""
