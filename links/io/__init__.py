@@ -11,6 +11,7 @@ from links.io.wires import (
     Sleep,
     advise_on_address,
     discard,
+    explain_error,
     is_pseudo_terminal,
     open_port,
     waiting,

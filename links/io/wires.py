@@ -17,6 +17,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import re
 import socket
 import struct
 import termios
@@ -92,6 +93,12 @@ def _advice(error: OSError) -> str:
         case errno.ENOTTY:
             return link_notice("port.not_serial").text
     return error.strerror or str(error)
+
+
+def explain_error(error: OSError) -> str:
+    """Return the system's words for ``error``; asyncio has others for a refused connection."""
+    refused = re.search(r"\[Errno (\d+)\] Connect call failed", str(error))
+    return os.strerror(int(refused[1])) if refused else error.strerror or str(error)
 
 
 def discard(fd: int, which: int = termios.TCOFLUSH) -> None:

@@ -7,7 +7,6 @@ end has acknowledged and not read yet is out of our hands: prefer UDP where ther
 """
 
 import asyncio
-import os
 import socket
 import struct
 from collections import Counter, deque
@@ -16,18 +15,16 @@ from errno import EADDRINUSE
 from typing import Any
 
 from links.core import REOPEN_S, STUCK_S, LinkError, LinkLost
-from links.io import NETWORK, Datagrams, advise_on_address, parse_address, waiting
+from links.io import (
+    NETWORK,
+    Datagrams,
+    advise_on_address,
+    explain_error,
+    parse_address,
+    waiting,
+)
 from links.mavlink.protocol import MavlinkLinkConfig
 from links.text import Sentence, link_notice
-
-
-def _describe(error: OSError) -> str:
-    """Return the system's words for ``error``; asyncio has others for a refused connection."""
-    return (
-        os.strerror(error.errno)
-        if isinstance(error, ConnectionError) and error.errno
-        else error.strerror or str(error)
-    )
 
 
 class UdpTransport(asyncio.DatagramProtocol):
@@ -253,7 +250,7 @@ async def open_wire(config: MavlinkLinkConfig, owner: "ReconnectingTransport") -
 
 def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> Sentence:
     """Return why the wire can't be opened, and what to do."""
-    endpoint, why = config.endpoint, _describe(error)
+    endpoint, why = config.endpoint, explain_error(error)
     if config.address_key == "remote" and error.errno == EADDRINUSE:
         return link_notice(
             "mavlink.local_port_taken", endpoint=endpoint, why=why, port=config.local_address[1]
@@ -360,7 +357,7 @@ class ReconnectingTransport:
                 self.wire = await open_wire(self._config, self)
             except OSError as error:
                 self._on_news(
-                    _describe_loss(f"cannot open {self._config.endpoint} ({_describe(error)})")
+                    _describe_loss(f"cannot open {self._config.endpoint} ({explain_error(error)})")
                 )
         self._on_news(link_notice("mavlink.wire_back").text)
 

@@ -9,7 +9,7 @@ from io import DEFAULT_BUFFER_SIZE
 from typing import Any, Self
 
 from links.core import LinkError, LinkLost, LinkRejected
-from links.io import NETWORK, parse_address
+from links.io import NETWORK, explain_error, parse_address
 from links.rf.betaflight_codec import (
     PROMPT,
     VARIANT,
@@ -78,7 +78,7 @@ class Board:
             except (LinkLost, OSError) as error:
                 self._cut()
                 if loop.time() > until:
-                    why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
+                    why = explain_error(error) if isinstance(error, OSError) else str(error)
                     raise LinkLost(
                         link_notice(
                             "board.port", port=self.port, why=why.removeprefix(f"{self.port}: ")

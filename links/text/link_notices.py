@@ -86,7 +86,7 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "mavlink.silent",
         "no HEARTBEAT of MAVLink system {system}, component {component} on {endpoint} within "
-        "{limit_s:g} s ({what})",
+        "{limit_s:g} s: {what}",
         "check that the autopilot runs, that it sends to this address, and its system id "
         "(MAV_SYS_ID or SYSID_THISMAV)",
     ),

@@ -224,11 +224,8 @@ def _plan_phases(
     # w and ζ of the double integrator: w at the beginning and at the end, and the way of ζ between.
     w0, w1 = speed + lag * now, TOUCHDOWN_M_S - lag * brake
     way = max(height - MARGIN_M, 0.0) + lag * (TOUCHDOWN_M_S - speed)
-    if w0 > w1 and w0 * w0 - w1 * w1 >= 2.0 * brake * way:  # too fast already: brake at once
-        brake_s = min((w0 - w1) / brake, LONGEST_BRAKING_S)
-        return (_SinkPhase(brake_s, -brake, 0.5 * (speed + TOUCHDOWN_M_S)),)
     # Fall at +pull to the peak, brake at -brake to w1, and keep the peak speed over the rest of the
-    # way.
+    # way. A vehicle that is too fast already begins at its peak, and only brakes.
     square = 2.0 * (way + 0.5 * w0 * w0 / pull + 0.5 * w1 * w1 / brake) / (1.0 / pull + 1.0 / brake)
     peak = max(min(math.sqrt(max(square, 0.0)), w1 + brake * LONGEST_BRAKING_S), w0, w1)
     fall_s, brake_s = (peak - w0) / pull, min((peak - w1) / brake, LONGEST_BRAKING_S)

@@ -158,7 +158,7 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "fault.slept", "the sending computer slept for {slept_s:.1f} s: arm again to fly"
         ),
-        NoticeTemplate("fault.link_lost", "the link is lost: commands have stopped{last}. {text}"),
+        NoticeTemplate("fault.link_lost", "commands have stopped{last}: {text}"),
         NoticeTemplate(
             "fault.link_lost_land", "the link is lost{last}: landing, as commands may still arrive"
         ),

@@ -8,7 +8,6 @@ import math
 from groundstation.core.messages import Sentence, notice
 from groundstation.core.safety import LATE_PERIODS
 from links.core import NEWS_S, SILENCE_S, UPLINK_LOST_S, Arrival, CommandLink
-from links.mavlink.protocol import ATTITUDE_HZ
 from links.text import to_ms
 
 INTERVAL_WEIGHT = 0.1
@@ -23,7 +22,7 @@ class CommandUplink:
 
     def __init__(self, link: CommandLink) -> None:
         self._link = link
-        self._telemetry_s, self._interval_s = -math.inf, 1.0 / ATTITUDE_HZ
+        self._telemetry_s, self._interval_s = -math.inf, 0.0
         self.is_down = False
         """Whether acknowledgements are overdue by more than ``SILENCE_S``."""
         self.is_late = False

@@ -1,6 +1,6 @@
 import pytest
 
-from links.io import is_loopback, parse_address
+from links.io import explain_error, is_loopback, parse_address
 
 
 @pytest.mark.parametrize(
@@ -44,3 +44,20 @@ ELSEWHERE = (
 )
 def test_loopback_alone_is_this_machine(host: str, here: bool) -> None:
     assert is_loopback(host) is here
+
+
+ONE = "Connect call failed ('127.0.0.1', 9)"
+ALL = f"Multiple exceptions: [Errno 111] Connect call failed ('::1', 9, 0, 0), [Errno 111] {ONE}"
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (ConnectionRefusedError(111, ONE), "Connection refused"),
+        (OSError(ALL), "Connection refused"),
+        (FileNotFoundError(2, "No such file or directory"), "No such file or directory"),
+        (OSError("the port has ended"), "the port has ended"),
+    ],
+)
+def test_why_nothing_connects_is_said_in_the_system_s_words(error: OSError, says: str) -> None:
+    assert explain_error(error) == says
