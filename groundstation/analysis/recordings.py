@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 import msgspec
 import numpy as np
 
-from groundstation.config import ConfigError, refuse_io
+from groundstation.config import ConfigError, refuse_io, refuse_value
 from groundstation.core.messages import notice
 from groundstation.machine import (
     RecordingConfig,
@@ -420,10 +420,8 @@ class FlightData:
         """
         from groundstation.analysis.report import NoCommand, read_columns
 
-        try:
+        with refuse_value("LOG", NoCommand):
             return read_columns(self.path)
-        except NoCommand as error:
-            raise ConfigError("LOG", str(error)) from None
 
     @property
     def time(self) -> "Column":

@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_value
 from groundstation.core.messages import notice
 from groundstation.machine import is_being_written
 from groundstation.recording import (
@@ -100,10 +100,8 @@ def view_command(path: Path, listen: str | None) -> Exit:
         ConfigError: it is no recording, foxglove-sdk is missing, or there is no listening at
             ``listen``.
     """
-    try:
+    with refuse_value("--listen"):
         host, port = parse_address(listen or LISTEN)
-    except ValueError as error:
-        raise ConfigError("--listen", str(error)) from None
     require_package("foxglove", "view", "view")
     with refuse_recordings():
         asyncio.run(_serve(Recording(path), host, port))

@@ -8,6 +8,7 @@ from groundstation.config.errors import (
     dotted_key,
     locate,
     refuse_io,
+    refuse_value,
 )
 from groundstation.config.loader import convert, from_dict, load
 from groundstation.config.numbers import parse_number, parse_whole_number

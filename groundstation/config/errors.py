@@ -91,6 +91,19 @@ def refuse_io(key: str, id: str, path: Path | str) -> Iterator[None]:
         raise ConfigError(key, config_notice(id, path=path, why=fault)) from None
 
 
+@contextmanager
+def refuse_value(key: str, kind: type[Exception] = ValueError) -> Iterator[None]:
+    """Report by ``key`` why the block fails, in the words of its error.
+
+    Raises:
+        ConfigError: in the place of an error of this ``kind``.
+    """
+    try:
+        yield
+    except kind as error:
+        raise ConfigError(key, str(error)) from None
+
+
 def locate(error: msgspec.ValidationError) -> tuple[str, str]:
     """Return the dotted key that ``error`` is about (empty: the whole), and the fault."""
     text, _, where = str(error).partition(" - at `$")

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.config import ConfigError, parse_number, refuse_io
+from groundstation.config import ConfigError, parse_number, refuse_io, refuse_value
 from groundstation.core.messages import notice
 from groundstation.lab.doctor_advice import (
     FLIGHT_CHANNELS,
@@ -140,11 +140,9 @@ class BoardVisit:
             raise ConfigError("link.kind", notice("doctor.link_kind"))
         if port is None:
             raise ConfigError("--board", notice("doctor.board_missing"))
-        try:
+        with refuse_value("--board"):
             self.facts = _describe_receiver(link, own_curve=config.thrust_curve > 0.0)
             self._board = Board(port)
-        except ValueError as error:
-            raise ConfigError("--board", str(error)) from None
         self.parameters: dict[str, Setting] = {}
 
     @property

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import msgspec
 
-from groundstation.config import ConfigError, from_dict
+from groundstation.config import from_dict, refuse_value
 from groundstation.core.geometry import Quat, so3
 from groundstation.core.vehicle import Vehicle
 from groundstation.machine import sleep_until
@@ -365,10 +365,8 @@ def bridge_to(link: BridgeLinkConfig, radio: RfConfig, pty: PtyWire) -> "Bridge"
     """
     from links.bridge import Bridge, BridgeConfig  # only where there is one
 
-    try:
+    with refuse_value("link.key_file"):
         key = read_key(Path(link.key_file))
-    except ValueError as error:
-        raise ConfigError("link.key_file", str(error)) from None
     there = msgspec.structs.replace(radio, port=pty.path, simulated=True)
     return Bridge(BridgeConfig(listen=link.remote, key_file=link.key_file, link=there), key)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_value
 from groundstation.core.geometry import Vec3
 from groundstation.machine import ApiError, own_directory
 from groundstation.pose import PoseConfig
@@ -183,10 +183,8 @@ def _describe_end(config: Config, autopilot: str, pty: PtyWire | None) -> str:
 
 def _in_own_folder(path: Path) -> Path:
     """Return ``path``, whose folder is made readable for us alone."""
-    try:
+    with refuse_value("serve", ApiError):
         own_directory(path.parent)
-    except ApiError as error:
-        raise ConfigError("serve", str(error)) from None
     return path
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import tomli_w
 
-from groundstation.config import ConfigError, dump
+from groundstation.config import ConfigError, dump, refuse_value
 from groundstation.core.geometry import Vec3
 from groundstation.machine import write_whole
 from groundstation.pose.sources import vicon_codec
@@ -305,10 +305,8 @@ def _wire(link: MavlinkLinkConfig, pty: PtyWire | None) -> OpenWire | None:
 
 def _signer(key_file: Path) -> Signer:
     """Return the autopilot's signer, with the key of the ground station."""
-    try:
+    with refuse_value("link.signing_key_file"):
         return StampFile(key_file).make_signer(asyncio.get_running_loop().time)
-    except ValueError as error:
-        raise ConfigError("link.signing_key_file", str(error)) from None
 
 
 SEEDS_APART = 1000

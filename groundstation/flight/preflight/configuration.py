@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_value
 from groundstation.core.messages import Sentence, notice
 from groundstation.core.safety import Fence
 from groundstation.core.trajectory import Demand, FeasibilityReport, Trajectory, check_feasibility
@@ -186,10 +186,8 @@ def load_link_key(file: str, name: str) -> bytes:
     Raises:
         ConfigError: the file can't be used.
     """
-    try:
+    with refuse_value(name):
         return read_key(Path(file))
-    except ValueError as error:
-        raise ConfigError(name, str(error)) from None
 
 
 def describe_trajectory(config: Config, report: FeasibilityReport) -> str:

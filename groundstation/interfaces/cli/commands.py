@@ -30,6 +30,7 @@ from groundstation.config import (
     parse_number,
     presets,
     refuse_io,
+    refuse_value,
     shipped_texts,
 )
 from groundstation.core.messages import MOST_POINTS, Ask, Request, Waypoint, notice
@@ -214,11 +215,8 @@ def radio_bridge(args: argparse.Namespace) -> Exit:
     one = Running(
         pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=config.link.destination
     )
-    try:
-        with registration(one):
-            return Exit.DONE if asyncio.run(_bridge(config, shared, say)) else Exit.FAILED
-    except ApiError as error:
-        raise ConfigError("XDG_RUNTIME_DIR", str(error)) from None
+    with refuse_value("XDG_RUNTIME_DIR", ApiError), registration(one):
+        return Exit.DONE if asyncio.run(_bridge(config, shared, say)) else Exit.FAILED
 
 
 def tui(args: argparse.Namespace) -> int:
@@ -321,10 +319,8 @@ def mqtt_make_key(args: argparse.Namespace) -> Exit:
 
 def _make_key(told: str, file: Path) -> None:
     """Write a new key; the error names the word of the command line that told the ``file``."""
-    try:
+    with refuse_value(told):
         make_key(file)
-    except ValueError as error:
-        raise ConfigError(told, str(error)) from None
 
 
 def replay(args: argparse.Namespace) -> Exit:

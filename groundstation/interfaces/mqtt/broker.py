@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config import ConfigError, from_dict, refuse_io
+from groundstation.config import ConfigError, from_dict, refuse_io, refuse_value
 from groundstation.core.messages import notice
 from groundstation.interfaces.api import ANSWER_S
 from groundstation.settings import MqttConfig
@@ -154,11 +154,9 @@ def from_url(
     """
     from urllib.parse import urlsplit
 
-    try:
+    with refuse_value(url):
         parts = urlsplit(url)
         port = parts.port
-    except ValueError as error:
-        raise ConfigError(url, str(error)) from None
     tls = parts.scheme == "mqtts"
     if (
         parts.scheme not in ("mqtt", "mqtts")

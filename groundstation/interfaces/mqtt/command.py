@@ -3,12 +3,11 @@
 import argparse
 import asyncio
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from groundstation.config import NAME_FORM, ConfigError, is_name
+from groundstation.config import NAME_FORM, ConfigError, is_name, refuse_value
 from groundstation.core.messages import RemoteAsk, Waypoint, notice
 from groundstation.interfaces.mqtt.broker import (
     MqttBroker,
@@ -66,7 +65,8 @@ def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> 
         if not is_name(value):
             raise ConfigError(name, notice("value.form", form=NAME_FORM, found=value))
     broker = from_url(args.mqtt, ca=args.ca, user=args.user, password_file=args.password_file)
-    key = _key(args.key)
+    with refuse_value("--key"):
+        key = read_key(args.key)
     try:
         asking = request_by_mqtt(
             broker, args.vehicle, args.client, key, args.ask, args.why[:200], points
@@ -209,10 +209,3 @@ class _Asking:
             "broker may not let us publish, or the clocks of both computers differ; the station's "
             "log says which"
         )
-
-
-def _key(file: Path) -> bytes:
-    try:
-        return read_key(file)
-    except ValueError as error:
-        raise ConfigError("--key", str(error)) from None

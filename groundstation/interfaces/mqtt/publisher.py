@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_value
 from groundstation.core.messages import Ask, Notice, Reply, Request, Say, Sentence, Snapshot, notice
 from groundstation.interfaces.api import ANSWER_S, new_events
 from groundstation.interfaces.mqtt.broker import (
@@ -77,10 +77,8 @@ def read_client_keys(config: MqttConfig) -> dict[str, ClientKey]:
     clients: dict[str, ClientKey] = {}
     for name, client in config.requests.clients.items():
         where = f"mqtt.requests.clients.{name}.key_file"
-        try:
+        with refuse_value(where):
             key = read_key(Path(client.key_file))
-        except ValueError as error:
-            raise ConfigError(where, str(error)) from None
         if any(key == other.key for other in clients.values()):
             raise ConfigError(where, notice("mqtt.same_key", path=client.key_file))
         clients[name] = ClientKey(key, frozenset(map(Ask, client.may)))

@@ -18,7 +18,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from groundstation.config import ConfigError, dump
+from groundstation.config import ConfigError, dump, refuse_value
 from groundstation.core.messages import Ask, Request, SourceError, notice
 from groundstation.core.mission import State
 from groundstation.flight import ensure_held
@@ -329,10 +329,8 @@ def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> Exit:
         print(describe_core(found, found.members[names.index(args.show)]))
         return Exit.DONE
     _require_flyable(found, args.fleet)
-    try:
+    with refuse_value("XDG_RUNTIME_DIR", ApiError):
         return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), say).run())
-    except ApiError as error:
-        raise ConfigError("XDG_RUNTIME_DIR", str(error)) from None
 
 
 def require_flyable(config: Config) -> Config:
@@ -378,10 +376,8 @@ def relay_command(args: argparse.Namespace, say: Callable[[str], None]) -> Exit:
     Raises:
         ConfigError: an address is none.
     """
-    try:
+    with refuse_value("relay"):
         made = Relay(args.listen, args.to, group=args.group or "", interface=args.interface or "")
-    except ValueError as error:
-        raise ConfigError("relay", str(error)) from None
     try:
         asyncio.run(run_relay(made, say, until_eof=args.until_eof))
     except SourceError as error:

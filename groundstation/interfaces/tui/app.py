@@ -29,7 +29,7 @@ from textual.css.query import NoMatches
 from textual.notifications import SeverityLevel
 from textual.screen import Screen
 
-from groundstation.config import ConfigError, parse_toml, refuse_io
+from groundstation.config import ConfigError, parse_toml, refuse_io, refuse_value
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
     FLOWN,
@@ -1003,10 +1003,8 @@ def served_socket(vehicle: str | None) -> Path:
     """Where the ground station that is meant serves."""
     if vehicle is not None and not asyncio.run(served_sockets(vehicle)):
         return socket_path(StatusConfig(), vehicle)  # it may come up yet
-    try:
+    with refuse_value("--vehicle", ApiError):
         return asyncio.run(find_socket(vehicle))
-    except ApiError as error:
-        raise ConfigError("--vehicle", str(error)) from None
 
 
 def _last_line(log: Path) -> str:
