@@ -1,10 +1,10 @@
 """End of one flight: bring-down or kill, poses to an autopilot that uses them, closed wires."""
 
 import asyncio
-from contextlib import suppress
 
 from groundstation.core.messages import Distrusts, PoseSource, Say, notice
 from groundstation.flight.command_loop import LINK_CHECK_S
+from groundstation.machine import wait_at_most
 from links.core import CommandLink, LinkError
 
 MONITORED_S = 30.0
@@ -98,9 +98,7 @@ class Shutdown:
         self.stays = True
         self._say(notice("flight.poses_go_on" if self.forwards else "flight.still_heard"))
         while self._turns() and not self.leave.is_set() and (self.forwards or now_s() < until_s):
-            with suppress(TimeoutError):
-                async with asyncio.timeout(LINK_CHECK_S):
-                    await self.leave.wait()
+            await wait_at_most(self.leave.wait(), LINK_CHECK_S)
         self.stays = False
         if self.killed:
             return

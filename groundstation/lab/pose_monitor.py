@@ -43,7 +43,7 @@ from groundstation.lab.pose_stream import (
     Sample,
     solve_axes,
 )
-from groundstation.machine import write_whole
+from groundstation.machine import wait_at_most, write_whole
 from groundstation.pose import check_stamp_rate, make_source
 from groundstation.pose.sources import GatedSource, describe_drop, describe_unsteady_clock
 from groundstation.runtime import Exit, raw_stream
@@ -176,9 +176,7 @@ async def listen(
         async with open_ears(config, watcher.pose, tell=tell) as ears:
             left_s = math.inf if seconds is None else seconds
             while left_s > 0.0 and not stopped.is_set():
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(min(REFRESH_S, left_s)):
-                        await stopped.wait()
+                await wait_at_most(stopped.wait(), min(REFRESH_S, left_s))
                 left_s -= REFRESH_S
                 if show is not None:
                     show(look(ears))

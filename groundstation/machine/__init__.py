@@ -7,6 +7,7 @@ from groundstation.machine.clock import (
     precise_loop,
     sleep_until,
     to_the_end,
+    wait_at_most,
     wake,
     wall_ms,
 )

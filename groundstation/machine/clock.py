@@ -14,6 +14,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Awaitable
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -61,6 +62,13 @@ async def to_the_end(work: Awaitable[T]) -> T:
     if cancelled is not None:
         raise cancelled
     return task.result()
+
+
+async def wait_at_most(work: Awaitable[object], within_s: float | None) -> None:
+    """Await ``work``, for ``within_s`` at most [s]; None for as long as it takes."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(within_s):
+            await work
 
 
 async def cancel_task(task: "asyncio.Task[None]") -> None:

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 
 from groundstation.core.geometry import Vec3, to_body
-from groundstation.core.messages import Pose, PoseSource, PoseStatus
+from groundstation.core.messages import OverheardSource, Pose, PoseSource
 from links.mavlink import HEARTBEAT_S, MavlinkLink
 from links.mavlink.protocol import (
     ARDUPILOT,
@@ -84,8 +84,8 @@ class Forward:
         return (x, y, z), base_s
 
 
-class ForwardingSource:
-    """Implements :class:`groundstation.core.messages.PoseSource`: the autopilot gets poses, too."""
+class ForwardingSource(OverheardSource):
+    """A source of whose poses the autopilot gets those that the flight uses, too."""
 
     def __init__(
         self,
@@ -101,16 +101,12 @@ class ForwardingSource:
         ``floor_z_m`` is the down coordinate of the floor [m]. ``believes`` returns whether the
         flight uses the pose delivered last.
         """
-        self._source, self._believes = source, believes
+        super().__init__(source, self._send)
+        self._believes = believes
         self._connection = link.connection
         self._origin_due_s = -math.inf
         self._forward = Forward(config, floor_z_m)
         self._distrusted = False
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters of the source."""
-        return self._source.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Start the source.
@@ -122,17 +118,13 @@ class ForwardingSource:
         def both(pose: Pose) -> None:
             deliver(pose)
             if self._believes():
-                loop.call_soon(self._send, pose)
+                loop.call_soon(self._tap, pose)
 
         await self._source.start(both)
 
     def distrust(self) -> None:
         """Stop forwarding poses, the one under way included."""
         self._distrusted = True
-
-    async def close(self) -> None:
-        """Close the source."""
-        await self._source.close()
 
     def _send(self, pose: Pose) -> None:
         if self._distrusted:

@@ -16,7 +16,7 @@ import msgspec
 
 from groundstation.config import ConfigError, refuse_value
 from groundstation.core.geometry import Vec3
-from groundstation.machine import ApiError, own_directory
+from groundstation.machine import ApiError, own_directory, wait_at_most
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import (
     JsonConfig,
@@ -137,9 +137,7 @@ async def serve(
         if carried:
             stage.offer_hand(seed)
         try:
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(duration_s):
-                    await _run(stage)
+            await wait_at_most(_run(stage), duration_s)
         finally:
             if pty is not None:
                 pty.close()
@@ -219,9 +217,7 @@ async def serve_fleet(
             f"{_describe_poses(labs[0].pose)}{broker}. Ctrl-C ends.",
             flush=True,
         )
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(duration_s):
-                await _run(stage)
+        await wait_at_most(_run(stage), duration_s)
     for lab, one in zip(labs, stage.stages, strict=True):
         if one.plant.floor.touchdown_m_s is not None:
             print(

@@ -67,6 +67,7 @@ from groundstation.machine import (
     registration,
     running_processes,
     socket_path,
+    wait_at_most,
 )
 from groundstation.recording import END_S
 from groundstation.runtime import Exit, __version__
@@ -439,9 +440,7 @@ class Daemon:
                 )
             next_flight = notice("service.next", state=self._flight.state, pause_s=PAUSE_S)
             self._notify.send(f"STATUS={next_flight}")
-            with suppress(TimeoutError):
-                async with asyncio.timeout(PAUSE_S):
-                    await self._stop.wait()
+            await wait_at_most(self._stop.wait(), PAUSE_S)
         return Exit.DONE
 
     async def _fly(self) -> FlightOutcome:

@@ -108,6 +108,7 @@ from groundstation.machine import (
     open_private,
     served_sockets,
     socket_path,
+    wait_at_most,
 )
 from groundstation.recording import Entry, Recording, refuse_recordings
 from groundstation.runtime import Exit
@@ -233,9 +234,7 @@ class Playback(Feed):
             for snapshot in self._snapshots[shown:until]:
                 yield snapshot
             shown = max(shown, until)
-            with suppress(TimeoutError):
-                async with asyncio.timeout(FRAME_S):
-                    await self._wound.wait()
+            await wait_at_most(self._wound.wait(), FRAME_S)
 
     def steer(self, what: str) -> None:
         """``pause`` (and on again), ``back``, ``on``, ``start``, ``slower`` or ``faster``."""

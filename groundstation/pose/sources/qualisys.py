@@ -10,7 +10,7 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
 from groundstation.core.messages import Others, Pose, SourceError, notice
-from groundstation.machine import cancel_task
+from groundstation.machine import cancel_task, wait_at_most
 from groundstation.pose.sources.datagram import AtAddress
 from groundstation.pose.sources.intake import ANSWER_S, Intake, ReaderSource
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
@@ -105,9 +105,7 @@ class QualisysSource(ReaderSource):
         while True:
             try:
                 for beat in itertools.count(1):
-                    with contextlib.suppress(TimeoutError):
-                        async with asyncio.timeout(BEAT_S):
-                            await connection.lost.wait()
+                    await wait_at_most(connection.lost.wait(), BEAT_S)
                     if connection.lost.is_set():
                         break
                     if self._reader.other_bodies or beat % LOOK_BEATS == 0:
