@@ -14,7 +14,7 @@ from typing import Literal
 
 import msgspec
 
-from groundstation.config import ConfigError, dump
+from groundstation.config import ConfigError, dump, refuse_io
 from groundstation.core.messages import notice
 from groundstation.flight.preflight import (
     Proof,
@@ -404,7 +404,7 @@ async def _guide(config: Config, now_s: float) -> Exit:
         timespec="seconds"
     )
     path = proof_path(config)
-    try:
+    with refuse_io("props-off", "props.unwritable", path):
         save_proof(
             Proof(
                 vehicle=name,
@@ -415,10 +415,6 @@ async def _guide(config: Config, now_s: float) -> Exit:
             ),
             path,
         )
-    except OSError as error:
-        raise ConfigError(
-            "props-off", notice("props.unwritable", path=path, why=error.strerror)
-        ) from None
     _say(f"\n{notice('props.passed', path=path, firmware=guide.firmware or 'not told')}")
     return Exit.DONE
 

@@ -131,10 +131,6 @@ class _GuardedStream:
         self.bare.write(shown)
         return len(text)
 
-    def writelines(self, lines: "Any") -> None:
-        for line in lines:
-            self.write(line)
-
 
 def raw_stream(stream: "TextIO") -> "TextIO":
     """Return ``stream`` unguarded, for a program that draws with its own escape sequences."""

@@ -22,7 +22,15 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import ConfigError, keys_of, load, parse_number, read_toml
+from groundstation.config import (
+    ConfigError,
+    keys_of,
+    load,
+    parse_number,
+    read_toml,
+    refuse_io,
+    refuse_value,
+)
 from groundstation.core.messages import STEADY_S
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.interfaces.cli import advise_name, completion_script, words_of_flying
@@ -302,12 +310,8 @@ def dev_check_vectors(args: argparse.Namespace) -> Exit:
     """Evaluate the law on test vectors."""
     from sim.studies import LIMIT, worst_disagreement
 
-    try:
+    with refuse_io("", "file.unread", args.file), refuse_value(""):
         worst, count = worst_disagreement(args.file)
-    except OSError as error:
-        raise ConfigError("", notice("file.unread", path=args.file, why=error.strerror)) from None
-    except ValueError as error:
-        raise ConfigError("", str(error)) from None
     print(f"{count} vectors, largest |a - e| / max(1, |e|) = {worst:.3g} (limit {LIMIT:g})")
     return Exit.DONE if worst <= LIMIT else Exit.FAILED
 

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from groundstation.core.messages import Sentence, notice
-from groundstation.machine import FILE, RecordingConfig, folder_of, is_ours
+from groundstation.machine import FILE, RecordingConfig, folder_of, is_ours, open_private
 from groundstation.settings import Config
 
 SECTIONS = ("vehicle", "pose", "gate", "link", "flight", "guards")
@@ -59,11 +59,7 @@ def save_proof(proof: Proof, path: Path) -> None:
     """
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     new = path.with_name(f".{path.name}.{os.getpid()}")
-    with open(
-        new,
-        "wb",
-        opener=lambda name, flags: os.open(name, flags | os.O_EXCL | os.O_NOFOLLOW, 0o600),
-    ) as file:
+    with open(new, "xb", opener=open_private) as file:
         file.write(msgspec.json.format(msgspec.json.encode(proof)) + b"\n")
     new.replace(path)
 
