@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -103,9 +104,11 @@ def zeros(count: int, width: int) -> Any:
 
 
 def pick(values: Any, who: Any) -> Any:
-    """The entries ``who`` of every array in a nested, perhaps named, tuple; plain numbers stay."""
+    """The entries ``who`` of every array in a nested tuple or struct; plain numbers stay."""
     if isinstance(values, np.ndarray):
         return values[who]
+    if isinstance(values, msgspec.Struct):
+        return type(values)(*pick(msgspec.structs.astuple(values), who))
     if isinstance(values, tuple):
         parts = [pick(value, who) for value in values]
         return type(values)(*parts) if hasattr(values, "_fields") else tuple(parts)
@@ -122,6 +125,8 @@ def put(values: Any, who: Any, parts: Any) -> None:
     if isinstance(values, np.ndarray):
         values[who] = parts
         return
+    if isinstance(values, msgspec.Struct):
+        values, parts = msgspec.structs.astuple(values), msgspec.structs.astuple(parts)
     for value, part in zip(values, parts, strict=True):
         put(value, who, part)
 

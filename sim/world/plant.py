@@ -29,6 +29,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
+import msgspec
+
 from groundstation.core.geometry import (
     FLOATS,
     ZERO,
@@ -50,7 +52,7 @@ from groundstation.core.geometry import (
 from sim.world.world import World
 
 
-class Body(NamedTuple):
+class Body(msgspec.Struct, frozen=True, gc=False):
     """Position and velocity [m, m/s, NED], attitude, thrust [N] and body rates [rad/s, FRD]."""
 
     position: Vec3

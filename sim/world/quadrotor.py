@@ -421,7 +421,7 @@ class Quadrotor:
         if self.released_s is None:
             self.advance(time_s)
             self.released_s = time_s
-            self._body = self._body._replace(velocity=self._world.start_velocity)
+            self._body = msgspec.structs.replace(self._body, velocity=self._world.start_velocity)
         if self.partner is not None:
             self.partner.release(time_s)
 
@@ -451,7 +451,8 @@ class Quadrotor:
         if self.released_s is not None and rest < -ROUNDING_S:
             wx, wy, wz = body.rates
             place = add_scaled(body.position, rest, body.velocity)
-            body = body._replace(
+            body = msgspec.structs.replace(
+                body,
                 position=place,
                 attitude=so3.rotate(body.attitude, (rest * wx, rest * wy, rest * wz)),
             )
@@ -462,8 +463,9 @@ class Quadrotor:
             body, _ = self._after(flight_time, rest)
             if down := self.floor.meets(body, flight_time):
                 body = self.floor.slide(body, self._body, rest)
-        p, v, q, thrust, rates = body
-        return TrueState(time_s, p, v, q, rates, thrust, down)
+        return TrueState(
+            time_s, body.position, body.velocity, body.attitude, body.rates, body.thrust, down
+        )
 
     @property
     def attitude(self) -> Quat:

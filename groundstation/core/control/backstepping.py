@@ -256,7 +256,7 @@ COS_ROLL_MIN = 0.2
 tilt limits in use."""
 
 
-class BacksteppingAxis(NamedTuple):
+class BacksteppingAxis(msgspec.Struct, frozen=True, gc=False):
     """One axis of the law."""
 
     z3: Real

@@ -22,7 +22,8 @@ ideas:
 
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
+
+import msgspec
 
 from groundstation.core.geometry import ZERO, Vec3, rotate, third_column, to_body
 from groundstation.core.vehicle import Motion, Vehicle
@@ -83,7 +84,7 @@ OFF = (Segment(OFF_S, 0.0, ZERO),)
 """Bring-down of a vehicle on the floor: motors off."""
 
 
-class _SinkPhase(NamedTuple):
+class _SinkPhase(msgspec.Struct, frozen=True, gc=False):
     """Part of the vertical motion at one acceleration."""
 
     duration_s: float

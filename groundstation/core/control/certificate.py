@@ -23,6 +23,8 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
+import msgspec
+
 from groundstation.core.control.adaptive import (
     DecreaseBound,
     DecreaseProof,
@@ -295,7 +297,7 @@ class Lasting:
             self._ended_s = time_s
 
 
-class Look(NamedTuple):
+class Look(msgspec.Struct, frozen=True, gc=False):
     """Values of the monitor at one command."""
 
     time_s: float
@@ -307,7 +309,7 @@ class Look(NamedTuple):
     decision: Decision
 
 
-class Frame(NamedTuple):
+class Frame(msgspec.Struct, frozen=True, gc=False):
     """Time from one command to the next, and the gain of V_m in it."""
 
     last: Look

@@ -14,7 +14,8 @@ way silent: answers"`, `--state tracking` 0.90 m aside, `--state hold` meets the
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+
+import msgspec
 
 from groundstation.core.control.adaptive import Gains
 from groundstation.core.control.attitude import clamp_command
@@ -68,7 +69,7 @@ UPLINK_LOST_SINK_M_S = 0.4
 [m/s]. Half: answers 0.56 m/s; double: 0.88 m/s."""
 
 
-class LimitInput(NamedTuple):
+class LimitInput(msgspec.Struct, frozen=True, gc=False):
     """State on which the limits of one command depend."""
 
     time_s: float

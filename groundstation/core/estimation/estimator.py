@@ -472,7 +472,7 @@ def predict_effectiveness(
     followed = e.noise + h / SCORE_MEMORY_S * (measured - e.noise)
     noise = ops.where(moves, ops.clamp(followed, CALMEST_NOISE, math.inf), e.noise)
     keep = ops.where(e.frozen_s < 0.0, 1.0 / (1.0 + h), 0.0)
-    _, _, _, (ix, iy, iz), (sx, sy, sz) = response
+    (ix, iy, iz), (sx, sy, sz) = response.impulse, response.reach
     k = -1.0 / mass
     x, y, z = h * c[0], h * c[1], h * c[2]
     half, third = 0.5 * h, 1.0 / 3.0
@@ -800,7 +800,8 @@ class ModelEstimator:
         self.release()
         self._covariance = initial_covariance(self._noise, LIFTED_M_S**2, LIFTED_M_S2**2)
         if self.motion is not None:
-            self.motion = self.motion._replace(velocity=(*self.motion.velocity[:2], -climb_m_s))
+            velocity = (*self.motion.velocity[:2], -climb_m_s)
+            self.motion = msgspec.structs.replace(self.motion, velocity=velocity)
         value = 1.0
         if self._separates:
             by_thrust = (self._gains.effectiveness_deviation * self._gains.gravity) ** 2
@@ -934,7 +935,8 @@ class ModelEstimator:
         """
         moved = self._at(previous, self._integrate_commands(pose.time_s), dt)
         self.disturbance = add_scaled(self.disturbance, dt, self._disturbance_rate)
-        self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
+        moved = msgspec.structs.replace(moved, position=pose.position_ned, attitude=pose.attitude)
+        self._begin(moved, pose)
         self._recent.clear()
 
     def update_attitude(self, pose: Pose, ahead: Ahead | None = None) -> None:
@@ -942,7 +944,7 @@ class ModelEstimator:
         if self.motion is None or pose.time_s <= self._stamp:
             return
         _, self.actuator_response, model = self._ahead_to(pose, ahead)
-        self._begin(model._replace(attitude=pose.attitude), pose)
+        self._begin(msgspec.structs.replace(model, attitude=pose.attitude), pose)
 
     def _ahead_to(self, pose: Pose, ahead: Ahead | None) -> Ahead:
         ahead = ahead or self.look_ahead(pose.time_s)
@@ -1058,7 +1060,7 @@ class ModelEstimator:
         ahead = self._at(motion, self._integrate_commands(time_s), h)
         if not self._gains.delay_prediction:
             # The actuators are modelled from our own commands and need no pose.
-            ahead = motion._replace(thrust=ahead.thrust, rates=ahead.rates)
+            ahead = msgspec.structs.replace(motion, thrust=ahead.thrust, rates=ahead.rates)
         step, self._disturbance_step = self._disturbance_step, ZERO
         disturbance = add_scaled(self.disturbance, h, self._disturbance_rate)
         value, deviation = self._effectiveness.value, self.effectiveness_deviation

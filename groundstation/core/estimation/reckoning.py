@@ -1,7 +1,8 @@
 """Dead reckoning: motion by the commands since the poses were above suspicion. Sans-IO."""
 
 from collections import deque
-from typing import NamedTuple
+
+import msgspec
 
 from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, schedule
@@ -14,7 +15,7 @@ STEP_S = 0.08
 s)."""
 
 
-class Trusted(NamedTuple):
+class Trusted(msgspec.Struct, frozen=True, gc=False):
     """State of the vehicle at one pose that was above suspicion."""
 
     time_s: float

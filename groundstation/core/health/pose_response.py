@@ -31,6 +31,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -299,7 +300,7 @@ class Response:
         """Add the samples since the last look to the integrals."""
         last = self._kept[-1]
         if not self._samples:
-            self._kept.append(last._replace(time_s=self._time_s))
+            self._kept.append(msgspec.structs.replace(last, time_s=self._time_s))
             return
         samples, self._samples = np.array(self._samples), []
         signals = self._directions @ samples[:, 1:].T
@@ -387,7 +388,7 @@ class Response:
         return (1.0 + 4.0 / freedom) * np.sqrt(variance)
 
 
-class _Integrals(NamedTuple):
+class _Integrals(msgspec.Struct, frozen=True, gc=False):
     """Integrals of the signals from the beginning until one instant."""
 
     time_s: float
@@ -407,7 +408,7 @@ def _burst_s(power: Array, power2: Array) -> Array:
     return power**2 / np.maximum(power2, RIDGE * RIDGE)
 
 
-class _Regression(NamedTuple):
+class _Regression(msgspec.Struct, frozen=True, gc=False):
     """Regression of e and e across on u and v, for each window and direction."""
 
     slopes: Array

@@ -20,6 +20,8 @@ import math
 from collections import deque
 from typing import NamedTuple
 
+import msgspec
+
 from groundstation.core.geometry import (
     ZERO,
     Quat,
@@ -304,7 +306,7 @@ class Witness:
             self._disagrees_since_s = now_s
 
 
-class _Pair(NamedTuple):
+class _Pair(msgspec.Struct, frozen=True, gc=False):
     """Both attitudes of one instant."""
 
     time_s: float

@@ -228,7 +228,7 @@ class VehicleState:
         assert motion is not None, "a descent on the model has a motion"
         h = pose.time_s - first.time_s
         u, v, w = ((p - q) / h for p, q in zip(pose.position_ned, first.position_ned, strict=True))
-        measured = motion._replace(position=pose.position_ned, velocity=(u, v, w))
+        measured = msgspec.structs.replace(motion, position=pose.position_ned, velocity=(u, v, w))
         before = self.trusted_before()
         self.estimator.reset_motion(measured)
         # If they fail once more, the model goes on from here: it does not know the forces since the
@@ -370,7 +370,8 @@ class VehicleState:
         if turned is not None:
             self.response.add_pose(turned, health.turn, dt)
         if health.calm_s == now.time_s and not self.is_uplink_lost:
-            self.reckoning.trust(now._replace(disturbance=self.mean_disturbance.value or ZERO))
+            mean = self.mean_disturbance.value or ZERO
+            self.reckoning.trust(msgspec.structs.replace(now, disturbance=mean))
 
     def trusted_before(self) -> Trusted:
         """Newest estimate from well before the poses were suspect."""

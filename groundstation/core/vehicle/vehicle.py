@@ -300,7 +300,7 @@ class LimitsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ] = 0.1
 
 
-class Motion(NamedTuple):
+class Motion(msgspec.Struct, frozen=True, gc=False, array_like=True):
     """Position and velocity [m, m/s, NED], attitude, thrust [N] and body rates [rad/s, FRD]."""
 
     position: Vec3
@@ -364,7 +364,7 @@ def schedule(
     return first_s
 
 
-class ActuatorResponse(NamedTuple):
+class ActuatorResponse(msgspec.Struct, frozen=True, gc=False):
     """Response of thrust, rates and attitude to commands since an interval began, and the integrals
     of the thrust.
     """

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from msgspec.structs import replace
 
 from groundstation.core.control import TRANSIT, FlightLimits, Gains, LimitInput
 from groundstation.core.control.limits import (
@@ -97,7 +98,7 @@ def test_near_the_ground_rates_only_level_and_only_while_contact_is_possible() -
     limits, away = FlightLimits(VEHICLE, GAINS), ActuatorCommand(HOVER_N, (0.3, 0.2, 0.1))
     now = at(0.05, attitude=tilted(5.0))
     assert limits.apply((LevelNearGround,), away, now) == away
-    near = now._replace(may_have_contact=True)
+    near = replace(now, may_have_contact=True)
     roll, pitch, yaw = limits.apply((LevelNearGround,), away, near).rates
     assert roll < 0.0
     assert (pitch, yaw) == pytest.approx((0.0, 0.0), abs=1e-9)
@@ -110,6 +111,6 @@ def test_without_uplink_commands_are_gentle_and_let_the_vehicle_sink_slowly(
     limits, hard = FlightLimits(VEHICLE, GAINS), ActuatorCommand(2.0 * HOVER_N, (2.0, -1.0, 0.5))
     now = at(sinking_m_s=sinking_m_s)
     assert limits.apply((UplinkLostLimit,), hard, now) == hard
-    cut = limits.apply((UplinkLostLimit,), hard, now._replace(is_uplink_lost=True))
+    cut = limits.apply((UplinkLostLimit,), hard, replace(now, is_uplink_lost=True))
     assert cut.thrust == pytest.approx(share * HOVER_N)
     assert cut.rates == pytest.approx([UPLINK_LOST_GAIN * rate for rate in hard.rates])

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
+from msgspec.structs import replace
 
 from groundstation.core.control import (
     Adaptive,
@@ -117,7 +118,7 @@ LATE_THRUST = Vehicle(thrust_delay_s=0.06)
 HOVERS = Motion((0.0, 0.0, -1.0), ZERO, IDENTITY, 9.81 * LATE_THRUST.mass_kg, ZERO)
 HANGS = Estimate(0.0, HOVERS, ZERO, ZERO)
 SPINS = Estimate(
-    0.0, HOVERS._replace(velocity=(0.0, 0.0, 0.02), rates=(20.0, 0.0, 0.0)), ZERO, ZERO
+    0.0, replace(HOVERS, velocity=(0.0, 0.0, 0.02), rates=(20.0, 0.0, 0.0)), ZERO, ZERO
 )
 
 
@@ -134,7 +135,7 @@ def test_each_half_of_a_command_is_of_the_instant_at_which_it_begins_to_act() ->
 def test_without_compensation_the_law_goes_on_from_the_thrust_that_was_sent() -> None:
     vehicle = Vehicle(rate_delay_s=0.03)  # thrust acts sooner than rates
     law = Adaptive(vehicle, Uncompensated())
-    climbs = HANGS._replace(motion=HANGS.motion._replace(velocity=(0.0, 0.0, -1.0)))
+    climbs = HANGS._replace(motion=replace(HANGS.motion, velocity=(0.0, 0.0, -1.0)))
     before = law.decide(HANGS, HERE, PERIOD_S).drive.thrust
     sent = law.decide_apart(climbs, HANGS, HERE, PERIOD_S).drive.thrust
     assert sent < before
@@ -156,7 +157,7 @@ attitude = st.builds(from_euler_zyx, angle, angle, angle)
 
 def make_estimate(motion: dict[str, Any] | None = None, disturbance: Vec3 = ZERO) -> Estimate:
     still = Motion((0.0, 0.0, -1.0), ZERO, IDENTITY, PLAIN.mass_kg * G, ZERO)
-    return Estimate(0.0, still._replace(**(motion or {})), disturbance, ZERO)
+    return Estimate(0.0, replace(still, **(motion or {})), disturbance, ZERO)
 
 
 @given(attitude, vec, vec)

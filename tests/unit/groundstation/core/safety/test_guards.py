@@ -69,7 +69,7 @@ def shown(time_s: float, **changes: Any) -> Tick:
         return {name: changes[name] for name in fields if name in changes}
 
     motion = Motion((0.0, 0.0, -1.0), REST, LEVEL, 0.8, REST)
-    motion = motion._replace(**changed(*Motion._fields))
+    motion = msgspec.structs.replace(motion, **changed(*Motion.__struct_fields__))
     estimate = Estimate(time_s, motion, REST, REST, 1.0)
     estimate = estimate._replace(**changed("disturbance", "effectiveness"))
     command = Command(0.8, REST, 0, 0.0, 1.0)
