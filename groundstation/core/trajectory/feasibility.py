@@ -278,11 +278,8 @@ def check_feasibility(
     """
     times = _sample_times(trajectory.joints_s)
     references = [trajectory.at(t) for t in times]
-    motions = [
-        PathMotion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s)
-        for r in references
-    ]
-    looks = [compute_demand(motion, gravity) for motion in motions]
+    motion = _stack(references)
+    looks = _compute_demands(motion, gravity)
     places = list(zip(*(r.position_ned for r in references), strict=True))
     lowest = largest(places[2])
     above = Demand(
@@ -309,7 +306,7 @@ def check_feasibility(
         demands=(above, *wanted),
         share=1.0
         if all(demand.ok for demand in wanted)
-        else _share(times, motions, vehicle, limits, gravity),
+        else _share(times, motion, vehicle, limits, gravity),
         inconsistency=find_inconsistency(trajectory, times, references),
     )
 
@@ -432,7 +429,8 @@ def _look_further(
     ]
     half_s = 0.5 * STEP_S
     for time_s in _sample_times((span_s, span_s + LOOKED_AT_S)):
-        first, second, third = (trajectory.at(time_s + i * half_s) for i in range(3))
+        first, middle_s = trajectory.at(time_s), time_s + half_s
+        second = trajectory.at(middle_s)
         beyond = [
             max(low - at, at - high, 0.0)
             for at, (low, high) in zip(first.position_ned, box, strict=True)
@@ -441,14 +439,42 @@ def _look_further(
             far = math.hypot(*beyond)
             return Inconsistency(time_s=time_s, name="period", declared=span_s, found=far, unit="m")
         found = _compare(time_s, half_s, first, second)
-        if found is not None and _compare(time_s + half_s, half_s, second, third) is not None:
-            return found
+        if found is not None:
+            third = trajectory.at(time_s + 2.0 * half_s)
+            if _compare(middle_s, half_s, second, third) is not None:
+                return found
     return None
+
+
+def _stack(references: Sequence[Reference]) -> PathMotion:
+    """Return the motion of all ``references``, as arrays: their demands are computed at once."""
+    import numpy as np
+
+    columns: Any = zip(
+        *(
+            (r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s)
+            for r in references
+        ),
+        strict=True,
+    )
+    numbers: list[Any] = [np.array(column).T for column in columns]
+    return PathMotion(*numbers)
+
+
+def _compute_demands(motion: PathMotion, gravity: float) -> list[MotionDemand]:
+    """Return the demand of each instant of ``motion``, whose numbers are arrays."""
+    import numpy as np
+
+    with np.errstate(invalid="ignore"):  # what is not a number keeps no limit
+        found: Any = compute_demand(motion, gravity, arrays())
+    numbers = (column.tolist() for column in found[:4])
+    rates = zip(*(rate.tolist() for rate in found.rates), strict=True)
+    return [MotionDemand(*one) for one in zip(*numbers, rates, strict=True)]
 
 
 def _share(
     times: list[float],
-    motions: list[PathMotion],
+    motion: PathMotion,
     vehicle: Vehicle,
     limits: LimitsConfig,
     gravity: float,
@@ -457,25 +483,10 @@ def _share(
 
     None without one.
     """
-    import numpy as np
-
-    # All instants as arrays: they are computed a dozen times.
-    ops = arrays()
-    whole: Any = [
-        np.moveaxis(np.array(column), -1, 0) if isinstance(column[0], tuple) else np.array(column)
-        for column in zip(*motions, strict=True)
-    ]
 
     def keeps_limits(share: float) -> bool:
-        at_once: Any = compute_demand(PathMotion(*whole).slow_down(share), gravity, ops)
-        looks = zip(
-            *(column.tolist() for column in at_once[:4]),
-            zip(*(rate.tolist() for rate in at_once.rates), strict=True),
-            strict=True,
-        )
-        return all(
-            demand.ok for demand in demands(times, map(MotionDemand._make, looks), vehicle, limits)
-        )
+        looks = _compute_demands(motion.slow_down(share), gravity)
+        return all(demand.ok for demand in demands(times, looks, vehicle, limits))
 
     low, high = 1e-3, 1.0
     if not keeps_limits(low):

@@ -334,9 +334,11 @@ class FlightController:
         """Report poses that are later than configured, or, while they are used, disagree with the
         own attitude.
         """
-        if news := self._pose_latency.describe_news(0.5 * (self._link.status.rtt_s or 0.0)):
+        latency, state = self._pose_latency, self.state
+        if latency.late_s is not None and (
+            news := latency.describe_news(0.5 * (self._link.status.rtt_s or 0.0))
+        ):
             self._listener.say(news.as_warning(), "latency")
-        state = self.state
         if (
             state in IN_AIR
             and state is not State.DESCENT
