@@ -14,6 +14,7 @@ import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from enum import IntEnum
+from functools import cached_property
 from types import MappingProxyType
 
 from groundstation.runtime.packages import describe_install
@@ -354,22 +355,31 @@ class Program(argparse.ArgumentParser):
         prog: str = "",
         command: str = "",
         commands: Commands = MappingProxyType({}),
+        program: "Program | None" = None,
         **words: "Any",
     ) -> None:
-        """``command`` is its full name, and ``commands`` are all that there are."""
+        """``command`` is its full name, and ``commands`` are all that there are.
+
+        ``program`` is the one that it is a command of; None: it is the program itself.
+        """
         super().__init__(prog, **words)
-        prefix = f"{command} "
-        below = {
-            name.removeprefix(prefix): entry
-            for name, entry in commands.items()
-            if name.startswith(prefix)
+        self.program = program or self
+        self.set_defaults(program=self.program)
+        prefix = f"{command} " if command else ""
+        self._commands = commands
+        self._names = {
+            name.removeprefix(prefix): name
+            for name in commands
+            if name.startswith(prefix) and " " not in name.removeprefix(prefix)
         }
-        self.below = {
-            name: Program(f"{self.prog} {name}", prefix + name, commands) for name in below
-        }
-        self.groups: Groups = {"commands": below} if below else {}
+        self.groups: Groups = (
+            {"commands": {word: commands[name] for word, name in self._names.items()}}
+            if self._names
+            else {}
+        )
         self.offers = False
-        """Whether the commands below it are subcommands for argparse."""
+        """Whether the commands below it are subcommands for argparse: those of a program only once
+        its first word is none of them, as all their parsers are made for that."""
         if command:
             self.set_defaults(command=command)
             arguments = commands[command][1]
@@ -379,6 +389,15 @@ class Program(argparse.ArgumentParser):
                 add_arguments(self, arguments)
             else:
                 arguments(self)
+
+    def _make(self, word: str) -> "Program":
+        """Make the parser of the command ``word`` below this one."""
+        return Program(f"{self.prog} {word}", self._names[word], self._commands, self.program)
+
+    @cached_property
+    def below(self) -> "dict[str, Program]":
+        """Parsers of the commands below this one by their last word, made where all are wanted."""
+        return {word: self._make(word) for word in self._names}
 
     def offer_below(self) -> None:
         """Add the commands below this one as subcommands, which completion reads."""
@@ -397,8 +416,10 @@ class Program(argparse.ArgumentParser):
 
         An unknown argument is an error shown with the command's own usage.
         """
-        if args and not self.offers and args[0] in self.below:
-            return self.below[args[0]].parse_known_args(args[1:], namespace)
+        if args and not self.offers and args[0] in self._names:
+            return self._make(args[0]).parse_known_args(args[1:], namespace)
+        if self.program is self and not self.offers:
+            self.offer_below()
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             told = f"unrecognized arguments: {' '.join(unknown)}"
@@ -414,6 +435,8 @@ class Program(argparse.ArgumentParser):
         """Return the help text: usage, each group of commands, options."""
         if not self.groups:
             return super().format_help()
+        if self.program is self and not self.offers:
+            self.offer_below()
         formatter = self._get_formatter()
         formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
         formatter.add_text(self.description)
@@ -438,17 +461,12 @@ class Program(argparse.ArgumentParser):
 
 def build_parser(prog: str, description: str, groups: Groups) -> Program:
     """Make the parser of the program ``prog``; the parsed arguments have it as ``program``."""
-    program = Program(prog, description=description)
+    commands = {name: entry for group in groups.values() for name, entry in group.items()}
+    program = Program(prog, commands=commands, description=description)
     program.groups = groups
-    program.set_defaults(program=program)
     program.add_argument(
         "--version", action="version", version=f"%(prog)s {__version__}", help="print the version"
     )
-    commands = {name: entry for group in groups.values() for name, entry in group.items()}
-    program.below = {
-        name: Program(f"{prog} {name}", name, commands) for name in commands if " " not in name
-    }
-    program.offer_below()
     return program
 
 

@@ -680,7 +680,8 @@ def _arguments(
     Below a command with arguments of its own (``fleet relay``) only bash completes: shtab's zsh
     takes no files beside.
     """
-    if isinstance(parser, Program) and parser.below and not parser.offers and shell == "bash":
+    offers_all = shell == "bash" or not command
+    if isinstance(parser, Program) and parser.below and not parser.offers and offers_all:
         parser.offer_below()
     for action in parser._actions:  # argparse has no public way to ask what it knows
         if isinstance(action, argparse._SubParsersAction):
