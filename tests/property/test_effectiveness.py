@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from msgspec.structs import replace
 
 from groundstation.core.estimation import (
     Covariance,
@@ -91,7 +92,7 @@ def compare_with_thirteen_states(poses: list[tuple[float, Vec3, bool]], seed: in
     big[12, 12] = 0.15**2
     # What the chains believe; λ's estimate is x[12] = e.value - 1. Thrust accelerates by a per unit
     # of λ.
-    e = initial_effectiveness(0.15)._replace(noise=1.0, frozen_s=-1.0)
+    e = replace(initial_effectiveness(0.15), noise=1.0, frozen_s=-1.0)
     state, clipped = np.zeros((3, 4)), False
     for h, a, with_velocity in poses:
         f = transition(h)
@@ -194,6 +195,6 @@ def test_told_exactly_it_never_moves() -> None:
 def test_an_excited_scale_wanders_by_the_walk_of_its_time_and_a_calm_one_stays(
     gained: float, wanders: float
 ) -> None:
-    before = initial_effectiveness(0.05)._replace(gained=gained, frozen_s=-1.0)
+    before = replace(initial_effectiveness(0.05), gained=gained, frozen_s=-1.0)
     after = predict_effectiveness(FLOATS, before, 0.02, thrust_gives(ZERO, ZERO), 1.0, walk=0.003)
     assert after.assumed - before.assumed == pytest.approx(wanders * 0.003**2 * 0.02)

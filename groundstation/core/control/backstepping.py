@@ -379,7 +379,7 @@ class LawState(NamedTuple):
     """p⃛d [m/s³], NED."""
 
 
-class LawTerms(NamedTuple):
+class LawTerms(msgspec.Struct, frozen=True, gc=False):
     """Terms of the law's output."""
 
     axes: tuple[BacksteppingAxis, BacksteppingAxis, BacksteppingAxis]
@@ -418,16 +418,19 @@ def backstep(
             (docs/decisions/0005-observer-and-adaptation.md).
         suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
-    (x, y, z), z1, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
+    terms = _evaluate(ops, law, state, mass, drag, suspended)
+    (x, y, z), b_dot = terms.axes, terms.b_hat_dot
+    thrust, turn = terms.thrust, terms.turn
     if witness is not None:
-        b_dot = _adaptation(ops, law, kb, add((x.xi, y.xi, z.xi), witness), state.b_hat)
+        xi = add((x.xi, y.xi, z.xi), witness)
+        b_dot = _adaptation(ops, law, terms.kb, xi, state.b_hat)
     v_terms, w_terms = _lyapunov_terms(law, x, y, z)
     return LawOutput(
         mass * turn[2],  # (10)
         -(mass / thrust) * turn[1],
         (mass / thrust) * turn[0],
         b_dot,
-        z1,
+        terms.z1,
         (x.z2, y.z2, z.z2),
         (x.z3, y.z3, z.z3),
         (x.u_star, y.u_star, z.u_star),

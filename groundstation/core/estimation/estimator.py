@@ -410,7 +410,7 @@ not known, and take four lags of the slowest vehicle (0.11 s) to be forgotten. I
 is 0.037 without, 0.006 with it."""
 
 
-class Effectiveness(NamedTuple):
+class Effectiveness(msgspec.Struct, frozen=True, gc=False):
     """λ̂, its variances, and V: the derivative of the observer's chain by λ, NED."""
 
     value: Real
@@ -525,33 +525,33 @@ def update_effectiveness(
         of: index of the measured part of the chain.
         along: difference along the motion, where that has another variance.
     """
-    value, variance, assumed, p, v, d, c, gained, score, noise, frozen = e
-    derivative = whitened = v if of else p
+    derivative = whitened = e.v if of else e.p
     if along is not None:  # scaled to the same variance in every direction
         step = add_scaled(step, along.weight, part_along(along.axis, step))
         whitened = add_scaled(whitened, along.weight, part_along(along.axis, whitened))
     (north, east, down), (x, y, z) = step, whitened
-    gained = gained + (x * x + y * y + z * z) / innovation2
-    score = score + (x * north + y * east + z * down) / innovation2
+    gained = e.gained + (x * x + y * y + z * z) / innovation2
+    score = e.score + (x * north + y * east + z * down) / innovation2
     moves = is_excited(e)
     moved: Real = 0.0
     # One axis after the other. The gain follows from the assumed variance; that of λ̂, in Joseph's
     # form, from the measured noise.
-    w, known = assumed, variance
-    s, measured2 = innovation2, innovation2 * noise
+    w, known = e.assumed, e.variance
+    s, measured2 = innovation2, innovation2 * e.noise
     for i, of_lambda in ((north, x), (east, y), (down, z)):
         k = w * of_lambda / (s + of_lambda * of_lambda * w)
         left = 1.0 - k * of_lambda
         moved = moved + k * (i - of_lambda * moved)
         w, known = left * w, left * left * known + k * k * measured2
-    now = ops.clamp(value + ops.where(moves, moved, 0.0), *EFFECTIVENESS_LIMITS)
-    moved = now - value
-    value, score = now, score - gained * moved
-    assumed, variance = ops.where(moves, w, assumed), ops.where(moves, known, variance)
-    chain = correct_chain((p, v, d, c), gain, scale(-1.0, derivative))
+    value = ops.clamp(e.value + ops.where(moves, moved, 0.0), *EFFECTIVENESS_LIMITS)
+    moved = value - e.value
+    score = score - gained * moved
+    assumed, variance = ops.where(moves, w, e.assumed), ops.where(moves, known, e.variance)
+    chain = correct_chain((e.p, e.v, e.d, e.c), gain, scale(-1.0, derivative))
     if along is not None:
         chain = correct_chain(chain, along.more, scale(-1.0, part_along(along.axis, derivative)))
-    return Effectiveness(value, variance, assumed, *chain, gained, score, noise, frozen), moved
+    after = Effectiveness(value, variance, assumed, *chain, gained, score, e.noise, e.frozen_s)
+    return after, moved
 
 
 Composite: TypeAlias = Literal["provable", "raw", "off"]
@@ -811,8 +811,8 @@ class ModelEstimator:
             e = self._effectiveness
             moved = (0.0, 0.0, hover_share * self._gains.gravity)
             variance = (1.0 - weight) * e.variance
-            self._effectiveness = e._replace(
-                value=value, variance=variance, assumed=variance, d=moved, frozen_s=-1.0
+            self._effectiveness = msgspec.structs.replace(
+                e, value=value, variance=variance, assumed=variance, d=moved, frozen_s=-1.0
             )
         self.disturbance = (
             kept * north,
@@ -824,7 +824,7 @@ class ModelEstimator:
     def hold(self, disturbance: Vec3, effectiveness: float) -> None:
         """Hold ``disturbance`` [m/s², NED] from the next pose on, and λ̂, until :meth:`resume`."""
         self._held = disturbance
-        self._effectiveness = self._effectiveness._replace(value=effectiveness)
+        self._effectiveness = msgspec.structs.replace(self._effectiveness, value=effectiveness)
 
     def believe(self, motion: Motion, disturbance: Vec3, effectiveness: float) -> None:
         """Set the motion at the newest pose's stamp, regardless of that pose.
