@@ -33,13 +33,19 @@ class Spooled(NamedTuple):
 
 
 def spooled(
-    seed: int, *, hover_share: float, wander_m: float, delay_s: float = 0.0, has_speed: bool = False
+    seed: int,
+    *,
+    hover_share: float,
+    wander_m: float,
+    delay_s: float = 0.0,
+    has_speed: bool = False,
+    noise_m: float = 0.0003,
 ) -> Spooled:
     """Spool up a vehicle that hovers at a share of its told weight.
 
     Its poses wander by ``wander_m`` in 2 s, 1σ [m]. Its commands come after ``delay_s`` [s].
     """
-    draw, lag_s, noise_m = random.Random(seed), 0.05, 0.0003
+    draw, lag_s = random.Random(seed), 0.05
     vehicle = Vehicle(
         mass_kg=1.0 / G, thrust_max_n=2.0, thrust_lag_s=lag_s, command_delay_s=delay_s
     )
@@ -116,13 +122,13 @@ def standing(
 @pytest.mark.parametrize(
     ("poses", "wander"),
     [
-        (standing(), (0.0, 0.0, 0.0)),
+        (standing(), (0.0, 0.0)),
         # steps of 1, 2 and 3 mm, twice a second: the worse axis counts
-        (standing(0.001), (2.0 * 4e-6, 2.0 * 9e-6, 0.0)),
-        (standing(0.001, 0.02), (2.0 * 4e-6, 2.0 * 9e-6, 2.0 * 4e-4)),
+        (standing(0.001), (2.0 * 4e-6, 2.0 * 9e-6)),
+        (standing(0.001, 0.02), (2.0 * 4e-6, 2.0 * 9e-6)),
         # from one origin to another nothing has wandered
-        (standing(0.001, resets=(0, 0, 1, 1, 2, 2, 2)), (2.0 * 4e-6, 2.0 * 9e-6, 0.0)),
-        (StandingPoses(), (0.0, 0.0, 0.0)),
+        (standing(0.001, resets=(0, 0, 1, 1, 2, 2, 2)), (2.0 * 4e-6, 2.0 * 9e-6)),
+        (StandingPoses(), (0.0, 0.0)),
     ],
 )
 def test_the_wander_at_rest_is_the_growth_of_the_variance(
@@ -177,7 +183,7 @@ SPOOL_UPS: dict[str, tuple[Shown, float | None, str | None]] = {
     ),
     # 0.25 s, and twice the time to 0.35 m at g/4, after it moved
     "a rise that an autopilot felt": (
-        lambda s: (0.004, 0.12) if 1.18 < s < 1.26 else (0.0, 0.0), 2.51, NOT_LEFT,
+        lambda s: (0.004, 0.2) if 1.18 < s < 1.26 else (0.0, 0.0), 2.51, NOT_LEFT,
     ),
 }  # fmt: skip
 """What poses show; when the spool-up ends [s]; and why, where it does not fly."""
@@ -255,7 +261,7 @@ def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_
 ) -> None:
     seen = [spooled(seed, hover_share=hover_share, wander_m=wander_m) for seed in range(40)]
     flown = [one for one in seen if not one.fault]
-    if hover_share <= 1.0:
+    if hover_share <= 0.9 or wander_m == 0.0:
         assert len(flown) >= (40 if wander_m < 0.05 else 20)
     assert all(one.height_m < 0.4 for one in flown)
     exact = 0.12 if wander_m == 0.0 else 0.3
@@ -266,8 +272,8 @@ def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_
 @pytest.mark.parametrize(
     ("delay_s", "has_speed", "numbers"),
     [
-        (0.0, False, (0.0260315616, 0.912331333, -0.0689550946)),
-        (0.02, True, (0.377855462, 0.9, -0.0356359316)),
+        (0.0, False, (0.057005115, 0.906264456, -0.0369610322)),
+        (0.02, True, (0.368796968, 0.899456333, -0.00775353774)),
     ],
 )
 def test_one_lift_off_is_found_in_these_numbers(
@@ -304,7 +310,7 @@ def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
 @pytest.mark.parametrize("hover_share", [0.8, 1.0, 1.2])
 def test_hover_thrust_and_climb_of_an_exact_motion_are_found(hover_share: float) -> None:
     """At 1.5 of the weight from the first pose on, without lag: a = g (1.5 / share - 1)."""
-    at_rest, wander = Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), LEVEL), StandingWander(0.0, 0.0, 0.0)
+    at_rest, wander = Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), LEVEL), StandingWander(0.0, 0.0)
     lift = LiftOff(at_rest, 0.0, 1.0, 0.0, G, wander, 0.0003)
     lift.add_command(0.0, 1.5)
     acceleration = G * (1.5 / hover_share - 1.0)
@@ -322,7 +328,7 @@ def test_hover_thrust_and_climb_of_an_exact_motion_are_found(hover_share: float)
 def climbing(count: int, *, thrust_n: float, acceleration_m_s2: float) -> LiftOff:
     """``count`` poses with a velocity, 20 ms apart, of a vehicle of 1 N that begins to rise."""
     at_rest = Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), LEVEL, velocity_ned=(0.0, 0.0, 0.0))
-    lift = LiftOff(at_rest, 0.0, 1.0, 0.0, G, StandingWander(0.0, 0.0, 0.0), 0.0003)
+    lift = LiftOff(at_rest, 0.0, 1.0, 0.0, G, StandingWander(0.0, 0.0), 0.0003)
     lift.add_command(0.0, thrust_n)
     for k in range(1, count + 1):
         time_s = 0.02 * k
@@ -334,10 +340,10 @@ def climbing(count: int, *, thrust_n: float, acceleration_m_s2: float) -> LiftOf
 
 def test_an_estimate_that_moves_its_origin_up_has_not_lifted_the_vehicle() -> None:
     lift = climbing(30, thrust_n=1.1, acceleration_m_s2=0.1 * G)  # 0.18 m high
-    assert lift.is_moving and not lift.is_high
+    assert lift.is_moving and not lift.is_flying
     speed = (0.0, 0.0, -0.06 * G)
     lift.add_pose(Pose(31, 0.62, 0.62, (0.0, 0.0, -1.2), LEVEL, velocity_ned=speed, reset_count=1))
-    assert not lift.is_high
+    assert not lift.is_flying
 
 
 def test_an_estimate_whose_speed_is_reset_on_the_floor_does_not_move() -> None:
