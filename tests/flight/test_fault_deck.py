@@ -68,7 +68,7 @@ LIES = [
     ("teleport", "returning", "mavlink"),
 ]
 """A cell of most required families."""
-MISSED = [("swapped", "tracking", "mavlink", 1.5), ("frame loss", "take-off", "mavlink", 1.5)]
+MISSED = [("swapped", "tracking", "mavlink", 1.5), ("frame loss", "take-off", "mavlink", 3.0)]
 """Cells beyond the limits of the fault table, and the share that they stay within [-]."""
 HONEST = [
     ("push: 6 for 1 s", "tracking", "dsm", 0),
