@@ -1,6 +1,7 @@
 """``groundstation-sim``: everything simulated. What a command needs is imported when it is run."""
 
 import argparse
+import os
 import sys
 
 from groundstation.runtime import (
@@ -103,8 +104,11 @@ AUTOPILOT: Arguments = {
     },
 }  # fmt: skip
 WORKERS: Arguments = {
-    "--workers": {"type": count, "metavar": "N", "help": "processes at once (default: one a core)"}
-}
+    "--workers": {
+        "type": count, "metavar": "N", "default": os.cpu_count() or 1,
+        "help": "processes at once (default: one a core)",
+    },
+}  # fmt: skip
 
 FLY: Arguments = {
     **SCENARIO,

@@ -9,7 +9,6 @@ station in another process.
 import argparse
 import asyncio
 import json
-import os
 import sys
 import textwrap
 from collections.abc import Iterable
@@ -117,7 +116,7 @@ def compare(args: argparse.Namespace) -> Exit:
                 seeds=args.seeds,
                 duration=args.duration,
                 overrides=args.overrides,
-                workers=args.workers or os.cpu_count() or 1,
+                workers=args.workers,
                 on_done=bar.at,
             )
         except ConfigError as error:
@@ -161,8 +160,10 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
         if not args.controllers or law.name.partition(",")[0] in args.controllers
     ]
     steps = sum(trials + 1 if law.start else 2 for law in laws)
-    workers = args.workers or os.cpu_count() or 1
-    with Flyers(workers) as flyers, ProgressBar("evaluations", steps, quiet=args.json) as progress:
+    with (
+        Flyers(args.workers) as flyers,
+        ProgressBar("evaluations", steps, quiet=args.json) as progress,
+    ):
         found = compare_at_equal_margins(
             flyers, trials=trials, seeds=args.seeds, laws=laws, on_done=progress.step
         )
@@ -188,12 +189,11 @@ def campaign(args: argparse.Namespace) -> Exit:
         draws=USUAL if args.draw is None else tuple(args.draw),
     )
     shared.check()  # a campaign that can't fly is refused before a cluster is called
-    here = args.workers or os.cpu_count() or 1
     start = perf_counter()
     if args.kernel is not None:
         print(notice("campaign.kernel"), file=sys.stderr)
     flyers: AbstractContextManager[Crew] = (
-        nullcontext(Local(here)) if args.cluster is None else Cluster(args.cluster)
+        nullcontext(Local(args.workers)) if args.cluster is None else Cluster(args.cluster)
     )
     with flyers as crew, ProgressBar("flights", args.flights, quiet=args.json) as progress:
         rows, flown = run(

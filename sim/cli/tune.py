@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import sys
 import textwrap
 from pathlib import Path
@@ -56,7 +55,7 @@ def report(args: argparse.Namespace) -> Exit:
         fill_markers(args.write, {"figures": ""})
     margins = len(stages) * len(AXES)
     with (
-        Flyers(_workers(args)) as flyers,
+        Flyers(args.workers) as flyers,
         ProgressBar("margins", margins, quiet=args.json) as counter,
     ):
         reports = [
@@ -93,7 +92,7 @@ def search(args: argparse.Namespace) -> Exit:
         sampler_seed=args.seed,
     )
     base = make_station(args.config, args.overrides, stages[0])
-    with Flyers(_workers(args)) as flyers:
+    with Flyers(args.workers) as flyers:
         trials = _run_trials(args, wanted, flyers)
         best = find_best(trials)
         if best is None:
@@ -165,10 +164,6 @@ def _stages(args: argparse.Namespace, default: list[str]) -> list[Staged]:
     for stage in stages:
         make_controller(stage.config.controller, stage.config.vehicle)
     return stages
-
-
-def _workers(args: argparse.Namespace) -> int:
-    return int(args.workers or os.cpu_count() or 1)
 
 
 def _report_failure(args: argparse.Namespace, trials: list[TuningTrial]) -> Exit:

@@ -6,7 +6,6 @@ bad air, at the floors where vehicle or delay is configured wrong, and with nois
 
 import argparse
 import math
-import os
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -193,9 +192,7 @@ def alarms(args: argparse.Namespace) -> Exit:
         ensure_flyable(one.prepare()[1])
     seeds = range(args.seed, args.seed + args.flights)
     with ProgressBar("flights", len(watches) * len(seeds), quiet=args.json) as counter:
-        found = watch_all(
-            watches, seeds, workers=args.workers or os.cpu_count() or 1, on_done=counter.at
-        )
+        found = watch_all(watches, seeds, workers=args.workers, on_done=counter.at)
     print(msgspec.json.encode(found).decode() if args.json else "\n".join(map(text, found)))
     bad = any(one.ended_by_poses or one.not_flown for one in found)
     return Exit.FAILED if bad else Exit.DONE

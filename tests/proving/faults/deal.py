@@ -5,7 +5,6 @@ Processes that die in real time are no part of it: tests/e2e kills and freezes e
 
 import argparse
 import json
-import os
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -106,8 +105,7 @@ def faults(args: argparse.Namespace) -> Exit:
         for cell in work
     ]
     with ProgressBar("flights", len(plan), quiet=args.json) as counter:
-        workers = args.workers or os.cpu_count() or 1
-        flown = fly_all(plan, overrides=args.overrides, workers=workers, on_done=counter.at)
+        flown = fly_all(plan, overrides=args.overrides, workers=args.workers, on_done=counter.at)
     # Of each cell the worst of its seeds.
     rows = [
         max(flown[i :: len(work)], key=lambda row: (not row.safe, row.worst, row.peak_error_m))
