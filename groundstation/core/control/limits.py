@@ -30,11 +30,8 @@ FIRST_CLIMB_SHARE = 1.2
 """Largest thrust of the first climb as a share of the hover thrust at lift-off [-], until the
 height has responded. Half: mirrored 1.58 m; double: 1.54 m."""
 FIRST_CLIMB_S = 1.0
-"""Time after lift-off from which that limit grows, and the tilt limit is that of transit [s]. Half:
-mirrored 1.82 m; double: no change."""
-FIRST_CLIMB_GROWTH_PER_S = 0.5
-"""Growth of that limit, as a share of the hover thrust [1/s]: a vehicle climbs whose thrust is less
-than estimated. Half and double: no change."""
+"""Time after lift-off from which the tilt limit is that of transit [s]. Half: mirrored 2.80 m/s,
+for 2.65 m/s; double: 2.47 m/s."""
 FIRST_CLIMB_M = 0.25
 """Height above the place of lift-off at which the first climb is over [m]. Until then the health of
 the poses (``ClimbMonitor``) compares the height with the thrust directly, as the state at lift-off
@@ -136,8 +133,7 @@ class FirstClimbLimit(Limit):
         if self._lifted_down_m - now.pose_down_m > FIRST_CLIMB_M:
             self._climbed_s = now.time_s
             return drive
-        grows = FIRST_CLIMB_GROWTH_PER_S * max(now.time_s - self.lifted_s - FIRST_CLIMB_S, 0.0)
-        return drive._replace(thrust=min(drive.thrust, self._hover_n * (FIRST_CLIMB_SHARE + grows)))
+        return drive._replace(thrust=min(drive.thrust, FIRST_CLIMB_SHARE * self._hover_n))
 
 
 class TiltLimit(Limit):
