@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.control import HOLD, Gains
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS
 from sim.studies import upsets
@@ -25,34 +24,6 @@ def shorten(monkeypatch: pytest.MonkeyPatch, **durations_s: float) -> None:
     monkeypatch.setattr(upsets, "list_upsets", lambda: first)
     for name, duration_s in durations_s.items():
         monkeypatch.setattr(upsets, name, duration_s)
-
-
-def test_a_step_of_five_is_held_closer_on_the_figure_than_in_a_calm_hold(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    shorten(monkeypatch, UPSET_AT_S=5.0, PUSHED_S=7.0)
-    done: list[None] = []
-    (figure,), (hold,) = (
-        upsets.fly_upsets("paper", phase, seeds=1, laws=laws, on_done=lambda: done.append(None))
-        for phase, laws in (("figure", ("adaptive", "pid")), ("hold", ("adaptive",)))
-    )
-    assert len(done) == 3
-    assert (figure.scenario, figure.phase, figure.upset) == ("paper", "figure", ONE)
-    assert hold.peak_cm.keys() == {"adaptive"}
-    ours, theirs = figure.peak_cm["adaptive"], figure.peak_cm["pid"]
-    calmly = hold.peak_cm["adaptive"]
-    assert ours is not None and theirs is not None and calmly is not None
-    assert ours < calmly
-    assert ours < theirs
-    assert 25.0 < ours < 40.0
-    assert figure.back_s["adaptive"] == pytest.approx(1.1, abs=0.2)
-
-
-def test_a_hold_flies_with_its_own_gains() -> None:
-    _, config = upsets._prepare("paper", "adaptive", upsets.HOLD)
-    assert isinstance(config.controller, Gains)
-    assert {name: getattr(config.controller, name) for name in HOLD} == HOLD
-    assert config.trajectory.build().position_at(5.0) == config.trajectory.build().position_at(0.0)
 
 
 def test_drawn_starts_are_within_their_bounds_and_repeat() -> None:
