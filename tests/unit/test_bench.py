@@ -1,32 +1,10 @@
 """The measurements measure what they say, and leave nothing behind."""
 
-import json
 from collections.abc import Sequence
 
 import pytest
 
-from tests.proving.bench import links as bench_links
 from tests.proving.bench.links import Answers, Waiting, figures_of, together
-
-
-@pytest.mark.matrix  # of the tool that measures; others of its tests run the parts of it that judge
-@pytest.mark.real_time
-def test_a_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_links, "RATES_HZ", (100,))
-    monkeypatch.setattr(bench_links, "SETTLE_S", 0.1)
-    facts = json.loads(json.dumps(bench_links.measure_all(0.5)))
-    links = facts["links"]
-    assert links["fifo"] in (True, False)
-    assert links["latency_ratios"].keys() == links["echo"].keys() == {"100"}
-    for figures in (
-        links["pacer"],
-        links["floor"],
-        links["idle"]["pacer"],
-        *links["pose_to_command"].values(),
-    ):
-        assert 0 < figures["p50_us"] <= figures["p99_us"] <= figures["p999_us"]
-    assert "\nlinks:" in bench_links.text(facts)
-
 
 Moments = Sequence[tuple[float, int | None]]
 """When something came [s]: a pose left, or a command for the pose of this time [ms]."""

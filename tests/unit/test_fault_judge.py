@@ -144,13 +144,6 @@ def test_where_no_lift_off_is_seen_it_may_rise_less_and_fall_from_there() -> Non
     assert "it met the floor" in verdict(FALSE, lifted, touchdown_m_s=1.1, state="spool-up").why
 
 
-def test_what_follows_its_course_goes_neither_up_nor_sideways() -> None:
-    row = verdict(TRUE, moved(lambda t: (5.0 * t, 0.0, -1.0 - 2.0 * t), course=True))
-    assert row.safe, row.why
-    assert row.sideways_m < 0.1
-    assert row.highest_m < 0.1
-
-
 @pytest.mark.parametrize(
     ("link", "poses", "most_m_s"),
     [
@@ -219,11 +212,6 @@ def test_true_poses_of_a_vehicle_that_obeys_must_not_fail() -> None:
     assert row.why == "true poses failed: pose.stopped_dead"
     assert verdict(pushed, None, ANSWER, failure=late).safe
     assert verdict(TRUE, None, ANSWER, failure=failed).safe
-
-
-def test_the_answer_is_counted_from_the_strike() -> None:
-    row = verdict(FALSE, None, ANSWER, (0.6, "aborted", "down"))
-    assert (row.answer_ms, row.reaction, row.why) == (300.0, "descent → aborted", ANSWER[2])
 
 
 def test_exemptions_are_a_closed_table_and_each_is_used_and_explained() -> None:
