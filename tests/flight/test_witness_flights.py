@@ -5,7 +5,6 @@ import math
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import pytest
 
@@ -203,25 +202,3 @@ def test_axes_that_were_never_right_are_doubted_as_soon_as_it_leans(
 ) -> None:
     told = flown("paper", lie=lie, state=None, after_s=0.1, autopilot=autopilot)
     assert told.doubted_s < told.leans_s + 1.5 * IN_S
-
-
-def test_a_body_that_lies_otherwise_than_the_vehicle_stands_is_refused_before_arming() -> None:
-    told = flown("paper", lie=body_turned(12.0, 0.0), state=None, after_s=0.1)
-    refused = "second witness: tilt by the poses and by the autopilot is 1"
-    assert any(refused in line for line in (known(told.mission).why, *told.events))
-    states = {entered.state for entered in known(told.mission).states}
-    assert states <= {"connecting", "ready", "aborted", "init"}
-
-
-def test_an_autopilot_that_sends_no_attitude_is_warned_of_and_flown() -> None:
-    from sim.autopilots import Px4Autopilot
-
-    rates: Any = dict(Px4Autopilot.rates_hz)
-    silent = {name: rates[name] for name in rates if name != "ATTITUDE_QUATERNION"}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Px4Autopilot, "rates_hz", silent)
-        told = flown("paper")
-    assert known(told.mission).landed
-    warning = "pre-flight WARN: second witness: no attitude of the autopilot"
-    assert any(warning in line for line in told.events)
-    assert told.share == 0.0
