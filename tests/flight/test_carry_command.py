@@ -142,9 +142,7 @@ def carry(lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixt
     return carry
 
 
-@pytest.mark.parametrize(
-    ("kind", "autopilot"), [("vicon", "px4"), ("json", "ardupilot"), ("qualisys", "px4")]
-)
+@pytest.mark.parametrize(("kind", "autopilot"), [("vicon", "px4"), ("json", "ardupilot")])
 def test_the_axes_and_the_latency_are_found_and_written(
     kind: str, autopilot: str, lab: Path, carry: Carry
 ) -> None:

@@ -403,7 +403,7 @@ OTHER_PLACE = r"its positions move at .* m/s, limit 50 m/s: they are of no room.
 @pytest.mark.parametrize(
     ("names", "factor", "says"),
     [
-        *((["t"], factor, OTHER_TIME) for factor in (1e3, 1e9, 1e-3)),
+        *((["t"], factor, OTHER_TIME) for factor in (1e3, 1e-3)),
         (["px", "py", "pz"], 1e3, OTHER_PLACE),
     ],
 )

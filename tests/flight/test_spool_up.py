@@ -121,10 +121,7 @@ def test_the_poses_of_another_body_with_weight_and_thrust_both_wrong_are_not_muc
     ("scenario", "wrong"),
     [
         ("paper", ("sim.mass_kg=0.02",)),
-        ("paper", ("sim.mass_kg=0.03",)),
         ("paper", ("sim.mass_kg=0.03", "takeoff.spool_s=0.2")),
-        ("paper", ("sim.mass_kg=0.046",)),
-        ("quad1kg", ("sim.thrust_gain=2.6",)),
         ("quad1kg", ("sim.thrust_gain=1.9",)),
     ],
 )
@@ -255,13 +252,10 @@ def test_a_take_off_in_wind_is_no_rougher_than_a_gust_in_hover(
     assert max(start.b) < 0.5
 
 
-@pytest.mark.parametrize("source", ["vicon", "odometry"])
-def test_in_calm_air_a_larger_bound_of_adaptation_changes_no_take_off(source: str) -> None:
-    own = (*OWN, "sim.floor_hold_s=0.6") if source == "odometry" else ()
-    autopilot = "ardupilot" if own else "px4"
-    still = ("sim.wind_mean=[0, 0, 0]", *own)
+def test_in_calm_air_a_larger_bound_of_adaptation_changes_no_take_off() -> None:
+    still = ("sim.wind_mean=[0, 0, 0]", *OWN, "sim.floor_hold_s=0.6")
     wide, narrow = (
-        start_of("quad1kg", *still, *bound, source=source, autopilot=autopilot)[0]
+        start_of("quad1kg", *still, *bound, source="odometry", autopilot="ardupilot")[0]
         for bound in ((), ("controller.b_bound=5.001",))
     )
     assert wide.b != narrow.b
@@ -295,14 +289,3 @@ def test_neither_a_wandering_estimate_nor_a_late_floor_disturbs_a_take_off(
     start, fault = start_of("quad1kg", *told, seed=seed, source="odometry", autopilot=autopilot)
     assert not fault
     assert start.smooth, start
-
-
-@pytest.mark.tried(2)  # with resets, and without
-@pytest.mark.parametrize(
-    ("resets", "seed"), [((STEPS, "sim.estimate_yaw_step_s=0.5"), 0), ((), 5), ((), 26)]
-)
-def test_a_wandering_estimate_stops_no_motors(resets: tuple[str, ...], seed: int) -> None:
-    start, fault = start_of("quad1kg", *WANDERS, *resets, seed=seed, source="odometry")
-    assert not fault
-    assert min(start.thrust) >= 0.75
-    assert max(start.climb) < 0.3
