@@ -8,7 +8,7 @@ import pytest
 from groundstation.core.messages import tell_lines
 from groundstation.core.mission import FINAL, State
 from groundstation.flight import Flight
-from sim.runs import MissionResult, Stage, fly, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody
 from tests.known import known
@@ -75,23 +75,3 @@ def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(
     # Motive says itself how old each frame was as it left: nothing is late on its way.
     if source != "natnet":
         assert f"poses are {1e3 * late_s:.0f} ms later than before" in text(told, "later")
-
-
-@pytest.mark.tried(1)  # vehicles
-@pytest.mark.parametrize(("scenario", "late_s"), [("paper", 0.02), ("quad1kg", 0.02)])
-def test_a_latency_that_is_told_wrong_is_found_in_flight_and_told(
-    scenario: str, late_s: float
-) -> None:
-    latency_s = SCENARIOS[scenario].world.pose_latency_s
-    for wrong_s, words in ((0.0, None), (late_s, "later")):
-        world, config = prepare(SCENARIOS[scenario], [f"sim.pose_latency_s={latency_s + wrong_s}"])
-        told: list[str] = []
-        assert fly(world, config, seed=0, duration_s=8.0, watch=tell_lines(told.append)).completed
-        lines = [line for line in told if "than configured" in line]
-        if words is None:
-            assert not lines
-            continue
-        (line,) = lines
-        told_ms = float(line.partition("poses are ")[2].split()[0])
-        assert told_ms == pytest.approx(1e3 * late_s, abs=10.0)
-        assert f"ms {words} than configured, by the vehicle's own attitude" in line
