@@ -13,9 +13,10 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight, make_flight
 from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots import Px4Autopilot
-from sim.runs import Stage, confirm_at, fly_mission, from_floor
+from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from tests.external_poses import ExternalPoses
+from tests.flight.flights import mission
 from tests.known import known
 from tests.loops import in_virtual_time, running, until
 
@@ -125,7 +126,6 @@ def test_poses_after_a_flight_end_when_asked_twice_and_not_by_a_request_to_land(
 def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    world, config = from_floor(*prepare(SCENARIOS["paper"], [ON, "sim.own_estimate=true"]), 30.0)
     external: list[ExternalPoses] = []
     rejected_s: list[float] = []
     lines: list[str] = []
@@ -137,7 +137,9 @@ def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(
         monkeypatch.setattr(PoseGate, "accepts", lambda *_: False)
         rejected_s.append(asyncio.get_running_loop().time())
 
-    fly_mission(world, config, seed=1, watch=tell_lines(lines.append), script=script)
+    hear = tell_lines(lines.append)
+    own = "sim.own_estimate=true"
+    mission("paper", ON, own, figure_s=30.0, seed=1, watch=hear, script=script)
     told = "\n".join(lines)
     assert len(external[0].fused) > 60
     # Those of before alone.
@@ -150,7 +152,6 @@ def taken_over(
     beside: Callable[[Flight], Awaitable[None]] | None = None,
 ) -> tuple[ExternalPoses, list[tuple[float, str]]]:
     """A mission whose pilot takes over on the figure and lands by hand; what was told, and when."""
-    world, config = from_floor(*prepare(SCENARIOS["paper"], [ON]), 30.0)
     lines: list[tuple[float, str]] = []
     external: list[ExternalPoses] = []
 
@@ -167,7 +168,7 @@ def taken_over(
         if isinstance(event, Notice):
             lines.append((event.time_s, event.says))
 
-    fly_mission(world, config, seed=1, watch=hear, script=script)
+    mission("paper", ON, figure_s=30.0, seed=1, watch=hear, script=script)
     return external[0], lines
 
 

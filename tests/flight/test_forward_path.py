@@ -9,8 +9,8 @@ from typing import Any
 
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from sim.runs import Stage, fly_mission, from_floor
-from sim.scenarios import SCENARIOS, prepare
+from sim.runs import Stage
+from tests.flight.flights import mission
 from tests.loops import until
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,8 +47,7 @@ def calls_of_one_pose() -> list[str]:
         finally:
             sys.setprofile(None)
 
-    world, config = from_floor(*prepare(SCENARIOS["paper"], []), 3.0)
-    assert fly_mission(world, config, seed=0, script=script).landed
+    assert mission("paper", figure_s=3.0, script=script).landed
     return found
 
 

@@ -12,9 +12,8 @@ from groundstation.core.mission.operator import DEBOUNCE_S
 from groundstation.flight import Flight, HoldWatch, assembly
 from links.core import LOOK_S
 from sim.autopilots import SimulatedAutopilot
-from sim.runs import MissionResult, Stage, fly_mission as fly, from_floor
-from sim.scenarios import SCENARIOS, prepare
-from tests.flight.flights import SHORT
+from sim.runs import MissionResult, Stage
+from tests.flight.flights import SHORT, mission as fly
 from tests.hold_double import Hand
 from tests.loops import until
 
@@ -35,7 +34,6 @@ def flown(
     hand: Hand, change: Callable[[Hand], None], state: State, after_s: float = 0.3
 ) -> tuple[MissionResult, float]:
     """A mission with the pedal pressed before arming; ``change`` in ``state``, and when [s]."""
-    world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 2.0)
     at_s = 0.0
 
     async def script(flight: Flight, _: Stage) -> None:
@@ -47,7 +45,7 @@ def flown(
         change(hand)
         at_s = asyncio.get_running_loop().time()
 
-    return fly(world, config, seed=0, script=script), at_s
+    return fly("paper", *SHORT, script=script), at_s
 
 
 def let_go(hand: Hand) -> None:
@@ -96,7 +94,6 @@ def test_let_go_before_it_has_lifted_off_it_never_does(
 )
 def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: str) -> None:
     hand.held = stuck
-    world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 2.0)
     seen: dict[str, Any] = {}
 
     async def script(flight: Flight, _: Stage) -> None:
@@ -107,7 +104,7 @@ def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: st
         seen["reply"] = flight.ask(Request(Ask.ARM, "the test"))
         seen["state"] = flight.state
 
-    mission = fly(world, config, seed=0, script=script)
+    mission = fly("paper", *SHORT, script=script)
     assert seen["check"].verdict is Verdict.WARN
     assert why in seen["check"].says
     assert not seen["reply"].done
@@ -131,7 +128,6 @@ def test_a_channel_of_the_transmitter_is_held_as_the_autopilot_tells_it(
     autopilot: str, after: list[int], why: str, within_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(SimulatedAutopilot, "channels", [1000, 1000])
-    world, config = from_floor(*prepare(SCENARIOS["paper"], [*SHORT, "operator.hold=rc:2"]), 2.0)
     at_s = 0.0
 
     async def script(flight: Flight, stage: Stage) -> None:
@@ -142,7 +138,8 @@ def test_a_channel_of_the_transmitter_is_held_as_the_autopilot_tells_it(
         stage.autopilot.channels = after
         at_s = asyncio.get_running_loop().time()
 
-    mission = fly(world, config, seed=0, autopilot=autopilot, script=script)
+    held = "operator.hold=rc:2"
+    mission = fly("paper", *SHORT, held, autopilot=autopilot, script=script)
     landing = next(one for one in mission.states if one.state == "landing")
     assert landing.reason == why
     assert landing.time_s - at_s <= within_s

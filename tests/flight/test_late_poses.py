@@ -8,9 +8,9 @@ import pytest
 from groundstation.core.messages import tell_lines
 from groundstation.core.mission import FINAL, State
 from groundstation.flight import Flight
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
-from sim.scenarios import SCENARIOS, prepare
+from sim.runs import MissionResult, Stage
 from sim.trackers import TrackedBody
+from tests.flight.flights import mission
 from tests.known import known
 from tests.loops import until
 from tests.proving.faults import stand_between
@@ -23,7 +23,6 @@ SOURCES = ["vicon", "natnet", "qualisys", "json"]
 
 def late(source: str, late_s: float) -> tuple[MissionResult, list[str], list[float]]:
     """A mission struck in hold, the lines told afterwards, and errors of the newest pose's time."""
-    world, config = from_floor(*prepare(SCENARIOS["paper"], [], source=source), 5.0)
     told: list[str] = []
     errors: list[float] = []
 
@@ -53,8 +52,8 @@ def late(source: str, late_s: float) -> tuple[MissionResult, list[str], list[flo
             errors.append(true_s - left_s)
         flight.stop("enough was seen")
 
-    mission = fly_mission(world, config, seed=0, watch=tell_lines(told.append), script=script)
-    return mission, told, errors
+    hear = tell_lines(told.append)
+    return mission("paper", figure_s=5.0, source=source, watch=hear, script=script), told, errors
 
 
 def text(told: list[str], word: str) -> str:
@@ -67,11 +66,11 @@ def text(told: list[str], word: str) -> str:
 def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(
     source: str, late_s: float
 ) -> None:
-    mission, told, errors = late(source, late_s)
+    flown, told, errors = late(source, late_s)
     assert errors
     assert max(map(abs, errors)) < 2e-3
     old_s = 0.6 * 0.25 - 0.01  # of flight.coast_s; the cameras' own latency counts, too
-    assert mission.why.startswith("aborted: enough was seen" if late_s < old_s else "landed")
+    assert flown.why.startswith("aborted: enough was seen" if late_s < old_s else "landed")
     # Motive says itself how old each frame was as it left: nothing is late on its way.
     if source != "natnet":
         assert f"poses are {1e3 * late_s:.0f} ms later than before" in text(told, "later")

@@ -12,9 +12,9 @@ from groundstation.core.geometry import Quat, so3
 from groundstation.core.messages import tell_lines
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
-from sim.scenarios import SCENARIOS, prepare
+from sim.runs import MissionResult, Stage
 from sim.trackers import TrackedBody
+from tests.flight.flights import mission
 from tests.known import known
 from tests.proving.faults import Meddler, stand_between
 
@@ -55,8 +55,6 @@ def flown(
     link: str = "mavlink",
 ) -> Told:
     """A mission whose poses lie from ``after_s`` into ``state`` on [s]."""
-    world, config = prepare(SCENARIOS[scenario], list(sets), link=link)
-    world, config = from_floor(world, config, 10.0)
     told = Told()
 
     async def script(flight: Flight, stage: Stage) -> None:
@@ -91,8 +89,8 @@ def flown(
 
         meddler.picture = show
 
-    told.mission = fly_mission(
-        world, config, seed=seed, autopilot=autopilot, script=script,
+    told.mission = mission(
+        scenario, *sets, figure_s=10.0, seed=seed, link=link, autopilot=autopilot, script=script,
         watch=tell_lines(told.events.append),
     )  # fmt: skip
     return told
