@@ -63,12 +63,9 @@ top."""
 AGREE_S = 0.1
 """Time after which a hover thrust must still predict the motion [s]: five poses at 50 Hz."""
 FITS_M = 0.02
-"""Largest distance of a flying vehicle's height from that prediction, noise apart [m]: little more
-than ``LEG_TRAVEL_M``, by which springing legs lift it."""
-JUMP_M = 0.1
-"""Height above that of the lightest vehicle of ``SHARES``, noise apart, that is a jump [m]: one of
-half its configured weight is 3.5 cm above it when they are first compared; double misses the jumps
-of 0.2 m in test_liftoff.py."""
+"""Largest distance of a flying vehicle's height from that prediction, and least one above the climb
+of the lightest vehicle that is a jump, noise apart [m]: little more than ``LEG_TRAVEL_M``, by which
+springing legs lift it."""
 MOVING = 2.5
 """Least motion that counts as such [standard deviations]: one in 160 poses at rest shows it, and
 sets the thrust near hover for that moment."""
@@ -100,41 +97,189 @@ def find_least_height(*, has_velocity: bool) -> float:
     return WANDERING_M if has_velocity else LEG_TRAVEL_M
 
 
-class LiftOff:
-    """Hover thrust and climb of a vehicle that leaves the floor, by the height that its poses show.
+class StandingPoses:
+    """Poses of a vehicle at rest, and their wander."""
 
-    Until thrust exceeds its hover thrust the vehicle stands on the floor; then it rises by
-    p¨ = g (T / (s W) - 1), where T follows the commands by its lag, and s W is the hover thrust. So
-    the commands give height and speed for each s, the less the larger s is. The measured height
-    gives s; in an autopilot's own estimate, whose height wanders, the measured speed. The vehicle
-    flies if it is higher than noise, wander and legs explain, and moves as an s of a moment before
-    predicts.
+    def __init__(self) -> None:
+        self.poses: deque[Pose] = deque(maxlen=REST_POSES)
+        """Newest poses at rest."""
+        self._spans: deque[Pose] = deque(maxlen=WANDERS + 1)
+        """Poses ``WANDER_S`` apart."""
+
+    def add(self, pose: Pose) -> None:
+        """Take a pose of the vehicle while its motors can't lift it."""
+        # The source has moved its origin.
+        moved = bool(self.poses) and self.poses[-1].reset_count != pose.reset_count
+        if moved:
+            self.poses.clear()
+        self.poses.append(pose)
+        if moved or not self._spans or pose.time_s - self._spans[-1].time_s >= WANDER_S:
+            self._spans.append(pose)
+
+    @property
+    def place_ned(self) -> Vec3:
+        """Mean position at rest [m]. There must be a pose."""
+        axes = zip(*(pose.position_ned for pose in self.poses), strict=True)
+        north, east, down = (sum(coordinates) / len(self.poses) for coordinates in axes)
+        return north, east, down
+
+    @property
+    def wander(self) -> StandingWander:
+        """Random walks of the measurements at rest; all 0 before the second pose that counts."""
+        spans = list(self._spans)
+        pairs = [
+            (a, b) for a, b in zip(spans, spans[1:], strict=False) if a.reset_count == b.reset_count
+        ]
+        if not pairs:
+            return StandingWander(0.0, 0.0)
+        elapsed = spans[-1].time_s - spans[0].time_s
+        if len(pairs) < len(spans) - 1:  # from one origin to another nothing has wandered
+            elapsed = sum(b.time_s - a.time_s for a, b in pairs)
+        axes = zip(*(subtract(b.position_ned, a.position_ned) for a, b in pairs), strict=True)
+        north, east, down = (sum(step**2 for step in steps) / elapsed for steps in axes)
+        return StandingWander(max(north, east), down)
+
+    def find_leap(
+        self, before: Pose, pose: Pose, light_s: float, noise_m: float
+    ) -> Sentence | None:
+        """Return the fault of a step between two poses that is too long for a vehicle on its floor.
+
+        None without one.
+
+        ``light_s`` is as in :meth:`find_disturbance`, ``noise_m`` the white noise of the poses, 1σ
+        [m].
+        """
+        elapsed = pose.time_s - before.time_s
+        if pose.reset_count != before.reset_count or elapsed <= 0.0:
+            return None  # not comparable
+        step = math.dist(pose.position_ned[:2], before.position_ned[:2])
+        chance = SIGNIFICANT * math.sqrt(2.0 * noise_m * noise_m + self.wander.aside_m2_s * elapsed)
+        if step <= STEP_M + chance + WIND_M_S2 * light_s * elapsed:
+            return None
+        return notice("takeoff.leaps", step_m=step)
+
+    def find_disturbance(self, pose: Pose, place_ned: Vec3, light_s: float) -> Sentence | None:
+        """Return the fault of a vehicle that tips over or slides on the floor; None without one.
+
+        Args:
+            pose: its newest pose.
+            place_ned: its place at rest [m].
+            light_s: time since thrust relieves the floor so much that wind may move the vehicle
+                [s].
+        """
+        at_rest = self.poses[-1]
+        if pose.reset_count != at_rest.reset_count:
+            return None  # not comparable
+        (x, y, z), (u, v, w) = third_column(at_rest.attitude), third_column(pose.attitude)
+        tilt = angle_deg(x * u + y * v + z * w)
+        if not tilt <= TIPPED_DEG:
+            return notice("takeoff.tips", tilt_deg=tilt, limit_deg=TIPPED_DEG)
+        aside = math.dist(pose.position_ned[:2], place_ned[:2])
+        # The wander of 1 s: a spool-up takes about so long.
+        limit = (
+            SLIPPED_M
+            + SIGNIFICANT * math.sqrt(self.wander.aside_m2_s)
+            + 0.5 * WIND_M_S2 * light_s * light_s
+        )
+        if not aside <= limit:
+            return notice("takeoff.slides", aside_m=aside, limit_m=limit)
+        return None
+
+
+class PredictedClimbs:
+    """Climbs by the commands so far, one for each hover thrust of ``SHARES``.
+
+    Until thrust exceeds its hover thrust s W a vehicle stands on the floor; then it rises by
+    p¨ = g (T / (s W) - 1), where T follows the commands by its lag. So height and speed are the
+    less, the larger s is.
+    """
+
+    def __init__(self, begun_s: float, weight_n: float, lag_s: float, gravity: float) -> None:
+        """Begin on the floor at ``begun_s`` [s].
+
+        Configured weight [N], time constant of the thrust [s], g [m/s²].
+        """
+        self.time_s, self.gravity = begun_s, gravity
+        self._weight, self._lag = weight_n, lag_s
+        self.heights_m, self.speeds_m_s = [0.0] * len(SHARES), [0.0] * len(SHARES)
+        """Height above the floor and climb speed for each share, at ``time_s``."""
+        self._thrust: float | None = None
+        self._commands: deque[tuple[float, float]] = deque()
+
+    @property
+    def thrust_n(self) -> float:
+        """Modelled thrust at ``time_s`` [N]."""
+        return self._thrust or 0.0
+
+    def add_command(self, acting_s: float, thrust_n: float) -> None:
+        """Take the command ``thrust_n`` [N], which acts from ``acting_s`` on."""
+        self._commands.append((acting_s, thrust_n))
+
+    def advance(self, until_s: float) -> None:
+        """Integrate all climbs until ``until_s``; a step ends where a command begins."""
+        commands, g = self._commands, self.gravity
+        while self.time_s < until_s - ROUNDING_S:
+            while len(commands) > 1 and commands[1][0] <= self.time_s + ROUNDING_S:
+                commands.popleft()
+            h = min(until_s - self.time_s, STEP_S)
+            if len(commands) > 1:
+                h = min(h, commands[1][0] - self.time_s)
+            acts = bool(commands) and commands[0][0] <= self.time_s + ROUNDING_S
+            target = commands[0][1] if acts else 0.0
+            before = target if self._thrust is None else self._thrust
+            keep = math.exp(-h / self._lag) if self._lag > 0.0 else 0.0
+            self._thrust = target + (before - target) * keep
+            lift = 0.5 * (before + self._thrust) / self._weight
+            for k, share in enumerate(SHARES):
+                a, v = g * (lift / share - 1.0), self.speeds_m_s[k]
+                height = self.heights_m[k] + h * (v + 0.5 * h * a)
+                self.heights_m[k], self.speeds_m_s[k] = (
+                    (0.0, 0.0) if height <= 0.0 else (height, v + h * a)
+                )
+            self.time_s += h
+
+
+def _find_share(moved: float, predicted: Sequence[float]) -> float:
+    """Return the hover share by which thrust so far has ``moved`` the vehicle.
+
+    ``predicted``: the same motion for each of ``SHARES``.
+    """
+    for k in range(1, len(SHARES)):
+        above, below = predicted[k - 1], predicted[k]
+        if below < moved:
+            x = min(max((above - moved) / (above - below), 0.0), 1.0) if above > below else 0.0
+            return SHARES[k - 1] + x * (SHARES[k] - SHARES[k - 1])
+    return SHARES[-1]
+
+
+def _interpolate(share: float, values: Sequence[float]) -> float:
+    """Return the value for a hover ``share``; ``values`` are those of ``SHARES``."""
+    x = (share - SHARES[0]) / (SHARES[1] - SHARES[0])
+    k = min(int(x), len(SHARES) - 2)
+    return values[k] + (x - k) * (values[k + 1] - values[k])
+
+
+class LiftOff:
+    """Hover thrust and climb of a vehicle that leaves the floor, by the motion that its poses show.
+
+    The measured height gives the hover thrust: the one of :class:`PredictedClimbs` by which thrust
+    so far explains it. In an autopilot's own estimate, whose height wanders, the measured speed
+    gives it. The vehicle flies if it is higher than noise, wander and legs explain, and moves as
+    the hover thrust of a moment before predicts.
 
     Times are on the event loop's clock [s], heights are above the place at rest [m].
     """
 
-    def __init__(
-        self,
-        at_rest: Pose,
-        down_m: float,
-        weight_n: float,
-        lag_s: float,
-        gravity: float,
-        wander: StandingWander,
-        noise_m: float,
-    ) -> None:
+    def __init__(self, standing: StandingPoses, climbs: PredictedClimbs, noise_m: float) -> None:
         """Begin with the vehicle at rest.
 
         Args:
-            at_rest: its newest pose at rest.
-            down_m: mean of its position down at rest [m, NED].
-            weight_n: configured weight [N].
-            lag_s: time constant of the thrust [s].
-            gravity: [m/s²].
-            wander: random walks of its poses at rest.
+            standing: its poses at rest.
+            climbs: what the commands so far predict.
             noise_m: white noise of its poses, 1σ [m].
         """
-        self._floor, self._weight, self._lag, self._gravity = down_m, weight_n, lag_s, gravity
+        at_rest, wander = standing.poses[-1], standing.wander
+        self._climbs, self._floor = climbs, standing.place_ned[2]
         self.has_velocity = at_rest.velocity_ned is not None
         """Whether the poses have a velocity, as an autopilot's own estimate does."""
         self.hover_share = SHARES[-1]
@@ -151,35 +296,27 @@ class LiftOff:
         """Height of the newest pose, and what noise and wander explain of it, 1σ [m]."""
         self._moved = self._chance = 0.0
         """Motion that gives the hover thrust, and its error, 1σ: height [m], or speed [m/s]."""
-        self._resets = at_rest.reset_count
-        self._begun = self._at = at_rest.time_s
-        self._thrust: float | None = None
-        self._commands: deque[tuple[float, float]] = deque()
-        self._heights, self._speeds = [0.0] * len(SHARES), [0.0] * len(SHARES)
-        """Height [m] and climb speed [m/s] for each of ``SHARES``."""
+        self._resets, self._begun_s = at_rest.reset_count, at_rest.time_s
         self._found: deque[tuple[float, float]] = deque()
         """Instants [s] and hover shares [-] of the poses of ``AGREE_S``."""
         self._jumps = self._light_poses = 0
 
-    def add_command(self, acting_s: float, thrust_n: float) -> None:
-        """Take the command ``thrust_n`` [N], which acts from ``acting_s`` on."""
-        self._commands.append((acting_s, thrust_n))
-
     def add_pose(self, pose: Pose) -> None:
         """Take one more pose."""
-        if pose.time_s <= self._at:
+        climbs = self._climbs
+        if pose.time_s <= climbs.time_s:
             return
-        self._advance(pose.time_s)
+        climbs.advance(pose.time_s)
         if pose.reset_count != self._resets:  # the source has moved its origin, not the vehicle
             self._resets, self._floor = pose.reset_count, pose.position_ned[2] + self._height_m
             if pose.velocity_ned is not None:
                 self._rest_m_s = -pose.velocity_ned[2] - self._moved
             return
         self._measure(pose)
-        predicted = self._speeds if self.has_velocity else self._heights
+        predicted = climbs.speeds_m_s if self.has_velocity else climbs.heights_m
         self.hover_share = _find_share(self._moved, predicted)
         if not self.has_velocity:
-            self.climb_m_s = _interpolate(self.hover_share, self._speeds)
+            self.climb_m_s = _interpolate(self.hover_share, climbs.speeds_m_s)
         is_predicted = self._is_as_predicted(pose.time_s, predicted)
         chance_m = SIGNIFICANT * self._chance_m
         least_m = WANDERING_M if self.has_velocity else LEG_TRAVEL_M + chance_m
@@ -187,13 +324,13 @@ class LiftOff:
         is_light = is_off and self.hover_share <= SURE_SHARE
         self._light_poses = self._light_poses + 1 if is_light else 0
         self.is_flying = is_off and is_predicted and not is_light
-        has_jumped = self._height_m > self._heights[0] + JUMP_M + chance_m
+        has_jumped = self._height_m > climbs.heights_m[0] + FITS_M + chance_m
         self._jumps = self._jumps + 1 if has_jumped else 0
 
     def _measure(self, pose: Pose) -> None:
         """Take height and motion of ``pose``."""
         self._height_m = self._floor - pose.position_ned[2]
-        elapsed_s = pose.time_s - self._begun
+        elapsed_s = pose.time_s - self._begun_s
         self._chance_m = math.sqrt(self._noise_m2 + self._wander_m2_s * elapsed_s)
         self._moved, self._chance = self._height_m, self._chance_m
         if pose.velocity_ned is not None:
@@ -234,7 +371,7 @@ class LiftOff:
     def patience_s(self) -> float:
         """Longest time from the first motion until flight [s]."""
         least_m = find_least_height(has_velocity=self.has_velocity)
-        return PATIENCE_S + math.sqrt(2.0 * least_m / (SLOW_CLIMB * self._gravity))
+        return PATIENCE_S + math.sqrt(2.0 * least_m / (SLOW_CLIMB * self._climbs.gravity))
 
     @property
     def climbing_share(self) -> float:
@@ -242,53 +379,6 @@ class LiftOff:
         [-].
         """
         return self.hover_share * (1.0 if self.climb_m_s > RUSHES_M_S else CLIMBING)
-
-    @property
-    def thrust_n(self) -> float:
-        """Modelled thrust at the newest pose [N]."""
-        return self._thrust or 0.0
-
-    def _advance(self, until_s: float) -> None:
-        """Integrate all climbs until ``until_s``; a step ends where a command begins."""
-        commands, g = self._commands, self._gravity
-        while self._at < until_s - ROUNDING_S:
-            while len(commands) > 1 and commands[1][0] <= self._at + ROUNDING_S:
-                commands.popleft()
-            h = min(until_s - self._at, STEP_S)
-            if len(commands) > 1:
-                h = min(h, commands[1][0] - self._at)
-            target = commands[0][1] if commands and commands[0][0] <= self._at + ROUNDING_S else 0.0
-            before = target if self._thrust is None else self._thrust
-            keep = math.exp(-h / self._lag) if self._lag > 0.0 else 0.0
-            self._thrust = target + (before - target) * keep
-            lift = 0.5 * (before + self._thrust) / self._weight
-            for k, share in enumerate(SHARES):
-                a, v = g * (lift / share - 1.0), self._speeds[k]
-                height = self._heights[k] + h * (v + 0.5 * h * a)
-                self._heights[k], self._speeds[k] = (
-                    (0.0, 0.0) if height <= 0.0 else (height, v + h * a)
-                )
-            self._at += h
-
-
-def _find_share(moved: float, predicted: Sequence[float]) -> float:
-    """Return the hover share of ``SHARES`` by which thrust so far has ``moved`` the vehicle.
-
-    ``predicted``: the same for each share.
-    """
-    for k in range(1, len(SHARES)):
-        above, below = predicted[k - 1], predicted[k]
-        if below < moved:
-            x = min(max((above - moved) / (above - below), 0.0), 1.0) if above > below else 0.0
-            return SHARES[k - 1] + x * (SHARES[k] - SHARES[k - 1])
-    return SHARES[-1]
-
-
-def _interpolate(share: float, values: Sequence[float]) -> float:
-    """Return the value for a hover ``share``; ``values`` are those of ``SHARES``."""
-    x = (share - SHARES[0]) / (SHARES[1] - SHARES[0])
-    k = min(int(x), len(SHARES) - 2)
-    return values[k] + (x - k) * (values[k + 1] - values[k])
 
 
 SURE_SHARE = 0.6
@@ -464,95 +554,6 @@ class Spool:
         )
 
 
-class StandingPoses:
-    """Poses of a vehicle at rest, and their wander."""
-
-    def __init__(self) -> None:
-        self.poses: deque[Pose] = deque(maxlen=REST_POSES)
-        """Newest poses at rest."""
-        self._spans: deque[Pose] = deque(maxlen=WANDERS + 1)
-        """Poses ``WANDER_S`` apart."""
-
-    def add(self, pose: Pose) -> None:
-        """Take a pose of the vehicle while its motors can't lift it."""
-        # The source has moved its origin.
-        moved = bool(self.poses) and self.poses[-1].reset_count != pose.reset_count
-        if moved:
-            self.poses.clear()
-        self.poses.append(pose)
-        if moved or not self._spans or pose.time_s - self._spans[-1].time_s >= WANDER_S:
-            self._spans.append(pose)
-
-    @property
-    def place_ned(self) -> Vec3:
-        """Mean position at rest [m]. There must be a pose."""
-        axes = zip(*(pose.position_ned for pose in self.poses), strict=True)
-        north, east, down = (sum(coordinates) / len(self.poses) for coordinates in axes)
-        return north, east, down
-
-    @property
-    def wander(self) -> StandingWander:
-        """Random walks of the measurements at rest; all 0 before the second pose that counts."""
-        spans = list(self._spans)
-        pairs = [
-            (a, b) for a, b in zip(spans, spans[1:], strict=False) if a.reset_count == b.reset_count
-        ]
-        if not pairs:
-            return StandingWander(0.0, 0.0)
-        elapsed = spans[-1].time_s - spans[0].time_s
-        if len(pairs) < len(spans) - 1:  # from one origin to another nothing has wandered
-            elapsed = sum(b.time_s - a.time_s for a, b in pairs)
-        axes = zip(*(subtract(b.position_ned, a.position_ned) for a, b in pairs), strict=True)
-        north, east, down = (sum(step**2 for step in steps) / elapsed for steps in axes)
-        return StandingWander(max(north, east), down)
-
-    def find_leap(
-        self, before: Pose, pose: Pose, light_s: float, noise_m: float
-    ) -> Sentence | None:
-        """Return the fault of a step between two poses that is too long for a vehicle on its floor.
-
-        None without one.
-
-        ``light_s`` is as in :meth:`find_disturbance`, ``noise_m`` the white noise of the poses, 1σ
-        [m].
-        """
-        elapsed = pose.time_s - before.time_s
-        if pose.reset_count != before.reset_count or elapsed <= 0.0:
-            return None  # not comparable
-        step = math.dist(pose.position_ned[:2], before.position_ned[:2])
-        chance = SIGNIFICANT * math.sqrt(2.0 * noise_m * noise_m + self.wander.aside_m2_s * elapsed)
-        if step <= STEP_M + chance + WIND_M_S2 * light_s * elapsed:
-            return None
-        return notice("takeoff.leaps", step_m=step)
-
-    def find_disturbance(self, pose: Pose, place_ned: Vec3, light_s: float) -> Sentence | None:
-        """Return the fault of a vehicle that tips over or slides on the floor; None without one.
-
-        Args:
-            pose: its newest pose.
-            place_ned: its place at rest [m].
-            light_s: time since thrust relieves the floor so much that wind may move the vehicle
-                [s].
-        """
-        at_rest = self.poses[-1]
-        if pose.reset_count != at_rest.reset_count:
-            return None  # not comparable
-        (x, y, z), (u, v, w) = third_column(at_rest.attitude), third_column(pose.attitude)
-        tilt = angle_deg(x * u + y * v + z * w)
-        if not tilt <= TIPPED_DEG:
-            return notice("takeoff.tips", tilt_deg=tilt, limit_deg=TIPPED_DEG)
-        aside = math.dist(pose.position_ned[:2], place_ned[:2])
-        # The wander of 1 s: a spool-up takes about so long.
-        limit = (
-            SLIPPED_M
-            + SIGNIFICANT * math.sqrt(self.wander.aside_m2_s)
-            + 0.5 * WIND_M_S2 * light_s * light_s
-        )
-        if not aside <= limit:
-            return notice("takeoff.slides", aside_m=aside, limit_m=limit)
-        return None
-
-
 class SpoolUp:
     """One spool-up: from arming until the vehicle flies or its motors go off again."""
 
@@ -570,7 +571,6 @@ class SpoolUp:
         self._spool = spool
         self._vehicle = vehicle
         self._weight = weight_n
-        self._gravity = gravity
         self._noise = noise_m
         self.place_ned = standing.place_ned
         """Place at rest [m], by the source's origin while thrust can't lift the vehicle."""
@@ -582,12 +582,11 @@ class SpoolUp:
         self._risen_poses = 0
         """Number of the newest poses that show the vehicle off the floor, before thrust may lift
         it."""
+        self._climbs = PredictedClimbs(self._newest.time_s, weight_n, vehicle.thrust_lag_s, gravity)
         self._lift: LiftOff | None = None
-        """Odds of the lift-off; None before thrust can lift the vehicle."""
+        """What the poses show of a lift-off; None before thrust can lift the vehicle."""
         self._moved_s: float | None = None
         """Time of the first command since the vehicle moves [s]; None while it does not."""
-        self._commands: list[tuple[float, float]] = []
-        """Commands before ``_lift``: acting from [s], thrust [N]."""
 
     @property
     def lift_off(self) -> LiftOff | None:
@@ -607,15 +606,10 @@ class SpoolUp:
             if moved:
                 self.place_ned = standing.place_ned
             self._risen_poses = self._risen_poses + 1 if self._has_risen(pose) else 0
+            self._climbs.advance(pose.time_s)
             return
         if self._lift is None:
-            down, lag_s = standing.place_ned[2], self._vehicle.thrust_lag_s
-            at_rest, wander = standing.poses[-1], standing.wander
-            self._lift = LiftOff(
-                at_rest, down, self._weight, lag_s, self._gravity, wander, self._noise
-            )
-            for acting_s, thrust_n in self._commands:
-                self._lift.add_command(acting_s, thrust_n)
+            self._lift = LiftOff(standing, self._climbs, self._noise)
         self._lift.add_pose(pose)
 
     def _has_risen(self, pose: Pose) -> bool:
@@ -631,9 +625,7 @@ class SpoolUp:
         return max(now_s - self._spool.sure_s + LIGHT_S, 0.0)
 
     def compute_thrust_n(self, now_s: float) -> float:
-        """Return the thrust to command now [N], which the odds of the lift-off take into
-        account.
-        """
+        """Return the thrust to command now [N]; the predicted climbs count on it."""
         lift, spool = self._lift, self._spool
         thrust = spool.thrust_n(now_s)
         if lift is None or not self._is_moving:
@@ -642,12 +634,10 @@ class SpoolUp:
             self._moved_s = now_s if self._moved_s is None else self._moved_s
             wanted = lift.climbing_share * self._weight
             # A lead by the rotors' present error: they reach ``wanted`` sooner.
-            thrust = min(max(2.0 * wanted - lift.thrust_n, LEAST_SHARE * wanted), spool.most_n)
+            lead_n = wanted - self._climbs.thrust_n
+            thrust = min(max(wanted + lead_n, LEAST_SHARE * wanted), spool.most_n)
         acting_s = now_s + self._vehicle.command_delay_s + self._vehicle.thrust_delay_s
-        if lift is None:
-            self._commands.append((acting_s, thrust))
-        else:
-            lift.add_command(acting_s, thrust)
+        self._climbs.add_command(acting_s, thrust)
         return thrust
 
     @property
