@@ -53,14 +53,12 @@ def test_an_interrupted_search_says_how_to_go_on(
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        ("--duration 16", "--duration: expected seconds, more than 16 and"),
         ("--scenarios paper,quad1kg", "different vehicles"),
         ("--verify 101", "--verify: expected at most 100"),
         ("--write x.md", "--write: is for --report"),
         ("--report --out x.toml", "--out: a report writes no configuration"),
         ("--out nowhere/x.toml", "there is no such folder"),
         ("--report --write nowhere.md", "cannot read nowhere.md"),
-        ("--keys k9", "--keys: expected some of"),
         ("--set controller.kind=no.such:thing", "can't import"),
         ("--config nowhere.toml", "cannot read the configuration"),
         ("--config {mine} --out {mine}", "is the configuration to start from"),
