@@ -308,7 +308,7 @@ def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
 
 
 def lift_off(at_rest: Pose, thrust_n: float) -> LiftOff:
-    """Of a vehicle of 1 N, told ``thrust_n`` [N] from 0 s on, without lag."""
+    """Begin the lift-off of a vehicle of 1 N by ``thrust_n`` [N] from 0 s on, without lag."""
     found, climbs = StandingPoses(), PredictedClimbs(0.0, 1.0, 0.0, G)
     found.add(at_rest)
     climbs.add_command(0.0, thrust_n)
