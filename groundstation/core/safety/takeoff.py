@@ -584,7 +584,7 @@ class SpoolUp:
         it."""
         self._climbs = PredictedClimbs(self._newest.time_s, weight_n, vehicle.thrust_lag_s, gravity)
         self._lift: LiftOff | None = None
-        """What the poses show of a lift-off; None before thrust can lift the vehicle."""
+        """Lift-off as the poses show it; None before thrust can lift the vehicle."""
         self._moved_s: float | None = None
         """Time of the first command since the vehicle moves [s]; None while it does not."""
 
