@@ -242,12 +242,13 @@ class PredictedClimbs:
 def _find_share(moved: float, predicted: Sequence[float]) -> float:
     """Return the hover share by which thrust so far has ``moved`` the vehicle.
 
-    ``predicted``: the same motion for each of ``SHARES``.
+    The largest one where no thrust explains a motion yet. ``predicted``: the same motion for each
+    of ``SHARES``.
     """
     for k in range(1, len(SHARES)):
         above, below = predicted[k - 1], predicted[k]
-        if below < moved:
-            x = min(max((above - moved) / (above - below), 0.0), 1.0) if above > below else 0.0
+        if below < moved and below < above:
+            x = max((above - moved) / (above - below), 0.0)
             return SHARES[k - 1] + x * (SHARES[k] - SHARES[k - 1])
     return SHARES[-1]
 
