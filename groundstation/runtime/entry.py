@@ -132,6 +132,11 @@ class _GuardedStream:
         self.bare.write(shown)
         return len(text)
 
+    def writelines(self, lines: "Any") -> None:
+        # Else __getattr__ would lead past the guard.
+        for line in lines:
+            self.write(line)
+
 
 def raw_stream(stream: "TextIO") -> "TextIO":
     """Return ``stream`` unguarded, for a program that draws with its own escape sequences."""
@@ -400,7 +405,9 @@ class Program(argparse.ArgumentParser):
         return {word: self._make(word) for word in self._names}
 
     def offer_below(self) -> None:
-        """Add the commands below this one as subcommands, which completion reads."""
+        """Add the commands below this one as subcommands, once: completion reads them."""
+        if self.offers:
+            return
         parsers = self.add_subparsers(
             dest="command", required=True, metavar="COMMAND", parser_class=Program
         )
@@ -418,7 +425,7 @@ class Program(argparse.ArgumentParser):
         """
         if args and not self.offers and args[0] in self._names:
             return self._make(args[0]).parse_known_args(args[1:], namespace)
-        if self.program is self and not self.offers:
+        if self.program is self:
             self.offer_below()
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
@@ -435,7 +442,7 @@ class Program(argparse.ArgumentParser):
         """Return the help text: usage, each group of commands, options."""
         if not self.groups:
             return super().format_help()
-        if self.program is self and not self.offers:
+        if self.program is self:
             self.offer_below()
         formatter = self._get_formatter()
         formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)

@@ -450,7 +450,7 @@ class Ask(StrEnum):
 RemoteAsk = Literal["hold", "return", "track", "goto", "land", "descend", "abort", "kill"]
 """Requests that remote clients may send: all but to arm."""
 
-TURN_DEG = math.degrees(math.tau)
+TURN_DEG = 360.0
 """Largest heading of a request, either way [deg]: a full turn."""
 
 

@@ -681,7 +681,7 @@ def _arguments(
     takes no files beside.
     """
     offers_all = shell == "bash" or not command
-    if isinstance(parser, Program) and parser.below and not parser.offers and offers_all:
+    if isinstance(parser, Program) and parser.below and offers_all:
         parser.offer_below()
     for action in parser._actions:  # argparse has no public way to ask what it knows
         if isinstance(action, argparse._SubParsersAction):

@@ -1,15 +1,17 @@
 """How the programs start, and which packages they need."""
 
+import io
 import json
 import shlex
 import sys
 from importlib import import_module
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from groundstation.runtime import packages
-from groundstation.runtime.entry import Exit
+from groundstation.runtime.entry import Exit, _GuardedStream
 
 
 @pytest.mark.parametrize("program", ["groundstation", "groundstation-sim"])
@@ -44,3 +46,12 @@ def test_an_extra_is_installed_from_where_the_program_came(
     )
     words = shlex.split(packages.describe_install("tune"))
     assert words == [sys.executable, "-m", "pip", "install", *what]
+
+
+def test_quoted_text_does_not_control_the_terminal_by_any_way_of_writing() -> None:
+    shown = io.StringIO()
+    guarded: Any = _GuardedStream(shown)
+    guarded.write("a\x1b[2Jb\n")
+    guarded.writelines(["c\x07d\n", "e\tf"])
+    assert not any(sign in shown.getvalue() for sign in "\x1b\x07")
+    assert [line[0] + line[-1] for line in shown.getvalue().split("\n")] == ["ab", "cd", "ef"]
