@@ -5,11 +5,16 @@ The vehicle follows false poses. So tilt and thrust are limited wherever a fligh
 more. A profile lists the limits of its phases, in their order
 (:mod:`groundstation.core.control.profiles`).
 
-Half and double of a constant were flown by `groundstation-sim dev faults paper`: of a share of the
-hover thrust its difference from 1, of a cosine its angle. The cells, as they are: *mirrored*,
-`--fault "mirrored: x" --state start`, 1.47 m aside; *load*, `--fault "load dropped" --state
-take-off`, 0.12 m up; *gust*, `--fault gust --state landing`, 0.20 m aside; *answers*, `--fault "one
-way silent: answers"`, `--state tracking` 0.90 m aside, `--state hold` meets the floor at 0.58 m/s.
+The constants were chosen. Each was also flown at half and at double its value, by
+`groundstation-sim dev faults paper`. Of a share of the hover thrust, the difference from 1 was
+halved and doubled; of a cosine, the angle. The cells, with the values below:
+
+- *mirrored*, `--fault "mirrored: x" --state start`: 1.47 m aside, 2.65 m/s;
+- *load*, `--fault "load dropped" --state take-off`: 0.12 m up;
+- *late*, `--fault "late: 200 ms" --state landing`: meets the floor at 1.41 m/s;
+- *gust*, `--fault gust --state landing`: 0.20 m aside;
+- *answers*, `--fault "one way silent: answers"`: with `--state tracking` 0.90 m aside, with
+  `--state hold` it meets the floor at 0.58 m/s.
 """
 
 import math
@@ -30,8 +35,8 @@ FIRST_CLIMB_SHARE = 1.2
 """Largest thrust of the first climb as a share of the hover thrust at lift-off [-], until the
 height has responded. Half: mirrored 1.58 m; double: 1.54 m."""
 FIRST_CLIMB_S = 1.0
-"""Time after lift-off from which the tilt limit is that of transit [s]. Half: mirrored 2.80 m/s,
-for 2.65 m/s; double: 2.47 m/s."""
+"""Time after lift-off from which the tilt limit is that of transit [s]. Half: mirrored 2.80 m/s;
+double: 2.47 m/s."""
 FIRST_CLIMB_M = 0.25
 """Height above the place of lift-off at which the first climb is over [m]. Until then the health of
 the poses (``ClimbMonitor``) compares the height with the thrust directly, as the state at lift-off
@@ -42,28 +47,28 @@ it holds against a disturbance of 5.7 m/s². Half: mirrored 1.11 m; double: 1.75
 LEAST_THRUST_SHARE = 0.7
 """Least thrust in transit, climb and landing as a share of the hover thrust [-]: the vehicle falls
 at .3 g at most, and thrust may still become low enough for touchdown.LOW_SHARE. Half: load 0.17 m,
-`--fault "late: 200 ms" --state landing` meets the floor at 0.46 m/s, for 1.41 m/s; double: 0.10 m,
-0.94 m/s."""
+late 0.46 m/s; double: load 0.10 m, late 0.94 m/s."""
 TRANSIT_COSINE = math.cos(math.radians(40.0))
 """Cosine of the largest tilt in transit, climb and landing [-]: it holds against a disturbance of 8
 m/s², and follows a mirrored position at .84 g at most. Half: gust 0.92 m; double: no change."""
 RATE_GAIN_PER_S = Gains().k_omega
-"""Decay of body rates under another controller than ours [1/s]: our own k_ω."""
+"""Decay of body rates that the tilt limit assumes under a controller of the user's own [1/s]: our
+own k_ω."""
 LEAST_SINE = 1e-3
-"""Least sine times cosine of the tilt that the thrust limit is divided by [-]: for less no thrust
-reaches that limit."""
+"""Least divisor of the thrust limit [-], a sine of the tilt times a cosine: at a smaller tilt no
+thrust reaches the limit."""
 UPLINK_LOST_SHARE = 0.95
 """Largest thrust while the uplink is lost, as a share of the hover thrust [-]: the vehicle sinks at
-``UPLINK_LOST_SINK_M_S`` after 0.8 s. Half: answers 0.56 m/s; double: 0.63 m/s."""
+``UPLINK_LOST_SINK_M_S`` after 0.8 s. Half: answers, hold 0.56 m/s; double: 0.63 m/s."""
 UPLINK_LOST_M_S2 = 1.5
 """Largest vertical disturbance that is compensated while the uplink is lost [m/s²]: it may have
 been learnt from commands that did not arrive. Half and double: no change."""
 UPLINK_LOST_GAIN = 0.15
 """Factor on the law's rates while the uplink is lost [-]: a loop of 4 1/s that is 1.5 s late is
-stable with it. Half: answers 1.74 m; double: 0.54 m."""
+stable with it. Half: answers, tracking 1.74 m; double: 0.54 m."""
 UPLINK_LOST_SINK_M_S = 0.4
 """Sink rate from which thrust is limited to the hover thrust instead, while the uplink is lost
-[m/s]. Half: answers 0.56 m/s; double: 0.88 m/s."""
+[m/s]. Half: answers, hold 0.56 m/s; double: 0.88 m/s."""
 
 
 class LimitInput(msgspec.Struct, frozen=True, gc=False):
@@ -104,7 +109,7 @@ class Limit:
 class FirstClimbLimit(Limit):
     """Thrust in the first climb: little above hover until the height has responded.
 
-    A wrong body would shoot up.
+    With the poses of another body, which does not rise, the law would raise the thrust further.
     """
 
     def __init__(self, vehicle: Vehicle, config: ControllerConfig) -> None:
@@ -112,6 +117,7 @@ class FirstClimbLimit(Limit):
         self.lifted_s = -math.inf
         """Instant of the lift-off [s]; -inf for a flight that begins in the air."""
         self._climbed_s = -math.inf
+        """End of the first climb [s]; inf before it, -inf for a flight without one."""
         self._hover_n = self._lifted_down_m = 0.0
 
     def lift_off(self, time_s: float, hover_n: float, down_m: float) -> None:
@@ -163,15 +169,17 @@ class ThrustLimit(Limit):
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
         """Return ``drive`` with thrust between both bounds; see :class:`Limit`."""
         down_m_s2, cosine = now.mean_disturbance[2], now.least_cosine
-        per_m_s2 = self._vehicle.mass_kg / now.estimate.effectiveness
-        # By the present disturbance: the mean follows a hand that lifts the vehicle too late, and a
-        # downward gust, which may be over by now, would hold it up.
+        newtons_per_m_s2 = self._vehicle.mass_kg / now.estimate.effectiveness
+        # The least thrust follows the present disturbance: its mean is late where a hand lifts the
+        # vehicle. Only an upward disturbance counts: a downward gust may be over by now, and more
+        # thrust would hold the vehicle up.
         weight_m_s2 = self._gravity + min(now.estimate.disturbance[2], 0.0)
-        least = min(LEAST_THRUST_SHARE * per_m_s2 * weight_m_s2, self._vehicle.thrust_max_n)
-        # The horizontal acceleration is no larger than at the tilt limit in level flight.
-        across = math.hypot(*third_column(now.estimate.motion.attitude)[:2]) * cosine
-        hover_n = per_m_s2 * (self._gravity + down_m_s2)
-        most = hover_n * math.sqrt(1.0 - cosine * cosine) / max(across, LEAST_SINE)
+        least = min(LEAST_THRUST_SHARE * newtons_per_m_s2 * weight_m_s2, self._vehicle.thrust_max_n)
+        # The horizontal part of thrust at this tilt, thrust * sin(tilt), is at most that of level
+        # flight at the tilt limit, hover_n * sin(limit) / cos(limit).
+        sine = math.hypot(*third_column(now.estimate.motion.attitude)[:2])
+        hover_n = newtons_per_m_s2 * (self._gravity + down_m_s2)
+        most = hover_n * math.sqrt(1.0 - cosine * cosine) / max(sine * cosine, LEAST_SINE)
         return drive._replace(thrust=max(min(drive.thrust, most), least))
 
 
@@ -189,9 +197,7 @@ class LevelNearGround(Limit):
 
 
 class UplinkLostLimit(Limit):
-    """Gentle commands while the uplink is lost: each may arrive late, and those before may not have
-    arrived.
-    """
+    """Gentle commands while the uplink is lost: each may arrive late, or not at all."""
 
     def find_hover_n(self, estimate: Estimate) -> float:
         """Return the hover thrust, with a limited disturbance [N]."""

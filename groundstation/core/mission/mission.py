@@ -1,4 +1,6 @@
-"""Mission: a table of state × event → state. A missing key is an illegal move. Sans-IO."""
+"""Mission: the state of one flight, and a table of its moves, (state, event) to state. A missing
+key is an illegal move. Sans-IO.
+"""
 
 from enum import StrEnum
 
@@ -34,7 +36,7 @@ class State(StrEnum):
     LANDED = "landed"
     """On the floor, motors off."""
     ABORTED = "aborted"
-    """Commands have stopped; where it flew, the link has brought the vehicle down."""
+    """Commands have stopped; a vehicle in the air was brought down by the link."""
     HANDED_OVER = "handed_over"
     """The autopilot follows another controller: nothing is sent any more."""
     KILLED = "killed"
@@ -49,7 +51,7 @@ class Event(StrEnum):
     ARM = "arm"
     ARMED = "armed"
     AIRBORNE = "airborne"
-    """Armed in the air, as only a simulated vehicle is that is held there."""
+    """Armed in the air: only a simulator holds its vehicle there."""
     CLIMBED = "climbed"
     HOLD = "hold"
     TRACK = "track"
@@ -81,11 +83,14 @@ IN_AIR = (
     State.LANDING,
     State.DESCENT,
 )
-"""Commands may lift the vehicle."""
+"""Commands may lift the vehicle. ``DISARMING`` and the final states are in neither tuple."""
 
 
-def _everywhere() -> dict[tuple[State, Event], State]:
-    """Return the moves that work in every state; after the end only a kill does."""
+def _list_emergency_moves() -> dict[tuple[State, Event], State]:
+    """Return the moves by abort, descend, land and kill, which every state has.
+
+    After the end only a kill changes the state.
+    """
     table: dict[tuple[State, Event], State] = {}
     for state in State:
         over = state in FINAL
@@ -97,9 +102,9 @@ def _everywhere() -> dict[tuple[State, Event], State]:
             state if over else State.LANDING if state in IN_AIR else State.ABORTED
         )
         table[state, Event.KILL] = State.KILLED
-    # A descent does not become a gentler landing, and a vehicle on the floor does not take off
-    # again.
+    # A descent does not become a gentler landing.
     table[State.DESCENT, Event.LAND] = State.DESCENT
+    # A vehicle on the floor is down already, and goes on disarming.
     for event in (Event.LAND, Event.DESCEND):
         table[State.DISARMING, event] = State.DISARMING
     return table
@@ -126,15 +131,15 @@ TABLE: dict[tuple[State, Event], State] = {
     (State.LANDING, Event.TOUCHDOWN): State.DISARMING,
     (State.DESCENT, Event.TOUCHDOWN): State.DISARMING,
     (State.DISARMING, Event.DISARMED): State.LANDED,
-    # The autopilot detected touchdown first.
+    # The autopilot detected touchdown, and disarmed, before we did.
     (State.LANDING, Event.DISARMED): State.LANDED,
     (State.DESCENT, Event.DISARMED): State.LANDED,
     **{(state, Event.TAKEN_OVER): State.HANDED_OVER for state in (*IN_AIR, State.ARMING)},
-    **_everywhere(),
+    **_list_emergency_moves(),
 }
 
 EVENT_OF = {ask: Event(ask.value) for ask in Ask}
-"""Every request is an event of the same name."""
+"""Event of each request: that of the same name."""
 
 
 class IllegalMove(Exception):
@@ -147,13 +152,16 @@ class Mission:
     def __init__(self) -> None:
         self.state = State.IDLE
         self.reason: Sentence | None = None
+        """Why the mission moved to this state; None where no reason was given."""
 
     def allows(self, event: Event) -> bool:
-        """Whether the table has a move by ``event`` from here."""
+        """Whether the table has a move by ``event`` from the present state."""
         return (self.state, event) in TABLE
 
     def on(self, event: Event, reason: Sentence | None = None) -> State:
-        """Move by ``event``; a move to the same state keeps its reason.
+        """Move by ``event`` for ``reason``, and return the state.
+
+        Where the state stays the same, so does the reason why it was entered.
 
         Raises:
             IllegalMove: the table has no such move.

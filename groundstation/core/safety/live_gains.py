@@ -4,8 +4,8 @@ worse. Sans-IO.
 A change is a linear ramp of two seconds. The flight after it is compared with the ten seconds
 before it: where the mean square of the error, or the mean of V, has risen too far, the gain is
 reverted. That happens as soon as the integral exceeds its limit for the whole time, so a bad change
-does not last. A change is also reverted where the flight goes on to another phase, or lands, before
-the comparison is over.
+does not last. A change is also reverted where the vehicle neither holds nor tracks any more, as in
+a landing, before the comparison is over.
 """
 
 import math
@@ -26,8 +26,8 @@ BACK_S = 0.5
 JUDGED_S = 10.0
 """Time that is compared, before and after a change [s]. Chosen: a figure of eight takes as long."""
 INTERRUPTION_S = 0.5
-"""Interval of commands from which a flight counts as interrupted, and which counts for that long
-[s]. Chosen."""
+"""Interval of commands above which a flight was interrupted: no change begins after it, and the
+integrals count it as this long [s]. Chosen."""
 RMS_FACTOR = 1.5
 """Factor on the RMS error above which a change is reverted [-]. Chosen."""
 V_FACTOR = 4.0
@@ -37,6 +37,7 @@ STEP_FACTOR = 2.0
 LIVE = ("k2", "k3", "kb", "k_yaw", "kappa", "k_omega")
 """Gains that may be changed. The shapes of σ, ρ and Ω may not: with them V is another function."""
 PREFIX = "controller."
+"""Section of the gains' configuration keys."""
 
 
 class GainStep(NamedTuple):
@@ -56,6 +57,7 @@ class _GainRamp(NamedTuple):
     over_s: float
 
     def at(self, time_s: float) -> float:
+        """Return the gain at ``time_s`` [s]."""
         share = min(1.0, max(0.0, (time_s - self.start_s) / self.over_s))
         return self.new if share == 1.0 else self.old + share * (self.new - self.old)
 
@@ -63,11 +65,11 @@ class _GainRamp(NamedTuple):
 class _GainTrial(NamedTuple):
     """Change that is being compared, and its limits."""
 
-    move: _GainRamp
-    squares: float
-    """Largest ∫ e² dt [m²s]."""
-    v: float
-    """Largest ∫ V dt [m²/s]."""
+    ramp: _GainRamp
+    most_squares: float
+    """Largest ∫ e² dt that is accepted [m²s]."""
+    most_v: float
+    """Largest ∫ V dt that is accepted [m²/s]."""
 
 
 class LiveGains:
@@ -79,8 +81,10 @@ class LiveGains:
         """Present gains; None for a controller without gains that may be changed."""
         self._past: deque[tuple[float, float, float]] = deque()
         """Instant [s], e² [m²] and V [m²/s²] of each command of the last ``JUDGED_S``."""
-        self._move: _GainRamp | None = None
+        self._ramp: _GainRamp | None = None
+        """Change under way, also that of a reversal; None without one."""
         self._trial: _GainTrial | None = None
+        """Change that is being compared; None without one."""
         self._squares = self._v = 0.0
         """∫ e² dt [m²s] and ∫ V dt [m²/s] since the change began."""
         self._last_s = -math.inf
@@ -114,10 +118,10 @@ class LiveGains:
                 False, notice("gain.step", key=key, now=now, low=low, high=high, value=value)
             )
         trial = self._trial
-        if trial is not None and (name, value) == (trial.move.name, trial.move.old):
+        if trial is not None and (name, value) == (trial.ramp.name, trial.ramp.old):
             self._revert(trial, now_s)
             return Reply.of(True, notice("gain.back", key=key, value=value))
-        if trial is not None or self._move is not None:
+        if trial is not None or self._ramp is not None:
             return Reply.of(False, notice("gain.busy", key=key))
         if (
             not self._past
@@ -126,9 +130,11 @@ class LiveGains:
         ):
             return Reply.of(False, notice("gain.too_early", key=key, before_s=JUDGED_S))
         squares, v = self._find_means()
-        span = RAMP_S + JUDGED_S
-        self._move = _GainRamp(name, now, value, now_s, RAMP_S)
-        self._trial = _GainTrial(self._move, RMS_FACTOR**2 * squares * span, V_FACTOR * v * span)
+        span_s = RAMP_S + JUDGED_S
+        self._ramp = _GainRamp(name, now, value, now_s, RAMP_S)
+        self._trial = _GainTrial(
+            self._ramp, RMS_FACTOR**2 * squares * span_s, V_FACTOR * v * span_s
+        )
         self._squares = self._v = 0.0
         return Reply.of(True, notice("gain.moves", key=key, now=now, value=value, ramp_s=RAMP_S))
 
@@ -137,7 +143,8 @@ class LiveGains:
     ) -> tuple[GainStep | None, Sentence | None]:
         """Take one command; return the gain to set now, and the sentence for the operator.
 
-        ``counts``: whether its error depends on the gains.
+        ``v`` is the certificate's V [m²/s²]. ``counts``: whether the vehicle holds or tracks, so
+        that its error is that of the configured gains.
         """
         if self.gains is None:
             return None, None
@@ -150,55 +157,55 @@ class LiveGains:
                 past.popleft()
         else:
             past.clear()
-        news = None
+        verdict = None
         if self._trial is not None:
-            news = self._judge(self._trial, time_s, squared, v, dt, counts=counts)
-        return self._step(time_s), news
+            verdict = self._judge(self._trial, time_s, squared, v, dt, counts=counts)
+        return self._advance(time_s), verdict
 
     def _judge(
         self, trial: _GainTrial, time_s: float, squared: float, v: float, dt: float, *, counts: bool
     ) -> Sentence | None:
         """Judge the change by one more command; return the sentence on its end, if it ends."""
-        key = PREFIX + trial.move.name
+        key = PREFIX + trial.ramp.name
         if not counts:
             self._revert(trial, time_s)
-            return notice("gain.unproven", key=key, value=trial.move.old)
+            return notice("gain.unproven", key=key, value=trial.ramp.old)
         self._squares += squared * dt
         self._v += v * dt
-        worse = (
-            "the RMS error"
-            if not self._squares <= trial.squares
-            else ""
-            if self._v <= trial.v
-            else "V"
-        )
-        if worse:
-            self._revert(trial, time_s)
-            factor = RMS_FACTOR if worse != "V" else V_FACTOR
-            return notice(
-                "gain.worse", key=key, value=trial.move.old, worse=worse, factor=factor
-            ).as_warning()
-        if time_s - trial.move.start_s >= RAMP_S + JUDGED_S:
+        # A sum that is not a number is within no limit.
+        if not self._squares <= trial.most_squares:
+            return self._reject(trial, time_s, "the RMS error", RMS_FACTOR)
+        if not self._v <= trial.most_v:
+            return self._reject(trial, time_s, "V", V_FACTOR)
+        if time_s - trial.ramp.start_s >= RAMP_S + JUDGED_S:
             self._trial = None
-            return notice("gain.stays", key=key, value=trial.move.new)
+            return notice("gain.stays", key=key, value=trial.ramp.new)
         return None
+
+    def _reject(self, trial: _GainTrial, now_s: float, worse: str, factor: float) -> Sentence:
+        """Revert the change; return the warning that ``worse`` has risen by more than ``factor``
+        [-].
+        """
+        self._revert(trial, now_s)
+        key, old = PREFIX + trial.ramp.name, trial.ramp.old
+        return notice("gain.worse", key=key, value=old, worse=worse, factor=factor).as_warning()
 
     def _revert(self, trial: _GainTrial, now_s: float) -> None:
         """End the trial, and begin to change the gain back."""
-        now = getattr(self.gains, trial.move.name)
+        now = getattr(self.gains, trial.ramp.name)
         self._trial = None
-        self._move = _GainRamp(trial.move.name, now, trial.move.old, now_s, BACK_S)
+        self._ramp = _GainRamp(trial.ramp.name, now, trial.ramp.old, now_s, BACK_S)
 
-    def _step(self, time_s: float) -> GainStep | None:
+    def _advance(self, time_s: float) -> GainStep | None:
         """Return the gain of a change under way at ``time_s``; None without one."""
-        move, gains = self._move, self.gains
-        if move is None or gains is None:
+        ramp, gains = self._ramp, self.gains
+        if ramp is None or gains is None:
             return None
-        value = move.at(time_s)
-        if value == move.new:
-            self._move = None
-        self.gains = msgspec.structs.replace(gains, **{move.name: value})
-        return GainStep(move.name, value)
+        value = ramp.at(time_s)
+        if value == ramp.new:
+            self._ramp = None
+        self.gains = msgspec.structs.replace(gains, **{ramp.name: value})
+        return GainStep(ramp.name, value)
 
     def _find_means(self) -> tuple[float, float]:
         """Return the mean e² [m²] and the mean V [m²/s²] of the time before the change."""

@@ -43,11 +43,12 @@ leg of 4 m."""
 
 
 class Leg(NamedTuple):
-    """A reference, and when its time 0 is."""
+    """A reference, and the instant of its time 0."""
 
     trajectory: Trajectory
     start_s: float
-    """On the event loop's clock [s]."""
+    """Instant of its time 0, on the event loop's clock [s]. A chain of blends ends there: until
+    then its time is negative. Other references begin there."""
 
 
 class Clearance:

@@ -35,33 +35,35 @@ class FlightPhase:
 
     def __init__(self, leg: Leg) -> None:
         self.leg = leg
-        """Reference, and when its time 0 is."""
+        """Reference, and the instant of its time 0."""
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
         """Return the move that ends the phase; None while it goes on.
 
-        ``tick`` is a command that has left. Without uplink the vehicle may not have received it.
+        ``tick`` is a command that has left. Without ``uplink_ok`` the vehicle may not have received
+        it.
         """
         raise NotImplementedError
 
 
 class TransitPhase(FlightPhase):
-    """A way to rest at its end: the climb to the take-off height, the way back over the place of
-    take-off.
+    """A leg to rest: the climb to the take-off height, or the way back over the place of take-off.
+
+    Time 0 of the leg is its end: before it, its time is negative.
     """
 
     def __init__(self, leg: Leg, arrival: MissionMove) -> None:
-        """``arrival`` is the move at the end of the way."""
+        """``arrival`` is the move at the end of the leg."""
         super().__init__(leg)
         self._arrival = arrival
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Arrive; see :class:`FlightPhase`."""
+        """Return the arrival at the end of the leg; see :class:`FlightPhase`."""
         return self._arrival if uplink_ok and tick.flight_time_s >= 0.0 else None
 
 
 class GoToPhase(TransitPhase):
-    """A way to a point, one of several that are flown to one after the other."""
+    """A leg to a point, one of several that are flown to one after the other."""
 
     def __init__(
         self,
@@ -71,7 +73,7 @@ class GoToPhase(TransitPhase):
         points: tuple[Waypoint, ...],
         index: int = 0,
     ) -> None:
-        """Plan the way to the point ``index`` of ``points``, from the motion ``now`` at ``time_s``
+        """Plan the leg to the point ``index`` of ``points``, from the motion ``now`` at ``time_s``
         [s].
         """
         which = f", {index + 1} of {len(points)}" if len(points) > 1 else ""
@@ -92,21 +94,20 @@ class GoToPhase(TransitPhase):
 
 
 class HoldPhase(FlightPhase):
-    """Stay at one place.
-
-    After the climb until the hover thrust is known, else until a request ends it.
+    """Stay at one place: after the climb until the hover thrust has been measured, otherwise until
+    a request ends the phase.
     """
 
     profile = HOLDING
 
     def __init__(self, config: Config, course: Course, leg: Leg, *, waits: bool) -> None:
-        """``waits``: it lasts until a request ends it."""
+        """``waits``: no hover thrust is measured, and a request ends the phase."""
         super().__init__(leg)
         self._config, self._course = config, course
         self._waits = waits
         self._thrusts_n: list[float] | None = None if waits else []
-        """Commanded thrusts, whose mean is the hover thrust [N]; None without its measurement, or
-        once that is done."""
+        """Commanded thrusts, whose mean is the hover thrust [N]; None where it is not measured, or
+        has been."""
 
     def wait_for_request(self) -> None:
         """Stay until a request ends this phase."""
@@ -121,7 +122,8 @@ class HoldPhase(FlightPhase):
         thrusts = self._thrusts_n
         if not uplink_ok or thrusts is None:
             return None
-        if tick.flight_time_s > 0.5 * hold_s:  # the climb has died away
+        # In the first half the thrust still brakes the climb.
+        if tick.flight_time_s > 0.5 * hold_s:
             thrusts.append(tick.command.thrust_n)
         if tick.flight_time_s < hold_s or not thrusts:
             return None
@@ -147,27 +149,27 @@ class TrackPhase(FlightPhase):
 
     profile = TRACKING
 
-    def __init__(self, leg: Leg, duration_s: float | None, back: Event) -> None:
-        """``back`` is the event after ``duration_s`` on the trajectory [s].
+    def __init__(self, leg: Leg, duration_s: float | None, end: Event) -> None:
+        """``end`` is the event after ``duration_s`` on the trajectory [s], a return or a landing.
 
-        None: until a request ends it.
+        Without ``duration_s`` only a request ends the phase.
         """
         super().__init__(leg)
-        self._duration_s, self._back = duration_s, back
+        self._duration_s, self._end = duration_s, end
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
-        """Return, or land; see :class:`FlightPhase`."""
+        """Return the configured end after the duration; see :class:`FlightPhase`."""
         duration = self._duration_s
         if not uplink_ok or duration is None or tick.flight_time_s < duration:
             return None
-        return MissionMove(self._back, notice("mission.flown", duration_s=duration))
+        return MissionMove(self._end, notice("mission.flown", duration_s=duration))
 
 
 class LandPhase(FlightPhase):
     """Sink under full control until the vehicle is on the floor."""
 
     def __init__(self, course: Course, leg: Leg, over_by_s: float) -> None:
-        """``over_by_s``: later than that, the floor is not where it is configured [s]."""
+        """``over_by_s``: instant after which the floor is not where it is configured [s]."""
         super().__init__(leg)
         self._course, self._over_by_s = course, over_by_s
 
@@ -179,7 +181,7 @@ class LandPhase(FlightPhase):
         behind_m = tick.reference.position_ned[2] - tick.estimate.motion.position[2]
         if self._course.detect_touchdown(tick, behind_m, uplink_ok=uplink_ok):
             return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down"))
-        if not tick.time_s > self._over_by_s:
+        if tick.time_s <= self._over_by_s:
             return None
         return MissionMove(Event.DESCEND, notice("fault.no_floor"), fault=True)
 
@@ -188,7 +190,7 @@ class DescentPhase:
     """Failsafe descent: level and down, without a reference, until the vehicle is on the floor."""
 
     def __init__(self, course: Course, over_by_s: float) -> None:
-        """``over_by_s``: as for :class:`LandPhase`."""
+        """``over_by_s``: instant after which there is no floor where it is configured [s]."""
         self._course, self._over_by_s = course, over_by_s
 
     def find_end(self, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
@@ -198,7 +200,7 @@ class DescentPhase:
         """
         if self._course.detect_touchdown(tick, math.inf, uplink_ok=uplink_ok):
             return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down"))
-        if not tick.time_s > self._over_by_s:
+        if tick.time_s <= self._over_by_s:
             return None
         return MissionMove(
             Event.ABORT, notice("fault.no_floor_end", why=notice("fault.no_floor")), fault=True

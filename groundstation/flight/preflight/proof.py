@@ -16,7 +16,7 @@ from groundstation.settings import Config
 SECTIONS = ("vehicle", "pose", "gate", "link", "flight", "guards")
 """Sections that decide how motors start and stop: a change of one of them voids an earlier test."""
 COMMAND = "groundstation props-off CONFIG"
-"""Command of the test with the propellers off, for sentences."""
+"""Command of the test with the propellers off, as the operator reads it."""
 
 
 class Proof(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -35,20 +35,23 @@ class Proof(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 def hash_sections(config: Config) -> str:
-    """Hash ``SECTIONS``, without file names and ``flight.duration_s``, which start and stop no
-    motor.
+    """Return the hash of ``SECTIONS``, 16 hexadecimal digits.
+
+    File names and ``flight.duration_s`` are left out: they start and stop no motor.
     """
     values = msgspec.to_builtins(config)
     sections = {name: _without_files(values[name]) for name in SECTIONS}
     del sections["flight"]["duration_s"]
-    return hashlib.sha256(msgspec.json.encode(sections, order="deterministic")).hexdigest()[:16]
+    digest = hashlib.sha256(msgspec.json.encode(sections, order="deterministic")).hexdigest()
+    return digest[:16]  # 64 bits tell the configurations of one vehicle apart
 
 
 def proof_path(config: Config) -> Path:
     """File of the vehicle's newest test: props-off/VEHICLE.json in $XDG_STATE_HOME/groundstation
-    (~/.local/state).
+    (~/.local/state), where the recordings are by default, too.
     """
-    return folder_of(RecordingConfig()).parent / "props-off" / f"{config.vehicle.name}.json"
+    state_folder = folder_of(RecordingConfig()).parent
+    return state_folder / "props-off" / f"{config.vehicle.name}.json"
 
 
 def save_proof(proof: Proof, path: Path) -> None:
@@ -65,7 +68,9 @@ def save_proof(proof: Proof, path: Path) -> None:
 
 
 def read_proof(path: Path) -> Proof | None:
-    """Read the test at ``path``; None if there is none, or none that this user wrote."""
+    """Read the test at ``path``; None if there is none, another user wrote it, or it is not
+    readable.
+    """
     try:
         if not is_ours(path.lstat(), FILE):
             return None
@@ -75,9 +80,8 @@ def read_proof(path: Path) -> Proof | None:
 
 
 def explain_missing_proof(proof: Proof | None, config: Config, firmware: str) -> Sentence | None:
-    """Return why ``proof`` does not cover this vehicle with its present configuration and firmware.
-
-    None if it does.
+    """Return why ``proof`` does not cover this vehicle with its present configuration and
+    ``firmware``, as the autopilot reports it; None if it does.
     """
     if proof is None or proof.vehicle != config.vehicle.name:
         return notice("check.props_off_none", vehicle=config.vehicle.name, command=COMMAND)
@@ -95,7 +99,7 @@ def explain_missing_proof(proof: Proof | None, config: Config, firmware: str) ->
 
 
 def _without_files(value: dict[str, Any]) -> dict[str, Any]:
-    """Leave out the keys that name files."""
+    """Return ``value`` without the keys that name files, in nested tables too."""
     return {
         key: _without_files(item) if isinstance(item, dict) else item
         for key, item in value.items()
