@@ -31,7 +31,7 @@ from groundstation.core.messages import (
 from groundstation.core.pilot import MONITORS, Monitors
 from groundstation.flight.flight import Flight
 from groundstation.flight.hold_to_run import make_hold
-from groundstation.flight.preflight import Company
+from groundstation.flight.preflight import SurroundingsChecks
 from groundstation.machine import IdleSlots, Running
 from groundstation.pose import ForwardingSource, make_source
 from groundstation.pose.sources import GatedSource
@@ -373,8 +373,10 @@ def make_flight(
         subscribers=subscribers,
         network=None if tape is None else WireTaps(tape.give),
         others=bodies if config.separation.others else None,
-        quiet=quiet or IdleSlots(),
-        company=Company(config, bodies, running, None if hold is None else hold.hold),
+        idle_slots=quiet or IdleSlots(),
+        surroundings=SurroundingsChecks(
+            config, bodies, running, None if hold is None else hold.hold
+        ),
         hold=hold,
         monitors=monitors,
     )

@@ -36,7 +36,7 @@ from groundstation.core.safety import LiveGains
 from groundstation.flight.command_loop import CommandLoop, FrameLateness
 from groundstation.flight.controller import FlightController
 from groundstation.flight.hold_to_run import HoldWatch
-from groundstation.flight.preflight import ArmingSequence, Company, FlightEnded
+from groundstation.flight.preflight import ArmingSequence, FlightEnded, SurroundingsChecks
 from groundstation.flight.shutdown import Shutdown
 from groundstation.flight.statistics import FlightStatistics
 from groundstation.machine import IdleSlots, to_the_end
@@ -48,7 +48,8 @@ from links.io import NETWORK, Network
 HELD_IN = frozenset(
     {State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING}
 )
-"""States in which releasing the operator's hold lands the vehicle; the others land already."""
+"""States in which releasing the operator's hold lands the vehicle. Before them it is at rest; after
+them it comes down already."""
 
 
 class FlightOutcome(msgspec.Struct, frozen=True):
@@ -73,8 +74,8 @@ class Flight:
         subscribers: Sequence[Subscriber],
         network: Network | None,
         others: Others | None,
-        quiet: IdleSlots,
-        company: Company,
+        idle_slots: IdleSlots,
+        surroundings: SurroundingsChecks,
         hold: HoldWatch | None,
         monitors: Monitors,
     ) -> None:
@@ -88,8 +89,8 @@ class Flight:
             subscribers: get all events.
             network: opens the wires; None for the usual one.
             others: vehicles to keep away from, as ``source`` shows them.
-            quiet: is notified of each command that left.
-            company: checks of the surroundings before arming.
+            idle_slots: slots for work that can wait, begun as each command has left.
+            surroundings: checks of the surroundings before arming.
             hold: watch on the control that the operator must hold; None without one.
             monitors: makes the monitors that may end the flight.
         """
@@ -99,22 +100,23 @@ class Flight:
         self._statistics = FlightStatistics(config.vehicle, config.flight.floor_z_m)
         self._subscribers = (self._statistics.take, *subscribers)
         self._network = network
-        self._due = FrameLateness(link)
+        self._lateness = FrameLateness(link)
         flight = config.flight
         self._pilot = Pilot(
             config.vehicle, config.controller, flight.coast_s, flight.floor_z_m,
             self._on_pilot_event, self._now,
             monitors.health, follows_poses=link.follows_poses,
         )  # fmt: skip
-        self._suspicious = False
+        self._were_poses_doubted = False
         self._shutdown = Shutdown(link, source, self.say, forwards=config.forwards is not None)
         self._controller = FlightController(config, link, self._pilot, self, others, monitors)
         self._commands = CommandLoop(
             link, self._pilot, self._controller, flight.idle_thrust * config.weight_n, self.say
         )
-        self._live = LiveGains(config.controller)
-        self._quiet = quiet
-        if not config.pose.by_autopilot:  # else both are its own estimate
+        self._live_gains = LiveGains(config.controller)
+        self._idle_slots = idle_slots
+        # Poses by the autopilot are its own estimate, and so is its attitude.
+        if not config.pose.by_autopilot:
             link.watch_attitude(
                 lambda attitude: self._controller.on_attitude(attitude, self._now())
             )
@@ -127,12 +129,13 @@ class Flight:
             confirm=confirm,
             others=others,
             say=self.say,
-            company=company,
+            surroundings=surroundings,
         )
         self._hold = hold
-        self._crew: asyncio.Task[None] | None = None
+        self._flying: asyncio.Task[None] | None = None
+        """Task of :meth:`_fly`; None before :meth:`run`."""
         self.believes_poses = True
-        """Whether the newest pose is used; after the last command, whether that before it was."""
+        """Whether the gate accepted the newest pose. After the last command it stays as it was."""
 
     # ---- requests
 
@@ -184,11 +187,11 @@ class Flight:
                 if not self._shutdown.killed:
                     self._shutdown.kill()
                     self._controller.go(event, notice("mission.killed", why=why), now)
-            case Ask.LAND if self._shutdown.stays:
-                # The autopilot lands, perhaps with our poses: a first Ctrl-C must not end them.
+            case Ask.LAND if self._shutdown.is_monitoring:
+                # The autopilot lands, perhaps with our poses: a first Ctrl-C must not stop these.
                 return Reply.of(False, notice("flight.autopilot_lands"))
-            case _ if self._shutdown.stays:
-                self._shutdown.leave.set()
+            case _ if self._shutdown.is_monitoring:
+                self._shutdown.stop_monitoring.set()
             case _:
                 asked = "mission.ended_before" if self.state in ON_GROUND else "mission.asked"
                 self._controller.go(event, notice(asked, why=why), now)
@@ -199,7 +202,7 @@ class Flight:
 
     def set_gain(self, key: str, value: float) -> Reply:
         """Begin to move a gain (see live_gains.py), or reply why not."""
-        reply = self._live.set(key, value, self._now())
+        reply = self._live_gains.set(key, value, self._now())
         self.say(Sentence(reply.id, reply.says, reply.numbers))
         return reply
 
@@ -222,11 +225,11 @@ class Flight:
             link=self._link.status,
             certificate=self._pilot.certificate,
             checks=self._preflight.checks,
-            gains=self._live.now,
+            gains=self._live_gains.now,
         )
 
     def describe_tracking_error(self) -> Sentence:
-        """Describe the error of a finished flight for which the recorder did not."""
+        """Describe the tracking error of a finished flight that was not recorded."""
         return self._statistics.describe_tracking_error()
 
     # ---- from beginning to end
@@ -240,12 +243,12 @@ class Flight:
         controller = self._controller
         if self._network is not None:
             NETWORK.set(self._network)
-        watching = self._watch()
-        self._crew = asyncio.ensure_future(self._fly())
-        if self._controller.is_dismissed:
-            self._crew.cancel()
+        watching = self._start_hold_watch()
+        self._flying = asyncio.ensure_future(self._fly())
+        if self._controller.is_dismissed:  # a request has ended the flight before it began
+            self._flying.cancel()
         try:
-            await self._crew
+            await self._flying
         except FlightEnded as ended:
             controller.go(Event.ABORT, ended.sentence, self._now())
         except LinkError as error:
@@ -268,20 +271,22 @@ class Flight:
         )
 
     def _report_drops(self) -> None:
-        """Report which messages and poses were lost in the flight, if they were many."""
-        watch, source = self._commands.drops, self._source.status
-        found = find_pose_drops(source)
-        if watch is None:
+        """Report which messages and poses were lost since arming, if they were many."""
+        link_drops = self._commands.drops
+        if link_drops is None:  # never armed
             return
-        lost = watch.summarize(self._link.status)
-        if found is not None:
-            reason, count, total = found
+        lost = link_drops.summarize(self._link.status)
+        source = self._source.status
+        pose_drops = find_pose_drops(source)
+        if pose_drops is not None:
+            reason, count, total = pose_drops
             why = describe_drop(reason, source.excesses)
             lost.append(notice("pose.dropped", count=count, total=total, why=why))
         for says in lost:
             self.say(notice("link.flown", says=says))
 
     async def _fly(self) -> None:
+        """Make the checks, arm, and send commands until the flight has ended."""
         await self._preflight.run(self._on_pose)
         self._controller.go(Event.ARM, notice("mission.arming"), self._now())
         await self._commands.fly(
@@ -290,15 +295,15 @@ class Flight:
 
     async def check(self) -> list[Check]:
         """Connect, make all checks as before a flight, and disconnect; instead of :meth:`run`."""
-        watching = self._watch()
+        watching = self._start_hold_watch()
         try:
             return await self._preflight.check(self._on_pose)
         finally:
             await to_the_end(self._shutdown.close())
             watching.cancel()
 
-    def _watch(self) -> "asyncio.Future[None]":
-        """Watch the operator's hold from now on."""
+    def _start_hold_watch(self) -> "asyncio.Future[None]":
+        """Watch the operator's hold from now on, until the returned future is cancelled."""
         if self._hold is None:
             return asyncio.get_running_loop().create_future()
         return asyncio.ensure_future(self._hold.run(self._check_hold))
@@ -315,8 +320,9 @@ class Flight:
             self.land(why.text)
 
     def _on_pose(self, pose: Pose) -> None:
+        """Take one pose of the source."""
         if self._commands.pass_pose(pose):
-            # Later the model, which the gate uses, gets no commands.
+            # The gate compares poses with a model of the commands, which end with the flight.
             if not self._controller.is_dismissed:
                 self.believes_poses = self._pilot.state.newest_pose is pose
             self._preflight.first_pose.set()
@@ -328,8 +334,8 @@ class Flight:
         if self._controller.is_dismissed:  # no more commands: the link brings the vehicle down
             if not self.believes_poses:
                 self._shutdown.forwards = False
-            if self._crew is not None:
-                self._crew.cancel()
+            if self._flying is not None:
+                self._flying.cancel()
 
     def on_failure(self) -> None:
         """Forward no more poses. See :class:`FlightListener`."""
@@ -340,11 +346,12 @@ class Flight:
         state = self.state
         for warning in tick.certificate.warnings:
             self.say(warning.as_warning(), "certificate")
-        suspicious, self._suspicious = self._suspicious, self._pilot.state.are_poses_doubted
-        if self._suspicious and not suspicious and self._link.autopilot is not None:
+        were_doubted, are_doubted = self._were_poses_doubted, self._pilot.state.are_poses_doubted
+        self._were_poses_doubted = are_doubted
+        if are_doubted and not were_doubted and self._link.autopilot is not None:
             # A vehicle that somebody has taken over does not respond either.
             self._link.autopilot.ask_mode()
-        step, news = self._live.update(
+        step, news = self._live_gains.update(
             tick.time_s,
             tick.estimate,
             tick.reference,
@@ -356,7 +363,7 @@ class Flight:
         if news is not None:
             self.say(news)
         self._publish(CommandSent(tick))
-        self._quiet.begin()
+        self._idle_slots.begin()
 
     def _now(self) -> float:
         return asyncio.get_running_loop().time()
@@ -366,12 +373,13 @@ class Flight:
             take(event)
 
     def _on_pilot_event(self, event: FlightEvent | Tick) -> None:
+        """Publish an input or output of the pilot, a command with the lateness of its frame."""
         if isinstance(event, Tick):
             event = TickRecord(
-                event, self._due.measure_s(event.time_s, event.pose.id, event.pose.arrival_s)
+                event, self._lateness.measure_s(event.time_s, event.pose.id, event.pose.arrival_s)
             )
         elif isinstance(event, IdleRecord):
-            self._due.begin()
+            self._lateness.begin()
         self._publish(event)
 
     def say(self, sentence: Sentence, kind: NoticeKind = "news") -> None:

@@ -27,10 +27,10 @@ class Shutdown:
         self._say = say
         self.forwards = forwards
         """Whether the autopilot gets the poses of the source."""
-        self.stays = False
+        self.is_monitoring = False
         """Whether commands have ended while the autopilot is still monitored, and gets poses if it
         did before."""
-        self.leave = asyncio.Event()
+        self.stop_monitoring = asyncio.Event()
         """Set by a request to end that, too."""
         self._kill: asyncio.Task[None] | None = None
 
@@ -70,7 +70,7 @@ class Shutdown:
                 )
         if not self.killed and link.status.unmet:
             self._say(notice("flight.not_brought_down", why=link.status.unmet))
-        await self._stay()
+        await self._monitor_landing()
         if self._kill is not None:
             try:
                 await self._kill
@@ -81,7 +81,7 @@ class Shutdown:
         await link.close()
         await self._source.close()
 
-    async def _stay(self) -> None:
+    async def _monitor_landing(self) -> None:
         """Keep the poses to an autopilot that brings the vehicle down with them, and the way to
         stop its motors.
 
@@ -89,25 +89,27 @@ class Shutdown:
         """
         autopilot = self._link.autopilot
         if not (
-            self._turns()
+            self._are_motors_on()
             and (self.forwards or (autopilot is not None and autopilot.lands_by_itself))
         ):
             return
         now_s = asyncio.get_running_loop().time
         until_s = now_s() + MONITORED_S
-        self.stays = True
+        self.is_monitoring = True
         self._say(notice("flight.poses_go_on" if self.forwards else "flight.still_heard"))
-        while self._turns() and not self.leave.is_set() and (self.forwards or now_s() < until_s):
-            await wait_at_most(self.leave.wait(), LINK_CHECK_S)
-        self.stays = False
+        stop = self.stop_monitoring
+        while self._are_motors_on() and not stop.is_set() and (self.forwards or now_s() < until_s):
+            await wait_at_most(stop.wait(), LINK_CHECK_S)
+        self.is_monitoring = False
         if self.killed:
             return
-        if self.leave.is_set():
+        if stop.is_set():
             self._say(notice("flight.left_as_asked"))
-        elif self._turns():
+        elif self._are_motors_on():
             self._say(notice("flight.left_turning", limit_s=MONITORED_S))
         else:
             self._say(notice("flight.left_stopped"))
 
-    def _turns(self) -> bool:
+    def _are_motors_on(self) -> bool:
+        """Whether the motors may turn: the autopilot is armed, and nobody has ordered them off."""
         return self._kill is None and self._link.status.state == "armed"

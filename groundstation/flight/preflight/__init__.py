@@ -4,7 +4,7 @@ arming sequence.
 
 from groundstation.flight.preflight.checks import (
     Checks,
-    Company,
+    SurroundingsChecks,
     describe_checks,
     describe_failures,
     entry_of,

@@ -529,7 +529,7 @@ def describe_checks(checks: list[Check]) -> str:
     return "\n".join(f"{check.verdict:5}{check.name:20}{check.says}" for check in checks)
 
 
-class Company:
+class SurroundingsChecks:
     """Checks of the surroundings of one flight. Times are on the event loop's clock [s]."""
 
     def __init__(

@@ -18,7 +18,7 @@ from groundstation.core.pilot import Pilot
 from groundstation.flight.controller import FlightController
 from groundstation.flight.preflight.checks import (
     Checks,
-    Company,
+    SurroundingsChecks,
     describe_failures,
     explain_drops,
     report,
@@ -59,7 +59,7 @@ class ArmingSequence:
         confirm: Callable[[], Awaitable[bool]],
         others: Others | None,
         say: Say,
-        company: Company,
+        surroundings: SurroundingsChecks,
     ) -> None:
         """Open nothing yet.
 
@@ -72,7 +72,7 @@ class ArmingSequence:
             confirm: asks the operator before the vehicle is armed.
             others: vehicles to keep away from.
             say: takes sentences for the operator.
-            company: checks of the surroundings.
+            surroundings: checks of the surroundings.
         """
         self._config = config
         self._link = link
@@ -82,7 +82,7 @@ class ArmingSequence:
         self._confirm = confirm
         self._others = others
         self._say = say
-        self._company = company
+        self._surroundings = surroundings
         self._checker: Checks | None = None
         self.arm_asked = asyncio.Event()
         """Event that a request to arm sets."""
@@ -122,7 +122,7 @@ class ArmingSequence:
             self._check(arming=True)
             self._ensure_passed("fault.not_armed")
         self.checks = ()
-        self._company.leave()
+        self._surroundings.leave()
         self._controller.witness.arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
@@ -160,7 +160,7 @@ class ArmingSequence:
             agreement,
             self._source.status,
         )
-        checks += self._company(standing, now, arming=arming)
+        checks += self._surroundings(standing, now, arming=arming)
         self.checks = tuple(checks)
         return checks
 

@@ -18,8 +18,8 @@ from groundstation.core.safety import StandingPoses
 from groundstation.flight.preflight import (
     LISTEN_S,
     Checks,
-    Company,
     Proof,
+    SurroundingsChecks,
     confirm_arming,
     describe_checks,
     describe_failures,
@@ -351,7 +351,9 @@ NEAR = "'cat' is 0.20 m from 'ant', less than vehicle.size_m (0.3 m)"
 
 
 def beside(own: dict[str, Any], other: Running) -> Check:
-    return Company(from_dict(own, Config), None, lambda: [other], None)(standing(), 1.0)[0]
+    return SurroundingsChecks(from_dict(own, Config), None, lambda: [other], None)(standing(), 1.0)[
+        0
+    ]
 
 
 @pytest.mark.parametrize(
@@ -398,7 +400,7 @@ def test_a_body_nearer_than_the_vehicles_size_fails_with_both_names_and_the_dist
         if name in bodies:
             bodies.see(name, 1.0, place)
     config = from_dict({**ANT, "vehicle": {"name": "ant", "size_m": 0.3}}, Config)
-    seen = Company(config, bodies, tuple, None)(standing(), now_s)[1]
+    seen = SurroundingsChecks(config, bodies, tuple, None)(standing(), now_s)[1]
     assert seen.verdict == verdict
     assert seen.says.startswith(says)
 
@@ -409,7 +411,7 @@ def test_once_it_takes_off_only_those_count_that_are_looked_for() -> None:
     bodies.see("cat", 1.0, (1.0, 0.0, 0.0))
     assert (bodies.names, bodies.bodies) == (("bee",), ("bee", "cat"))
     assert bodies.unseen(0.0) == ("bee",)
-    Company(from_dict(ANT, Config), bodies, tuple, None).leave()
+    SurroundingsChecks(from_dict(ANT, Config), bodies, tuple, None).leave()
     assert ("bee" in bodies, "cat" in bodies, "dog" in bodies) == (True, False, False)
 
 

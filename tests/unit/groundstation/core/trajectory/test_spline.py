@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import ExcitationConfig, Trajectory
 from groundstation.core.trajectory.shapes import Excitation, SamplesConfig, WaypointsConfig
-from groundstation.core.trajectory.splines import smoothest
+from groundstation.core.trajectory.splines import fit_smoothest
 from groundstation.flight.preflight import examine_trajectory
 from groundstation.settings import Config
 
@@ -45,7 +45,7 @@ def test_derivatives_do_not_jump_at_knots_up_to_the_order_that_is_promised(
     if given_speed:
         known[:, 1, 0] = [0.0, 1.0, 0.0, -2.0, 0.3]
         smooth -= 1
-    found = smoothest(times, known, order)[:, :, 0]
+    found = fit_smoothest(times, known, order)[:, :, 0]
     spans = np.diff(times)
     for (before, h), (after, k) in itertools.pairwise(zip(found, spans, strict=True)):
         for n in range(smooth + 1):
@@ -65,13 +65,13 @@ def test_the_snap_is_least_among_neighbours() -> None:
 
     def snap(rows: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> float:
         total = 0.0
-        for span, h in zip(smoothest(times, rows, 4)[:, :, 0], np.diff(times), strict=True):
+        for span, h in zip(fit_smoothest(times, rows, 4)[:, :, 0], np.diff(times), strict=True):
             values = [derivative(span, 4, (i + 0.5) / 500) / h**4 for i in range(500)]
             total += h * sum(v * v for v in values) / 500
         return total
 
     best = snap(known)
-    free = smoothest(times, known, 4)
+    free = fit_smoothest(times, known, 4)
     for knot, order, change in itertools.product((1, 2), (1, 2, 3), (-0.2, 0.2)):
         h = times[knot + 1] - times[knot]
         other = known.copy()
