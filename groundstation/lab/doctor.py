@@ -321,7 +321,7 @@ class MavlinkVisit:
     async def read(self, names: Iterable[str]) -> dict[str, Setting]:
         """Those of the parameters ``names`` that it has; raises LinkError."""
         reads = ReadAll(self._connection.autopilot(), names)
-        await self._connection.see_through(Handshake([reads]))
+        await self._connection.run_handshake(Handshake([reads]))
         return {name: Setting(*found) for name, found in reads.found.items()}
 
     async def set(self, parameter: Setting) -> Setting:
@@ -337,7 +337,7 @@ class MavlinkVisit:
         if await self._is_armed():
             raise LinkRejected(notice("doctor.armed"))
         self._refuse_two()
-        await self._connection.see_through(Handshake([write]))
+        await self._connection.run_handshake(Handshake([write]))
         found = await self.read([parameter.name])
         if parameter.name not in found:
             raise LinkLost(notice("doctor.not_read_back", name=parameter.name))

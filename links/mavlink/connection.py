@@ -98,9 +98,9 @@ class MavlinkConnection:
         self._streams: list[Streams] = []
         self._wishes: dict[tuple[str, ...], float] = {}
         self._requests = HandshakeRunner(self.send, self._obstacle)
-        self.see_through = self._requests.see_through
-        """Go through a hand-shake (:meth:`HandshakeRunner.see_through`)."""
-        self._subscribers: list[Subscriber] = [self._requests.hear]
+        self.run_handshake = self._requests.run
+        """Run a hand-shake (:meth:`HandshakeRunner.run`)."""
+        self._subscribers: list[Subscriber] = [self._requests.take_message]
         self._stamps = (
             StampFile(Path(config.signing_key_file))
             if config.signing_key_file is not None
@@ -318,7 +318,7 @@ class MavlinkConnection:
         kind = self.autopilot().kind
         wanted = {name: rate for ask in self._streams for name, rate in ask(kind).items()}
         await choose_streams(
-            self.autopilot(), wanted, self._wishes, self.see_through, quiet=self._config.quiet
+            self.autopilot(), wanted, self._wishes, self.run_handshake, quiet=self._config.quiet
         )
 
     def _set_trouble(self, trouble: str) -> None:
@@ -406,7 +406,7 @@ class MavlinkConnection:
         for message in self.codec.feed(data, source if wire.datagrams else None):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
                 self._dropped["other_system"] += 1
-                self.others.hear(
+                self.others.take_message(
                     message, self._name_address(source), now, ours=self._is_commanding()
                 )
                 continue
@@ -441,7 +441,7 @@ class MavlinkConnection:
     def _publish(self, message: Message, now_s: float) -> None:
         name = message.get_type()
         if name == "STATUSTEXT":
-            self.words.hear(message)
+            self.words.take_message(message)
         elif name == "TIMESYNC" and message.tc1 == 0:  # a question, not an answer
             self.send(self.codec.timesync_reply(message, now_s))
         elif name == "AUTOPILOT_VERSION":

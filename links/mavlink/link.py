@@ -163,7 +163,7 @@ async def run_step(connection: MavlinkConnection, step: HandshakeStep) -> None:
         LinkError: it failed.
     """
     loop = asyncio.get_running_loop()
-    unsubscribe = connection.subscribe(step.hear)
+    unsubscribe = connection.subscribe(step.take_message)
     try:
         while True:
             for frame in step.poll(loop.time()):
@@ -243,10 +243,10 @@ class MavlinkLink:
         too."""
         self._distrusted = False
         self._vitals = Vitals()
-        self.connection.subscribe(self._vitals.hear)
+        self.connection.subscribe(self._vitals.take_message)
         self._uplink = Uplink(SLOW_QUESTION_S if _is_slow(config) else QUESTION_S)
         self.connection.subscribe(
-            lambda message, now_s: self._uplink.hear(message, now_s, self._usual_s)
+            lambda message, now_s: self._uplink.take_message(message, now_s, self._usual_s)
         )
         self._examined = Examination()
         self._angles: tuple[float, ...] = ()
@@ -322,13 +322,13 @@ class MavlinkLink:
         """
         self.connection.wish(ATTITUDES, SLOW_HZ if _is_slow(self._config) else ATTITUDE_HZ)
 
-        def hear(message: Message, arrival_s: float) -> None:
+        def take_message(message: Message, arrival_s: float) -> None:
             attitude = attitude_of(message, arrival_s, self.connection.clock)
             if attitude is not None:
                 self._angles = attitude.angles_rad
                 watch(attitude)
 
-        self.connection.subscribe(hear)
+        self.connection.subscribe(take_message)
 
     async def connect(self) -> None:
         """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the wanted messages."""
@@ -382,7 +382,7 @@ class MavlinkLink:
         self._uplink.begin(now())
         self._transmitter.start()
         try:
-            await self.connection.see_through(handshake, stream, self.period_s)
+            await self.connection.run_handshake(handshake, stream, self.period_s)
             if handshake.failure is not None:  # killed in the very moment of its end
                 raise handshake.failure
             self.connection.believe_armed(True)
@@ -544,7 +544,7 @@ class MavlinkLink:
     async def _ask(self, handshake: Handshake) -> None:
         self._under_way = handshake
         try:
-            await self.connection.see_through(handshake)
+            await self.connection.run_handshake(handshake)
         finally:
             self._under_way = None
 

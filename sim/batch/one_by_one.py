@@ -22,7 +22,11 @@ class OneByOne:
         ]
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """Return the commands of all as one decision; ``estimate`` has arrays of shape (N,)."""
+        """Return the commands of all as one decision.
+
+        Each number of ``estimate`` is an array of shape (N,), or one for all; so are thrust [N],
+        rates [rad/s, FRD] and ``b_hat`` [m/s², NED] of the decision. All follow one ``reference``.
+        """
         motion, count = estimate.motion, len(self._controllers)
         numbers = (
             *motion.position,
@@ -44,23 +48,25 @@ class OneByOne:
         thrust, p, q, r, *b_hat = found
         saturated: Any = np.array([d.saturated for d in decisions])
         zero: Any = np.zeros(count)
-        unseen: Any = ZERO  # no batch looks at these diagnostics
+        unread: Any = ZERO  # no batch reads these diagnostics
+        # Controllers of one configuration prove the same.
+        certificate = decisions[0].diagnostics.certificate
         return Decision(
             ActuatorCommand(thrust, (p, q, r)),
             saturated,
             Diagnostics(
-                z1=unseen,
-                z2=unseen,
-                z3=unseen,
-                u_star=unseen,
+                z1=unread,
+                z2=unread,
+                z3=unread,
+                u_star=unread,
                 b_hat=(b_hat[0], b_hat[1], b_hat[2]),
-                b_hat_dot=unseen,
+                b_hat_dot=unread,
                 disturbance=estimate.disturbance,
-                v_terms=unseen,
-                w_terms=unseen,
+                v_terms=unread,
+                w_terms=unread,
                 v_known=zero,
                 w=zero,
-                certificate=decisions[0].diagnostics.certificate,
+                certificate=certificate,
             ),
         )
 

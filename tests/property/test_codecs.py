@@ -91,7 +91,7 @@ def test_no_message_makes_a_pose_decoder_or_the_words_raise(
     for data in datagrams:
         for message in codec.feed(data):
             if message.get_type() == "STATUSTEXT":
-                words.hear(message)
+                words.take_message(message)
             for decoder in decoders:
                 decoder.decode(message, now_s)
 

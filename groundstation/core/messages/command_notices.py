@@ -1,7 +1,4 @@
-"""Sentences of the commands of a terminal, about their arguments and what these ask for.
-
-Sans-IO.
-"""
+"""Sentences of the commands of a terminal: refused arguments, and refused files. Sans-IO."""
 
 from links.text import NoticeTemplate
 
@@ -64,7 +61,8 @@ COMMAND_NOTICES: tuple[NoticeTemplate, ...] = (
     # Rehearsals.
     NoticeTemplate(
         "rehearse.unknown_key",
-        "--rehearse does not know what becomes of this key: it stays unused until it does",
+        "this key may hold an address, and --rehearse has no rule for it",
+        "add it to ADDRESSES or TEXTS in groundstation/settings/settings.py",
     ),
     NoticeTemplate(
         "rehearse.same_address",

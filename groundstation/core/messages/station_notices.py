@@ -10,7 +10,8 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
         "recordings: {name} was removed to keep within recording.keep_gb and keep_days",
     ),
     NoticeTemplate("recording.forgotten", "{name} was removed: nothing was armed in it"),
-    # The service, its log, and signals.
+    # The service, its log, and signals. Of a key, `does` is the request that it made, and `then`
+    # the effect of the next press (core/mission/operator.py).
     NoticeTemplate("service.stopped", "{what} stopped: {why}"),
     NoticeTemplate("service.next", "{state}; the next flight gets ready in {pause_s:g} s"),
     NoticeTemplate(
@@ -26,7 +27,7 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("key.kill", "{key}: motors off, now"),
     NoticeTemplate("key.lands", "{key}: asked to land"),
     NoticeTemplate("key.no_pause", "Ctrl-Z is ignored: nobody would fly the vehicle. Ctrl-C lands"),
-    # Orders of clients, here and from afar.
+    # Orders of clients, over the socket of this machine or from afar, by MQTT.
     NoticeTemplate("station.lost", "the connection is lost"),
     NoticeTemplate("station.closed", "the ground station has closed the connection"),
     NoticeTemplate("station.no_answer", "{path}: no answer within {limit_s:g} s"),
@@ -95,7 +96,7 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
         NoticeTemplate("service.no_flight", "this flight could not begin: {why}"),
         # Orders of clients, here and from afar.
         NoticeTemplate(
-            "order.none", "{client} has sent what is no order ({why}): nothing was done"
+            "order.none", "{client} has sent a line that is no order ({why}): nothing was done"
         ),
         NoticeTemplate("order.not_killed", "NOT KILLED, {reason}: {why}"),
         # MQTT.

@@ -74,7 +74,7 @@ class Vitals:
         self._estimator_s = -math.inf
         """Time of the newest estimator status [s]."""
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take one message of the autopilot."""
         match message.get_type():
             case "HEARTBEAT":
@@ -169,7 +169,7 @@ class Words:
     def __init__(self) -> None:
         self._texts: deque[StatusText] = deque(maxlen=REMEMBERED_TEXTS)
 
-    def hear(self, message: Message) -> None:
+    def take_message(self, message: Message) -> None:
         """Take one STATUSTEXT."""
         whose = message.get_srcSystem(), message.get_srcComponent(), message.id, message.severity
         part = message.chunk_seq if message.id else 0

@@ -29,8 +29,8 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     enabled: Annotated[
         bool,
         msgspec.Meta(
-            description="Whether to send them; docs/how-to/px4.md says what the autopilot must be "
-            "told."
+            description="Whether to send them; docs/how-to/px4.md has the parameters that the "
+            "autopilot needs."
         ),
     ] = False
     rate_hz: Annotated[
@@ -38,7 +38,7 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         msgspec.Meta(
             ge=1.0,
             le=200.0,
-            description="At most so many a second [1/s]; autopilots want 30 to 50.",
+            description="Largest rate at which they are sent [1/s]; autopilots want 30 to 50.",
         ),
     ] = 40.0
     noise_m: Annotated[
@@ -46,7 +46,7 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         msgspec.Meta(
             ge=1e-4,
             le=0.5,
-            description="1σ of the position per axis that the autopilot is told [m].",
+            description="1σ of the position per axis that is sent with them [m].",
         ),
     ] = 0.005
     noise_deg: Annotated[
@@ -54,14 +54,12 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         msgspec.Meta(
             ge=0.05,
             le=90.0,
-            description="1σ of the attitude per axis that the autopilot is told [deg].",
+            description="1σ of the attitude per axis that is sent with them [deg].",
         ),
     ] = 0.5
     oldest_s: Annotated[
         float,
-        msgspec.Meta(
-            ge=0.005, le=1.0, description="A pose that is older as it would leave does not [s]."
-        ),
+        msgspec.Meta(ge=0.005, le=1.0, description="Largest age of a pose that is sent [s]."),
     ] = 0.1
 
 
@@ -139,7 +137,8 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
         msgspec.Meta(
             ge=0.001,
             le=0.25,
-            description="Time between two commands [s]. PX4 gives up OFFBOARD below two a second.",
+            description="Time between two commands [s]; by default that of the paper's flights. "
+            "PX4 gives up OFFBOARD below two a second.",
         ),
     ] = 0.0225
     pace: Annotated[
@@ -156,8 +155,9 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
         msgspec.Meta(
             description="What is sent when commands stop in the air: `rates` levels, sinks and "
             "stops the motors within 2 s; `land` asks for mode LAND meanwhile, and goes "
-            "on with rates until it is accepted; `auto` does so where the autopilot "
-            "says at that moment that it knows its own position, height and speed."
+            "on with rates until it is accepted; `auto` is `land` where the autopilot "
+            "says at that moment that it knows its own position, height and speed, and "
+            "`rates` elsewhere."
         ),
     ] = "auto"
     own_position: Annotated[
@@ -234,22 +234,29 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
             raise ValueError(link_notice("mavlink.local_port"))
         if self.bring_down == "land" and self.ardupilot_mode == "GUIDED_NOGPS":
             raise ValueError(link_notice("mavlink.no_estimate"))
-        needed = ODOMETRY_BYTES * self.forward.rate_hz
+        needed_bytes_s = ODOMETRY_BYTES * self.forward.rate_hz
+        bytes_s = self.baud / 10.0  # start bit, 8 data bits and stop bit
         if (
             self.serial is not None
             and self.forward.enabled
-            and needed > FORWARD_SHARE * self.baud / 10.0
+            and needed_bytes_s > FORWARD_SHARE * bytes_s
         ):
-            rate_hz = self.forward.rate_hz
             raise ValueError(
-                link_notice("mavlink.forward_rate", rate_hz=rate_hz, bytes_s=needed, baud=self.baud)
+                link_notice(
+                    "mavlink.forward_rate",
+                    rate_hz=self.forward.rate_hz,
+                    bytes_s=needed_bytes_s,
+                    baud=self.baud,
+                )
             )
         if self.serial is None:
             parse_address(self.endpoint, self.address_key)
 
     @property
     def real(self) -> str | None:
-        """The setting that may lead to a real vehicle; None where all stays on this machine."""
+        """Setting by which commands may reach a real vehicle, as ``key = value``; None where they
+        stay on this machine.
+        """
         if self.serial is not None:
             return f"serial = {self.serial}"
         return remote_setting(self.address_key, self.endpoint)
@@ -269,7 +276,7 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
 
     @property
     def endpoint(self) -> str:
-        """The configured address, host:port, or the serial port."""
+        """Configured address, host:port, or the serial port."""
         endpoint: str | None = getattr(self, self.address_key)
         return DEFAULT_LISTEN if endpoint is None else endpoint
 

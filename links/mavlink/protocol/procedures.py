@@ -123,7 +123,7 @@ class HandshakeStep(Protocol):
     def poll(self, now_s: float) -> list[bytes]:
         """Frames to send at ``now_s``."""
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take a message from the autopilot."""
 
 
@@ -156,10 +156,10 @@ class Handshake:
             self._steps.popleft()
         return []
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take a message from the autopilot."""
         if self._steps:
-            self._steps[0].hear(message, now_s)
+            self._steps[0].take_message(message, now_s)
 
 
 class Wait:
@@ -180,7 +180,7 @@ class Wait:
         self.done = now_s >= self._until
         return []
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Nothing to learn."""
 
 
@@ -247,7 +247,7 @@ class Disarmed:
             )
         return []
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take a heartbeat."""
         if message.get_type() == "HEARTBEAT" and not message.base_mode & ARMED:
             self.done = True
@@ -309,7 +309,7 @@ class Exchange(Repeated):
             )
         return []
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take the answer, where ``message`` is one and answers us."""
         if not self._sent or not self._autopilot.answers(message, self._command):
             return
@@ -346,7 +346,7 @@ class ReadVersion(Repeated):
     def _give_up(self) -> None:
         self.done = True
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take the version, or the answer that there is none."""
         if message.get_type() == "AUTOPILOT_VERSION":
             self.firmware = f"{self._autopilot.name} {version(message)}"
@@ -392,7 +392,7 @@ class AskMode(Repeated):
             link_notice("autopilot.no_mode", limit_s=self.tries * self.period_s)
         )
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take a heartbeat, or the answer."""
         self._heard = self._heard or message.get_type() == "HEARTBEAT"
         self._answered = self._answered or self._autopilot.answers(
@@ -422,7 +422,7 @@ class Kill(Repeated):
         self._accepted = 0
         self._refused: int | None = None
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take the answer, where ``message`` is one."""
         if not self._sent or not self._autopilot.answers(message, MavCommand.ARM_DISARM):
             return
@@ -559,7 +559,7 @@ class ReadAll:
             self._asked_s[name] = now_s
         return [codec.parameter_request(system, component, name) for name in due]
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take a parameter's value."""
         if message.get_type() != "PARAM_VALUE" or message.param_id not in self._left:
             return
@@ -590,7 +590,7 @@ class Write(Repeated):
         self._autopilot = autopilot
         self._parameter = parameter
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take the parameter's new value."""
         wanted = self._parameter
         if message.get_type() != "PARAM_VALUE" or message.param_id != wanted.name or not self._sent:
@@ -631,7 +631,7 @@ class ParameterMust(Repeated):
         self._accepts = accepts
         self._hint = str(hint)
 
-    def hear(self, message: Message, now_s: float) -> None:
+    def take_message(self, message: Message, now_s: float) -> None:
         """Take the parameter's value."""
         if message.get_type() != "PARAM_VALUE" or message.param_id != self._name:
             return
@@ -829,7 +829,7 @@ async def choose_streams(
     autopilot: AutopilotAddress,
     wanted: Mapping[str, float],
     wishes: Mapping[tuple[str, ...], float],
-    see_through: Callable[[Handshake], Awaitable[None]],
+    run_handshake: Callable[[Handshake], Awaitable[None]],
     *,
     quiet: bool,
 ) -> None:
@@ -855,11 +855,11 @@ async def choose_streams(
         for steps in spare:
             for step in steps:
                 try:
-                    await see_through(step)
+                    await run_handshake(step)
                     break
                 except LinkLost:
                     raise
                 except LinkError:
                     continue
     for name, rate in wanted.items():
-        await see_through(stream(autopilot, name, rate))
+        await run_handshake(stream(autopilot, name, rate))

@@ -176,7 +176,7 @@ class OtherTraffic:
         """Other systems that were heard, by number and address: one may be the vehicle."""
         self._rival, self._rival_s = "", -math.inf
 
-    def hear(self, message: Message, address: str, now_s: float, *, ours: bool) -> None:
+    def take_message(self, message: Message, address: str, now_s: float, *, ours: bool) -> None:
         """Take a message of another system at ``address``.
 
         ``ours``: whether we send set-points, so that one with our numbers may be an echo.

@@ -50,7 +50,7 @@ class Uplink:
             self._asked.popleft()
         return asked_ns
 
-    def hear(self, message: Message, now_s: float, usual_s: float) -> None:
+    def take_message(self, message: Message, now_s: float, usual_s: float) -> None:
         """Take one message of the autopilot; a round trip usually takes ``usual_s`` [s]."""
         if now_s - self._heard_s > SILENCE_S:  # its answers so far say nothing: see arrival()
             self._since_s = now_s

@@ -136,16 +136,16 @@ def set_point(codec: MavlinkCodec, system: int) -> Any:
 
 def test_whoever_else_steers_is_a_rival_for_three_seconds() -> None:
     others = OtherTraffic(MavlinkLinkConfig())
-    others.hear(set_point(MavlinkCodec(255, 190), 1), "10.0.0.9:14550", 10.0, ours=False)
+    others.take_message(set_point(MavlinkCodec(255, 190), 1), "10.0.0.9:14550", 10.0, ours=False)
     assert [bool(others.rival(now_s)) for now_s in (10.0, 12.99, 13.0)] == [True, True, False]
     assert "system 255, component 190" in others.rival(10.0)
-    others.hear(set_point(MavlinkCodec(255, 190), 2), "10.0.0.9:14550", 20.0, ours=False)
+    others.take_message(set_point(MavlinkCodec(255, 190), 2), "10.0.0.9:14550", 20.0, ours=False)
     assert not others.rival(20.0), "it steers another vehicle"
     config = MavlinkLinkConfig()
     own = MavlinkCodec(config.system_id, config.component_id)
-    others.hear(set_point(own, 1), "10.0.0.9:14550", 20.0, ours=True)
+    others.take_message(set_point(own, 1), "10.0.0.9:14550", 20.0, ours=True)
     assert not others.rival(20.0), "an echo of ours"
-    others.hear(set_point(own, 0), "10.0.0.9:14550", 20.0, ours=False)
+    others.take_message(set_point(own, 0), "10.0.0.9:14550", 20.0, ours=False)
     assert others.rival(20.0)
 
 
@@ -153,17 +153,17 @@ def test_at_most_sixteen_other_systems_are_named_and_whoever_tells_positions_is_
     others = OtherTraffic(MavlinkLinkConfig())
     for system in range(2, 20):
         beat = heard(MavlinkCodec(system, 1), D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
-        others.hear(beat, f"10.0.0.{system}:14550", 0.0, ours=False)
+        others.take_message(beat, f"10.0.0.{system}:14550", 0.0, ours=False)
     named = [f"system {n}, component 1 at 10.0.0.{n}:14550" for n in range(2, 18)]
     assert list(others.systems) == named
     assert not others.tells_position
     position = D.MAVLink_vision_position_estimate_message(0, 0, 0, 0, 0, 0, 0)
-    others.hear(heard(MavlinkCodec(9, 197), position), "10.0.0.9:14550", 0.0, ours=False)
+    others.take_message(heard(MavlinkCodec(9, 197), position), "10.0.0.9:14550", 0.0, ours=False)
     assert others.tells_position
 
 
 def answer(uplink: Uplink, asked_ns: int, now_s: float) -> None:
-    uplink.hear(D.MAVLink_timesync_message(77, asked_ns), now_s, 0.02)
+    uplink.take_message(D.MAVLink_timesync_message(77, asked_ns), now_s, 0.02)
 
 
 def begun() -> Uplink:
@@ -210,8 +210,8 @@ def test_what_was_asked_more_than_three_seconds_ago_is_forgotten(
 def test_what_was_held_back_once_and_came_all_together_is_not_late_any_more() -> None:
     uplink, asked = begun(), list[int]()
     for n in range(101):
-        uplink.hear(D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3), 0.01 * n, 0.02)
+        uplink.take_message(D.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3), 0.01 * n, 0.02)
         asked += [ns for ns in (uplink.ask(0.01 * n),) if ns is not None]
     for ns in asked:
-        uplink.hear(D.MAVLink_timesync_message(77, ns), 1.01, 0.02)
+        uplink.take_message(D.MAVLink_timesync_message(77, ns), 1.01, 0.02)
     assert uplink.arrival(1.01, 0.02) == (0.0, 0.0)

@@ -64,16 +64,16 @@ class Scene:
                 (request,) = self.theirs.feed(frame)
                 self.asked.append((round(self.now, 3), request))
                 for reply in self.answer(request):
-                    self.hear(reply)
+                    self.take_message(reply)
             polls += 1
             self.now = begin + polls * step_s
         return self
 
-    def hear(self, message: Any) -> None:
+    def take_message(self, message: Any) -> None:
         (heard,) = self.ours.feed(self.theirs.pack(message))
         if heard.get_type() == "STATUSTEXT":
-            self.words.hear(heard)
-        self.handshake.hear(heard, self.now)
+            self.words.take_message(heard)
+        self.handshake.take_message(heard, self.now)
 
     @property
     def commands(self) -> list[int]:
@@ -182,7 +182,7 @@ def test_words_that_come_shortly_after_the_refusal_are_quoted() -> None:
     scene.run(1.3)
     assert scene.commands == [MavCommand.DO_SET_MODE, MavCommand.ARM_DISARM]
     assert scene.handshake.failure is None
-    scene.hear(says("Preflight Fail: no attitude"))
+    scene.take_message(says("Preflight Fail: no attitude"))
     scene.run()
     assert "“Preflight Fail: no attitude”" in str(scene.handshake.failure)
 
@@ -193,7 +193,7 @@ def heard(*parts: tuple[int, int, bytes], component: int = 1, words: Words | Non
     codec = MavlinkCodec(1, component)
     for number, part, text in parts:
         (message,) = codec.feed(codec.pack(D.MAVLink_statustext_message(2, text, number, part)))
-        words.hear(message)
+        words.take_message(message)
     return words
 
 
@@ -275,7 +275,7 @@ def test_an_answer_to_another_ground_station_is_not_ours() -> None:
 
 def test_an_answer_before_the_question_is_not_one() -> None:
     scene = Scene(PX4, disarming, lambda request: [])
-    scene.hear(ack(MavCommand.ARM_DISARM))
+    scene.take_message(ack(MavCommand.ARM_DISARM))
     assert not scene.handshake.done
     assert not scene.run(0.1).handshake.done
 
@@ -294,9 +294,9 @@ def heartbeat(*, armed: bool) -> Any:
 def test_ardupilot_lands_to_disarm_and_its_heartbeat_ends_that() -> None:
     scene = Scene(ARDUPILOT, landing_disarmed, accept).run(1.0)
     assert (scene.asked[0][1].param1, scene.asked[0][1].param2) == (1.0, 9.0)
-    scene.hear(heartbeat(armed=True))
+    scene.take_message(heartbeat(armed=True))
     assert not scene.run(1.0).handshake.done
-    scene.hear(heartbeat(armed=False))
+    scene.take_message(heartbeat(armed=False))
     assert scene.run(0.1).handshake.done
 
 
@@ -455,10 +455,10 @@ def test_it_is_asked_until_both_its_answer_and_its_heartbeat_have_come() -> None
     asked = (message.command, message.param1)
     assert asked == (MavCommand.REQUEST_MESSAGE, D.MAVLINK_MSG_ID_HEARTBEAT)
     assert step.poll(0.5 * AskMode.period_s) == []
-    step.hear(HEARTBEAT, 0.01)
+    step.take_message(HEARTBEAT, 0.01)
     assert not step.done, "it may have left before the question"
     assert len(step.poll(AskMode.period_s)) == 1
-    step.hear(ack(MavCommand.REQUEST_MESSAGE, 3), 0.12)
+    step.take_message(ack(MavCommand.REQUEST_MESSAGE, 3), 0.12)
     assert step.done, "also where it refuses: then the heartbeat that comes by itself has told"
     assert step.poll(math.inf) == []
 
@@ -466,11 +466,11 @@ def test_it_is_asked_until_both_its_answer_and_its_heartbeat_have_come() -> None
 def test_an_answer_to_another_station_s_question_is_none_to_ours() -> None:
     step = AskMode(address(PX4))
     step.poll(0.0)
-    step.hear(HEARTBEAT, 0.01)
-    step.hear(ack(MavCommand.REQUEST_MESSAGE, 0, 255), 0.02)
+    step.take_message(HEARTBEAT, 0.01)
+    step.take_message(ack(MavCommand.REQUEST_MESSAGE, 0, 255), 0.02)
     assert not step.done, "that heartbeat may have left before our question"
     assert len(step.poll(AskMode.period_s)) == 1
-    step.hear(ack(MavCommand.REQUEST_MESSAGE, 0, 0, 0), 0.12)
+    step.take_message(ack(MavCommand.REQUEST_MESSAGE, 0, 0, 0), 0.12)
     assert step.done, "one that names nobody is an old autopilot's, and for all"
 
 
@@ -480,7 +480,7 @@ def test_a_version_is_told_in_numbers_and_the_first_bytes_of_the_commit() -> Non
     assert (question.command, question.param1) == (MavCommand.REQUEST_MESSAGE, 148.0)
     commit, none = list(bytes.fromhex("0a1b2c3d4e5f6071")), [0] * 8
     numbers = (0, 0x01_11_03_FF, 0, 0, 0, commit, none, none, 0, 0, 0)
-    step.hear(D.MAVLink_autopilot_version_message(*numbers), 0.1)
+    step.take_message(D.MAVLink_autopilot_version_message(*numbers), 0.1)
     assert step.done
     assert step.firmware == "PX4 1.17.3 release 0a1b2c3d4e5f6071"
 

@@ -417,16 +417,16 @@ async def test_a_program_that_stood_still_reads_what_waits_before_its_bring_down
     loop, deadman = asyncio.get_running_loop(), Deadman()
     transmitter = Transmitter(deadman, 0.02, lambda what, now_s: left.append(what), lambda: read)
 
-    def hear() -> None:
+    def take_message() -> None:
         nonlocal read
         read += 1
         if read < waiting:
-            loop.call_soon(hear)
+            loop.call_soon(take_message)
         else:
             deadman.stop()
 
     def stand_still() -> None:
-        loop.call_soon(hear)
+        loop.call_soon(take_message)
         time.sleep(0.4)
 
     transmitter.start()

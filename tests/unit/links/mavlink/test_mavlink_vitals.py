@@ -32,7 +32,7 @@ D = CODEC.dialect
 
 def tell(vitals: Vitals, *messages: Any, now_s: float = 1.0) -> None:
     for message in CODEC.feed(b"".join(map(CODEC.pack, messages))):
-        vitals.hear(message, now_s)
+        vitals.take_message(message, now_s)
 
 
 def heard(vitals: Vitals, mode: int, now_s: float) -> None:

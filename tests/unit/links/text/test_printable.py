@@ -49,7 +49,7 @@ def test_an_autopilots_words_are_letters_from_the_wire_on(text: str) -> None:
     autopilot, station, words = MavlinkCodec(1, 1), MavlinkCodec(245, 190), Words()
     made = autopilot.dialect.MAVLink_statustext_message(3, text.encode())
     for message in station.feed(autopilot.pack(made)):
-        words.hear(message)
+        words.take_message(message)
     assert words.newest
     assert is_safe(words.newest)
     assert is_safe(words.complaints())
