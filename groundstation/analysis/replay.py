@@ -621,7 +621,7 @@ class _Replay:
             case "lift", 3:
                 pilot.lift_off(*values)
             case "descend", 3:
-                pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
+                pilot.descend(values[0], blind=bool(values[1]), extra_coast_s=values[2])
             case (
                 "ease",
                 2 | 3 | 4,
@@ -630,7 +630,7 @@ class _Replay:
                     TRANSIT if any(values[2:3]) else HOLDING if values[0] else TRACKING
                 )
             case "surrender", 1:
-                self._end = partial(pilot.surrender, hold_s=values[0])
+                self._end = partial(pilot.plan_open_loop_descent, hold_s=values[0])
             case "let_go", 1:
                 self._end = partial(pilot.last_command, hold_s=values[0])
             case what, 1 if what.startswith(GAIN):

@@ -166,7 +166,7 @@ class Adaptive:
         """As they are now."""
         return self._gains
 
-    def regain(self, gains: Gains) -> None:
+    def set_gains(self, gains: Gains) -> None:
         """Use other gains from now on; b̂ and the memory stay."""
         self._gains = gains
         self._certificate = str(bound_decrease(gains))

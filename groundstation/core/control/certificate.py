@@ -436,7 +436,7 @@ class SuspensionWatch:
 
 
 class CertificateMonitor:
-    """Looks at every command of one flight, and changes nothing."""
+    """Evaluates every command of one flight, and changes nothing."""
 
     def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
         self._noise: tuple[float, float] | None = None
@@ -448,27 +448,27 @@ class CertificateMonitor:
         """Times of |b̂| above B, and of the commanded thrust at one of its limits."""
         self._watched_s = self._violated_s = self._suspended_s = 0.0
         self._opening: tuple[Sentence, ...] = ()
-        self.regain(config)
+        self.set_gains(config)
         if self._measure.law is not None and self._measure.decrease.share == 0.0:
             self._opening = (notice("certificate.no_proof", bound=self._measure.decrease.name),)
 
-    def regain(self, config: Estimation) -> None:
-        """The gains are others from now on, and V with them: begin from there."""
+    def set_gains(self, config: Estimation) -> None:
+        """Take new gains, and with them another V: begin anew."""
         self._measure = measure(config)
         self._power = self._measure.decrease.power
         if self._noise is not None:
-            self.noise(*self._noise)
+            self.set_noise(*self._noise)
         self.restart()
 
     def restart(self) -> None:
-        """The reference jumps, and V with it: begin from there."""
+        """Begin anew: the reference has jumped, and V with it."""
         if self._last is not None:
             self._above.end(self._last.time_s)
         self._last = None
 
-    def noise(self, noise_m: float, interval_s: float) -> None:
-        """The poses' noise as measured [m, 1σ per axis] and their mean interval [s]: D follows
-        them.
+    def set_noise(self, noise_m: float, interval_s: float) -> None:
+        """Take the measured noise of the poses [m, 1σ per axis] and their mean interval [s]; D
+        depends on both.
         """
         self._noise = (noise_m, interval_s)
         if self._measure.law is not None:
@@ -476,8 +476,10 @@ class CertificateMonitor:
                 self._measure.law, noise_m, interval_s
             )
 
-    def look(self, time_s: float, motion: Motion, decision: Decision) -> CertificateReading:
-        """Take one command, and the motion that it was computed from."""
+    def evaluate(self, time_s: float, motion: Motion, decision: Decision) -> CertificateReading:
+        """Take one command, and the motion that it was computed from; return V against its bound
+        and new warnings.
+        """
         now = Look(time_s, *self._measure.of(decision.diagnostics), motion, decision)
         last, self._last = self._last, now
         warnings, self._opening, state = self._opening, (), NONE

@@ -128,9 +128,14 @@ class FirstClimbLimit(Limit):
         self.lifted_s, self._climbed_s = time_s, math.inf
         self._hover_n, self._lifted_down_m = hover_n, down_m
 
+    @property
+    def has_lifted_off(self) -> bool:
+        """Whether the flight began on the floor, and has left it."""
+        return self.lifted_s > -math.inf
+
     def find_climbed_s(self, time_s: float) -> float:
         """Return the time since the end of the first climb [s]; -inf before it, and without one."""
-        return time_s - self._climbed_s if self.lifted_s > -math.inf else -math.inf
+        return time_s - self._climbed_s if self.has_lifted_off else -math.inf
 
     def apply(self, drive: ActuatorCommand, now: LimitInput) -> ActuatorCommand:
         """Return ``drive`` with no more thrust than the first climb allows; see :class:`Limit`."""

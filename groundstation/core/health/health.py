@@ -1,6 +1,6 @@
-"""Pose health: are the poses this vehicle's, and new? One state from few tests. Sans-IO.
+"""Pose health: do the poses show this vehicle's present motion? One state from few tests. Sans-IO.
 
-A pose is believed as long as it responds to the commands. The tests, each derived in
+Poses are believed as long as they show a response to the commands. The tests, each derived in
 docs/explanation/trust.md:
 
 - response of attitude, position and height to the commands
@@ -68,81 +68,85 @@ class Failure(NamedTuple):
 SHORTEST_S = BLOCKS[0] * BLOCK_S
 """Length of the shortest window, in which the beginning of a fault may be hidden [s]."""
 CALM_ALARM = 0.25
-"""Alarm below which the poses are above suspicion [-]: the estimate of that time may be returned
-to."""
+"""Alarm below which nothing speaks against the poses [-]: should they fail later, the estimate of
+that instant is the newest one that is trusted. Chosen."""
 SUSPECT_M_S2 = 2.0
 """Difference of the estimated disturbance from its mean of the last seconds from which the poses
 are suspect [m/s²]: gusts of `storm` come to 1.6."""
 SUSPECT_S = 1.0
-"""Longest duration of ``SUSPECT`` [s]."""
+"""Longest duration of ``SUSPECT`` [s]. Chosen: with the larger tones the response is known after
+0.6 s."""
 SETTLE_S = 1.5 / PASS_RAD_S
-"""Time after which an error of the initial speed of .1 m/s is less than 1.5 mm behind the high pass
-[s]."""
+"""Time after which positions are evaluated [s]: an error of 0.1 m/s of the initial speed is then
+less than 1.5 mm behind the high pass."""
 
 OUTAGE_INTERVALS = 3.0
 """Interval of poses, in mean intervals, from which a pose is not evaluated [-]: after an outage it
-alone would decide the shortest window."""
+alone would decide the shortest window. Chosen."""
 INTERVAL_SHARE = 0.2
-"""Weight of the newest interval in their mean [-]."""
+"""Weight of the newest interval in their mean [-]. Chosen."""
 
 STOPPED_S = 0.15
 """Time for which the position of a moving vehicle must be constant to be frozen [s]: wind that
 reverses a motion keeps it within 2 mm for a shorter time."""
 SPEED_S = 0.05
 """Time over which the speed before that is measured [s]: the model's alone is wrong after an outage
-in gusts, and a difference of two poses is noise."""
+in gusts, and a difference of two poses is noise. Chosen."""
 STOPPED_POSES = 4
 """Least number of poses at a constant position, after the first [-]: two poses around an outage may
-agree by chance."""
+agree by chance. Chosen."""
 DRIVEN_S = 0.3
 """Time for which the position of a vehicle at rest must be constant, though commands accelerate it,
-to be suspect [s]: wind that the law rejects has the same effect."""
+to be suspect [s]: wind that the law rejects has the same effect. Chosen."""
 DRIVEN_M_S2 = 1.5
 """Mean acceleration of the model meanwhile, beside the wind before, from which the position is
 frozen [m/s²]: wind that the law rejected came to 1.10 in 60 flights of `adverse` and `storm`."""
 DRIVEN_RANGES = 10.0
-"""Displacement of the model meanwhile, as a multiple of the range that counts as constant [-]."""
+"""Least displacement of the model meanwhile, as a multiple of the range that counts as constant
+[-]. Chosen."""
 STOP_S = 2.0 * DRIVEN_S
 """Time after which a constant position is a vehicle at rest, not a stop [s]: the model would drift
 from it."""
 STOPPED_M_S = 0.15
-"""Least speed before a stop, and of the model since [m/s]: wind takes less from a vehicle within
-one pose, and only a collision takes more. Where positions within more than 1 mm count as constant,
-it is the speed that ``PUSH_M_S2`` turns back within that range."""
+"""Least speed before a stop, and of the model since [m/s]: from one pose to the next wind reduces
+a speed by less, and only a collision by more. Where positions within more than 1 mm count as
+constant, it is the speed that ``PUSH_M_S2`` turns back within that range."""
 MISTIMED_S = 0.025
-"""Delay of the commands that may be configured wrong [s], and so the model's speed by as much of
-its acceleration: a radio's frame period (`alarms --floors`)."""
+"""Error of the configured delay of the commands that is tolerated [s]: a radio's frame period
+(`alarms --floors`). The model's speed is then wrong by its acceleration times this."""
 
 YAW_RAD_S = 0.15
 """Mean yaw rate beyond the commanded ones that fails the poses [rad/s]: `storm` comes to .04."""
 YAW_MEMORY_S = 1.0
-"""Time constant of that mean [s]."""
+"""Time constant of that mean [s]. Chosen."""
 YAW_LATE_S = 0.55
-"""Largest delay of an autopilot's yaw behind its command [s]: PX4 and ArduPilot took .35 s
-(`autopilots`)."""
+"""Largest delay of an autopilot's yaw behind its command [s]. Chosen: 0.2 s more than PX4 and
+ArduPilot took (`groundstation-sim dev autopilots`)."""
 
 BEHIND_M = 0.06
 """Height by which a climb may be behind its thrust just off the floor, beside noise [m]: the error
-of the hover thrust at lift-off."""
+of the hover thrust at lift-off. Chosen."""
 BEHIND_M_S2 = 1.2
-"""Vertical acceleration by which it may be behind [m/s²]: ground effect and vertical wind."""
+"""Vertical acceleration by which it may be behind [m/s²]: ground effect and vertical wind.
+Chosen."""
 
 
 class StandstillMonitor:
-    """Position along one direction: does it stand still while the model moves on?"""
+    """Monitor of the position along one direction: is it constant while the model moves on?"""
 
     def __init__(self) -> None:
         self.since_s = -math.inf
         """Instant since which the position is constant [s]."""
         self.has_stopped = False
-        """Whether it moved before, or is accelerated meanwhile, so that it cannot stand still."""
+        """Whether the vehicle cannot be at rest: it moved before, or is accelerated meanwhile."""
         self.is_driven = False
-        """Whether the model has moved far beyond noise since then."""
+        """Whether the model has moved far since then, so that a vehicle at rest would have to be
+        held."""
         self._position_m = self._before_m_s = self._disturbance_m_s2 = 0.0
-        """Constant position; speed and disturbance before it: what is learnt later may be the fault
-        itself."""
+        """Constant position [m]; speed [m/s] and disturbance [m/s²] before it: a disturbance that
+        is estimated later may be the fault itself."""
         self._model_m = self._model_m_s = 0.0
-        """Displacement of the model since then, and its speed now."""
+        """Displacement of the model since then [m], and its present speed [m/s]."""
         self._poses = 0
         """Poses at this position, after the first."""
         self._recent: deque[tuple[float, float]] = deque()
@@ -222,7 +226,7 @@ class StopDetector:
 
     @property
     def is_driven(self) -> bool:
-        """Whether a position at rest stays constant, though the model moves on."""
+        """Whether along a direction the model has moved far since the position is constant."""
         return any(monitor.is_driven for monitor in self._monitors)
 
     def add_pose(
@@ -245,17 +249,17 @@ class StopDetector:
             noise_m: noise of positions, 1 sigma per axis [m].
         """
         vectors = pose.position_ned, before.velocity, commanded, disturbance
-        stopped_s = None
-        for monitor, *along in zip(self._monitors, *map(_project, vectors), strict=True):
-            monitor.add_pose(pose.time_s, *along, dt_s, SIGNIFICANT * noise_m)
+        frozen_since_s = None
+        for monitor, *components in zip(self._monitors, *map(_project, vectors), strict=True):
+            monitor.add_pose(pose.time_s, *components, dt_s, SIGNIFICANT * noise_m)
             if monitor.has_stopped:
-                stopped_s = monitor.since_s
-        return stopped_s
+                frozen_since_s = monitor.since_s
+        return frozen_since_s
 
 
 def _project(vector: Vec3) -> tuple[float, ...]:
-    """Components of a vector [NED] along five directions: the axes, and both diagonals of north and
-    east.
+    """Return the components of a vector [NED] along five directions: north, east, both diagonals of
+    these, and down.
     """
     x, y, z = vector
     p, q = DIAGONAL * x, DIAGONAL * y
@@ -263,7 +267,7 @@ def _project(vector: Vec3) -> tuple[float, ...]:
 
 
 class YawMonitor:
-    """Recent mean of the yaw rate beyond the commanded ones."""
+    """Monitor of the yaw rate beyond all those commanded within the last ``YAW_LATE_S``."""
 
     def __init__(self) -> None:
         self._commands: deque[tuple[float, float]] = deque()
@@ -273,7 +277,7 @@ class YawMonitor:
     def add_pose(
         self, time_s: float, measured_rad_s: float, commanded_rad_s: float, dt_s: float
     ) -> float:
-        """Take one pose; return the mean rate [rad/s]."""
+        """Take one pose; return the recent mean of the rate beyond them [rad/s]."""
         commands = self._commands
         commands.append((time_s, commanded_rad_s))
         while commands[0][0] < time_s - YAW_LATE_S:
@@ -288,9 +292,12 @@ class ClimbMonitor:
     """Comparison of the height just off the floor with the thrust."""
 
     def __init__(self, hover_share: float, climb_m_s: float, gravity: float) -> None:
-        """``hover_share``: hover thrust as a share of the configured weight [-].
+        """Begin at lift-off.
 
-        ``climb_m_s``: climb speed [m/s].
+        Args:
+            hover_share: hover thrust as a share of the configured weight [-].
+            climb_m_s: climb speed [m/s].
+            gravity: g [m/s²].
         """
         self._share, self._speed, self._gravity = hover_share, climb_m_s, gravity
         self._measured_m = self._expected_m = self._since_s = 0.0
@@ -318,8 +325,8 @@ class ClimbMonitor:
         self._expected_m += dt_s * self._speed - reach_m / share - 0.5 * g * dt_s * dt_s
         self._speed -= impulse_m_s / share + g * dt_s
         self._since_s += dt_s
-        room = BEHIND_M + 3.0 * noise_m + 0.5 * BEHIND_M_S2 * self._since_s**2
-        return self._expected_m - self._measured_m > room
+        tolerance_m = BEHIND_M + 3.0 * noise_m + 0.5 * BEHIND_M_S2 * self._since_s**2
+        return self._expected_m - self._measured_m > tolerance_m
 
 
 class TurnTests:
@@ -335,8 +342,14 @@ class TurnTests:
     def add(
         self, time_s: float, measured: Vec3, turn: Vec3, tones_rad: tuple[float, float], dt_s: float
     ) -> None:
-        """Take the ``measured`` turn since the pose before, the model's, and the tones' in roll and
-        pitch [rad].
+        """Take one pose.
+
+        Args:
+            time_s: its instant [s].
+            measured: measured turn since the pose before, body axes [rad].
+            turn: turn by the model's rates since then, body axes [rad].
+            tones_rad: part of it by the tones, in roll and pitch [rad].
+            dt_s: time since then [s].
         """
         x, y, model_x, model_y, u, v = self._pass.step([*measured[:2], *turn[:2], *tones_rad], dt_s)
         self._response.add((x - model_x, y - model_y), (u, v), (model_x - u, model_y - v), dt_s)
@@ -355,7 +368,7 @@ class TurnTests:
         return self._lateness.late_s > 0.0
 
 
-class PlaceTests:
+class PositionTests:
     """Tests of the positions: the lateral response, and that of the height."""
 
     def __init__(self) -> None:
@@ -363,13 +376,14 @@ class PlaceTests:
         self._velocity: Vec3 = (0.0, 0.0, 0.0)
         """Velocity of the model [m/s, NED]."""
         self._settled_s = self._interval_s = 0.0
+        """Time since the high pass began, and mean interval of the poses [s]."""
         self.model_m: Vec3 = (0.0, 0.0, 0.0)
         """Displacement of the model since the beginning [m, NED]."""
         self.forget()
 
     def forget(self) -> None:
         """Begin all windows anew."""
-        self._across = Response(PLANE, TONE_MEMORY_S, LEAST_DISPLACEMENT_M, OWN_LATERAL)
+        self._lateral = Response(PLANE, TONE_MEMORY_S, LEAST_DISPLACEMENT_M, OWN_LATERAL)
         self._height = Response(LINE, TONE_MEMORY_S, LEAST_DISPLACEMENT_M, OWN_HEIGHT)
 
     def begin(self, velocity: Vec3) -> None:
@@ -407,22 +421,23 @@ class PlaceTests:
         mean_s = self._interval_s or dt_s
         self._interval_s = mean_s + INTERVAL_SHARE * (dt_s - mean_s)
         if self._settled_s > SETTLE_S and dt_s <= OUTAGE_INTERVALS * mean_s:
-            self._across.add((sx - mx, sy - my), (ux, uy), (mx - ux, my - uy), dt_s)
+            self._lateral.add((sx - mx, sy - my), (ux, uy), (mx - ux, my - uy), dt_s)
             self._height.add((sz - mz,), (uz,), (mz - uz,), dt_s)
 
     def look(self, noise_m: float) -> tuple[Alarm, Alarm]:
         """Return the alarms of the lateral position and of the height, of all windows that end
         now.
         """
-        return self._across.look(noise_m), self._height.look(noise_m)
+        return self._lateral.look(noise_m), self._height.look(noise_m)
 
 
 class PoseHealth:
     """Health of one flight's poses. Times are on the event loop's clock [s]."""
 
     def __init__(self, mass_kg: float, gravity: float) -> None:
-        """Begin before the flight; configured mass [kg], g [m/s²]."""
+        """Begin before the flight, with the configured mass [kg] and g [m/s²]."""
         self._per_newton, self._gravity = -1.0 / mass_kg, gravity
+        """Acceleration down by one newton of thrust up [m/s² per N], and g [m/s²]."""
         self.state = HealthState.OK
         self.reason_id = ""
         """Id of the sentence why the poses are suspect or have failed; empty while they are OK."""
@@ -434,14 +449,14 @@ class PoseHealth:
         self.is_confirmed = False
         """Whether the newest responses are known, and confirm the poses."""
         self.calm_s = -math.inf
-        """Newest instant at which the poses were above suspicion [s]."""
+        """Newest instant at which nothing spoke against the poses [s]."""
         self.believed_until_s = -math.inf
-        """Instant up to which the estimate is believed, should the poses fail now [s]."""
+        """Instant up to which the estimate is trusted, should the poses fail now [s]."""
         self.is_attitude_usable = self.is_position_usable = True
         """Whether attitude, and position with heading, may be flown by: no evidence has
         contradicted them, or they have responded since then."""
         self.windows = 0
-        """Evaluations so far."""
+        """Number of evaluations so far, one each ``BLOCK_S``."""
         self.autopilot_agrees: bool | None = None
         """Whether the autopilot's own attitude agrees with the poses; None if that is not known."""
         self.turn: Vec3 = (0.0, 0.0, 0.0)
@@ -449,6 +464,7 @@ class PoseHealth:
         self._climb: ClimbMonitor | None = None
         self._reset_count = 0
         self._suspect_s = -math.inf
+        """Begin of the newest ``SUSPECT`` [s]."""
         self._hover_share = 1.0
         self.restart()
 
@@ -458,7 +474,7 @@ class PoseHealth:
 
     def restart(self) -> None:
         """Forget the poses so far: the vehicle was released, or its commands did not arrive."""
-        self._turns, self._places, self._stops = TurnTests(), PlaceTests(), StopDetector()
+        self._turns, self._positions, self._stops = TurnTests(), PositionTests(), StopDetector()
         self._pushes = PushMonitor()
         self._last: Pose | None = None
         self._block_s = 0.0
@@ -516,27 +532,30 @@ class PoseHealth:
             effectiveness: estimated thrust scale [-].
             noise_m: measured noise of positions, 1 sigma per axis [m].
             moving_noise_m: the same with that of the stamps at this speed.
-            counts: False near the floor, which may hold the vehicle.
-            may_stop: False where the floor may stop the vehicle dead.
+            counts: False where the response says nothing: near the floor, which may hold the
+                vehicle, and while the link stalls. All tests begin anew.
+            may_stop: False near the floor, which may stop or push the vehicle: stops and pushes
+                are not evaluated.
             is_blind: whether no command depends on the position.
         """
         turn = rotation_vector(multiply(conjugate(before.attitude), response.attitude))
         self.turn = turn
         last, self._last = self._last, pose
         dt = 0.0 if last is None else pose.time_s - last.time_s
-        moved, self._reset_count = pose.reset_count != self._reset_count, pose.reset_count
-        if last is None or not 0.0 < dt <= POSE_GAP_S or moved or not counts:
+        is_reset, self._reset_count = pose.reset_count != self._reset_count, pose.reset_count
+        if last is None or not 0.0 < dt <= POSE_GAP_S or is_reset or not counts:
             self.restart()
-            self._places.begin(before.velocity)
+            self._positions.begin(before.velocity)
             self._last, self.turn = pose, turn
             return
         measured = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
         self._turns.add(pose.time_s, measured, turn, tones_rad, dt)
         self._add_position(pose, last, response, None if is_blind else tones_m, dt, noise_m)
         self.push_alarm = self._pushes.add(
-            pose.time_s, pose.position_ned, self._places.model_m, moving_noise_m
+            pose.time_s, pose.position_ned, self._positions.model_m, moving_noise_m
         )
         if may_stop and self.push_alarm >= 1.0:
+            # The push was measured over two successive times of PUSH_BASE_S.
             self._fail_part("pose.position_mirrored", pose.time_s - 2.0 * PUSH_BASE_S)
         # An estimate with a velocity of its own uses inertial sensors: it wanders, and does not
         # stop dead.
@@ -558,9 +577,10 @@ class PoseHealth:
         dt: float,
         noise_m: float,
     ) -> None:
-        """Fail the position where the poses stopped dead; suspect it where they seem to."""
+        """Fail the position where it is frozen; suspect it where a vehicle at rest may be held."""
         since_s = self._stops.add_pose(pose, before, commanded, disturbance, dt, noise_m)
         if since_s is not None:
+            # Believed are the poses before the first one at the frozen position.
             self._fail_part("pose.stopped_dead", since_s - dt)
         elif self._stops.is_driven:
             self.suspect(pose.time_s)
@@ -574,6 +594,9 @@ class PoseHealth:
         dt: float,
         noise_m: float,
     ) -> None:
+        """Compare the displacement from ``last`` to ``pose`` with that by the commands; arguments
+        as in :meth:`add_pose`.
+        """
         # The hover thrust contains the error of the configured thrust scale; the model's
         # acceleration is scaled by it.
         m, g = self._per_newton / self._hover_share, self._gravity
@@ -589,17 +612,18 @@ class PoseHealth:
             self._climb = None if self._climb.is_over else self._climb
             if behind:
                 self._fail_part("pose.height_behind", -math.inf)
-        self._places.add(measured, gained_m_s, gained_m, tones_m, dt)
+        self._positions.add(measured, gained_m_s, gained_m, tones_m, dt)
 
     def _look(self, now_s: float, noise_m: float) -> None:
         """Evaluate all windows that end now."""
         self.windows += 1
-        turns, (places, heights) = self._turns.look(), self._places.look(noise_m)
+        turns, (lateral, height) = self._turns.look(), self._positions.look(noise_m)
+        # An autopilot that measures the same attitude proves that of the poses.
         self.attitude_alarm = 0.0 if self.autopilot_agrees else max(turns.tones, turns.own)
-        tones, own = max(places.tones, heights.tones), max(places.own, heights.own)
+        tones, own = max(lateral.tones, height.tones), max(lateral.own, height.own)
         self.position_alarm = max(tones, own, self._turns.yaw_alarm)
         self.alarm = max(self.attitude_alarm, self.position_alarm)
-        is_position_known = places.is_known and heights.is_known
+        is_position_known = lateral.is_known and height.is_known
         self.is_confirmed = turns.is_known and is_position_known and self.alarm < SUSPECT_ALARM
         if self.is_attitude_usable and self.alarm < CALM_ALARM:
             self.is_position_usable = self.is_position_usable or is_position_known
@@ -617,7 +641,7 @@ class PoseHealth:
             self._fail_part("pose.yaw_unasked", before_s)
         elif own >= 1.0:
             self._fail_part("pose.position_mirrored", before_s)
-        # Poses above suspicion are asked first, by larger tones: one window may err.
+        # One window may err: poses that are OK become suspect first, and larger tones follow.
         elif tones >= 1.0 and self.state is not HealthState.OK:
             self._fail_part("pose.position_no_answer", before_s)
         elif self.alarm >= SUSPECT_ALARM:
@@ -636,7 +660,7 @@ class PoseHealth:
         """Fail the position, or the ``attitude`` and so both, since ``since_s`` [s]."""
         self.is_attitude_usable = self.is_attitude_usable and not attitude
         self.is_position_usable = False
-        self._places.forget()
+        self._positions.forget()
         self.fail(reason_id, since_s)
 
     def fail(self, reason_id: str, since_s: float) -> None:

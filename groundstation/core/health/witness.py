@@ -1,10 +1,10 @@
-"""Second witness: a comparison of the autopilot's own attitude with the poses. Sans-IO.
+"""Second witness of the attitude: the autopilot's own, compared with the poses. Sans-IO.
 
 A tracker and an autopilot on the same body measure the same tilt and the same turning, even if
 their norths differ. At the instants of the autopilot's messages two things are compared:
 
 - *Turning*, in two ways: by the regression of :mod:`groundstation.core.health.pose_response`, with
-  the autopilot's turn in the place of the model's, and by the latency at which both fit best.
+  the autopilot's turn in the place of that by tones, and by the latency at which both fit best.
 - *Tilt*: the angle between both directions of gravity, less the same angle at rest before arming
   (the mounting offset). An autopilot without a velocity source takes a part of a lasting lean for
   level.
@@ -57,7 +57,7 @@ GAP_S = 0.13
 At 10 Hz, the slowest usual attitude messages, it bridges their jitter, but no missing message.
 """
 KNOWN_S = 1.0
-"""Time for which the finding that both turn alike stays valid [s]."""
+"""Time for which both are known to agree after they were last found to turn alike [s]."""
 SILENT_S = 0.6
 """Time without a comparison after which there is no result [s]; poses of that long are kept."""
 REPORTED_AFTER_S = 2.0
@@ -199,23 +199,22 @@ class Witness:
             measured = rotate(last.attitude, (share * x, share * y, share * z))
             self._compare(_Pair(reported.time_s, measured, reported.attitude))
 
-    def in_poses(self, reported: Attitude) -> Quat | None:
-        """Convert an attitude of the autopilot to the axes of the poses.
+    def convert_to_poses(self, reported: Attitude) -> Quat | None:
+        """Convert an attitude of the autopilot to the north and the body axes of the poses.
 
         None before the first comparison.
         """
         if self._mounting is None or self._north == 0j:
             return None
         half = 0.5 * cmath.phase(self._north)
+        in_north_of_poses = multiply((math.cos(half), 0.0, 0.0, math.sin(half)), reported.attitude)
+        # The small turn of the body that moves gravity in its axes by the mounting offset.
         x, y = self._mounting
-        return rotate(
-            multiply((math.cos(half), 0.0, 0.0, math.sin(half)), reported.attitude), (y, -x, 0.0)
-        )
+        return rotate(in_north_of_poses, (y, -x, 0.0))
 
     def agrees(self, now_s: float) -> bool | None:
-        """Whether both agree at ``now_s``.
-
-        None where that is not known, as while one of both is missing.
+        """Return whether both agree at ``now_s``; None where that is not known: one of both is
+        missing, or the vehicle has turned too little of late.
         """
         if now_s - self._at_s > SILENT_S:
             return None
@@ -224,7 +223,7 @@ class Witness:
         return True if self._at_s - self._known_s < KNOWN_S else None
 
     def verdict(self, now_s: float) -> Agreement | None:
-        """Result at ``now_s``; None while the poses or the attitudes are missing."""
+        """Return the result at ``now_s``; None while the poses or the attitudes are missing."""
         if self._mounting is None or now_s - self._at_s > SILENT_S:
             return None
         alike, unlike = self._moves.compare()
@@ -240,12 +239,14 @@ class Witness:
 
     @property
     def _alarm(self) -> float:
-        """Larger alarm of turning and tilt [-]."""
+        """Larger alarm of turning and tilt [-]: from 1 on, both disagree."""
         limit = math.radians(TILT_DEG) + LEAN_SHARE * self._lean
         return max(self._turning, math.hypot(*self._tilt) / limit)
 
     def describe_news(self) -> Sentence | None:
-        """Sentence for the operator, once for each disagreement of ``REPORTED_AFTER_S``."""
+        """Return the sentence for the operator, once for each disagreement that has lasted
+        ``REPORTED_AFTER_S``; None otherwise.
+        """
         if self._disagrees_since_s is None:
             self._is_reported = False
             return None
@@ -259,18 +260,16 @@ class Witness:
         last, self._pair = self._pair, pair
         dt = pair.time_s - self._at_s
         self._at_s = pair.time_s
-        (x, y, _), (a, b, c) = (
-            third_row(pair.measured),
-            third_row(pair.reported),
-        )  # gravity in the body's axes
+        # Direction of gravity in the body's axes, by the poses and by the autopilot.
+        (x, y, _), (a, b, c) = third_row(pair.measured), third_row(pair.reported)
         difference = (x - a, y - b)
         learn, gain = min(dt / LEARN_S, 1.0), min(dt / TILT_MEMORY_S, 1.0)
         if self._mounting is None:
             self._mounting = difference
         if not self._is_armed:
             self._mounting = interpolate(self._mounting, difference, learn)
-        beyond = (difference[0] - self._mounting[0], difference[1] - self._mounting[1])
-        self._tilt = interpolate(self._tilt, beyond, gain)
+        beyond_mounting = (difference[0] - self._mounting[0], difference[1] - self._mounting[1])
+        self._tilt = interpolate(self._tilt, beyond_mounting, gain)
         self._lean += gain * (math.acos(max(-1.0, min(c, 1.0))) - self._lean)
         if self._disagrees_since_s is None:
             turned = euler_zyx(pair.measured)[2] - euler_zyx(pair.reported)[2]
@@ -290,6 +289,7 @@ class Witness:
             [*measured[:2], *reported[:2]], dt
         )
         difference = (roll - reported_roll, pitch - reported_pitch)
+        # All of the reported turn counts as commanded by tones, and nothing as the law's own.
         self._response.add(difference, (reported_roll, reported_pitch), (0.0, 0.0), dt)
         self._lateness.add(now_s, (roll, pitch), (reported_roll, reported_pitch), dt)
         self._block_s += dt
@@ -341,9 +341,9 @@ class _HandMoves:
         self._step_s, self._measured, self._reported = 0.0, ZERO, ZERO
 
     def compare(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Axes that turned the same way in both, and axes that turned different ways.
+        """Return the axes that turned the same way in both, and those that turned different ways.
 
-        Others turned too little.
+        Of the others it is not known.
         """
         alike, unlike = list[str](), list[str]()
         for name, (different, measured, reported) in zip(AXES, self._sums, strict=True):

@@ -1,6 +1,7 @@
-"""Poses in, commands out: the estimator, the controller and the reference of one vehicle.
+"""Pilot: poses in, commands out. Estimator, controller and reference of one vehicle. Sans-IO.
 
-Sans-IO.
+Instants are on the event loop's clock [s]. Commands are computed for the instant at which they act,
+``Vehicle.acting_delay_s`` after they leave.
 """
 
 import math
@@ -50,15 +51,16 @@ from groundstation.core.vehicle import ActuatorCommand, Vehicle
 from links.core import Command, Segment
 
 EXCITATION_DELAY_S = 0.25
-"""Time without tones after the first climb [s]: the law settles first."""
+"""Time without tones after the first climb [s]: the law settles first. Chosen."""
 SPARSE_S = 0.07
 """Mean interval of poses above which calm gains are used [s]: between poses errors grow without
-correction."""
+correction. Chosen: more than that of the slowest poses that may take off (20 Hz)."""
 GROUND_EFFECT_SHARE = 0.95
-"""Below this share of the weight, ground effect carries the vehicle [-]."""
+"""Least hover thrust that is taken over at lift-off, as a share of the weight [-]: where less
+lifts, ground effect carries the vehicle. Chosen."""
 LAST_COMMAND_S = 0.5
 """Duration of the last command where commands are too late [s]: the autopilot is requested to land
-meanwhile."""
+meanwhile. Chosen."""
 
 
 class Pilot:
@@ -70,33 +72,38 @@ class Pilot:
         config: ControllerConfig,
         coast_s: float,
         floor_z_m: float,
-        tell: Callable[[FlightEvent | Tick], None] = ignore,
+        record: Callable[[FlightEvent | Tick], None] = ignore,
         clock: Callable[[], float] = lambda: 0.0,
         health: Callable[[float, float], PoseHealth] = PoseHealth,
         *,
         follows_poses: bool = False,
     ) -> None:
-        """Take the configured vehicle, the controller's config, and the longest use of one pose
-        ``coast_s`` [s].
+        """Begin before the first pose.
 
-        ``floor_z_m`` is the position of a vehicle at rest on the floor [m, NED]. ``tell`` is called
-        with each input and output of the pilot, stamped by the event loop's ``clock`` [s].
-        ``health`` makes the monitor of the poses from mass and g. ``follows_poses``: a command
-        leaves at each pose (:class:`VehicleState`).
+        Args:
+            vehicle: the configured vehicle.
+            config: the controller's configuration.
+            coast_s: longest time for which one pose is used [s].
+            floor_z_m: down component of a vehicle at rest on the floor [m, NED].
+            record: takes each input and output of the pilot, stamped by ``clock``.
+            clock: returns the event loop's time [s].
+            health: makes the monitor of the poses from mass [kg] and g [m/s²].
+            follows_poses: whether a command leaves at each pose (:class:`VehicleState`).
 
         Raises:
             ConfigError: a controller of the user's own can't be loaded.
         """
         self._vehicle, self._gravity = vehicle, config.gravity
-        self._tell, self._clock = tell, clock
+        self._record, self._clock = record, clock
         self._coast, self._floor = coast_s, floor_z_m
         self._controller = make_controller(config, vehicle)
-        # An observer that does not estimate the disturbance by itself is driven by b̂.
-        driven = config.composite != "provable"
-        self._driver = (
-            self._controller if driven and isinstance(self._controller, Adaptive) else None
+        # In the provable form the observer estimates the disturbance itself.
+        takes_b_hat = config.composite != "provable"
+        self._observer_source = (
+            self._controller if takes_b_hat and isinstance(self._controller, Adaptive) else None
         )
-        self._watch = CertificateMonitor(vehicle, config)
+        """Our law, whose b̂ drives the observer; None where none does."""
+        self._certificate = CertificateMonitor(vehicle, config)
         self._gains = GainSchedule(config)
         self._profile = TRACKING
         self._limits = FlightLimits(vehicle, config)
@@ -104,22 +111,24 @@ class Pilot:
         """State of the vehicle, and health of its poses."""
         self._is_climbing = self._may_have_contact = False
         self._last_s: float | None = None
-        self._leg: tuple[Trajectory, float] | None = None
+        """Instant of the newest command by the law; None before it, and after an idle one."""
+        self._followed: tuple[Trajectory, float] | None = None
+        """Trajectory that is followed, and the instant of its time 0."""
 
     @property
     def certificate(self) -> Certificate | None:
         """V and its bound so far, for screens."""
-        return self._watch.reading()
+        return self._certificate.reading()
 
     def estimate_state(self, pose: Pose) -> None:
         """Estimate the state at one pose, and the health of the poses."""
-        self._tell(PoseRecord(pose))
+        self._record(PoseRecord(pose))
         if self.state.add_pose(pose):
-            self._watch.noise(self.state.noise_m, self.state.received.mean_s)
+            self._certificate.set_noise(self.state.noise_m, self.state.received.mean_s)
 
     def take_autopilot_attitude(self, time_s: float, attitude: Quat) -> None:
-        """Use the autopilot's own ``attitude`` of ``time_s``, in the axes of the poses, after
-        theirs has failed.
+        """Use the autopilot's own ``attitude`` at ``time_s``, converted to the axes of the poses,
+        once the attitude of the poses has failed; before that, ignore it.
         """
         state, last = self.state, self.state.newest_pose
         if (
@@ -133,15 +142,15 @@ class Pilot:
         state.replace_attitude(last, time_s, attitude)
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
-        """Make ``trajectory``, begun at ``start_s`` on the event loop's clock [s], the reference.
+        """Make ``trajectory`` the reference; its time 0 is at ``start_s``.
 
         Without a :meth:`lift_off` before, the vehicle is in the air, and is released now.
         """
-        self._tell(TrajectoryRecord(start_s))
+        self._record(TrajectoryRecord(start_s))
         if not self.state.is_released:
             self.state.release()
-        self._leg = trajectory, start_s
-        self._watch.restart()
+        self._followed = trajectory, start_s
+        self._certificate.restart()
 
     def set_gain(self, name: str, value: float) -> None:
         """Set one gain of our own controller to ``value``; the caller changes it in small steps."""
@@ -151,7 +160,7 @@ class Pilot:
 
     def use_profile(self, profile: FlightProfile) -> None:
         """Fly by ``profile`` from now on."""
-        # Twice, as recordings have always held it: gains and tones once eased apart.
+        # The recording has is_holding twice: for the gains, and for the tones.
         is_holding, is_transit = float(profile is not TRACKING), float(profile is TRANSIT)
         self._switch("ease", is_holding, is_holding, is_transit)
         self._profile = profile
@@ -159,14 +168,17 @@ class Pilot:
         self.state.estimator.set_landing(profile is TRANSIT and not self._is_climbing)
 
     def _switch(self, what: str, *values: float) -> None:
-        """Record a request ``what`` with ``values`` (:class:`SwitchRecord`)."""
-        self._tell(SwitchRecord(self._clock(), what, values))
+        """Record a request by its name in recordings, ``what``, with ``values``
+        (:class:`SwitchRecord`).
+        """
+        self._record(SwitchRecord(self._clock(), what, values))
 
     def _apply_gains(self) -> None:
+        """Hand the present gains to our controller and its certificate."""
         gains = self._gains.gains
         assert isinstance(self._controller, Adaptive) and gains is not None, "it has these gains"
-        self._controller.regain(gains)
-        self._watch.regain(gains)
+        self._controller.set_gains(gains)
+        self._certificate.set_gains(gains)
 
     def set_ground_contact(self, may_have_contact: bool) -> None:
         """Keep the vehicle level while ground contact is possible."""
@@ -204,57 +216,63 @@ class Pilot:
         self.state.estimator.freeze_effectiveness()
 
     def lift_off(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
-        """Begin to fly: the vehicle has left the floor.
+        """Begin to fly: the vehicle has left the floor. Return its motion at the instant at which a
+        command that leaves now acts.
 
-        Return its motion at the instant at which a command acts.
-
-        ``hover_share`` is the estimated hover thrust as a share of the weight [-], ``climb_m_s``
-        the climb speed [m/s].
+        Args:
+            time_s: present instant.
+            hover_share: estimated hover thrust as a share of the weight [-].
+            climb_m_s: climb speed [m/s].
         """
         self._switch("lift", time_s, hover_share, climb_m_s)
         state = self.state
-        hovers = max(hover_share, GROUND_EFFECT_SHARE)
-        disturbance = state.estimator.lift_off(climb_m_s, hovers)
+        hover_share = max(hover_share, GROUND_EFFECT_SHARE)
+        disturbance = state.estimator.lift_off(climb_m_s, hover_share)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         state.is_released = self._is_climbing = True
-        # The vehicle leans against it, and so needs more thrust to hover.
+        # A vehicle that leans against a horizontal disturbance needs more thrust to hover.
         north, east, _ = disturbance
-        hover_n = hovers * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
+        hover_n = hover_share * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
         state.trust_from_here(disturbance)
-        state.health.lift_off(hovers, climb_m_s)
+        state.health.lift_off(hover_share, climb_m_s)
         motion = state.estimator.predict(time_s + self._vehicle.acting_delay_s).motion
         self._limits.first_climb.lift_off(time_s, hover_n, motion.position[2])
         return Reference(motion.position, motion.velocity, yaw_rad=heading(motion.attitude))
 
-    def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> float:
+    def descend(self, sink_m_s: float, *, blind: bool = False, extra_coast_s: float = 0.0) -> float:
         """Begin a failsafe descent, or change it.
 
-        ``sink_m_s``: commanded sink rate [m/s]. ``blind``: take position and velocity from the
-        model. ``rest_s``: additional time for which one pose may be used from the first call on
-        [s].
+        Args:
+            sink_m_s: commanded sink rate [m/s].
+            blind: whether position and velocity are the model's.
+            extra_coast_s: time by which one pose may be used longer from now on [s]; only the first
+                call counts.
 
-        Return how long the descent may last [s], should it be blind: from the largest height above
-        the floor that the vehicle may have, by the model or before the poses were suspect.
+        Returns:
+            Longest duration of the descent, if it is blind [s]. The height for it is the larger one
+            of two: the present one by the model, and the last one before the poses were suspect.
         """
-        self._switch("descend", sink_m_s, float(blind), rest_s)
+        self._switch("descend", sink_m_s, float(blind), extra_coast_s)
         state = self.state
         before = state.trusted_before()
         if state.descent is None:
-            self._coast += rest_s
+            self._coast += extra_coast_s
         state.descend(before, sink_m_s, blind=blind, at_s=self._last_s or 0.0)
-        self._watch.restart()
+        self._certificate.restart()
         motion = state.estimator.motion or before.motion
         height_m = self._floor - min(motion.position[2], before.motion.position[2])
         return blind_descent_limit_s(height_m, -motion.velocity[2], self._gravity)
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
-        """Return a command of ``thrust_n`` [N] and zero rates, stamped with the newest pose."""
+        """Return a command of ``thrust_n`` [N] and zero rates on the floor, stamped with the newest
+        pose; its bring-down switches the motors off.
+        """
         drive = ActuatorCommand(thrust_n, (0.0, 0.0, 0.0))
         self.state.add_command(time_s, drive)
         self._last_s = None
         command = self._command(drive, OFF if thrust_n > 0.0 else ())
-        self._tell(IdleRecord(time_s, thrust_n, command))
+        self._record(IdleRecord(time_s, thrust_n, command))
         return command
 
     def compute_command(self, time_s: float) -> Tick:
@@ -264,17 +282,20 @@ class Pilot:
         """
         state = self.state
         pose, descent = state.newest_pose, state.descent
-        assert pose is not None and self._leg is not None, "a command needs a pose and a trajectory"
-        trajectory, start_s = self._leg
-        acting = time_s + self._vehicle.acting_delay_s
-        estimate = state.estimator.predict(acting)
-        flight_time = acting - start_s
+        assert pose is not None and self._followed is not None, (
+            "a command needs a pose and a trajectory"
+        )
+        trajectory, start_s = self._followed
+        acting_s = time_s + self._vehicle.acting_delay_s
+        estimate = state.estimator.predict(acting_s)
+        flight_time = acting_s - start_s
         reference = trajectory.at(flight_time)
         if self._gains.use(self._choose_gains()):
             self._apply_gains()
         if descent is not None:
             reference = Reference(estimate.motion.position, (0.0, 0.0, descent.sink_m_s))
         toneless = state.tones.take_out(estimate, heading(estimate.motion.attitude))
+        # An interval of 0 freezes adaptation: the effect of the last commands is not known.
         interval = 0.0 if self._last_s is None or state.is_uplink_lost else time_s - self._last_s
         self._last_s = time_s
         decide = self._decide if descent is None else descent.decide
@@ -290,30 +311,34 @@ class Pilot:
         )
         limits = self._profile.limits if descent is None else DESCENT_LIMITS
         drive = self._limits.apply(limits, decision.drive, now)
-        if descent is None and self._limits.first_climb.lifted_s > -math.inf:
+        if descent is None and self._limits.first_climb.has_lifted_off:
             state.suspect_new_disturbance(time_s, estimate)
         decision = decision._replace(drive=self._excite(time_s, drive))
         state.add_command(time_s, decision.drive, reference)
-        if self._driver is not None:
-            state.estimator.drive(self._driver.b_hat)
+        if self._observer_source is not None:
+            state.estimator.drive(self._observer_source.b_hat)
         mean = state.mean_disturbance.add(estimate, interval, is_suspect=state.health.is_suspect)
         if descent is not None and descent.blind:
-            mean = descent.mean_disturbance  # that of before: the poses since are not believed
+            mean = descent.mean_disturbance  # from before the poses failed
         parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, mean)
-        certificate = self._watch.look(time_s, toneless.motion, decision)
+        certificate = self._certificate.evaluate(time_s, toneless.motion, decision)
         command = self._command(decision.drive, parts)
         tick = Tick(time_s, flight_time, pose, estimate, reference, decision, command, certificate)
-        self._tell(tick)
+        self._record(tick)
         return tick
 
     def _choose_gains(self) -> GainSet | None:
-        """Gain set of now: that of the profile, unless the poses are far apart or suspect."""
+        """Return the present gain set: that of the profile, unless the poses are far apart or
+        suspect.
+        """
         if self.state.received.apart_s > SPARSE_S:
             return calm_gains
         return self._profile.suspect_gains if self.state.are_poses_doubted else self._profile.gains
 
     def _decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """Return the command of the law."""
+        """Return the command of the law for the instant of ``estimate``, at which the later one of
+        thrust and rates acts.
+        """
         law, sooner_s = self._controller, self._vehicle.sooner_s
         if sooner_s == 0.0 or not isinstance(law, Adaptive):
             return law.decide(estimate, reference, interval_s)
@@ -344,8 +369,9 @@ class Pilot:
         """Return the last command where commands are too late: zero rates, slightly less than hover
         thrust.
 
-        Times are as in :meth:`surrender`. The same thrust is held in place of a bring-down, which
-        would come late, too, and brake a vehicle that does not fall.
+        It is sent at ``time_s`` and valid for ``hold_s`` [s], so that it reaches the link's next
+        frame. The same thrust is held in place of a bring-down, which would come late, too, and
+        brake a vehicle that does not fall.
         """
         self._switch("let_go", hold_s)
         pose = self.state.newest_pose
@@ -355,15 +381,14 @@ class Pilot:
         still = (0.0, 0.0, 0.0)
         parts = (Segment(LAST_COMMAND_S, thrust, still),)
         command = Command(thrust, still, pose.id, pose.time_s, time_s + hold_s, parts)
-        self._tell(IdleRecord(time_s, thrust, command))
+        self._record(IdleRecord(time_s, thrust, command))
         return command
 
-    def surrender(self, time_s: float, hold_s: float) -> Command:
+    def plan_open_loop_descent(self, time_s: float, hold_s: float) -> Command:
         """Return the last command where neither poses nor autopilot are usable: open loop down on
         the model.
 
-        It is sent at ``time_s`` and valid for ``hold_s`` [s], so that it reaches the link's next
-        frame; the descent is its bring-down.
+        Times are as in :meth:`last_command`; the descent is its bring-down.
         """
         self._switch("surrender", hold_s)
         pose, vehicle, before = self.state.newest_pose, self._vehicle, self.state.trusted_before()
@@ -376,10 +401,11 @@ class Pilot:
         command = Command(
             first.thrust_n, first.rates_rad_s, pose.id, pose.time_s, time_s + hold_s, tuple(rest)
         )
-        self._tell(IdleRecord(time_s, command.thrust_n, command))
+        self._record(IdleRecord(time_s, command.thrust_n, command))
         return command
 
     def _command(self, drive: ActuatorCommand, parts: tuple[Segment, ...]) -> Command:
+        """Return ``drive`` with the deadline of the newest pose, and its bring-down ``parts``."""
         pose = self.state.newest_pose
         assert pose is not None, "a command needs a pose"
         return Command(

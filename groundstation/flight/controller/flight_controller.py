@@ -208,7 +208,7 @@ class FlightController:
             self._report_disagreement()
         if self.state in IN_AIR:
             self._pilot.set_autopilot_agreement(witness.agrees(now_s))
-        in_poses = witness.in_poses(attitude)
+        in_poses = witness.convert_to_poses(attitude)
         # By radio, a stall of the telemetry does not concern commands.
         if attitude.rates_rad_s is not None:
             self._uplink.take_telemetry(now_s)
@@ -235,7 +235,7 @@ class FlightController:
         if self._answer_failed_poses(now_s):
             if self._means.chosen is Means.FLOOR:
                 return self._pilot.idle(now_s, 0.0)
-            return self._pilot.surrender(now_s, LATE_PERIODS * self._link.period_s)
+            return self._pilot.plan_open_loop_descent(now_s, LATE_PERIODS * self._link.period_s)
         self._ensure_pose(now_s)
         self._made = self._pilot.compute_command(now_s)
         return self._made.command
@@ -442,8 +442,8 @@ class FlightController:
             if spool_up is not None:  # a pose has shown the lift-off, and no frame has come since
                 self._climb_away(now_s)
             self.phase = DescentPhase(self._course, now_s + self._way_down_s())
-            rest_s = 0.0 if self._guards is None else self._config.guards.level_s
-            self._descend(now_s, blind=blind, rest_s=rest_s)
+            extra_coast_s = 0.0 if self._guards is None else self._config.guards.level_s
+            self._descend(now_s, blind=blind, extra_coast_s=extra_coast_s)
         elif event is Event.ARMED:
             self._spool_up(now_s)
         else:
@@ -556,6 +556,6 @@ class FlightController:
         if isinstance(phase, TrackPhase):
             self.started_s = phase.leg.start_s
 
-    def _descend(self, now_s: float, *, blind: bool, rest_s: float = 0.0) -> None:
-        longest_s = self._pilot.descend(DESCENT_M_S, blind=blind, rest_s=rest_s)
+    def _descend(self, now_s: float, *, blind: bool, extra_coast_s: float = 0.0) -> None:
+        longest_s = self._pilot.descend(DESCENT_M_S, blind=blind, extra_coast_s=extra_coast_s)
         self._means.end_blind_descent_at(now_s + longest_s)

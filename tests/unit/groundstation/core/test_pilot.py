@@ -42,7 +42,7 @@ def test_what_may_stand_is_only_levelled_however_far_it_is_from_its_reference(
     degrees: float, azimuth_deg: float
 ) -> None:
     told: list[Any] = []
-    flies, place = Pilot(VEHICLE, Gains(), 0.25, 0.0, tell=told.append), (0.0, 0.0, -0.4)
+    flies, place = Pilot(VEHICLE, Gains(), 0.25, 0.0, record=told.append), (0.0, 0.0, -0.4)
     flies.estimate_state(Pose(0, 0.0, 0.0, place, leaning(degrees, azimuth_deg)))
     flies.use_profile(TRANSIT)
     flies.follow(Hold((2.0, -2.0, -0.4), 0.0), 0.0)
@@ -160,7 +160,7 @@ def test_the_last_command_of_a_flight_without_poses_falls_and_ends_without_thrus
     flies.estimate_state(Pose(0, 0.0, 0.0, (0.0, 0.0, -1.0), IDENTITY))
     flies.follow(Hold((0.0, 0.0, -1.0), 0.0), 0.0)
     flies.compute_command(0.0)
-    command = flies.surrender(0.5, 0.02)
+    command = flies.plan_open_loop_descent(0.5, 0.02)
     assert (command.pose_id, command.deadline_s) == (0, 0.52)
     assert command.thrust_n < VEHICLE.mass_kg * G
     assert command.bring_down[-1].thrust_n == 0.0
@@ -174,5 +174,5 @@ def test_a_recording_tells_by_which_profile_is_flown(
     profile: FlightProfile, values: tuple[float, ...]
 ) -> None:
     told: list[Any] = []
-    Pilot(VEHICLE, Gains(), 0.25, 0.0, tell=told.append).use_profile(profile)
+    Pilot(VEHICLE, Gains(), 0.25, 0.0, record=told.append).use_profile(profile)
     assert [(one.what, one.values) for one in told] == [("ease", values)]

@@ -130,7 +130,7 @@ def flown(scene: Scene) -> list[float]:
             *(state.mean_disturbance.value or ZERO), health.alarm, health.push_alarm,
             health.is_suspect, health.has_failed, state.is_blind,
         ])  # fmt: skip
-    ends = flies.last_command(9.5, PERIOD_S), flies.surrender(9.5, PERIOD_S)
+    ends = flies.last_command(9.5, PERIOD_S), flies.plan_open_loop_descent(9.5, PERIOD_S)
     means = [sum(column) / len(rows) for column in zip(*rows, strict=True)]
     return [*means, *(end.thrust_n for end in ends), len(ends[1].bring_down), lifted_m]
 

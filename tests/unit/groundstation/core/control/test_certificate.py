@@ -221,7 +221,7 @@ def flown(
 ) -> list[str]:
     """The warnings of ``seconds`` of the same decision."""
     looks = (
-        watch.look(start_s + k * PERIOD_S, HOVER, decision)
+        watch.evaluate(start_s + k * PERIOD_S, HOVER, decision)
         for k in range(round(seconds / PERIOD_S) + 1)
     )
     return [warning.text for seen in looks for warning in seen.warnings]
@@ -235,7 +235,7 @@ def test_a_v_that_only_stands_still_although_it_must_fall_is_told_once() -> None
         "Lyapunov: V has been above its bound for 0.5 s; largest term: poses contradict"
     )
     assert warning.endswith("60 m²/s³")
-    assert watch.look(4.1, HOVER, swinging).state == "violated"
+    assert watch.evaluate(4.1, HOVER, swinging).state == "violated"
     reading = watch.reading()
     assert reading is not None and reading.violated_fraction == pytest.approx(
         1.0 - 0.48 / 4.1, abs=0.01
@@ -250,9 +250,9 @@ def test_other_gains_and_another_reference_begin_without_the_violation(gains: Ga
     if gains is None:
         watch.restart()
     else:
-        watch.regain(gains)
+        watch.set_gains(gains)
     assert flown(watch, calm, 2.0, start_s=2.1) == []
-    assert watch.look(4.2, HOVER, calm).state == "holds"
+    assert watch.evaluate(4.2, HOVER, calm).state == "holds"
     reading = watch.reading()
     assert reading is not None and reading.state == "holds"
 
@@ -261,7 +261,7 @@ def test_a_v_within_its_bound_is_not_told() -> None:
     watch = CertificateMonitor(VEHICLE, Gains())
     calm = decided(values(v_known=0.03, w=0.99 * decrease(Gains()).power / decrease(Gains()).share))
     assert flown(watch, calm, 10.0) == []
-    assert watch.look(10.1, HOVER, calm).state == "holds"
+    assert watch.evaluate(10.1, HOVER, calm).state == "holds"
 
 
 def test_time_at_a_limit_is_suspended_and_does_not_count() -> None:
@@ -269,7 +269,7 @@ def test_time_at_a_limit_is_suspended_and_does_not_count() -> None:
     clamped = decided(SWINGS, saturated=True)
     (warning,) = flown(watch, clamped, 3.0)
     assert warning.startswith("Lyapunov: the bound is suspended most of the time")
-    assert watch.look(3.1, HOVER, clamped).state == "suspended"
+    assert watch.evaluate(3.1, HOVER, clamped).state == "suspended"
     reading = watch.reading()
     assert reading is not None and reading.suspended_fraction == pytest.approx(1.0)
     assert reading.excess == 0.0

@@ -122,13 +122,13 @@ def test_without_attitudes_there_is_no_witness() -> None:
     for n in range(100):
         witness.add_pose(Pose(n, n * POSE_S, n * POSE_S, ZERO, IDENTITY))
     assert witness.verdict(2.0) is None
-    assert witness.in_poses(told(2.0, ZERO)) is None
+    assert witness.convert_to_poses(told(2.0, ZERO)) is None
 
 
 def test_an_attitude_is_told_in_the_axes_of_the_poses() -> None:
     witness, mounted = Witness(), (0.05, -0.02, 0.3)
     watch(lambda _: mounted, still, witness=witness)
-    found = witness.in_poses(told(8.0, ZERO))
+    found = witness.convert_to_poses(told(8.0, ZERO))
     assert found == pytest.approx(quaternion(mounted), abs=3e-4)
 
 
