@@ -183,8 +183,6 @@ TUI: Arguments = {
     **_vehicle("name of the vehicle in its config; without it, the one that runs"),
     **SOCKET,
     "--read-only": {"action": "store_true", "help": "nothing can be ordered from this screen"},
-    "--at": {"type": float, "metavar": "S", "help": "begin so many seconds after the recording's "
-    "start"},
     **THEME,
     "--fleet": {"metavar": "URL", "help": "all vehicles at this broker: "
     "mqtts://[USER@]HOST[:PORT][/PREFIX]"},
@@ -227,15 +225,6 @@ REPLAY: Arguments = {
 LOGS: Arguments = {
     **OPTIONAL_CONFIG,
     "config": {"type": path, "nargs": "?", "metavar": "CONFIG.toml|DIR"},
-    "--folder": {
-        "type": path,
-        "metavar": "DIR",
-        "help": "list these instead of recording.folder; as DIR alone",
-    },
-    "--tidy": {
-        "action": "store_true",
-        "help": "first remove what recording.keep_gb and keep_days let go",
-    },
     **json_argument("the table"),
 }
 EXPORT: Arguments = {
@@ -285,8 +274,6 @@ REPORT: Arguments = {
         "help": "some of html (default), pdf, svg (figures a column wide, for print), csv (the "
         "table)",
     },
-    "--budget": {"action": "store_true", "help": "print the error budget alone: what has how "
-    "much of RMS²"},
     "--json": {"action": "store_true", "help": "print the numbers; the page only where --out is "
     "given"},
 }  # fmt: skip
@@ -486,6 +473,10 @@ GONE = {
     "export --format foxglove": "`groundstation view` shows a recording in Foxglove, with its "
     "trails",
     "export --format parquet": 'in Python `flight["errors"].to_pandas().to_parquet(…)` writes it',
+    "logs --folder": "`logs DIR` lists that folder",
+    "logs --tidy": "recording.keep_gb and keep_days are applied as each flight begins",
+    "report --budget": "a report of one flight has it, and `--json` has its figures",
+    "tui --at": "the arrow keys wind by 5 s, and + plays faster",
     "view --in": "`groundstation view` shows it in Foxglove, the only viewer",
     "report --format tex": "`--format csv` has the table",
     "report --format png": "`--format pdf` and `svg` are for print; the figures of a page are PNGs",

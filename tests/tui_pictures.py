@@ -82,7 +82,8 @@ def normal(svg: str) -> str:
 
 async def draw_recording(log: Path, at_s: float) -> str:
     """The dashboard of a recording, ``at_s`` after its start."""
-    playback = open_playback(log, at_s)
+    playback = open_playback(log)
+    playback.seek(at_s)
     playback.paused = True
     async with Dashboard(playback).run_test(size=(120, 36)) as pilot:
         await pilot.pause(1.2)

@@ -13,11 +13,10 @@ Flight data is a recorded flight as arrays, tables and pictures, for notebooks a
                                                                             message
 """
 
-import argparse
 import csv
 import json
 import sys
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from contextlib import ExitStack, suppress
 from functools import cached_property
 from pathlib import Path
@@ -35,7 +34,6 @@ from groundstation.machine import (
     list_flights,
     open_private,
     open_whole,
-    tidy,
 )
 from groundstation.recording import (
     CHANNELS,
@@ -124,12 +122,16 @@ def _export(recording: Recording, form: str, topics: list[str], target: Path) ->
     if form == "mcap":
         count = rewrite(recording, target, topics)
         return count, f"{count} messages"
-    rows = [
-        count
-        for count in write_tables(recording, form, topics or list(CHANNELS), target).values()
-        if count
-    ]
-    return sum(rows), f"{sum(rows)} rows of {len(rows)} channels"
+    topics = topics or list(CHANNELS)
+    if form == "csv":
+        rows = _write_csv_folder(recording, topics, target)
+    else:
+        found = tabulate(recording.entries(topics), topics)
+        tables = {topic.strip("/").replace("/", "_"): some for topic, some in found.items() if some}
+        (_write_npz if form == "npz" else _write_mat)(tables, target)
+        rows = {name: len(next(iter(table.values()))) for name, table in tables.items()}
+    counts = [count for count in rows.values() if count]
+    return sum(counts), f"{sum(counts)} rows of {len(counts)} channels"
 
 
 def _file_name(topic: str) -> str:
@@ -194,37 +196,18 @@ def rewrite(recording: Recording, target: Path, topics: list[str]) -> int:
     return count
 
 
-def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
-    """List what ``config`` has recorded (or what is in ``args.folder``), tidy first where
-    ``args.tidy``; returns 0.
+def logs_command(folder: Path, *, as_json: bool) -> Exit:
+    """List the recordings in ``folder``, which need not exist yet; returns 0.
 
     Raises:
-        ConfigError: ``args.folder`` is no folder. That of ``config`` need not be there: nothing has
-            been recorded yet.
+        ConfigError: ``folder`` cannot be read.
     """
-    if args.folder is not None:
-        if not args.folder.expanduser().is_dir():
-            id = "file.no_folder" if args.folder.expanduser().exists() else "file.missing"
-            raise ConfigError("--folder", notice(id, path=args.folder))
-        with refuse_io("--folder", "file.unread", args.folder):
-            next(args.folder.expanduser().iterdir(), None)  # glob is silent about it
-        config = msgspec.structs.replace(config, folder=str(args.folder))
-    folder = folder_of(config)
-    removed = tidy(config, args.now_s) if args.tidy else []
+    with refuse_io("logs", "file.unread", folder), suppress(FileNotFoundError):
+        next(folder.iterdir(), None)  # glob is silent about it
     flights = [describe_recording(path, folder) for path in list_flights(folder)]
-    if args.json:
-        print(
-            json.dumps(
-                {
-                    "folder": str(folder),
-                    "flights": flights,
-                    "removed": [path.name for path in removed],
-                }
-            )
-        )
+    if as_json:
+        print(json.dumps({"folder": str(folder), "flights": flights}))
         return Exit.DONE
-    for path in removed:
-        print(f"removed {path.name}")
     print(f"{folder}: {len(flights)} flight{'' if len(flights) == 1 else 's'}")
     rows = [_row(flight) for flight in flights]
     if folder != folder_of(RecordingConfig()):  # other commands find the names of that folder alone
@@ -561,30 +544,6 @@ class FlightData:
 
         return draw_figure(find_figure(figure), self.columns)
 
-    def save(self, path: Path | str) -> Path:
-        """Write the recording to ``path``: itself as .mcap, or its channels as one of the formats
-        of ``export``.
-
-        As .csv they are a folder, with a file for each channel.
-
-        Raises:
-            ConfigError: no such format, a package for it is missing, or it can't be written.
-        """
-        target = Path(path)
-        form = target.suffix.removeprefix(".").lower()
-        with refuse_io("save", "file.unwritten", target):
-            if form == "mcap":
-                import shutil
-
-                with suppress(shutil.SameFileError):  # it is there already
-                    shutil.copyfile(self.path, target)
-            elif form in FORMATS:
-                write_tables(self._recording, form, list(CHANNELS), target)
-            else:
-                endings = " or ".join(["mcap", *FORMATS])
-                raise ConfigError("save", notice("file.ending", ending=endings, found=target.name))
-        return target
-
 
 def load(path: Path | str) -> FlightData:
     """The recorded flight at ``path`` (NAME.mcap), also one that was cut off.
@@ -631,30 +590,6 @@ def _write_mat(tables: "Tables", target: Path) -> None:
         for topic, table in tables.items()
     }
     savemat(target, told, long_field_names=True, oned_as="column")
-
-
-_TABLE_WRITERS: "dict[str, Callable[[Tables, Path], None]]" = {"npz": _write_npz, "mat": _write_mat}
-FORMATS = (*_TABLE_WRITERS, "csv")
-"""Formats of channels by the ending of the file's name; csv makes a folder."""
-
-
-def write_tables(
-    recording: Recording, form: str, topics: Collection[str], target: Path
-) -> dict[str, int]:
-    """Write the messages on ``topics`` to ``target`` in one of :data:`FORMATS`.
-
-    Returns how many each has.
-
-    Raises:
-        ConfigError: the package for it is not installed.
-        OSError: it can't be written.
-    """
-    if form == "csv":
-        return _write_csv_folder(recording, topics, target)
-    found = tabulate(recording.entries(topics), topics)
-    tables = {topic.strip("/").replace("/", "_"): table for topic, table in found.items() if table}
-    _TABLE_WRITERS[form](tables, target)
-    return {topic: len(next(iter(table.values()))) for topic, table in tables.items()}
 
 
 def _to_cm(metres: float | None) -> float | None:

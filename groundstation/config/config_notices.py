@@ -31,7 +31,6 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
         "option.all_and_name", "writes all of them, and {name!r} with them", "leave one out"
     ),
     # Files.
-    NoticeTemplate("file.missing", "{path} does not exist"),
     NoticeTemplate("file.no_folder", "{path} is no folder"),
     NoticeTemplate("file.is_file", "it is a file, not a folder"),
     NoticeTemplate("file.empty", "empty: what wrote it may not have finished"),

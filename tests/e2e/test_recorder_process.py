@@ -255,7 +255,7 @@ def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit(
             for record in TlogReader(path.with_suffix(".tlog").read_bytes())
         ]
         assert names.count("SET_ATTITUDE_TARGET") >= topics.count("/command")
-        listed = run_here(main, "logs", "--folder", room.recordings, "--json")
+        listed = run_here(main, "logs", room.recordings, "--json")
         (flight,) = json.loads(listed.stdout)["flights"]
         assert (flight["file"], flight["whole"], flight["state"]) == (path.name, True, "landed")
 

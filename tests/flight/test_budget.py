@@ -103,6 +103,7 @@ def test_the_command_computes_it(capsys: pytest.CaptureFixture[str]) -> None:
     from groundstation.__main__ import parser
 
     path = recorded(duration_s=DURATION_S)[0]
-    assert commands.report(parser().parse_args(["report", "--budget", "--json", str(path)])) == 0
-    (budget,) = json.loads(capsys.readouterr().out)["budgets"]
+    assert commands.report(parser().parse_args(["report", "--json", str(path)])) == 0
+    (flight,) = json.loads(capsys.readouterr().out)["flights"]
+    budget = flight["budget"]
     assert budget["rms_cm"] > 0.0 and budget["contributions"]

@@ -96,10 +96,8 @@ def test_the_truth_is_measured_against_the_reference_of_its_own_instant(run: gs.
     assert run.error[i] == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_recording_tells_the_error_against_the_truth_that_its_flight_told(
-    run: gs.Run, tmp_path: Path
-) -> None:
-    log = gs.load(run.save(tmp_path / "kept.mcap"))
+def test_a_recording_tells_the_error_against_the_truth_that_its_flight_told(run: gs.Run) -> None:
+    log = gs.load(run.path)
     assert log.error_against == "truth"
     assert log.rms_cm == pytest.approx(run.rms_cm, rel=1e-12)
     assert log.max_cm == pytest.approx(run.max_cm, rel=1e-12)
@@ -119,25 +117,20 @@ def test_a_channel_gives_columns_vectors_and_a_table(short: gs.Run) -> None:
         short["nothing"]
 
 
-def test_a_flight_is_saved_as_a_folder_of_tables_and_onto_itself(
-    short: gs.Run, tmp_path: Path
-) -> None:
-    folder = short.save(tmp_path / "flight.csv")
-    lines = (folder / "errors.csv").read_text("utf-8").splitlines()
+def test_a_flight_is_exported_as_a_folder_of_tables(short: gs.Run, tmp_path: Path) -> None:
+    assert export_command(short.path, "csv", [], tmp_path / "tables") == 0
+    lines = (tmp_path / "tables" / "errors.csv").read_text("utf-8").splitlines()
     assert len(lines) == 1 + len(short["errors"]["error_m"])
-    assert not (folder / "request.csv").exists()  # nobody made one
-    before = short.path.read_bytes()
-    assert short.save(short.path) == short.path
-    assert short.path.read_bytes() == before
+    assert not (tmp_path / "tables" / "request.csv").exists()  # nobody made one
 
 
 @pytest.mark.tried(1)  # formats
 @pytest.mark.parametrize("form", ["npz", "mat"])
-def test_a_flight_is_saved_in_the_formats_that_others_read(
+def test_a_flight_is_exported_in_the_formats_that_others_read(
     short: gs.Run, form: str, tmp_path: Path
 ) -> None:
-    errors = short["errors"]["error_m"]
-    saved = short.save(tmp_path / f"flight.{form}")
+    errors, saved = short["errors"]["error_m"], tmp_path / f"flight.{form}"
+    assert export_command(short.path, form, [], saved) == 0
     if form == "npz":
         kept = np.load(saved)  # which refuses what would have to be unpickled
         assert {kept[name].dtype.kind for name in kept.files} == {"f", "U"}
@@ -149,7 +142,7 @@ def test_a_flight_is_saved_in_the_formats_that_others_read(
     assert np.array_equal(found, errors)
 
 
-def test_export_writes_what_save_does(
+def test_export_writes_the_channels_that_are_named(
     short: gs.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert export_command(short.path, "npz", ["errors"], tmp_path / "flight.npz") == 0
@@ -311,4 +304,4 @@ def test_the_examples_of_the_page_run(tmp_path: Path, monkeypatch: pytest.Monkey
     assert len(blocks) == 2
     for block in blocks:
         exec(compile(block, "python.md", "exec"), {"__name__": "__main__"})
-    assert gs.load("pd.mcap").rms_cm is not None
+    assert gs.load("pd/flight.mcap").rms_cm is not None

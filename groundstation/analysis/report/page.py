@@ -8,7 +8,6 @@ import base64
 import csv
 import json
 import math
-import textwrap
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
@@ -421,14 +420,13 @@ def report_command(
     *,
     as_json: bool,
     formats: Sequence[str] = ("html",),
-    only_budget: bool = False,
 ) -> Exit:
     """Report on recordings in ``formats`` into the folder ``out`` (default: beside the first).
 
     Returns 0.
 
     ``find_outside`` says what was told of the vehicle and lies outside of what a recording shows.
-    ``find_budget`` has the error budget of a flight; with ``only_budget`` that alone is printed.
+    ``find_budget`` has the error budget of a flight; several that are overlaid have none.
 
     With ``as_json`` the numbers are printed, and all else is written only where ``out`` is given.
 
@@ -436,7 +434,7 @@ def report_command(
         ConfigError: a file is no recording of commands, matplotlib is missing, or something can't
             be written.
     """
-    draw = (out is not None or not as_json) and not only_budget
+    draw = out is not None or not as_json
     for form in formats:
         if form not in FORMATS:
             raise ConfigError(
@@ -446,11 +444,8 @@ def report_command(
         require_package("matplotlib", "report", "plot", "package.needed_for_pictures")
     with refuse_recordings(NoCommand):
         flights = [read_columns(path) for path in paths]
-        if find_budget is not None and (only_budget or len(flights) == 1):
-            for flown in flights:
-                flown.budget = find_budget(flown)
-        if only_budget:
-            return _print_budgets(flights, as_json=as_json)
+        if find_budget is not None and len(flights) == 1:
+            flights[0].budget = find_budget(flights[0])
         facts = [numbers(flown) | {"told_outside": find_outside(flown.path)} for flown in flights]
     written: list[Path] = []
     if draw:
@@ -461,16 +456,6 @@ def report_command(
     return Exit.DONE
 
 
-def _print_budgets(flights: Sequence[FlightColumns], *, as_json: bool) -> Exit:
-    """Print the error budgets alone; returns 0."""
-    print(
-        json.dumps({"budgets": [flown.budget for flown in flights]})
-        if as_json
-        else "\n\n".join(map(_say_budget, flights))
-    )
-    return Exit.DONE
-
-
 def _write_all(
     formats: Sequence[str], folder: Path, flights: list[FlightColumns], facts: list[dict[str, Any]]
 ) -> list[Path]:
@@ -478,23 +463,6 @@ def _write_all(
     with refuse_io("--out", "file.unwritten", folder):
         folder.mkdir(parents=True, exist_ok=True)
         return [path for form in formats for path in _write(form, folder, flights, facts)]
-
-
-def _say_budget(flown: FlightColumns) -> str:
-    """The budget as a terminal shows it."""
-    rows = budget_table(flown.budget)
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [
-        "  ".join(
-            cell.rjust(w) if 0 < i < 4 else cell.ljust(w)
-            for i, (cell, w) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in rows[:1] * (len(rows) > 1) + rows[1:]
-    ]
-    note = [flown.budget["of"], *([NOT_A_SUM] if len(rows) > 1 else [])]
-    return "\n".join(
-        [str(flown.path), *map(str.rstrip, lines), *(textwrap.fill(line, 118) for line in note)]
-    )
 
 
 def _write(

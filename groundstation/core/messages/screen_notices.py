@@ -3,10 +3,6 @@
 from links.text import NoticeTemplate
 
 SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
-    NoticeTemplate("screen.needs_recording", "need a recording, LOG.mcap"),
-    NoticeTemplate(
-        "screen.at", "expected seconds from the recording's start, 0 or more, got {at_s:g}"
-    ),
     # The dashboard's answers to keys.
     NoticeTemplate("screen.closed", "the ground station closed its status socket"),
     NoticeTemplate(

@@ -376,12 +376,12 @@ def logs(args: argparse.Namespace) -> Exit:
     """List the recorded flights."""
     from groundstation.analysis import logs_command
 
-    if args.config is not None and args.config.is_dir():
-        args.config, args.folder = None, args.folder or args.config
-    if args.config is not None and args.config.suffix in (".mcap", ".tlog"):
-        raise ConfigError("logs", notice("logs.recording", path=args.config))
-    args.now_s = 1e-3 * wall_ms()
-    return logs_command(load(args.config, Config, args.overrides).recording, args)
+    given = args.config
+    if given is not None and given.suffix in (".mcap", ".tlog"):
+        raise ConfigError("logs", notice("logs.recording", path=given))
+    if given is None or not given.is_dir():
+        given = folder_of(load(given, Config, args.overrides).recording)
+    return logs_command(given, as_json=args.json)
 
 
 def export(args: argparse.Namespace) -> Exit:
@@ -410,7 +410,6 @@ def report(args: argparse.Namespace) -> Exit:
         lambda flown: msgspec.to_builtins(args.error_budget(flown)),
         as_json=args.json,
         formats=args.format.split(","),
-        only_budget=args.budget,
     )
 
 

@@ -878,9 +878,7 @@ def tui_command(args: argparse.Namespace) -> int:
     os.nice(NICE)  # what flies comes first, where both want the same processor
     if args.log is not None:
         require_terminal("groundstation report LOG.mcap writes a page about it")
-        return _run(Dashboard(open_playback(args.log, args.at)), args.theme)
-    if args.at is not None:
-        raise ConfigError("--at", notice("screen.needs_recording"))
+        return _run(Dashboard(open_playback(args.log)), args.theme)
     require_terminal("groundstation daemon health says in a line how the flight is")
     path = args.socket or served_socket(args.vehicle)
     which = _which(args.socket)
@@ -981,21 +979,15 @@ def _run(dashboard: Dashboard, theme: str) -> int:
     return dashboard.return_code or 0
 
 
-def open_playback(log: Path, at_s: float | None) -> Playback:
-    """The playback of a recording, from ``at_s`` after its start on [s].
+def open_playback(log: Path) -> Playback:
+    """Open the recording ``log`` for playback.
 
     Raises:
-        ConfigError: it is no recording, or ``at_s`` is before it.
+        ConfigError: it is no recording.
     """
     with refuse_recordings():
         tape = Tape(log)
-    snapshots = list(tape.snapshots())
-    playback = Playback(tape.hello, snapshots, tape.trouble)
-    if at_s is not None:
-        if not at_s >= 0.0:
-            raise ConfigError("--at", notice("screen.at", at_s=at_s))
-        playback.seek(at_s)
-    return playback
+    return Playback(tape.hello, list(tape.snapshots()), tape.trouble)
 
 
 def served_socket(vehicle: str | None) -> Path:

@@ -1,11 +1,9 @@
 """groundstation/machine/recordings.py: names, and what is tidied away; and the list of flights."""
 
-import argparse
 import fcntl
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -95,18 +93,12 @@ def test_the_newest_a_running_one_and_files_of_others_always_stay(tmp_path: Path
     assert len(kept(tmp_path)) == 4
 
 
-def listed(folder: Path, capsys: pytest.CaptureFixture[str], **more: Any) -> dict[str, Any]:
-    options = {"folder": folder, "tidy": False, "json": True, "now_s": NOW, **more}
-    assert logs_command(RecordingConfig(), argparse.Namespace(**options)) == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
-
-
 def test_a_file_that_is_no_recording_spoils_no_list(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flight(tmp_path, 1)
-    (row,) = listed(tmp_path, capsys)["flights"]
+    assert logs_command(tmp_path, as_json=True) == 0
+    (row,) = json.loads(capsys.readouterr().out)["flights"]
     assert row["error"] == f"{tmp_path / row['file']} is no MCAP file"
 
 

@@ -56,7 +56,7 @@ def test_a_recording_that_was_cut_off_is_read_up_to_the_cut(flight: Path, tmp_pa
     whole = flight.read_bytes()
     cut.write_bytes(whole[: len(whole) // 2])
     assert 0 < len(list(Tape(cut).snapshots())) < len(list(Tape(flight).snapshots()))
-    assert open_playback(cut, None).where().endswith("; it was cut off")
+    assert open_playback(cut).where().endswith("; it was cut off")
 
 
 def played(steer: Callable[[Playback], None], seconds: float) -> list[News]:
