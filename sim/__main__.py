@@ -145,10 +145,6 @@ SERVE: Arguments = {
     **_overrides(),
     **SOURCE,
     **AUTOPILOT,
-    "--param": {
-        "action": "append", "default": [], "dest": "parameters", "metavar": "NAME=VALUE",
-        "help": "one of the autopilot's parameters, to see what `groundstation doctor` says",
-    },
     "--link": {
         "choices": LINKS[:-1], "help": "dsm and crsf: a receiver on a pty; default mavlink, to "
         "Betaflight crsf",
@@ -394,6 +390,7 @@ GONE = {
     "commands",
     "serve --wrong": "`--set sim.tracker_yaw_deg=5` turns the tracker's north; sim.pose_latency_s, "
     "sim.mass_kg and sim.thrust_gain are told alike",
+    "serve --param": "`groundstation doctor --fix NAME=VALUE` sets a parameter of what is served",
     "serve --gcs": "put a MAVLink router, such as mavlink-routerd, between autopilot and ground "
     "stations",
     "compare --plot": "groundstation.compare(...).plot().savefig(FILE) draws it, as in "

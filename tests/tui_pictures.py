@@ -39,7 +39,7 @@ class Pictured(NamedTuple):
 
 YOURS = Control("tui 7", yours=True)
 LOST = msgspec.structs.replace(sample(20.0).link, state="lost", dropped={"bad_checksum": 41})
-LATE = {"late_us": (180, 950, 2100), "late_octaves": (0, 0, 0, 0, 0, 0, 4, 90, 160, 41, 7, 1)}
+LATE = {"late_us": (180, 950, 2100)}
 PICTURES = {
     "fly": Pictured([*flown(20.0), YOURS], (80, 24)),
     "fly_wide_light": Pictured([*flown(20.0), YOURS], (132, 40), "light"),

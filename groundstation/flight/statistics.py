@@ -121,7 +121,6 @@ class FlightStatistics:
             floor_z_m=self._floor_z_m,
             events=tuple(self._notices),
             rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
-            thrust_effectiveness=1.0 if tick is None else tick.estimate.effectiveness,
             disturbance=self._disturbance.reading,
             pose_latency_s=source.latency_s,
             pose_latency_max_s=source.latency_max_s,
@@ -131,7 +130,6 @@ class FlightStatistics:
             checks=checks,
             gains=gains,
             late_us=self._lateness.percentiles_us() if self._lateness.count else None,
-            late_octaves=tuple(self._lateness.octaves) if self._lateness.count else (),
         )
 
     def describe_tracking_error(self) -> Sentence:

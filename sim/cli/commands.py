@@ -25,7 +25,6 @@ from groundstation.config import (
     ConfigError,
     keys_of,
     load,
-    parse_number,
     read_toml,
     refuse_io,
     refuse_value,
@@ -37,7 +36,6 @@ from groundstation.lab import read_fleet
 from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config, rehearse
-from sim.autopilots import AUTOPILOTS, Parameters
 from sim.cli import ProgressBar, summary, typed_command
 from sim.runs import (
     DURATION_S,
@@ -477,7 +475,7 @@ def _format(value: float | None, unit: str) -> str:
 
 def serve(args: argparse.Namespace) -> Exit:
     """Run the simulated side in real time."""
-    one_vehicle = {"--param": args.parameters, "--carried": args.carried}
+    one_vehicle = {"--carried": args.carried}
     is_fleet = args.config is not None and "vehicles" in read_toml(args.config)
     if args.fleet is not None:
         _refuse_beside("--fleet", {"--config": args.config, **one_vehicle, **_told_by_file(args)})
@@ -499,7 +497,6 @@ def serve(args: argparse.Namespace) -> Exit:
         labs = [member.lab for member in read_fleet(args.fleet, told).members]
         worlds = place_fleet(overridden(scenario.world, truth), labs)
         return asyncio.run(serve_fleet(str(args.fleet), worlds, labs, **common))
-    common["parameters"] = _parameters(args.autopilot, args.parameters)
     if args.config is not None:
         return _serve_room(args, scenario.world, common, is_fleet=is_fleet)
     world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
@@ -533,7 +530,6 @@ def _serve_room(
     truth, told = by_side(args.overrides, None)
     if is_fleet:
         labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
-        del common["parameters"]
         return asyncio.run(
             serve_fleet(served, [world_as_told(air, lab, truth) for lab in labs], labs, **common)
         )
@@ -542,27 +538,3 @@ def _serve_room(
     return asyncio.run(
         serve_stage(served, world_as_told(air, config, truth), config, **more, **common)
     )
-
-
-def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
-    """Read ``NAME=VALUE`` of each parameter of the ``autopilot`` that differs from its default."""
-    if autopilot == BETAFLIGHT:
-        if texts:
-            raise ConfigError("--param", notice("serve.no_parameters"))
-        return {}
-    made = AUTOPILOTS[autopilot]
-    parameters: dict[str, float] = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise ConfigError("--param", notice("serve.parameter", found=text))
-        try:
-            parameters[name] = parse_number(value)
-            Parameters(made.kind, made.table, parameters)
-        except KeyError:
-            raise ConfigError(
-                "--param", notice("value.choice", choices=sorted(made.table), found=name)
-            ) from None
-        except ValueError as error:
-            raise ConfigError("--param", notice("value.refused", value=text, why=error)) from None
-    return parameters

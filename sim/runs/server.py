@@ -9,7 +9,7 @@ import shutil
 import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -101,7 +101,6 @@ async def serve(
     seed: int,
     duration_s: float | None,
     autopilot: str = "px4",
-    parameters: Mapping[str, float] | None = None,
     standing: Sequence[tuple[str, Vec3]] = (),
     carried: bool = False,
 ) -> Exit:
@@ -118,15 +117,7 @@ async def serve(
         pty = None
         if not link.has_autopilot or link.address_key == "serial":
             pty = PtyWire(None if room is None else _in_own_folder(Path(room.serial)))
-        stage = Stage(
-            world,
-            config,
-            seed,
-            autopilot=autopilot,
-            parameters=parameters,
-            pty=pty,
-            standing=standing,
-        )
+        stage = Stage(world, config, seed, autopilot=autopilot, pty=pty, standing=standing)
         if link.has_autopilot:
             stage.autopilot.uid = os.getpid()  # two simulators are two vehicles
         end = _describe_end(config, autopilot, pty)

@@ -75,8 +75,6 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
         "serve.needs_config",
         "expected --config FILE.toml beside it, whose room and vehicle it is about",
     ),
-    NoticeTemplate("serve.no_parameters", "Betaflight has settings, and no parameters"),
-    NoticeTemplate("serve.parameter", "expected NAME=VALUE, got {found!r}"),
     # Real firmware.
     NoticeTemplate(
         "firmware.no_betaflight",

@@ -365,9 +365,6 @@ class Snapshot(msgspec.Struct, frozen=True):
             description="Largest body rates that are commanded [rad/s]; None if not known."
         ),
     ] = None
-    thrust_effectiveness: Annotated[
-        float, msgspec.Meta(description="λ̂: estimated true thrust over commanded thrust [-].")
-    ] = 1.0
     disturbance: Annotated[
         DisturbanceReading | None,
         msgspec.Meta(
@@ -408,13 +405,6 @@ class Snapshot(msgspec.Struct, frozen=True):
             "the first."
         ),
     ] = None
-    late_octaves: Annotated[
-        tuple[int, ...],
-        msgspec.Meta(
-            description="Commands by lateness: entry k counts those late by less than 2**k µs and "
-            "not by less than 2**(k-1)."
-        ),
-    ] = ()
     gains: Annotated[
         dict[str, float],
         msgspec.Meta(

@@ -419,7 +419,6 @@ class Tape:
             floor_z_m=self._floor_z_m,
             events=tuple(self._events),
             rate_limits_rad_s=self._limits,
-            thrust_effectiveness=_number(adaptation, "effectiveness", 1.0),
             disturbance=self._disturbance.reading,
             certificate=_certificate(lyapunov) if lyapunov else None,
             pose_latency_s=source.latency_s,
