@@ -54,13 +54,13 @@ from sim.runs import (
 from sim.scenarios import (
     BETAFLIGHT,
     SCENARIOS,
-    by_side,
-    choose,
-    others_of,
-    overridden,
+    choose_scenario,
+    find_scenario,
+    make_configured_world,
+    override_world,
+    place_others,
     prepare,
-    scenario_of,
-    world_as_told,
+    split_overrides,
 )
 from sim.text import notice
 from sim.world import World
@@ -176,7 +176,7 @@ def campaign(args: argparse.Namespace) -> Exit:
     """Fly one scenario many times, in drawn worlds; exit code 1 if a flight failed."""
     from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, report, run, text
 
-    scenario = scenario_of(args.scenario)
+    scenario = find_scenario(args.scenario)
     world, config = prepare(scenario, args.overrides)
     shared = Campaign(
         scenario=scenario.name,
@@ -241,7 +241,7 @@ def _refuse_early(scenarios: Iterable[str], page: Path | None) -> None:
     Raises ConfigError.
     """
     for name in scenarios:
-        scenario_of(name)
+        find_scenario(name)
     if page is not None:
         fill_markers(page, {"figures": ""})
 
@@ -275,12 +275,12 @@ def scenarios(args: argparse.Namespace) -> Exit:
         name: {
             "summary": s.summary,
             "sim": msgspec.to_builtins(s.world),
-            "told": {"vehicle": msgspec.to_builtins(s.told), "pose_latency_s": s.told_latency_s},
+            "told": {"vehicle": msgspec.to_builtins(s.vehicle), "pose_latency_s": s.latency_s},
         }
         for name, s in SCENARIOS.items()
     }
     if args.name is not None:
-        rows = {args.name: rows[scenario_of(args.name).name]}
+        rows = {args.name: rows[find_scenario(args.name).name]}
     if args.json:
         print(json.dumps(rows))
         return Exit.DONE
@@ -374,7 +374,7 @@ def _is_papers(args: argparse.Namespace, run: Run) -> bool:
 
 def mission(args: argparse.Namespace) -> Exit:
     """Fly one scenario from the floor to its trajectory and back, in virtual time."""
-    scenario, args.link = choose(args.scenario, args.autopilot, args.link)
+    scenario, args.link = choose_scenario(args.scenario, args.autopilot, args.link)
     if args.autopilot == BETAFLIGHT and args.vehicles > 1:
         raise ConfigError("--vehicles", notice("sim.one_betaflight"))
     world, config = prepare(
@@ -481,7 +481,7 @@ def serve(args: argparse.Namespace) -> Exit:
         _refuse_beside("--fleet", {"--config": args.config, **one_vehicle, **_told_by_file(args)})
     elif args.config is not None:
         _refuse_beside("--config", {**_told_by_file(args), **(one_vehicle if is_fleet else {})})
-    scenario, args.link = choose(args.scenario, args.autopilot, args.link)
+    scenario, args.link = choose_scenario(args.scenario, args.autopilot, args.link)
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
             raise ConfigError(f"--{option}", notice("sim.one_betaflight"))
@@ -493,9 +493,9 @@ def serve(args: argparse.Namespace) -> Exit:
     if args.carried and args.config is None:
         raise ConfigError("--carried", notice("serve.needs_config"))
     if args.fleet is not None:
-        truth, told = by_side(args.overrides, None)
+        truth, told = split_overrides(args.overrides, None)
         labs = [member.lab for member in read_fleet(args.fleet, told).members]
-        worlds = place_fleet(overridden(scenario.world, truth), labs)
+        worlds = place_fleet(override_world(scenario.world, truth), labs)
         return asyncio.run(serve_fleet(str(args.fleet), worlds, labs, **common))
     if args.config is not None:
         return _serve_room(args, scenario.world, common, is_fleet=is_fleet)
@@ -527,14 +527,16 @@ def _serve_room(
 ) -> Exit:
     """Run the simulated side for ``--rehearse`` of a configuration, or of a fleet file."""
     served = f"{args.config} for --rehearse"
-    truth, told = by_side(args.overrides, None)
+    truth, told = split_overrides(args.overrides, None)
     if is_fleet:
         labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
         return asyncio.run(
-            serve_fleet(served, [world_as_told(air, lab, truth) for lab in labs], labs, **common)
+            serve_fleet(
+                served, [make_configured_world(air, lab, truth) for lab in labs], labs, **common
+            )
         )
     config = rehearse(load(args.config, Config, told), args.config)
-    more = {"standing": others_of(config), "carried": args.carried}
+    more = {"standing": place_others(config), "carried": args.carried}
     return asyncio.run(
-        serve_stage(served, world_as_told(air, config, truth), config, **more, **common)
+        serve_stage(served, make_configured_world(air, config, truth), config, **more, **common)
     )

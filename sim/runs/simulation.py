@@ -37,7 +37,7 @@ from groundstation.recording import FlightLog, LineRecord, Record
 from groundstation.runtime import DAY_S
 from groundstation.settings import Config
 from sim.runs.flight import Result, fly
-from sim.scenarios import BETAFLIGHT, Scenario, choose, prepare, prepare_own
+from sim.scenarios import BETAFLIGHT, Scenario, choose_scenario, prepare, prepare_own
 from sim.text import notice
 from sim.world import World
 
@@ -163,7 +163,7 @@ def simulate(
     kind = lend_name(controller, own)
     if trajectory is not None:
         settings.append(f"trajectory.kind={lend_name(trajectory, own)}")
-    chosen, link = choose(scenario, autopilot, link, source)
+    chosen, link = choose_scenario(scenario, autopilot, link, source)
     seed = check_whole("--seed", seed, 0)
     duration = None if duration is None else check_duration(duration)
     ends = Ends(source, autopilot, link)

@@ -1,13 +1,13 @@
-"""Scenarios by name, and a flight's preparation by one: what is true, and what the controller is
-told.
+"""Scenarios by name, and the preparation of a flight by one: the truth, a :class:`World`, and the
+configuration that the ground station flies with, which may differ from it.
 
-Exact definitions, so numbers compare. ``--set`` changes what the controller is told, ``sim.…``
-overrides the truth.
+Scenarios are defined exactly, so that figures of different flights compare. ``--set KEY=VALUE``
+changes the configuration, ``--set sim.KEY=VALUE`` the truth.
 
 A user's own configuration flies at the desk in a scenario's air and before its sensors. The
-simulated vehicle is then exactly what the controller is told, so what is seen is the trajectory,
-the gains and the air; ``sim.…`` overrides make the truth differ. Poses and commands take the
-simulator's own way, whatever the lab uses.
+simulated vehicle is then exactly the configured one, so the flight shows the trajectory, the gains
+and the air; ``sim.…`` overrides make the truth differ. Poses and commands travel by the simulator's
+own source and link, whatever the lab uses.
 """
 
 import math
@@ -34,8 +34,11 @@ from sim.world import RotorConstants, WindTunnel, World
 BETAFLIGHT = "betaflight"
 """Name of Betaflight's firmware for ``--autopilot``."""
 NO_LIMIT = (1e5, 1e5, 1e5)
-"""Body rates that nothing reaches [deg/s]."""
+"""Limits of body rates that no flight reaches [deg/s]."""
+IDLE_THRUST_MAX = 0.9
+"""Largest ``flight.idle_thrust`` [-]."""
 MQX = World()
+"""The paper's vehicle, a Blade mQX, in a constant wind."""
 _ADVERSE = msgspec.structs.replace(
     MQX,
     thrust_gain=0.85,
@@ -53,9 +56,11 @@ _ADVERSE = msgspec.structs.replace(
     outage_s=0.15,
     frame_loss=0.02,
 )
+"""A vehicle that differs from its configuration by 15 % of thrust and by its lags, in gusts, with a
+sagging battery, and with poses and frames that get lost. Chosen."""
 _WEAK = ("takeoff.thrust_limit=1.7",)
-"""In this wind its battery hovers it only at 1.24 (`adverse`) to 1.34 (`storm`) of the told
-weight."""
+"""Setting of these vehicles: with this wind and battery they hover only at 1.24 (`adverse`) to 1.34
+(`storm`) of the configured weight, and a take-off has 1.3 by default."""
 _QUAD1KG = msgspec.structs.replace(
     MQX,
     mass_kg=1.0,
@@ -68,10 +73,9 @@ _QUAD1KG = msgspec.structs.replace(
     pose_latency_s=0.010,
     frame_period_s=0.010,
 )
-# What these three are told is what `identify` found on one flight of `trajectory.kind=excitation`
-# each, 42 s, seed 0, in which they were told their best pure lags (thrust and rates: 43 and 42, 41
-# and 54, 109 and
-# 104 ms).
+# The configured lags and delays of the three scenarios on rotors are those that `identify` found on
+# one flight of `trajectory.kind=excitation` each, 42 s, seed 0. In that flight each was configured
+# with its best pure lags of thrust and rates: 43 and 42 ms, 41 and 54 ms, 109 and 104 ms.
 _ROTORS_QUAD1KG = msgspec.structs.replace(
     _QUAD1KG,
     plant="rotors",
@@ -86,41 +90,43 @@ _ROTORS_QUAD1KG = msgspec.structs.replace(
     ),
 )
 _ROTORS_MQX = msgspec.structs.replace(MQX, plant="rotors", step_s=MQX.frame_period_s / 23)
-"""1 kHz, in whole steps a frame."""
+"""Steps of 1 kHz, rounded so that a whole number of them makes a frame."""
 
 
 class Scenario(msgspec.Struct, frozen=True, kw_only=True):
-    """A world, and what the controller is told of it."""
+    """A world, and the configuration of a flight in it."""
 
     name: str
     summary: str
     """One line for people."""
     world: World
-    told: Vehicle = Vehicle()
-    """The vehicle as the controller believes it."""
-    told_latency_s: float = 0.020
-    """The pose latency as the controller believes it [s]."""
-    told_more: tuple[str, ...] = ()
-    """Additional settings of the controller, as for ``--set``."""
+    """The truth."""
+    vehicle: Vehicle = Vehicle()
+    """The configured vehicle."""
+    latency_s: float = 0.020
+    """The configured latency of the poses [s]."""
+    settings: tuple[str, ...] = ()
+    """Other keys of the configuration, as for ``--set``."""
 
     figure: Callable[[], dict[str, Any]] | None = None
-    """Makes the trajectory, as in ``[trajectory]``; None for the paper's figure of eight."""
+    """Makes the section ``[trajectory]``; None for the paper's figure of eight."""
     variants: tuple[tuple[str, ...], ...] = ()
-    """Overrides of the truth; ``compare`` flies it with each, and the worst of them counts."""
+    """Overrides of the truth. ``compare`` flies the scenario with each; the worst flight counts."""
     betaflight: bool = False
-    """Whether it is flown by Betaflight, behind a radio: see :func:`by_betaflight`."""
+    """Whether Betaflight flies it, behind a radio: see :func:`with_betaflight`."""
 
     def config(
         self, world: World, overrides: list[str], source: str, link: str = "mavlink"
     ) -> Config:
-        """The application's configuration for ``world`` (this scenario's, perhaps overridden).
+        """Return the ground station's configuration for ``world``, this scenario's after overrides
+        of the truth.
 
         The reference's speed and the period of the frames are facts of the flight and follow
-        ``world``; all else is what the scenario tells the controller. A radio ``link`` takes full
-        stick for the vehicle's limits.
+        ``world``; all else is the scenario's. A radio ``link`` takes full stick for the vehicle's
+        limits.
         """
         config = Config(
-            vehicle=self.told,
+            vehicle=self.vehicle,
             link=MavlinkLinkConfig(period_s=world.frame_period_s, pace="period"),
             trajectory=LemniscateConfig(speed_m_s=world.speed_m_s),
             flight=FlightConfig(
@@ -130,30 +136,28 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         data: dict[str, Any] = msgspec.to_builtins(config)
         # All default, and the defaults depend on the kind that ``overrides`` may choose.
         del data["controller"]
-        data["pose"] = self._told_poses(source, world)
+        data["pose"] = self._configure_poses(source, world)
         if self.figure is not None:
             data["trajectory"] = self.figure()
         data["gate"]["drop_frozen"] = _is_noisy(world)
         for key in ("vehicle.preset", "vehicle.file", "trajectory.kind", "pose.kind"):
             if any(override.partition("=")[0].strip() == key for override in overrides):
-                # Another vehicle, another trajectory: nothing of this one.
+                # Another kind of vehicle or trajectory takes no key of this one.
                 data.pop(key.partition(".")[0], None)
-        overrides = [*self.told_more, *overrides]
+        overrides = [*self.settings, *overrides]
         if link != "mavlink":
-            from sim.radio import (
-                module,
-                section,
-            )  # a radio's modules are imported only where there is one
+            # A radio's modules are imported only where there is one.
+            from sim.radio import module, section
 
-            data["link"] = section(link, world, self.told, betaflight=self.betaflight)
-            # Only the codec that results knows how long a frame is on its way.
+            data["link"] = section(link, world, self.vehicle, betaflight=self.betaflight)
+            # The duration of a frame on the wire follows from the codec that is configured.
             radio = module(from_dict(data, Config, overrides), world, betaflight=self.betaflight)
             data.setdefault("vehicle", {})["command_delay_s"] = radio.lead_s + radio.frame_s
         return from_dict(data, Config, overrides)
 
-    def _told_poses(self, source: str, world: World) -> dict[str, Any]:
-        """Configuration of the pose source ``source`` for this scenario."""
-        latency = {"latency_s": self.told_latency_s}
+    def _configure_poses(self, source: str, world: World) -> dict[str, Any]:
+        """Return the section ``[pose]`` for the kind ``source``."""
+        latency = {"latency_s": self.latency_s}
         rate = {"rate_hz": self.world.pose_rate_hz}
         return {
             "vicon": {
@@ -163,10 +167,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                 **latency,
                 **rate,
             },
-            "natnet": {
-                "kind": "natnet",
-                "network_s": 0.0,
-            },  # all else of its latency it tells itself
+            # Its protocol reports the rest of its latency.
+            "natnet": {"kind": "natnet", "network_s": 0.0},
             "qualisys": {"kind": "qualisys", **latency},
             "odometry": {"kind": "mavlink", **latency, **rate},
             "vision": {"kind": "vision", **latency},
@@ -175,11 +177,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _is_noisy(world: World) -> bool:
-    """Without noise a vehicle that is held looks frozen."""
+    """Whether poses of a vehicle at rest differ: without noise they look frozen."""
     return world.pose_noise_m > 0.0 or world.attitude_noise_rad > 0.0
 
 
-_TOLD_QUAD1KG = Vehicle(
+_CONFIGURED_QUAD1KG = Vehicle(
     name="quad1kg",
     mass_kg=1.0,
     thrust_max_n=20.0,
@@ -193,21 +195,26 @@ _TOLD_QUAD1KG = Vehicle(
 )
 
 DIRECTIONS = 8
-"""Horizontal directions in which large pushes come; the worst of them counts."""
+"""Number of horizontal directions of wind steps and pushes [-]; the worst of them counts.
+Chosen."""
 PUSH_S = (0.4, 1.0)
-"""Lengths of the half sines [s]."""
+"""Durations of the pushes, half sines [s]. Chosen."""
 
 
-def _blow(acceleration: float) -> list[str]:
-    """The wind's step [m/s²] in each horizontal direction, as overrides of the truth."""
+def _make_wind_steps(acceleration: float) -> list[str]:
+    """Return a step of the wind by ``acceleration`` [m/s²] in each horizontal direction, as
+    overrides of the truth.
+    """
     angles = [2.0 * math.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
     pushes = [(acceleration * math.cos(a), acceleration * math.sin(a)) for a in angles]
     return [f"sim.wind_step=[{x:.9f}, {y:.9f}, 0.0]" for x, y in pushes]
 
 
 def _with_step(acceleration: float, *, vertical: bool = False) -> Scenario:
-    """A ``vertical`` step comes from above and from below, too."""
-    steps = _blow(acceleration)
+    """Return the scenario of a wind step by ``acceleration`` [m/s²], in each horizontal direction
+    and, with ``vertical``, up and down.
+    """
+    steps = _make_wind_steps(acceleration)
     if vertical:
         steps += [f"sim.wind_step=[0.0, 0.0, {z}]" for z in (acceleration, -acceleration)]
     return Scenario(
@@ -219,18 +226,23 @@ def _with_step(acceleration: float, *, vertical: bool = False) -> Scenario:
 
 
 def _with_push(acceleration: float) -> Scenario:
+    """Return the scenario of a push by ``acceleration`` [m/s²] at most, of each duration in each
+    horizontal direction.
+    """
     world = msgspec.structs.replace(MQX, wind_step=(acceleration, 0.0, 0.0), wind_push_s=PUSH_S[0])
     return Scenario(
         name=f"push_{acceleration:g}",
         summary=f"paper, and at 30 s a push: half a sine of {acceleration:g} m/s² for 0.4 s",
         world=world,
         variants=tuple(
-            (step, f"sim.wind_push_s={push_s}") for push_s in PUSH_S for step in _blow(acceleration)
+            (step, f"sim.wind_push_s={push_s}")
+            for push_s in PUSH_S
+            for step in _make_wind_steps(acceleration)
         ),
     )
 
 
-_TOLD_GALE = Vehicle(
+_CONFIGURED_GALE = Vehicle(
     name="gale",
     mass_kg=gale.VEHICLE.mass_kg,
     thrust_max_n=0.98 * gale.VEHICLE.full_n,
@@ -241,34 +253,37 @@ _TOLD_GALE = Vehicle(
     thrust_lag_s=gale.VEHICLE.thrust_lag_s,
     thrust_delay_s=gale.VEHICLE.thrust_delay_s,
     rate_lag_s=1.0 / gale.VEHICLE.attitude_rad_s,
+    # What `groundstation identify` finds on an excitation flight of it in still air.
     drag_per_s=0.34,
-    # what `groundstation identify` finds on an excitation flight of it in still air
     frame_period_s=1.0 / gale.VEHICLE.pose_hz,
     size_m=0.8,
-    wind_share=0.553,  # 12 m/s²
+    wind_share=0.553,  # adapts to 12 m/s²
 )
-_DOUBTED = (
+_OBSERVER_NOISES = (
     "controller.acceleration_noise=0.16",
     "controller.wind_noise=0.6",
     "controller.wind_rate_noise=1.6",
 )
-"""Its poses are so good (0.03 mm) that an observer of the default noises takes each error of the
-model for wind within two poses, and what it learns drives a thrust that acts 0.1 s later: with lags
-and delay told 20 ms wrong it rings at 2 to 4 Hz. A model that is told to err by chance, too, is not
-believed to show wind at once. More of it costs error where told right, less has it ring."""
+"""Noises of the observer for this vehicle. Its poses are so good (0.03 mm) that with the default
+noises each error of the model becomes wind within two poses, and that wind drives a thrust that
+acts 0.1 s later: with lags and delay configured 20 ms wrong the flight rings at 2 to 4 Hz. With
+noise of the acceleration the observer takes a part of such an error as chance. More of it costs
+accuracy where the configuration is right; with less the flight rings."""
 
 
 def _gale(name: str, wind: gale.GaleWind) -> Scenario:
-    """The wind tunnel at one setting of its fans: north is x there, west is y."""
-    begun = wind.speed_m_s + wind.gust_m_s * math.sin(gale.GUST_PHASE)
-    lean, push = gale.trim(begun)
+    """Return the scenario of the wind tunnel at one setting of its fans. In the tunnel's axes x is
+    north, y is west and z is up.
+    """
+    initial_m_s = wind.speed_m_s + wind.gust_m_s * math.sin(gale.GUST_PHASE)
+    lean, thrust_share = gale.trim(initial_m_s)
     (x, y, z), (i, j, k), kg = gale.course(0.0)[0], gale.VEHICLE.rest_n, gale.VEHICLE.mass_kg
     air = gale.VEHICLE.drag / kg
     world = World(
         mass_kg=kg,
         thrust_max_n=gale.VEHICLE.full_n,
         thrust_curve=gale.VEHICLE.thrust_curve,
-        rate_limits_deg_s=_TOLD_GALE.rate_limits_deg_s,
+        rate_limits_deg_s=_CONFIGURED_GALE.rate_limits_deg_s,
         thrust_lag_s=gale.VEHICLE.thrust_lag_s,
         thrust_delay_s=gale.VEHICLE.thrust_delay_s,
         rate_lag_s=1.0 / gale.VEHICLE.attitude_rad_s,
@@ -284,7 +299,7 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
         attitude_noise_rad=gale.VEHICLE.attitude_noise_rad,
         frame_period_s=1.0 / gale.VEHICLE.pose_hz,
         start_ned=(x, -y, -z),
-        start_thrust=min(push, 0.9),  # no more is told before the flight
+        start_thrust=min(thrust_share, IDLE_THRUST_MAX),
         tunnel=WindTunnel(
             gust_m_s=-wind.gust_m_s,
             gust_phase_rad=gale.GUST_PHASE,
@@ -302,14 +317,15 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
         summary=f"a 2.6 kg quadrotor in a fan array, wind {wind.speed_m_s:g} m/s"
         + (f" + {wind.gust_m_s:g} sin(t + {gale.GUST_PHASE:g})" if wind.gust_m_s else ""),
         world=world,
-        told=_TOLD_GALE,
-        told_latency_s=gale.VEHICLE.pose_latency_s,
-        told_more=_DOUBTED,
+        vehicle=_CONFIGURED_GALE,
+        latency_s=gale.VEHICLE.pose_latency_s,
+        settings=_OBSERVER_NOISES,
         figure=_gale_course,
     )
 
 
 def _gale_course() -> dict[str, Any]:
+    """Return the section ``[trajectory]`` of the tunnel's course: samples each 0.1 s, for 62 s."""
     steps = [k / 10.0 for k in range(621)]
     points = [gale.course(step) for step in steps]
     return {
@@ -339,13 +355,12 @@ SCENARIOS: dict[str, Scenario] = {
                 step_s=0.002,
                 wind_mean=(0.4, -0.3, 0.5),
             ),
-            told=Vehicle(
+            vehicle=Vehicle(
                 thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=NO_LIMIT, frame_period_s=0.002
             ),
-            told_latency_s=0.0,
-            told_more=(
-                "controller.effectiveness_deviation=0",
-            ),  # V's floor is of a law that knows its thrust
+            latency_s=0.0,
+            # The floor of V is that of a law that knows its thrust.
+            settings=("controller.effectiveness_deviation=0",),
         ),
         Scenario(
             name="paper",
@@ -362,7 +377,7 @@ SCENARIOS: dict[str, Scenario] = {
             summary="wrong thrust and lags, wind, gusts, turbulence, drag, lost poses and frames, "
             "sagging battery",
             world=_ADVERSE,
-            told_more=_WEAK,
+            settings=_WEAK,
         ),
         Scenario(
             name="storm",
@@ -373,8 +388,8 @@ SCENARIOS: dict[str, Scenario] = {
                 wind_gust=(1.0, 1.0, 0.4),
                 pose_latency_s=0.040,
             ),
-            told_latency_s=0.040,
-            told_more=_WEAK,
+            latency_s=0.040,
+            settings=_WEAK,
         ),
         Scenario(
             name="gust_front",
@@ -390,28 +405,28 @@ SCENARIOS: dict[str, Scenario] = {
             name="quad1kg",
             summary="a 1 kg vehicle with fast actuators, 100 Hz, 10 ms, drag 1 N per m/s",
             world=_QUAD1KG,
-            told=_TOLD_QUAD1KG,
-            told_latency_s=0.010,
+            vehicle=_CONFIGURED_QUAD1KG,
+            latency_s=0.010,
         ),
         Scenario(
             name="rotors_quad1kg",
             summary="quad1kg that turns by four rotors of 40 ms and a 1 kHz rate loop with gyro "
             "noise",
             world=_ROTORS_QUAD1KG,
-            told=msgspec.structs.replace(
-                _TOLD_QUAD1KG,
+            vehicle=msgspec.structs.replace(
+                _CONFIGURED_QUAD1KG,
                 thrust_lag_s=0.0397,
                 thrust_delay_s=0.0002,
                 rate_lag_s=0.0160,
                 rate_delay_s=0.0301,
             ),
-            told_latency_s=0.010,
+            latency_s=0.010,
         ),
         Scenario(
             name="rotors_mqx",
             summary="paper on four rotors of 40 ms and a 1 kHz rate loop with gyro noise",
             world=_ROTORS_MQX,
-            told=Vehicle(
+            vehicle=Vehicle(
                 thrust_lag_s=0.0398, thrust_delay_s=0.0, rate_lag_s=0.0284, rate_delay_s=0.0350
             ),
         ),
@@ -424,7 +439,7 @@ SCENARIOS: dict[str, Scenario] = {
                     _ROTORS_MQX.rotors, rate_filter_s=0.056, thrust_filter_s=0.066
                 ),
             ),
-            told=Vehicle(
+            vehicle=Vehicle(
                 thrust_lag_s=0.0808, thrust_delay_s=0.0276, rate_lag_s=0.0537, rate_delay_s=0.0599
             ),
         ),
@@ -439,8 +454,8 @@ class _Overridden(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     sim: World
 
 
-def scenario_of(name: str) -> Scenario:
-    """The scenario that a command names.
+def find_scenario(name: str) -> Scenario:
+    """Return the scenario that a command names.
 
     Raises:
         ConfigError: there is no such scenario.
@@ -450,9 +465,11 @@ def scenario_of(name: str) -> Scenario:
     return SCENARIOS[name]
 
 
-def by_betaflight(scenario: Scenario) -> Scenario:
-    """``scenario`` flown by Betaflight: on rotors, told as the firmware was found to answer."""
-    world, told = scenario.world, scenario.told
+def with_betaflight(scenario: Scenario) -> Scenario:
+    """Return ``scenario`` as Betaflight flies it: on rotors, and with the lags, delays and thrust
+    curve configured that the firmware was found to have.
+    """
+    world, vehicle = scenario.world, scenario.vehicle
     slower = world.thrust_lag_s / MQX.thrust_lag_s
     rotors = msgspec.structs.replace(
         world.rotors,
@@ -463,8 +480,8 @@ def by_betaflight(scenario: Scenario) -> Scenario:
     return msgspec.structs.replace(
         scenario,
         world=msgspec.structs.replace(world, plant="rotors", rotors=rotors, step_s=0.001),
-        told=msgspec.structs.replace(
-            told,
+        vehicle=msgspec.structs.replace(
+            vehicle,
             thrust_curve=0.893,
             thrust_lag_s=0.035,
             rate_lag_s=0.0236,
@@ -483,27 +500,27 @@ ENDS = {
 """Simulated parts by option: sources of poses, links, and autopilots."""
 
 
-def choose(
+def choose_scenario(
     name: str, autopilot: str, link: str | None, source: str = "vicon"
 ) -> tuple[Scenario, str]:
-    """The scenario called ``name`` as ``autopilot`` flies it, and the link: ``link``, or the usual
-    one.
+    """Return the scenario called ``name`` as ``autopilot`` flies it, and the link: ``link``, or the
+    usual one of this autopilot.
 
     Raises:
-        ConfigError: there is no such scenario, source, link or autopilot, or Betaflight does not
-            hear that link.
+        ConfigError: there is no such scenario, source, link or autopilot, or Betaflight has no such
+            link.
     """
-    scenario = scenario_of(name)
-    for end, told in (("source", source), ("link", link or "mavlink"), ("autopilot", autopilot)):
-        if told not in ENDS[end]:
+    scenario = find_scenario(name)
+    for end, kind in (("source", source), ("link", link or "mavlink"), ("autopilot", autopilot)):
+        if kind not in ENDS[end]:
             raise ConfigError(
-                f"--{end}", notice("value.choice", choices=list(ENDS[end]), found=told)
+                f"--{end}", notice("value.choice", choices=list(ENDS[end]), found=kind)
             )
     if autopilot != BETAFLIGHT:
         return scenario, link or "mavlink"
     if link == "mavlink":
         raise ConfigError("--link", notice("sim.betaflight_link"))
-    return by_betaflight(scenario), link or "crsf"
+    return with_betaflight(scenario), link or "crsf"
 
 
 def prepare(
@@ -514,50 +531,53 @@ def prepare(
     source: str = "vicon",
     link: str = "mavlink",
 ) -> tuple[World, Config]:
-    """The truth and the configuration of ``scenario`` after ``--set``: ``sim.…`` is truth, all else
-    is told.
+    """Return the truth and the configuration of ``scenario`` after ``overrides``, as for ``--set``:
+    ``sim.…`` changes the truth, any other key the configuration.
 
     Raises:
         ConfigError: an unknown key or a bad value, by its dotted key.
     """
-    truth, told = by_side(overrides, controller)
-    world = overridden(scenario.world, truth) if truth else scenario.world
-    with _option(controller):
-        return world, _on_udp(scenario.config(world, told, source, link))
+    truth, configured = split_overrides(overrides, controller)
+    world = override_world(scenario.world, truth) if truth else scenario.world
+    with _naming_option(controller):
+        return world, _ensure_udp(scenario.config(world, configured, source, link))
 
 
 def prepare_own(
     scenario: Scenario, path: Path | None, overrides: list[str], *, controller: str | None = None
 ) -> tuple[World, Config, float | None]:
-    """The truth and the configuration for the file at ``path``, in the air of ``scenario``, from
-    its first point on.
+    """Return the truth, the configuration of the file at ``path`` in the air of ``scenario``, and
+    the configured duration [s], if there is one.
 
-    Without a file it is the default configuration, for which ``overrides`` may tell another
-    vehicle. The third value is how long the configuration wants to fly [s], if it says: the landing
-    is left out, as what is judged is how well the trajectory is followed.
+    The flight begins at the first point of its trajectory. Without a file the default configuration
+    is changed by ``overrides``. The duration is apart, as there is no landing after it: such a
+    flight shows how well the trajectory is followed.
 
     Raises:
         ConfigError: as :func:`prepare`.
     """
-    truth, overrides_told = by_side(overrides, controller)
-    with _option(controller):
-        told = load(path, Config, overrides_told)
-        return *at_desk(
-            scenario.world, told, lambda world: overridden(world, truth)
-        ), told.flight.duration_s
+    truth, configured = split_overrides(overrides, controller)
+    with _naming_option(controller):
+        config = load(path, Config, configured)
+        world, at_desk = prepare_at_desk(
+            scenario.world, config, lambda world: override_world(world, truth)
+        )
+        return world, at_desk, config.flight.duration_s
 
 
-def by_side(overrides: list[str], controller: str | None) -> tuple[list[str], list[str]]:
-    """Overrides of the truth, and of what is told."""
-    told = [o for o in overrides if not o.startswith("sim.")]
+def split_overrides(overrides: list[str], controller: str | None) -> tuple[list[str], list[str]]:
+    """Split ``overrides`` into those of the truth and those of the configuration, with the kind of
+    ``controller`` if one is given.
+    """
+    configured = [o for o in overrides if not o.startswith("sim.")]
     if controller is not None:
-        told.append(f"controller.kind={controller}")
-    return [o for o in overrides if o.startswith("sim.")], told
+        configured.append(f"controller.kind={controller}")
+    return [o for o in overrides if o.startswith("sim.")], configured
 
 
 @contextmanager
-def _option(controller: str | None) -> Iterator[None]:
-    """Say of a wrong ``controller`` by which option it was given."""
+def _naming_option(controller: str | None) -> Iterator[None]:
+    """Have the error of a wrong ``controller`` name the option that gave it, not a key."""
     try:
         yield
     except ConfigError as error:
@@ -566,8 +586,8 @@ def _option(controller: str | None) -> Iterator[None]:
         raise ConfigError("--controller", error.problem) from None
 
 
-def overridden(world: World, truth: list[str]) -> World:
-    """``world``, changed by overrides of the truth.
+def override_world(world: World, truth: list[str]) -> World:
+    """Return ``world`` changed by overrides of the truth (``sim.…``).
 
     Raises:
         ConfigError: as :func:`prepare`.
@@ -575,42 +595,38 @@ def overridden(world: World, truth: list[str]) -> World:
     return from_dict({"sim": msgspec.to_builtins(world)}, _Overridden, truth).sim
 
 
-def world_from(text: str) -> World:
-    """The truth as a recording has it, as TOML.
+def parse_world(text: str) -> World:
+    """Return the truth from its TOML in a recording.
 
     Raises:
-        ConfigError, ValueError: it has none that this program knows.
+        ConfigError, ValueError: it is not valid for this version.
     """
     return from_dict({"sim": parse_toml(text)}, _Overridden, []).sim
 
 
-def _on_udp(config: Config) -> Config:
-    """``config``, where its link is one that the simulated network has."""
+def _ensure_udp(config: Config) -> Config:
+    """Return ``config``; refuse a link that the simulated network does not have."""
     if config.link.address_key in ("tcp", "serial"):
         raise ConfigError(f"link.{config.link.address_key}", notice("sim.udp_only"))
     return config
 
 
-LEAST_HEIGHT_M = 0.5
-"""The vehicle is let go at least so high above the floor [m]."""
+def find_timing(pose: PoseConfig, rate_hz: float, latency_s: float) -> tuple[float, float]:
+    """Return the configured rate [1/s] and latency [s] of the poses.
 
-
-def timing(pose: PoseConfig, rate_hz: float, latency_s: float) -> tuple[float, float]:
-    """Rate [1/s] and latency [s] that ``pose`` tells.
-
-    The others where its protocol tells them itself.
+    ``rate_hz`` and ``latency_s`` are taken where none is configured, as the protocol reports it.
     """
     return pose.rate_hz or rate_hz, latency_s if pose.latency_s is None else pose.latency_s
 
 
-def world_of(air: World, told: Config) -> World:
-    """``air`` around a true vehicle that is as ``told``."""
-    vehicle = told.vehicle
+def _make_world(air: World, config: Config) -> World:
+    """Return ``air`` around a vehicle that is exactly the configured one."""
+    vehicle = config.vehicle
     return msgspec.structs.replace(
         air,
         mass_kg=vehicle.mass_kg,
-        thrust_max_n=told.full_thrust_n,
-        thrust_curve=told.thrust_curve,
+        thrust_max_n=config.full_thrust_n,
+        thrust_curve=config.thrust_curve,
         rate_limits_deg_s=vehicle.rate_limits_deg_s,
         thrust_lag_s=vehicle.thrust_lag_s,
         rate_lag_s=vehicle.rate_lag_s,
@@ -622,70 +638,78 @@ def world_of(air: World, told: Config) -> World:
     )
 
 
-def world_as_told(air: World, told: Config, truth: list[str]) -> World:
-    """The truth for a rehearsal of ``told``: ``air`` around a vehicle, floor, rates and latency
-    exactly as told.
-
-    ``truth`` are overrides (``sim.…``).
+def make_configured_world(air: World, config: Config, truth: list[str]) -> World:
+    """Return the truth for a rehearsal of ``config``: ``air`` around a vehicle, floor, rates and
+    latency exactly as configured, changed by overrides of the ``truth`` (``sim.…``).
 
     Raises:
         ConfigError: as :func:`prepare`.
     """
-    rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)
-    north, east, down = told.trajectory.build().position_at(0.0)
-    stands = told.flight.start == "floor"
-    own_estimate = told.pose.by_autopilot or told.link.own_position
+    rate_hz, latency_s = find_timing(config.pose, air.pose_rate_hz, air.pose_latency_s)
+    north, east, down = config.trajectory.build().position_at(0.0)
+    from_floor = config.flight.start == "floor"
     world = msgspec.structs.replace(
-        world_of(air, told),
+        _make_world(air, config),
         pose_rate_hz=rate_hz,
         pose_latency_s=latency_s,
-        start_ned=(north, east, told.flight.floor_z_m if stands else down),
-        floor_z_m=told.flight.floor_z_m,
-        start_thrust=0.0 if stands else told.flight.idle_thrust,
-        ground_effect=stands,
-        own_estimate=own_estimate,
+        start_ned=(north, east, config.flight.floor_z_m if from_floor else down),
+        floor_z_m=config.flight.floor_z_m,
+        start_thrust=0.0 if from_floor else config.flight.idle_thrust,
+        ground_effect=from_floor,
+        own_estimate=config.pose.by_autopilot or config.link.own_position,
     )
-    return overridden(world, truth)
+    return override_world(world, truth)
 
 
-def others_of(told: Config) -> list[tuple[str, Vec3]]:
-    """The other vehicles that ``told`` keeps away from, standing beside the trajectory: names and
-    places [m, NED].
+def place_others(config: Config) -> list[tuple[str, Vec3]]:
+    """Place the other vehicles of ``config`` on the floor beside the trajectory, 1 m farther east
+    than they must be; return names and positions [m, NED].
     """
-    report = examine_trajectory(told)
-    east = report.highest_ned[1] + told.separation.distance_m + 1.0
-    floor = told.flight.floor_z_m
+    report = examine_trajectory(config)
+    east = report.highest_ned[1] + config.separation.distance_m + 1.0
+    floor = config.flight.floor_z_m
     return [
         (name, (report.lowest_ned[0] + number, east, floor))
-        for number, name in enumerate(told.separation.others)
+        for number, name in enumerate(config.separation.others)
     ]
 
 
-def at_desk(air: World, told: Config, overridden: Callable[[World], World]) -> tuple[World, Config]:
-    """The vehicle of ``told`` in ``air`` from its trajectory's first point on, on the simulator's
-    wires.
+LEAST_HEIGHT_M = 0.5
+"""Least height above the floor at which the vehicle is released at the desk [m]. Chosen."""
+
+
+def prepare_at_desk(
+    air: World, config: Config, override: Callable[[World], World]
+) -> tuple[World, Config]:
+    """Return the truth and the configuration of a flight of ``config`` at the desk: its vehicle in
+    ``air``, from its trajectory's first point on, with the simulator's source and link.
+
+    ``override`` changes the truth.
     """
-    rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)
-    floor = told.flight.floor_z_m
-    north, east, down = told.trajectory.build().position_at(0.0)
-    world = overridden(
+    rate_hz, latency_s = find_timing(config.pose, air.pose_rate_hz, air.pose_latency_s)
+    floor = config.flight.floor_z_m
+    north, east, down = config.trajectory.build().position_at(0.0)
+    world = override(
         msgspec.structs.replace(
-            world_of(air, told),
+            _make_world(air, config),
             pose_rate_hz=rate_hz,
             pose_latency_s=latency_s,
             start_ned=(north, east, min(down, floor - LEAST_HEIGHT_M)),
             floor_z_m=floor,
         )
     )
-    config = msgspec.structs.replace(
-        told,
+    at_desk = msgspec.structs.replace(
+        config,
         pose=ViconConfig(object="quad", latency_s=latency_s, rate_hz=rate_hz, drop_frozen=False),
         gate=GateConfig(drop_frozen=False),
         link=MavlinkLinkConfig(
-            period_s=told.vehicle.frame_period_s, thrust_curve=told.link.thrust_curve
+            period_s=config.vehicle.frame_period_s, thrust_curve=config.link.thrust_curve
         ),
         flight=msgspec.structs.replace(
-            told.flight, start="air", idle_thrust=min(world.start_thrust, 0.9), duration_s=None
+            config.flight,
+            start="air",
+            idle_thrust=min(world.start_thrust, IDLE_THRUST_MAX),
+            duration_s=None,
         ),
     )
-    return world, config
+    return world, at_desk

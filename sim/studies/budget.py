@@ -21,7 +21,7 @@ from groundstation.core.messages import LEAST_JUDGED_S, STEADY_S
 from groundstation.core.trajectory import OwnTrajectoryConfig
 from groundstation.settings import Config, read_flown_config
 from sim.runs import DURATION_S, fly
-from sim.scenarios import at_desk, world_from
+from sim.scenarios import parse_world, prepare_at_desk
 from sim.world import STILL, World
 
 LIFTED = 10.0
@@ -200,18 +200,18 @@ def _stage(about: Any, config: Config, flown: FlightColumns) -> Flown:
     floor.
     """
     if about.get("sim") and config.flight.start == "air":
-        return world_from(about["sim"]), config
+        return parse_world(about["sim"]), config
     steady = flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S)
     seen = flown.vectors["d_hat_m_s2"][steady]
     x, y, z = map(float, np.nan_to_num(seen.mean(axis=0)))
     unrest = float(np.nan_to_num(np.sqrt(seen.var(axis=0).mean())))
     air = World(wind_mean=(x, y, z), wind_turbulence=unrest)
     begun = config.trajectory.build().position_at(0.0)
-    world, config = at_desk(air, config, lambda world: world)
+    world, config = prepare_at_desk(air, config, lambda world: world)
     if about.get("sim"):
         north, east, _ = begun
         world = msgspec.structs.replace(
-            world_from(about["sim"]),
+            parse_world(about["sim"]),
             start_ned=(north, east, world.start_ned[2]),
             start_thrust=world.start_thrust,
             ground_effect=False,

@@ -17,7 +17,7 @@ import msgspec
 
 from groundstation.core.vehicle import Vehicle
 from sim.runs import DURATION_S, Flyers
-from sim.scenarios import SCENARIOS, overridden
+from sim.scenarios import SCENARIOS, override_world
 from sim.studies.comparison import worst_of_variants
 from sim.studies.tune import (
     DELAY,
@@ -329,7 +329,7 @@ def _find_peak(law: SearchedLaw, best: TuningTrial, name: str, flyers: Flyers) -
     """Return the peak error in the worst variant of the scenario ``name`` [cm], with one seed."""
     (stage,) = _stages(law, [name])
     stage = stage.with_gains(best.gains)
-    worlds = [overridden(stage.world, list(variant)) for variant in SCENARIOS[name].variants]
+    worlds = [override_world(stage.world, list(variant)) for variant in SCENARIOS[name].variants]
     stages = [msgspec.structs.replace(stage, world=world) for world in worlds]
     outcomes = flyers.each(
         fly_sortie, [one for each in stages for one in sorties(each, [0], SEARCHED_S)]

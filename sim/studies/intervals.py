@@ -9,7 +9,7 @@ from typing import NamedTuple
 from groundstation.analysis.identify import identify, read_stretch
 from groundstation.core.vehicle import Vehicle
 from sim.runs import RECORDING, simulate
-from sim.scenarios import SCENARIOS, overridden
+from sim.scenarios import SCENARIOS, override_world
 from sim.world import World
 
 SECONDS = 31.0
@@ -71,8 +71,8 @@ def identify_flights(scenario: str, flights: int) -> Iterator[list[ToldInterval]
 
 def truths(scenario: str) -> dict[str, float]:
     """The parameters of a scenario that are known; those of a rate loop's lag and delay are not."""
-    told, room = SCENARIOS[scenario].told, SCENARIOS[scenario].world
-    world = overridden(room, list(UNTOLD.get(scenario, ())))
+    told, room = SCENARIOS[scenario].vehicle, SCENARIOS[scenario].world
+    world = override_world(room, list(UNTOLD.get(scenario, ())))
     known = {
         "thrust_scale": _scale(world, told),
         "thrust_sag": world.thrust_sag,

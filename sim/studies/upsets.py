@@ -17,7 +17,7 @@ from groundstation.core.control import Gains, hold_gains
 from groundstation.core.geometry import FARTHEST_M, Vec3
 from groundstation.settings import Config
 from sim.batch import Flights, fly_batch
-from sim.scenarios import SCENARIOS, overridden, prepare
+from sim.scenarios import SCENARIOS, override_world, prepare
 from sim.studies.comparison import worst_of_variants
 from sim.studies.equal_margins import PUSHED
 from sim.world import World, generator
@@ -86,7 +86,7 @@ def list_upsets() -> dict[str, list[tuple[str, ...]]]:
     for name in PUSHED:
         scenario = SCENARIOS[name]
         for variant in scenario.variants:
-            world = overridden(scenario.world, list(variant))
+            world = override_world(scenario.world, list(variant))
             size = math.hypot(*world.wind_step)
             push_s = world.wind_push_s
             vertical = world.wind_step[2] != 0.0
@@ -114,7 +114,9 @@ def fly_upsets(
     for law in laws:
         world, config = _prepare(scenario, law, PHASES[phase])
         world = msgspec.structs.replace(world, wind_step_time_s=UPSET_AT_S)
-        worlds = [overridden(world, list(one)) for _, _, one in directions for _ in range(seeds)]
+        worlds = [
+            override_world(world, list(one)) for _, _, one in directions for _ in range(seeds)
+        ]
         flown[law] = fly_batch(
             worlds, config, list(range(seeds)) * len(directions), duration_s=PUSHED_S
         )

@@ -19,7 +19,7 @@ from sim.autopilots.betaflight import RECEIVER_S
 from sim.radio import FAILSAFE_S
 from sim.runs import RECORDING, Stage, fly, from_floor, simulate
 from sim.runs.flight import Result
-from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
+from sim.scenarios import BETAFLIGHT, SCENARIOS, prepare, with_betaflight
 from sim.world.quadrotor import LIFTING_SHARE
 from tests.flight.flights import SHORT
 from tests.flight.test_missions import WAY
@@ -49,7 +49,7 @@ BROUGHT_DOWN_S = 2.75
 def flown(
     scenario: str, *overrides: str, link: str = "dsm", seed: int = 0, duration_s: float = 30.0
 ) -> Result:
-    world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(overrides), link=link)
+    world, config = prepare(with_betaflight(SCENARIOS[scenario]), list(overrides), link=link)
     return fly(world, config, seed=seed, duration_s=duration_s, autopilot=BETAFLIGHT)
 
 
@@ -91,7 +91,7 @@ def test_a_gust_moves_it_by_less_than_16_cm_and_it_is_back_soon() -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
-    world, config = prepare(by_betaflight(SCENARIOS["adverse"]), [], link="crsf")
+    world, config = prepare(with_betaflight(SCENARIOS["adverse"]), [], link="crsf")
     first, again = (
         fly(world, config, seed=3, duration_s=5.0, autopilot=BETAFLIGHT).log_sha256
         for _ in range(2)
@@ -110,7 +110,7 @@ def test_a_stick_that_is_told_the_wrong_way_round_ends_the_flight_at_once() -> N
 def test_it_goes_from_the_floor_to_the_figure_and_softly_back(
     scenario: str, link: str, seed: int
 ) -> None:
-    world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
+    world, config = prepare(with_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
     world, config = from_floor(world, config, 1.0)
     took = fly_take_off(world, config, seed, BETAFLIGHT)
     result, start = took.mission, took.start
@@ -190,7 +190,7 @@ def test_identify_finds_the_rates_that_the_scenario_tells(tmp_path: Path) -> Non
     told = ["trajectory.kind=excitation", "sim.start_ned=[0,0,-1]"]
     simulate("paper", autopilot=BETAFLIGHT, link="dsm", duration=40.0, overrides=told, out=tmp_path)
     found = identify(read_stretch(tmp_path / RECORDING)).parameters["rate_response"]
-    vehicle = by_betaflight(SCENARIOS["paper"]).told
+    vehicle = with_betaflight(SCENARIOS["paper"]).vehicle
     to_receiver_s = 0.005 + 14 * 10 / 125000
     told_s = vehicle.rate_lag_s + vehicle.rate_delay_s + to_receiver_s
     assert found.value == pytest.approx(told_s, rel=0.2)

@@ -17,7 +17,7 @@ from groundstation.settings import Config
 from links.rf import RfConfig, describe_pulses
 from sim.autopilots import GAINS, BetaflightFirmware, configure, describe_settings, pack_pulses
 from sim.radio import PtyWire, section
-from sim.scenarios import SCENARIOS, by_betaflight
+from sim.scenarios import SCENARIOS, with_betaflight
 
 pytestmark = pytest.mark.firmware
 IDLE, ARMED = (1500, 1500, 885, 1500, 988), (1500, 1500, 885, 1500, 2012)
@@ -37,7 +37,7 @@ WRONGLY |= {"thr_hover"}
 
 def told() -> Config:
     """What `serve --autopilot betaflight --link crsf` is told."""
-    world = by_betaflight(SCENARIOS["paper"]).world
+    world = with_betaflight(SCENARIOS["paper"]).world
     link = section("crsf", world, from_dict({}, Config).vehicle, betaflight=True)
     return from_dict({"link": link}, Config)
 

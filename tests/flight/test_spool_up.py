@@ -97,7 +97,7 @@ STRONGER = "sim.thrust_gain=1.25"
 def test_the_poses_of_another_body_that_rests_let_nothing_fly_away(
     scenario: str, link: str, told_mass: float, wrong: tuple[str, ...]
 ) -> None:
-    mass = f"vehicle.mass_kg={told_mass * SCENARIOS[scenario].told.mass_kg}"
+    mass = f"vehicle.mass_kg={told_mass * SCENARIOS[scenario].vehicle.mass_kg}"
     flown = spool_up(scenario, mass, *wrong, "gate.drop_frozen=false", picture=resting, link=link)
     assert "is this the right body, is the mass right?" in flown.mission.fault
     assert flown.highest_m < LIMITS_M

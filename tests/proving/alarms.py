@@ -21,7 +21,7 @@ from groundstation.runtime import Exit
 from groundstation.settings import Config
 from sim.cli import ProgressBar
 from sim.runs import Flyers, Stage, fly_mission, from_floor
-from sim.scenarios import SCENARIOS, prepare, scenario_of
+from sim.scenarios import SCENARIOS, find_scenario, prepare
 from sim.studies import FLOORED, FLOORS, ModelError
 from sim.text import notice
 from sim.world import World
@@ -185,7 +185,7 @@ def alarms(args: argparse.Namespace) -> Exit:
     if args.floors and args.scenario is not None:
         raise ConfigError("SCENARIO", notice("dev.floors", names=", ".join(FLOORED)))
     scenario = args.scenario or "adverse"
-    scenario_of(scenario)
+    find_scenario(scenario)
     watch = Watch(scenario, None, tuple(args.overrides), args.source, args.link, args.duration)
     watches = plan_floors(watch) if args.floors else [watch]
     for one in watches:  # what can't be flown is told before anything is

@@ -19,7 +19,7 @@ from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.runtime import Exit
 from sim.radio import Failsafe, PulseReceiver
 from sim.runs import Stage, confirm_at, fly, from_floor
-from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
+from sim.scenarios import BETAFLIGHT, SCENARIOS, prepare, with_betaflight
 from sim.time import in_virtual_time
 from sim.world import FourRotors
 from tests.known import known
@@ -56,7 +56,7 @@ class StrikeOutcome(NamedTuple):
 @in_virtual_time
 async def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutcome:
     """Fly until tracking has lasted half a second, have ``strike`` fall, and look at the motors."""
-    world, config = prepare(by_betaflight(SCENARIOS["paper"]), list(SHORT), link=link)
+    world, config = prepare(with_betaflight(SCENARIOS["paper"]), list(SHORT), link=link)
     world, config = from_floor(world, config, 30.0)
     motors: list[tuple[float, FourRotors]] = []
     loop = asyncio.get_running_loop()
@@ -121,7 +121,7 @@ FLIGHTS: tuple[tuple[str, str, Sequence[str], float, str], ...] = (
 def gust(seed: int) -> tuple[float, float]:
     """Largest error in `gust_front`'s hover [cm], and the time from there to under 5 cm [s]."""
     told = [HOLD, "sim.wind_step_time_s=16.0"]
-    world, config = prepare(by_betaflight(SCENARIOS["gust_front"]), told, link="dsm")
+    world, config = prepare(with_betaflight(SCENARIOS["gust_front"]), told, link="dsm")
     verdict = fly(world, config, seed=seed, duration_s=22.0, autopilot=BETAFLIGHT).verdict
     back_s = math.inf if verdict.gust_back_s is None else verdict.gust_back_s
     return verdict.gust_peak_cm or math.inf, back_s
@@ -130,7 +130,7 @@ def gust(seed: int) -> tuple[float, float]:
 def take_off(scenario: str, seed: int) -> TakeOff:
     """One whole flight from the floor and back."""
     link = ("dsm", "crsf")[seed % 2]
-    world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
+    world, config = prepare(with_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
     return fly_take_off(*from_floor(world, config, 1.0), seed, BETAFLIGHT)
 
 
@@ -140,7 +140,7 @@ def firmware(args: argparse.Namespace) -> Exit:
         fill_markers(args.write, {"firmware": ""})  # before minutes go by
     facts: dict[str, Any] = {"flights": {}, "strikes": {}}
     for name, scenario, told, lasts_s, must in FLIGHTS:
-        world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(told), link="dsm")
+        world, config = prepare(with_betaflight(SCENARIOS[scenario]), list(told), link="dsm")
         flown = [
             fly(world, config, seed=seed, duration_s=lasts_s, autopilot=BETAFLIGHT).verdict.rms_cm
             for seed in SEEDS

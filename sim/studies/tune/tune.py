@@ -50,7 +50,7 @@ from groundstation.pose.sources import ViconConfig
 from groundstation.runtime import __version__
 from groundstation.settings import Config
 from sim.runs import DURATION_S, Flyers, fly
-from sim.scenarios import by_side, prepare, prepare_own, scenario_of, timing
+from sim.scenarios import find_scenario, find_timing, prepare, prepare_own, split_overrides
 from sim.studies.campaign import program_sha256
 from sim.text import notice
 from sim.world import World
@@ -237,9 +237,9 @@ def stage_scenarios(
     stages = []
     for name in names:
         if has_own_vehicle(path, overrides):
-            world, config, _ = prepare_own(scenario_of(name), path, list(overrides))
+            world, config, _ = prepare_own(find_scenario(name), path, list(overrides))
         else:
-            world, config = prepare(scenario_of(name), list(overrides))
+            world, config = prepare(find_scenario(name), list(overrides))
         stages.append(Staged(scenario=name, world=world, config=config))
     return stages
 
@@ -249,9 +249,11 @@ def make_station(path: Path | None, overrides: Sequence[str], stage: Staged) -> 
     ``stage`` tells.
     """
     if has_own_vehicle(path, overrides):
-        return load(path, Config, by_side(list(overrides), None)[1])
+        return load(path, Config, split_overrides(list(overrides), None)[1])
     told = stage.config
-    rate_hz, latency_s = timing(told.pose, stage.world.pose_rate_hz, stage.world.pose_latency_s)
+    rate_hz, latency_s = find_timing(
+        told.pose, stage.world.pose_rate_hz, stage.world.pose_latency_s
+    )
     pose = ViconConfig(latency_s=latency_s, rate_hz=rate_hz)
     return msgspec.structs.replace(
         Config(), vehicle=told.vehicle, controller=told.controller, pose=pose, link=told.link

@@ -15,7 +15,7 @@ from groundstation.config import ConfigError, refuse_io
 from groundstation.runtime import Exit
 from sim.cli import ProgressBar, typed_command
 from sim.runs.pool import Workers
-from sim.scenarios import scenario_of
+from sim.scenarios import find_scenario
 from sim.text import notice
 from tests.proving.faults.cell import Cell, fly_together
 from tests.proving.faults.fault import MOMENTS, Kind, name_of
@@ -83,7 +83,7 @@ def _fly_job(overrides: tuple[str, ...], job: Sequence[Cell]) -> list[Row]:
 
 def faults(args: argparse.Namespace) -> Exit:
     """Break one thing in every state of a mission."""
-    scenario_of(args.scenario)
+    find_scenario(args.scenario)
     kinds = set(args.kind or ())
     choices = [("--fault", args.fault, [*{**CASES, **FAULTS}]), ("--state", args.state, [*MOMENTS])]
     choices += [("--kind", kind, list(map(str, Kind))) for kind in kinds]
