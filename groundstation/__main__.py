@@ -170,14 +170,6 @@ DOCTOR: Arguments = {
     "--yes": {"action": "store_true", "help": "do not ask before setting it"},
     **json_argument("the table"),
 }  # fmt: skip
-RADIO_BRIDGE: Arguments = {
-    **OPTIONAL_CONFIG,
-    "--make-key": {
-        "type": path,
-        "metavar": "FILE",
-        "help": "write a new key for both computers, and end",
-    },
-}
 TUI: Arguments = {
     **_recording("log", words="play this recording"),
     **_vehicle("name of the vehicle in its config; without it, the one that runs"),
@@ -314,7 +306,7 @@ REPLAY_EVIDENCE: Arguments = {
     **_recording("files", "FLIGHT.mcap", f"imported, or our own; {RECORDING_HELP}", "*"),
     **json_argument("the table"),
 }
-MAKE_KEY: Arguments = {"file": {"type": path, "metavar": "FILE"}}
+CONFIG_KEY: Arguments = {"file": {"type": path, "metavar": "FILE"}}
 TRAJECTORY: Arguments = {**OPTIONAL_CONFIG, **json_argument("the table")}
 CONFIG_VEHICLES: Arguments = {
     "name": {
@@ -360,7 +352,7 @@ def _report(parser: argparse.ArgumentParser) -> None:
 COMMANDS: Groups = {
     "prepare": {
         "config": (
-            "print, start or complete a configuration; list the vehicles that come along",
+            "print, start or complete a configuration; list vehicles; write a key",
             None,
         ),
         "config show": (
@@ -374,6 +366,10 @@ COMMANDS: Groups = {
         "config vehicles": (
             "list the vehicles that come along, for vehicle.preset",
             CONFIG_VEHICLES,
+        ),
+        "config key": (
+            "write a new key: of an MQTT client, of a radio bridge, of MAVLink's signing",
+            CONFIG_KEY,
         ),
         "config completion": (
             "print the script by which a shell completes command lines",
@@ -443,10 +439,8 @@ COMMANDS: Groups = {
         "radio idle": ("send disarmed frames", RADIO),
         "radio bridge": (
             "send the commands of another computer by an RF module here",
-            RADIO_BRIDGE,
+            CONFIG,
         ),
-        "mqtt": ("make keys of clients that may ask", None),
-        "mqtt make-key": ("write the new key of a client that may ask by MQTT", MAKE_KEY),
     },
 }
 
@@ -482,6 +476,8 @@ GONE = {
     "report --format png": "`--format pdf` and `svg` are for print; the figures of a page are PNGs",
     "daemon --log-format logfmt": "`json` tells more, and the journal gets plain lines; "
     "`groundstation daemon unit` writes the unit again",
+    "mqtt make-key": "`groundstation config key FILE` writes a key",
+    "radio bridge --make-key": "`groundstation config key FILE` writes a key",
     "mqtt topics": "docs/reference/mqtt.md lists them",
     "mqtt schemas": "they are in docs/reference/mqtt-schemas",
     "replay evidence --write": "`--json` has the figures",

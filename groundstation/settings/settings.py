@@ -333,8 +333,8 @@ class ClientConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     key_file: Annotated[
         str,
         msgspec.Meta(
-            description="File with the key that it shares with us, mode 0600; `groundstation mqtt "
-            "make-key FILE` makes one."
+            description="File with the key that it shares with us, mode 0600; `groundstation "
+            "config key FILE` writes one."
         ),
     ]
     may: Annotated[

@@ -307,7 +307,7 @@ class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
         str,
         msgspec.Meta(
             description="File with the key that both computers share, mode 0600; `groundstation "
-            "radio bridge --make-key FILE` makes one."
+            "config key FILE` writes one."
         ),
     ] = "bridge.key"
     connect_timeout_s: Annotated[

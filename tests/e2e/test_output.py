@@ -101,7 +101,7 @@ FULL = {
     "export {log} --format npz --out {out}.npz": "--out: cannot write {out}.npz",
     "export {log} --format mcap --out {out}.mcap": "--out: cannot write {out}.mcap",
     "logs import {poses} --map tum --out {out}.mcap": "--out: cannot write {out}.mcap",
-    "mqtt make-key {out}.key": "mqtt make-key: cannot write {out}.key",
+    "config key {out}.key": "config key: cannot write {out}.key",
 }
 
 

@@ -25,9 +25,6 @@ COMMAND_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "radio.link_kind", "expected one of {choices}: no other link has a radio module here"
     ),
-    NoticeTemplate(
-        "radio.no_file", "expected a configuration, or --make-key FILE; see docs/how-to/rf.md"
-    ),
     # MQTT.
     NoticeTemplate(
         "mqtt.url", "expected mqtts://[USER@]HOST[:PORT][/PREFIX], or mqtt:// on this machine"

@@ -194,22 +194,10 @@ radio_bind, radio_range_check, radio_idle = (
 
 
 def radio_bridge(args: argparse.Namespace) -> Exit:
-    """Pace the commands of another computer out by an RF module.
-
-    Or make the key that both share.
-    """
+    """Pace the commands of another computer out by an RF module."""
     from groundstation.flight.preflight import load_link_key
 
     say = _terminal_writer()
-    if args.make_key is not None:
-        _make_key("--make-key", args.make_key)
-        say(
-            f"{args.make_key}: a new key, for your eyes only. Copy it to the other computer by a "
-            "safe way, mode 0600"
-        )
-        return Exit.DONE
-    if args.config is None:
-        raise ConfigError("CONFIG.toml", notice("radio.no_file"))
     config = load(args.config, BridgeConfig, args.overrides)
     shared = load_link_key(config.key_file, "key_file")
     one = Running(
@@ -304,23 +292,6 @@ def stop_all(args: argparse.Namespace) -> Exit:
     from groundstation.interfaces.api import stop_all_command
 
     return stop_all_command(args, input if sys.stdin.isatty() else None)
-
-
-def mqtt_make_key(args: argparse.Namespace) -> Exit:
-    """Write the new key of a client."""
-    _make_key("mqtt make-key", args.file)
-    print(
-        f"{args.file}: a new key, for your eyes only. Copy it to the client by a safe way, mode "
-        "0600, and name it as key_file of mqtt.requests.clients.NAME",
-        file=sys.stderr,
-    )
-    return Exit.DONE
-
-
-def _make_key(told: str, file: Path) -> None:
-    """Write a new key; the error names the word of the command line that told the ``file``."""
-    with refuse_value(told):
-        make_key(file)
 
 
 def replay(args: argparse.Namespace) -> Exit:
@@ -451,6 +422,18 @@ def config_new(args: argparse.Namespace) -> Exit:
         print(f"{args.all} written")
     else:
         print(list_examples() if args.name is None else example_text(args.name).rstrip())
+    return Exit.DONE
+
+
+def config_key(args: argparse.Namespace) -> Exit:
+    """Write a new key that two computers share."""
+    with refuse_value("config key"):
+        make_key(args.file)
+    print(
+        f"{args.file}: a new key, for your eyes only. Copy it to the other side by a safe way, "
+        "mode 0600",
+        file=sys.stderr,
+    )
     return Exit.DONE
 
 
