@@ -88,7 +88,7 @@ FAULTS = (
           "table[State.DESCENT, Event.LAND] = State.LANDING"),
     Fault("mission.py", "(State.RETURNING, Event.HOME): State.LANDING,", "(State.RETURNING, Event.HOME): State.HOLD,"),
     Fault("backstepping.py", "u_star = -i * (q * a + s1 * x2)", "u_star = -i * (q * a - s1 * x2)"),
-    Fault("backstepping.py", "        -(mass / thrust) * turn[1],", "        (mass / thrust) * turn[1],"),
+    Fault("backstepping.py", "        -(mass / thrust) * y2,", "        (mass / thrust) * y2,"),
     Fault("backstepping.py", "ops.where(suspended, 0.0, law.kb)", "ops.where(suspended, law.kb, law.kb)"),
     Fault("adaptive.py", "add_scaled(b_hat, interval_s, step.b_hat_dot)", "add_scaled(b_hat, -interval_s, step.b_hat_dot)"),
     Fault("demand_limits.py", "p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)", "p, q, r = x, y, z"),

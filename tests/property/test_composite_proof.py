@@ -19,10 +19,10 @@ from groundstation.core.control import Gains, LawState, backstep
 from groundstation.core.control.backstepping import (
     BacksteppingAxis,
     LawOutput,
-    axis,
-    growth,
+    clamp_length,
+    evaluate_axis,
+    evaluate_growth,
     project,
-    within,
 )
 from groundstation.core.estimation import (
     Covariance,
@@ -174,7 +174,7 @@ class Loop(NamedTuple):
         z1, z1_dot = self.fed(s)
         state = LawState(z1, z1_dot, z1_dot, s.attitude, s.thrust, s.b_hat, acceleration, jerk)
         return backstep(
-            FLOATS, self.law, state, mass=MASS, witness=vec3(self.law.kappa * self.w(s))
+            FLOATS, self.law, state, mass=MASS, composite_term=vec3(self.law.kappa * self.w(s))
         )
 
     def b_tilde(self, s: State) -> Array:
@@ -239,7 +239,7 @@ class Parts(NamedTuple):
 def parts(loop: Loop, s: State, time: float = 0.0) -> Parts:
     law, step = loop.law, loop.step(s, time)
     z1, z1_dot = loop.fed(s)
-    axes = [axis(FLOATS, law.shape, z1[i], z1_dot[i]) for i in range(3)]
+    axes = [evaluate_axis(FLOATS, law.shape, z1[i], z1_dot[i]) for i in range(3)]
     z3 = np.asarray(step.z3)
     xi = np.array([a.dv_dz2 - a.du_dz2 * z for a, z in zip(axes, step.z3, strict=True)])
     b_dot = loop.b_hat_dot(s, step)
@@ -257,7 +257,7 @@ def parts(loop: Loop, s: State, time: float = 0.0) -> Parts:
 
 def slopes(law: Gains, a: BacksteppingAxis, z1_dot: float, z3: float) -> tuple[float, float]:
     """g: the partial derivatives of V_DI + ½ z3² by position and by velocity."""
-    excess, _, _ = growth(FLOATS, z1_dot, law.sigma_bound, law.velocity_scale)
+    excess, _, _ = evaluate_growth(FLOATS, z1_dot, law.sigma_bound, law.velocity_scale)
     by_x1 = a.sigma + a.sigma_prime * (a.z2 + excess) - z3 * (a.du_dz1 + a.sigma_prime * a.du_dz2)
     return by_x1, a.dv_dz2 - z3 * a.du_dz2
 
@@ -280,8 +280,8 @@ def margins(loop: Loop) -> tuple[float, float, float]:
 def loops(draw: st.DrawFn) -> tuple[Loop, State]:
     """A closed loop in a random state: b within B, b̂ within B + ε, its surface included."""
     law = draw(laws())
-    b = within(FLOATS, vec3(2.0 * np.asarray(draw(vec))), law.b_bound)
-    b_hat = within(FLOATS, vec3(4.0 * np.asarray(draw(vec))), radius(law))
+    b = clamp_length(FLOATS, vec3(2.0 * np.asarray(draw(vec))), law.b_bound)
+    b_hat = clamp_length(FLOATS, vec3(4.0 * np.asarray(draw(vec))), radius(law))
     acceleration, jerk = draw(vec), draw(vec)
     attitude = so3.from_euler_zyx(
         draw(st.floats(-1.2, 1.2)), draw(st.floats(-1.2, 1.2)), draw(small)
@@ -347,7 +347,7 @@ def test_v_and_the_observers_error_together_fall_by_a_share_of_w(case: tuple[Loo
 def test_projection_stretches_no_difference_beyond_its_lipschitz_constant(
     law: Gains, one: Vec3, other: Vec3, direction: Vec3
 ) -> None:
-    b_hat = within(FLOATS, vec3(4.0 * np.asarray(direction)), radius(law))
+    b_hat = clamp_length(FLOATS, vec3(4.0 * np.asarray(direction)), radius(law))
     first, second = (
         project(FLOATS, x, b_hat, order=law.projection_order, **ball(law)) for x in (one, other)
     )
@@ -404,7 +404,7 @@ def flown(loop: Loop, s: State, duration: float, h: float = 0.005) -> list[tuple
         k4 = loop.flow(moved(s, k3, h), t + h)
         for k, share in ((k1, 1.0), (k2, 2.0), (k3, 2.0), (k4, 1.0)):
             s = moved(s, k, h * share / 6.0)
-        s = s._replace(b_hat=within(FLOATS, s.b_hat, radius(loop.law)))
+        s = s._replace(b_hat=clamp_length(FLOATS, s.b_hat, radius(loop.law)))
         states.append((t + h, s))
     return states
 

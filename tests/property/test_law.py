@@ -10,20 +10,27 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from groundstation.core.control import Law, LawState, backstep, sine_error, turning, yaw_rate
+from groundstation.core.control import (
+    Law,
+    LawState,
+    backstep,
+    compute_yaw_rate,
+    sine_error,
+    turning,
+)
 from groundstation.core.control.backstepping import (
     BacksteppingAxis,
     LawOutput,
     Shape,
-    axis,
-    growth,
-    integral,
+    clamp_length,
+    compute_turn_rates,
+    evaluate_axis,
+    evaluate_growth,
+    integrate_saturation,
+    make_saturation,
     project,
-    saturation,
-    turn_rates,
-    within,
 )
-from groundstation.core.geometry import FLOATS, Quat, Vec3, arrays, so3
+from groundstation.core.geometry import FLOATS, Quat, Vec3, add_scaled, arrays, so3
 from sim.studies import LIMIT, worst_disagreement
 
 LAW = Law()
@@ -68,12 +75,12 @@ def dot(a: Vec3, b: Vec3) -> float:
 def test_sigma_is_odd_bounded_and_has_the_stated_slope_and_derivatives(
     s: float, bound: float, slope: float
 ) -> None:
-    by = saturation(bound, slope)
+    by = make_saturation(bound, slope)
 
     def at(s: float) -> tuple[float, float, float]:
         """Value, first derivative, integral."""
-        a = axis(FLOATS, Shape(2.0, by, by, 1.0), s, 0.0)
-        return a.sigma, a.sigma_prime, integral(by, a.rs, a.root)
+        a = evaluate_axis(FLOATS, Shape(2.0, by, by, 1.0), s, 0.0)
+        return a.sigma, a.sigma_prime, integrate_saturation(by, a.rs, a.root)
 
     value, first, _ = at(s)
     assert abs(value) < bound
@@ -90,11 +97,14 @@ def test_sigma_is_odd_bounded_and_has_the_stated_slope_and_derivatives(
 def test_omega_is_the_identity_inside_and_smooth_outside(
     s: float, bound: float, scale: float
 ) -> None:
-    excess, first, second = growth(FLOATS, s, bound, scale)
+    excess, first, second = evaluate_growth(FLOATS, s, bound, scale)
     if abs(s) <= bound:
         assert (excess, first, second) == (0.0, 1.0, 0.0)
     h = 1e-5
-    above, below = growth(FLOATS, s + h, bound, scale), growth(FLOATS, s - h, bound, scale)
+    above, below = (
+        evaluate_growth(FLOATS, s + h, bound, scale),
+        evaluate_growth(FLOATS, s - h, bound, scale),
+    )
     assert first == pytest.approx(1.0 + (above[0] - below[0]) / (2 * h), rel=1e-5, abs=1e-6)
     assert second == pytest.approx((above[1] - below[1]) / (2 * h), rel=1e-3, abs=2e-4 / scale**2)
 
@@ -106,9 +116,11 @@ def test_partial_derivatives_of_the_virtual_control_match_differences(
     def at(first: float, second: float) -> BacksteppingAxis:
         """The axis as a function of (z1, z2)."""
         shape = law.shape
-        return axis(FLOATS, shape, first, second - axis(FLOATS, shape, first, 0.0).sigma)
+        return evaluate_axis(
+            FLOATS, shape, first, second - evaluate_axis(FLOATS, shape, first, 0.0).sigma
+        )
 
-    here = axis(FLOATS, law.shape, z1, z1_dot)
+    here = evaluate_axis(FLOATS, law.shape, z1, z1_dot)
     h = 1e-5
     # Ω is C² only, so at the kink of Ω'' a difference is right to first order in h.
     close: dict[str, Any] = {"rel": 1e-4, "abs": 3e-3}
@@ -126,7 +138,7 @@ def test_projection_p1_to_p4(direction: Vec3, share: float, xi: Vec3, law: Law) 
     bound, epsilon, delta = law.b_bound, law.epsilon, law.delta
     length = math.hypot(*direction) or 1.0
     x, y, z = (each / length * share * (bound + epsilon) for each in direction)
-    b_hat = within(FLOATS, (x, y, z), bound + epsilon)
+    b_hat = clamp_length(FLOATS, (x, y, z), bound + epsilon)
     keys: dict[str, Any] = {"bound": bound, "epsilon": epsilon, "delta": delta}
     proj = project(FLOATS, xi, b_hat, order=law.projection_order, **keys)
     # P1: on the outer sphere it never points outward.
@@ -178,13 +190,16 @@ def test_v_falls_exactly_by_w_on_the_ideal_plant(
 ) -> None:
     """V˙ = -W + b̃ᵀ(ξ - Proj): differences of V along the plant against the law's own W."""
     z1, z1_dot, b_hat, b, acceleration, jerk, speed_d = vectors
-    b_hat = within(FLOATS, b_hat, law.b_bound)
+    b_hat = clamp_length(FLOATS, b_hat, law.b_bound)
     thrust = lift * mass * law.gravity
     q = quaternion(angles)
     v = np.add(z1_dot, speed_d)
     state = LawState(z1, z1_dot, vec3(v), q, thrust, b_hat, acceleration, jerk)
     step = backstep(FLOATS, law, state, mass=mass, drag=drag)
-    assert turn_rates(FLOATS, law, state, mass=mass, drag=drag) == (step.rate_x, step.rate_y)
+    assert compute_turn_rates(FLOATS, law, state, mass=mass, drag=drag) == (
+        step.rate_x,
+        step.rate_y,
+    )
 
     def v_after(h: float) -> float:
         """V a moment later: the plant of section 1 with the law's Ṫ, ω and b̂˙ held."""
@@ -223,7 +238,7 @@ def test_the_estimate_stays_within_b_plus_epsilon_for_any_input_sequence(
         bounded: Vec3 = tuple(max(-1e150, min(1e150, x)) for x in xi)  # type: ignore[assignment]  # three components
         keys: dict[str, Any] = {"bound": law.b_bound, "epsilon": law.epsilon, "delta": law.delta}
         rate = project(FLOATS, bounded, b_hat, order=law.projection_order, **keys)
-        b_hat = within(FLOATS, tuple(b + dt * r for b, r in zip(b_hat, rate, strict=True)), radius)  # type: ignore[arg-type]  # three components
+        b_hat = clamp_length(FLOATS, add_scaled(b_hat, dt, rate), radius)
         assert math.hypot(*b_hat) <= radius * (1 + 1e-12)
 
 
@@ -247,7 +262,9 @@ def test_what_is_suspended_learns_nothing() -> None:
         state = LawState(
             (0.1, -0.2, 0.1), speed, speed, level, 0.8, b_hat, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         )
-        step = backstep(FLOATS, LAW, state, mass=0.08, witness=(0.3, 0.3, 0.3), suspended=suspended)
+        step = backstep(
+            FLOATS, LAW, state, mass=0.08, composite_term=(0.3, 0.3, 0.3), suspended=suspended
+        )
         return step.b_hat_dot
 
     assert learns(True) == (0.0, 0.0, 0.0)
@@ -259,7 +276,7 @@ def test_the_yaw_rate_is_limited_and_turns_the_short_way(
     angles: Vec3, yaw: float, yaw_dot: float, rate_y: float, gain: float
 ) -> None:
     attitude = quaternion(angles)
-    rate = yaw_rate(FLOATS, attitude, yaw, yaw_dot, rate_y, gain, 2.0)
+    rate = compute_yaw_rate(FLOATS, attitude, yaw, yaw_dot, rate_y, gain, 2.0)
     roll, pitch, heading = so3.euler_zyx(attitude)
     cos_roll = math.copysign(max(abs(math.cos(roll)), 0.2), math.cos(roll))
     turn = math.cos(pitch) * (yaw_dot - gain * math.sin(heading - yaw)) - math.sin(roll) * rate_y

@@ -19,7 +19,7 @@ from groundstation.core.control.attitude import (
     specific_thrust,
     turning,
 )
-from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
+from groundstation.core.control.backstepping import Law, LawState, backstep, compute_yaw_rate
 from groundstation.core.control.bring_down import OFF, plan_bring_down
 from groundstation.core.control.certificate import (
     SUSPENDED,

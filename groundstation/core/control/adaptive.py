@@ -15,9 +15,9 @@ from groundstation.core.control.backstepping import (
     LawOutput,
     LawState,
     backstep,
-    turn_rates,
-    within,
-    yaw_rate,
+    clamp_length,
+    compute_turn_rates,
+    compute_yaw_rate,
 )
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.estimation import Composite, Gain, GainOrOff, Ratio, SpeedBound, WitnessGain
@@ -153,7 +153,7 @@ class Adaptive:
         self._rate_lead = lead(FLOATS, self._hold, vehicle.rate_lag_s)
         self._limits = DemandLimits(ops, vehicle)
         self.b_hat: Vec3 = (0.0, 0.0, 0.0)
-        self._witnessed: Vec3 | None = None
+        self._observed: Vec3 | None = None
         self._jerk: Vec3 | None = None
         self._slope: Vec3 = (0.0, 0.0, 0.0)
         self._thrust_sent: Real | None = None
@@ -173,14 +173,14 @@ class Adaptive:
 
     def begin(self, disturbance: Vec3) -> None:
         """Let b̂ begin at ``disturbance`` [m/s², NED], estimated before the first command."""
-        self.b_hat = within(self._ops, disturbance, self._gains.b_bound)
+        self.b_hat = clamp_length(self._ops, disturbance, self._gains.b_bound)
 
     @property
     def memory(self) -> tuple[Any, ...]:
         """State from one command to the next, as nested tuples; to be set as it was read."""
         return (
             self.b_hat,
-            self._witnessed,
+            self._observed,
             self._jerk,
             self._slope,
             self._thrust_sent,
@@ -189,7 +189,7 @@ class Adaptive:
 
     @memory.setter
     def memory(self, memory: tuple[Any, ...]) -> None:
-        self.b_hat, self._witnessed, self._jerk, self._slope, self._thrust_sent, self._saturated = (
+        self.b_hat, self._observed, self._jerk, self._slope, self._thrust_sent, self._saturated = (
             memory
         )
 
@@ -222,7 +222,7 @@ class Adaptive:
         """Compute one command for the instant of ``estimate``."""
         ops, gains, vehicle, limits = self._ops, self._gains, self._vehicle, self._limits
         motion = estimate.motion
-        b_hat, witness = self._include_witness(estimate)
+        b_hat, composite_term = self._follow_observer(estimate)
         compensate = gains.actuator_compensation
         thrust = motion.thrust if compensate or self._thrust_sent is None else self._thrust_sent
         velocity, attitude = motion.velocity, motion.attitude
@@ -233,7 +233,9 @@ class Adaptive:
         z1, z1_dot = (px - a, py - b, pz - c), (vx - d, vy - e, vz - f)
         feed, jerk = reference.acceleration_ned, reference.jerk_ned
         state = LawState(z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk)
-        step = backstep(ops, gains, state, mass, drag, witness=witness, suspended=suspended)
+        step = backstep(
+            ops, gains, state, mass, drag, composite_term=composite_term, suspended=suspended
+        )
         # The law's rates as the tilt limit leaves them, and the one that turns the heading.
         k_yaw, most = gains.k_yaw, limits.rates[2]
         yaw, yaw_dot = reference.yaw_rad, reference.yaw_rate_rad_s
@@ -247,19 +249,19 @@ class Adaptive:
         rate_x, rate_y, self._tilt_limited = limits.limit_tilt(
             attitude, motion.rates, (step.rate_x, step.rate_y), least, gains.k_omega
         )
-        third = yaw_rate(ops, attitude, yaw, yaw_dot, rate_y, k_yaw, most)
+        third = compute_yaw_rate(ops, attitude, yaw, yaw_dot, rate_y, k_yaw, most)
         rates = wanted = (rate_x, rate_y, third)
         if compensate:
             thrust_command = thrust + self._thrust_lead * step.thrust_rate
             if vehicle.rate_lag_s > 0.0:
                 thrust_rate = limits.limit_thrust_rate(thrust, step.thrust_rate, self._thrust_lead)
                 ahead = self._look_ahead(state, step, thrust_rate, estimate, mass, interval_s)
-                x, y = turn_rates(ops, gains, ahead, mass, drag, suspended)
+                x, y = compute_turn_rates(ops, gains, ahead, mass, drag, suspended)
                 x, y, _ = limits.limit_tilt(
                     ahead.attitude, motion.rates, (x, y), least, gains.k_omega
                 )
                 yaw = yaw + AHEAD_S * yaw_dot
-                third = yaw_rate(ops, ahead.attitude, yaw, yaw_dot, y, k_yaw, most)
+                third = compute_yaw_rate(ops, ahead.attitude, yaw, yaw_dot, y, k_yaw, most)
                 rates = self._lead(motion.rates, wanted, (x, y, third))
         else:
             thrust_command = thrust + self._hold * step.thrust_rate
@@ -270,15 +272,15 @@ class Adaptive:
         self._saturated = clamped | self._tilt_limited
         self._thrust_sent = drive.thrust
         moved = add_scaled(b_hat, interval_s, step.b_hat_dot)
-        self.b_hat = within(ops, moved, gains.b_bound + gains.epsilon)
+        self.b_hat = clamp_length(ops, moved, gains.b_bound + gains.epsilon)
         known = estimate.disturbance if gains.composite == "provable" else b_hat
         certificate = _SUSPENDED if suspended is True else self._certificate
         diagnostics = describe_step(step, b_hat, known, certificate, wanted)
         return Decision(drive, self._saturated, diagnostics)
 
-    def _include_witness(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
-        """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂),
-        if any.
+    def _follow_observer(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
+        """Return b̂ moved by what the observer has found since the last command, and the composite
+        term κ (d̂ - b̂) [m/s³], if there is one.
 
         Provable form: b̂ moves along with d̂, ν = d̂˙ in docs/explanation/law.md. Raw form:
         innovations are added. With adaptation off b̂ stays; while it is suspended only ν moves b̂,
@@ -290,13 +292,13 @@ class Adaptive:
         (x, y, z), radius = b, gains.b_bound + gains.epsilon
         if gains.composite == "raw":
             u, v, w = estimate.disturbance_step
-            return within(self._ops, (x + u, y + v, z + w), radius), None
-        d, before = estimate.disturbance, self._witnessed
-        self._witnessed = d
+            return clamp_length(self._ops, (x + u, y + v, z + w), radius), None
+        d, before = estimate.disturbance, self._observed
+        self._observed = d
         p, q, r = d
         if before is not None:
             u, v, w = before
-            b = x, y, z = within(self._ops, (x + p - u, y + q - v, z + r - w), radius)
+            b = x, y, z = clamp_length(self._ops, (x + p - u, y + q - v, z + r - w), radius)
         k = gains.kappa
         return b, (k * (p - x), k * (q - y), k * (r - z))
 

@@ -1,8 +1,7 @@
-"""The law: nonlinear adaptive backstepping, equations (5)-(10) of Cabecinhas, Cunha, Silvestre, ACC
-2013.
+"""Law: nonlinear adaptive backstepping, equations (5)-(10) of Cabecinhas, Cunha, Silvestre, ACC
+2013, in the form corrected by docs/explanation/law.md, which lists the errors of the print.
 
-A pure function: state in, state rates and commands out; no clock, no I/O. The printed paper is
-wrong in places; docs/explanation/law.md lists them, and this file is the corrected form.
+A pure function: state in, state rates and commands out; no clock, no I/O.
 
     symbol      unit    frame   meaning                                       equation
     p, v        m, m/s  NED     position, velocity                            (1)
@@ -14,9 +13,12 @@ wrong in places; docs/explanation/law.md lists them, and this file is the correc
     û           m/s²    NED     -(T/m) R e3 + g e3 + b̂ - p¨d
     u*          m/s²    NED     virtual control                               (6)
     z3          m/s²    NED     û - u*                                        (7)
-    Ṫ, ω1, ω2   N/s, rad/s      what the vehicle should do                    (10)
+    ξ           m/s³    NED     b̂˙ without gain and projection                (8)
+    y           m/s³    FRD     jerk that brings z3 to 0                      (10)
+    Ṫ, ω1, ω2   N/s, rad/s      commands: thrust rate, roll and pitch rate    (10)
 
-On the plant of the paper, V˙ = -W + b̃ᵀ(ξ - Proj) <= -W.
+V is the Lyapunov function. Its terms have different units, as in the paper: factors of 1 that carry
+a unit are left out. On the plant of the paper, V˙ = -W + b̃ᵀ(ξ - Proj) <= -W.
 
 σ and ρ are of one family of odd, smooth functions: M r s/√(M² + r² s²), with bound M and slope r at
 0. (The paper prints M r s/√(1 + r² s²), whose slope is M·r.) All functions work elementwise: on
@@ -127,8 +129,8 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
     @cached_property
     def shape(self) -> "Shape":
         """Gain and functions of one axis."""
-        sigma = saturation(self.sigma_bound, self.sigma_slope)
-        rho = saturation(self.rho_bound, self.rho_slope)
+        sigma = make_saturation(self.sigma_bound, self.sigma_slope)
+        rho = make_saturation(self.rho_bound, self.rho_slope)
         return Shape(self.k2, sigma, rho, self.velocity_scale)
 
 
@@ -151,16 +153,16 @@ class Saturation(msgspec.Struct, frozen=True, gc=False):
     """M/r, for the integral φ = (M/r) (root - M)."""
 
 
-def saturation(bound: Real, slope: Real) -> Saturation:
-    """Make the function of this bound and slope."""
+def make_saturation(bound: Real, slope: Real) -> Saturation:
+    """Return σ or ρ of this ``bound`` M and ``slope`` r."""
     return Saturation(
         bound, slope, bound * bound, slope * bound * bound * bound, -3.0 * slope, bound / slope
     )
 
 
-def integral(sigma: Saturation, rs: Real, root: Real) -> Real:
-    """φ(s), the integral of σ from 0 to s: (M/r)(root - M), written without the cancellation near
-    0.
+def integrate_saturation(sigma: Saturation, rs: Real, root: Real) -> Real:
+    """Return φ(s), the integral of σ from 0 to s: (M/r)(root - M), written without the cancellation
+    near 0.
 
     Args:
         sigma: σ.
@@ -182,8 +184,8 @@ class Shape(msgspec.Struct, frozen=True, gc=False):
     """c of Ω [m/s]."""
 
 
-def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Real]:
-    """Ω(s) - s, Ω'(s), Ω''(s): Ω is the identity on [-M, M] and faster than linear outside.
+def evaluate_growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Real]:
+    """Return Ω(s) - s, Ω'(s), Ω''(s): Ω is the identity on [-M, M] and faster than linear outside.
 
     The excess Ω(s) - s is returned, not Ω itself: it is exactly 0 inside, so that a quotient
     z2/(Ω(x2) + Ω(σ)) = z2/(z2 + excess) needs no subtraction of nearly equal numbers.
@@ -206,16 +208,16 @@ def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Rea
 def project(
     ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delta: Real, order: int
 ) -> Vec3:
-    """Proj(ξ, b̂) = ξ - η1 η2 / (2 (ε² + 2εB)^(n+1) B²) b̂, with the signs and squares that print
-    lost.
+    """Return Proj(ξ, b̂) = ξ - η1 η2 / (2 (ε² + 2εB)^(n+1) B²) b̂, equation (9) with the signs and
+    squares that the print lacks.
 
     Args:
         ops: elementary functions.
-        xi: ξ, the direction in which the estimate would move without projection.
+        xi: ξ [m/s³], NED: the direction in which the estimate would move without projection.
         b_hat: b̂ [m/s²], NED.
         bound: B > 0 [m/s²].
         epsilon: ε > 0 [m/s²].
-        delta: δ > 0, smooths η2 about zero.
+        delta: δ > 0 [m²/s⁴]: smooths η2 about zero.
         order: n >= 1; Proj is n times continuously differentiable.
 
     Returns:
@@ -233,7 +235,7 @@ def project(
     return (x - k * bx, y - k * by, z - k * bz)
 
 
-def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
+def clamp_length(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
     """Scale b̂ radially into the ball of ``radius``.
 
     For a true b in that ball this never increases |b - b̂|.
@@ -257,20 +259,24 @@ tilt limits in use."""
 
 
 class BacksteppingAxis(msgspec.Struct, frozen=True, gc=False):
-    """One axis of the law."""
+    """Values of the law along one axis, at one state."""
 
     z3: Real
+    """[m/s²]."""
     xi: Real
-    """ξ of (8)."""
+    """ξ of (8) [m/s³]."""
     demand: Real
-    """k3 z3 + ∂V/∂z2, a term of y in (10)."""
+    """k3 z3 + ∂V/∂z2, a term of y in (10) [m/s³]."""
     u_star_dot: Real
-    """u˙* for b̂ = b, another term of y in (10)."""
+    """u˙* for b̂ = b, another term of y in (10) [m/s³]."""
     z2: Real
+    """[m/s]."""
     sigma: Real
+    """σ(z1) [m/s]."""
     u_star: Real
+    """[m/s²]."""
     rho: Real
-    """ρ(z2)."""
+    """ρ(z2) [-]."""
     omega: Real
     """Ω(x2) + Ω(σ) [m/s]."""
     rs: Real
@@ -278,9 +284,13 @@ class BacksteppingAxis(msgspec.Struct, frozen=True, gc=False):
     root: Real
     """√(M² + r² z1²), for φ(z1)."""
     sigma_prime: Real
+    """σ'(z1) [1/s]."""
     du_dz1: Real
+    """∂u*/∂z1 [1/s²]."""
     du_dz2: Real
+    """∂u*/∂z2 [1/s]."""
     dv_dz2: Real
+    """∂V/∂z2 [m/s]."""
 
 
 class LawOutput(msgspec.Struct, frozen=True, gc=False):
@@ -308,7 +318,7 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
     """W = σᵀσ + k2 z2ᵀρ(z2) + z3ᵀ k3 z3."""
 
 
-def axis(
+def evaluate_axis(
     ops: Ops,
     shape: Shape,
     z1: Real,
@@ -335,7 +345,7 @@ def axis(
     w = 1.0 / sqrt(rho_shape.bound2 + rz * rz)
     rho, rho1 = rho_shape.bound * rz * w, rho_shape.steepness * w * w * w
     a = k2 * rho + s
-    excess, o1, o2 = growth(ops, x2, m, shape.velocity_scale)
+    excess, o1, o2 = evaluate_growth(ops, x2, m, shape.velocity_scale)
     # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
     omega = z2 + excess
     over = 1.0 / ops.where(excess == 0.0, 1.0, omega)
@@ -391,8 +401,8 @@ class LawTerms(msgspec.Struct, frozen=True, gc=False):
     """kb Proj(ξ, b̂) [m/s³], NED."""
     thrust: Real
     """Clamped T [N]."""
-    turn: Vec3
-    """y of (10), FRD."""
+    y: Vec3
+    """y of (10) [m/s³], FRD."""
 
 
 def backstep(
@@ -402,7 +412,7 @@ def backstep(
     mass: Real,
     drag: float = 0.0,
     *,
-    witness: Vec3 | None = None,
+    composite_term: Vec3 | None = None,
     suspended: bool = False,
 ) -> LawOutput:
     """Evaluate the law once.
@@ -413,22 +423,22 @@ def backstep(
         state: errors, vehicle and reference.
         mass: [kg].
         drag: configured linear drag c [1/s]: -c v is a part of the acceleration.
-        witness: κ (d̂ - b̂), added to ξ in b̂˙ (composite adaptation), or None. Ṫ and ω do not see
-            it: they use b̂˙ = kb Proj(ξ, b̂), which follows gusts better
-            (docs/decisions/0005-observer-and-adaptation.md).
-        suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
+        composite_term: κ (d̂ - b̂) [m/s³], NED, of composite adaptation, or None. It is added to ξ
+            in b̂˙. Ṫ and ω do not contain it: they use b̂˙ = kb Proj(ξ, b̂), which follows gusts
+            better (docs/decisions/0005-observer-and-adaptation.md).
+        suspended: whether b̂ is frozen (on the ground, saturated); the law then uses b̂˙ = 0.
     """
     terms = _evaluate(ops, law, state, mass, drag, suspended)
     (x, y, z), b_dot = terms.axes, terms.b_hat_dot
-    thrust, turn = terms.thrust, terms.turn
-    if witness is not None:
-        xi = add((x.xi, y.xi, z.xi), witness)
-        b_dot = _adaptation(ops, law, terms.kb, xi, state.b_hat)
-    v_terms, w_terms = _lyapunov_terms(law, x, y, z)
+    thrust, (y1, y2, y3) = terms.thrust, terms.y
+    if composite_term is not None:
+        xi = add((x.xi, y.xi, z.xi), composite_term)
+        b_dot = _find_adaptation(ops, law, terms.kb, xi, state.b_hat)
+    v_terms, w_terms = _find_lyapunov_terms(law, x, y, z)
     return LawOutput(
-        mass * turn[2],  # (10)
-        -(mass / thrust) * turn[1],
-        (mass / thrust) * turn[0],
+        mass * y3,  # (10)
+        -(mass / thrust) * y2,
+        (mass / thrust) * y1,
         b_dot,
         terms.z1,
         (x.z2, y.z2, z.z2),
@@ -441,16 +451,16 @@ def backstep(
     )
 
 
-def _lyapunov_terms(
+def _find_lyapunov_terms(
     law: Law, x: BacksteppingAxis, y: BacksteppingAxis, z: BacksteppingAxis
 ) -> tuple[Vec3, Vec3]:
     """Return the terms of V and of W in position, velocity and the third error."""
     level2, down2 = x.z3 * x.z3 + y.z3 * y.z3, z.z3 * z.z3
     k2, sigma = law.k2, law.shape.sigma
     v_position = (
-        integral(sigma, x.rs, x.root)
-        + integral(sigma, y.rs, y.root)
-        + integral(sigma, z.rs, z.root)
+        integrate_saturation(sigma, x.rs, x.root)
+        + integrate_saturation(sigma, y.rs, y.root)
+        + integrate_saturation(sigma, z.rs, z.root)
     )
     v_velocity = 0.5 * x.omega * x.omega + 0.5 * y.omega * y.omega + 0.5 * z.omega * z.omega
     v_third = 0.5 * (level2 + down2)
@@ -460,12 +470,13 @@ def _lyapunov_terms(
     return (v_position, v_velocity, v_third), (w_position, w_velocity, w_third)
 
 
-def turn_rates(
+def compute_turn_rates(
     ops: Ops, law: Law, state: LawState, mass: Real, drag: float = 0.0, suspended: bool = False
 ) -> tuple[Real, Real]:
-    """ω1 and ω2 [rad/s] of :func:`backstep`, without the rest."""
+    """Return ω1 and ω2 [rad/s] of :func:`backstep`, without the rest."""
     terms = _evaluate(ops, law, state, mass, drag, suspended)
-    return -(mass / terms.thrust) * terms.turn[1], (mass / terms.thrust) * terms.turn[0]
+    y1, y2, _ = terms.y
+    return -(mass / terms.thrust) * y2, (mass / terms.thrust) * y1
 
 
 def _evaluate(
@@ -474,8 +485,8 @@ def _evaluate(
     """Evaluate the three axes and (10)."""
     z1, z1_dot, (vx, vy, vz), attitude, thrust, b_hat, acceleration, jerk = state
     bx, by, bz = b_hat
-    a, b, c = z1 = clamp_each(ops, z1, INPUT_LIMIT)
-    d, e, f = clamp_each(ops, z1_dot, INPUT_LIMIT)
+    z1x, z1y, z1z = z1 = clamp_each(ops, z1, INPUT_LIMIT)
+    z1x_dot, z1y_dot, z1z_dot = clamp_each(ops, z1_dot, INPUT_LIMIT)
     ax, ay, az = clamp_each(ops, acceleration, INPUT_LIMIT)
     jx, jy, jz = clamp_each(ops, jerk, INPUT_LIMIT)
     thrust = ops.clamp(thrust, THRUST_SHARE_MIN * mass * law.gravity, INPUT_LIMIT)
@@ -484,25 +495,26 @@ def _evaluate(
     ux, uy, uz = push * north + bx - ax, push * east + by - ay, push * down + law.gravity + bz - az
     if drag:
         ux, uy, uz = ux - drag * vx, uy - drag * vy, uz - drag * vz
-        # û moves by -c v˙, of which û + p¨d is known, and -c b̃ is left to the adaptation.
+        # The drag changes û by -c v˙. Of v˙, û + p¨d is known; -c b̃ is left to the adaptation.
         jx, jy, jz = jx + drag * (ux + ax), jy + drag * (uy + ay), jz + drag * (uz + az)
     shape, k3 = law.shape, law.k3
-    x = axis(ops, shape, a, d, ux, k3, drag)
-    y = axis(ops, shape, b, e, uy, k3, drag)
-    z = axis(ops, shape, c, f, uz, law.k3_down, drag)
+    x = evaluate_axis(ops, shape, z1x, z1x_dot, ux, k3, drag)
+    y = evaluate_axis(ops, shape, z1y, z1y_dot, uy, k3, drag)
+    z = evaluate_axis(ops, shape, z1z, z1z_dot, uz, law.k3_down, drag)
     kb = ops.where(suspended, 0.0, law.kb)
-    p, q, r = b_dot = _adaptation(ops, law, kb, (x.xi, y.xi, z.xi), b_hat)  # (8)
-    wanted = (
-        x.demand + p - jx - x.u_star_dot,
-        y.demand + q - jy - y.u_star_dot,
-        z.demand + r - jz - z.u_star_dot,
+    b_hat_dot = _find_adaptation(ops, law, kb, (x.xi, y.xi, z.xi), b_hat)  # (8)
+    bx_dot, by_dot, bz_dot = b_hat_dot
+    y_ned = (
+        x.demand + bx_dot - jx - x.u_star_dot,
+        y.demand + by_dot - jy - y.u_star_dot,
+        z.demand + bz_dot - jz - z.u_star_dot,
     )
-    return LawTerms((x, y, z), z1, kb, b_dot, thrust, to_body(attitude, wanted))
+    return LawTerms((x, y, z), z1, kb, b_hat_dot, thrust, to_body(attitude, y_ned))
 
 
-def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3) -> Vec3:
-    """b̂˙ = kb Proj(ξ, b̂); ``kb`` is 0 where adaptation is suspended."""
-    by = project(
+def _find_adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3) -> Vec3:
+    """Return b̂˙ = kb Proj(ξ, b̂) [m/s³]; ``kb`` is 0 where adaptation is suspended."""
+    projected = project(
         ops,
         xi,
         b_hat,
@@ -511,13 +523,13 @@ def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3) -> Vec3:
         delta=law.delta,
         order=law.projection_order,
     )
-    return scale(kb, by)
+    return scale(kb, projected)
 
 
-def yaw_rate(
+def compute_yaw_rate(
     ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real
 ) -> Real:
-    """ω3 [rad/s] that turns the heading towards ``yaw`` [rad]; the law leaves ω3 free.
+    """Return ω3 [rad/s] that turns the heading towards ``yaw`` [rad]; the law leaves ω3 free.
 
     ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, with |cosφ| >= ``COS_ROLL_MIN``, and within
     ±``limit`` [rad/s].

@@ -33,7 +33,7 @@ from groundstation.core.control.adaptive import (
     least_k3,
     projection_slope,
 )
-from groundstation.core.control.backstepping import Law, axis
+from groundstation.core.control.backstepping import Law, evaluate_axis
 from groundstation.core.estimation import Estimation
 from groundstation.core.geometry import FLOATS, Real, Vec3, to_body
 from groundstation.core.messages import (
@@ -65,12 +65,12 @@ def virtual_control_sup(law: Law) -> float:
         best = (z1, x2)
         for i in range(last, -points - 1, -1):
             first = z1 + z1_span * i / points
-            slope = axis(FLOATS, law.shape, first, 0.0).sigma_prime
+            slope = evaluate_axis(FLOATS, law.shape, first, 0.0).sigma_prime
             if law.k2 * law.rho_bound + m + slope * (m + law.velocity_scale) < top:
                 continue  # |u*| is nowhere more than that for this z1: |x2| <= (M + c) Ω'(x2)
             for j in range(-points, points + 1):
                 second = x2 + x2_span * j / points
-                value = abs(axis(FLOATS, law.shape, first, second).u_star)
+                value = abs(evaluate_axis(FLOATS, law.shape, first, second).u_star)
                 if value > top:
                     top, best = value, (first, second)
         z1, x2 = best

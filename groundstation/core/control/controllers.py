@@ -40,7 +40,7 @@ from groundstation.core.control.attitude import (
     specific_thrust,
     turning,
 )
-from groundstation.core.control.backstepping import clamp_each, yaw_rate
+from groundstation.core.control.backstepping import clamp_each, compute_yaw_rate
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.estimation import (
     AccelerationBound,
@@ -144,7 +144,7 @@ class InnerLoop:
             disturbance: the controller's own disturbance estimate, for the record [m/s², NED].
         """
         motion, gravity = estimate.motion, self._gains.gravity
-        heading = yaw_rate(
+        heading = compute_yaw_rate(
             FLOATS,
             motion.attitude,
             reference.yaw_rad,

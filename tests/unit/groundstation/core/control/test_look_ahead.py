@@ -11,9 +11,9 @@ from groundstation.core.control import (
     Adaptive,
     Gains,
     acceleration,
+    compute_yaw_rate,
     make_controller,
     specific_thrust,
-    yaw_rate,
 )
 from groundstation.core.control.adaptive import Uncompensated, move_back
 from groundstation.core.control.controllers import L1, Indi
@@ -108,7 +108,7 @@ def test_a_heading_that_is_right_turns_as_fast_as_the_reference_however_the_vehi
 ) -> None:
     rate_y, wanted = -0.8, 0.5
     attitude = so3.from_euler_zyx(roll, pitch, 1.1)
-    rate_z = yaw_rate(FLOATS, attitude, 1.1, wanted, rate_y, 1.0, 10.0)
+    rate_z = compute_yaw_rate(FLOATS, attitude, 1.1, wanted, rate_y, 1.0, 10.0)
     turns = (math.sin(roll) * rate_y + math.cos(roll) * rate_z) / math.cos(pitch)
     assert turns == pytest.approx(wanted)
 
