@@ -1,5 +1,5 @@
-"""Hold-to-run control: the position of a key, an axis or a channel, read for as long as a flight
-lasts.
+"""Hold-to-run control: the position of a key, an axis or a transmitter's channel that the operator
+must hold, read each ``LOOK_S`` (10 ms) for as long as a flight lasts.
 """
 
 import asyncio
@@ -22,6 +22,36 @@ from links.mavlink.protocol import Message, load_dialect
 if TYPE_CHECKING:
     from evdev import InputDevice
 
+RATE_HZ = 25.0
+"""Requested rate of RC_CHANNELS [1/s]. Chosen."""
+OLD_S = 0.5
+"""Age of a channel's value from which the channel is lost [s]: a dozen messages are missing.
+Chosen."""
+NO_CHANNEL = (0, 0xFFFF)
+"""Values of RC_CHANNELS for a channel that does not exist (MAVLink common message 65)."""
+LOW_US = 1000
+"""Pulse of a channel at the low end of its travel [µs], position 0."""
+TRAVEL_US = 1000
+"""Difference of the pulses at both ends [µs]."""
+
+
+class Input(Protocol):
+    """A key, an axis, or a channel."""
+
+    what: str
+    """Its name, for the operator."""
+
+    def share(self) -> float | None:
+        """Return its position as a share of its travel, 0 (released) to 1 (pressed); None before
+        its first value.
+
+        Raises:
+            InputLost: it can't be read any more.
+        """
+
+    def close(self) -> None:
+        """Release it."""
+
 
 class DeviceInput:
     """A key or an axis of one of this machine's input devices, by evdev. Linux only.
@@ -40,7 +70,7 @@ class DeviceInput:
         self._is_axis = hold.startswith("ABS_")
 
     def share(self) -> float:
-        """Return how far the input is pressed, 0 to 1: a key 0 or 1, an axis by its range.
+        """Return its position, 0 to 1: of a key 0 or 1, of an axis by its range.
 
         Raises:
             InputLost: the device was unplugged, or taken from us.
@@ -56,7 +86,7 @@ class DeviceInput:
         return float((axis.value - axis.min) / (axis.max - axis.min))
 
     def close(self) -> None:
-        """Release the device, and what was grabbed of it."""
+        """Close the device, which also ends an exclusive use of it."""
         self._device.close()
 
 
@@ -75,38 +105,41 @@ def open_device(config: OperatorConfig) -> DeviceInput:
     if code is None:
         raise ConfigError("operator.hold", notice("hold.unknown_name", found=config.hold))
     kind = ecodes.EV_ABS if config.hold.startswith("ABS_") else ecodes.EV_KEY
-    words = "" if config.device.startswith("/") else config.device.lower()
-    found = list(_devices(config.device))
-    fits = [
+    part_of_name = "" if config.device.startswith("/") else config.device.lower()
+    devices = list(_list_devices(config.device))
+    suitable = [
         device
-        for device in found
-        if words in device.name.lower() and code in device.capabilities(absinfo=False).get(kind, [])
+        for device in devices
+        if part_of_name in device.name.lower()
+        and code in device.capabilities(absinfo=False).get(kind, [])
     ]
-    for device in found:
-        if len(fits) != 1 or device is not fits[0]:
+    for device in devices:
+        if len(suitable) != 1 or device is not suitable[0]:
             device.close()
-    if len(fits) == 1:
+    if len(suitable) == 1:
         if config.grab:
-            with suppress(OSError):  # another flight has grabbed it: no terminal gets it either
-                fits[0].grab()
-        return DeviceInput(fits[0], config.hold, code)
-    if fits:
-        several = ", ".join(map(_name_device, fits))
+            # Where another flight has grabbed the device, no terminal gets its keys either.
+            with suppress(OSError):
+                suitable[0].grab()
+        return DeviceInput(suitable[0], config.hold, code)
+    if suitable:
+        several = ", ".join(map(_name_device, suitable))
         raise ConfigError(
             "operator.device", notice("hold.several", name=config.hold, devices=several)
         )
-    listed = ", ".join(map(_name_device, found)) or notice("hold.no_device")
+    listed = ", ".join(map(_name_device, devices)) or notice("hold.no_device")
     raise ConfigError(
         "operator.device", notice("hold.no_such_device", name=config.hold, devices=listed)
     )
 
 
 def _name_device(device: "InputDevice[str]") -> str:
+    """Return name and path of ``device``, for the operator."""
     return f"“{device.name}” ({os.fsdecode(device.path)})"
 
 
-def _devices(path: str) -> "Iterator[InputDevice[str]]":
-    """Yield the device at ``path``, or all that may be read."""
+def _list_devices(path: str) -> "Iterator[InputDevice[str]]":
+    """Yield the device at ``path``, opened; all that may be read where it is no absolute path."""
     from evdev import InputDevice, list_devices
 
     if path.startswith("/"):
@@ -123,14 +156,6 @@ def _devices(path: str) -> "Iterator[InputDevice[str]]":
             yield InputDevice(one, readonly=True)
 
 
-RATE_HZ = 25.0
-"""Requested rate of RC_CHANNELS [1/s]."""
-OLD_S = 0.5
-"""A channel value older than this does not count [s]."""
-_UNUSED = (0, 0xFFFF)
-"""Values of a channel that does not exist."""
-
-
 class ChannelInput:
     """A channel of the operator's transmitter, reported by the autopilot (RC_CHANNELS, MAVLink
     common message 65).
@@ -140,9 +165,12 @@ class ChannelInput:
         """``number`` is from 1 to 18; the messages are requested as ``connection`` opens."""
         self.what = f"channel {number} of the transmitter"
         self._field = f"chan{number}_raw"
-        self._raw: int | None = None
+        self._pulse_us: int | None = None
+        """Newest pulse of the channel [µs]; None before the first."""
         self._time_s = 0.0
-        self._receives = True
+        """Its arrival."""
+        self._is_received = True
+        """Whether the autopilot's receiver gets the transmitter."""
         connection.request(lambda _: {"RC_CHANNELS": RATE_HZ})
         connection.subscribe(self._take)
 
@@ -152,84 +180,79 @@ class ChannelInput:
         Raises:
             InputLost: the autopilot no longer reports it, or does not receive the transmitter.
         """
-        if self._raw is None:
+        if self._pulse_us is None:
             return None
-        old_s = asyncio.get_running_loop().time() - self._time_s
-        if not old_s <= OLD_S:
-            raise InputLost(notice("hold.untold", age_s=old_s))
-        if not self._receives:
+        age_s = asyncio.get_running_loop().time() - self._time_s
+        if age_s > OLD_S:
+            raise InputLost(notice("hold.untold", age_s=age_s))
+        if not self._is_received:
             raise InputLost(notice("hold.no_receiver"))
-        if self._raw in _UNUSED:
+        if self._pulse_us in NO_CHANNEL:
             raise InputLost(notice("hold.no_channel"))
-        return (self._raw - 1000) / 1000
+        return (self._pulse_us - LOW_US) / TRAVEL_US
 
     def close(self) -> None:
-        """Nothing to release: the connection is the link's."""
+        """Do nothing: the connection is the link's."""
 
     def _take(self, message: Message, arrival_s: float) -> None:
+        """Take the channel's pulse, or the state of the receiver."""
         match message.get_type():
             case "RC_CHANNELS":
-                self._raw, self._time_s = getattr(message, self._field), arrival_s
+                self._pulse_us, self._time_s = getattr(message, self._field), arrival_s
             case "SYS_STATUS":
                 enabled = message.onboard_control_sensors_enabled
                 healthy = message.onboard_control_sensors_health
                 receiver = load_dialect().MAV_SYS_STATUS_SENSOR_RC_RECEIVER
-                self._receives = not enabled & receiver or bool(healthy & receiver)
-
-
-class Input(Protocol):
-    """A key, an axis, or a channel."""
-
-    what: str
-    """Its name, for the operator."""
-
-    def share(self) -> float | None:
-        """Return how far the input is pressed, 0 to 1; None before its first value.
-
-        Raises:
-            InputLost: it can't be read any more.
-        """
-
-    def close(self) -> None:
-        """Release it."""
+                self._is_received = not enabled & receiver or bool(healthy & receiver)
 
 
 class HoldWatch:
     """Watch on the operator's hold of one flight."""
 
     def __init__(self, what: str, above: float, connect: Callable[[], Input]) -> None:
-        """``connect`` opens the input as the flight begins; ``what`` is its name until then."""
+        """Begin without an input.
+
+        Args:
+            what: name of the input until it is open.
+            above: share of its travel from which it is held [-].
+            connect: opens the input, as the flight begins.
+        """
         self.hold = HoldToRun(what, above)
         self._connect = connect
 
-    async def run(self, looked: Callable[[], None]) -> None:
-        """Read the input until cancelled, and call ``looked`` each time, also after it is lost.
+    async def run(self, on_read: Callable[[], None]) -> None:
+        """Read the input each ``LOOK_S`` until cancelled, and call ``on_read`` each time, also
+        after it is lost.
 
-        A release is detected within ``2 LOOK_S``, a bounce included.
+        A lost input is known within ``LOOK_S``, a release within ``2 LOOK_S`` after its debounce,
+        ``operator.DEBOUNCE_S``.
         """
-        loop, held = asyncio.get_running_loop(), None
+        loop, opened = asyncio.get_running_loop(), None
         try:
-            held = self._connect()
-            self.hold.rename(held.what)
+            opened = self._connect()
+            self.hold.rename(opened.what)
             while True:
                 try:
-                    self.hold.take_position(held.share(), loop.time())
+                    self.hold.take_position(opened.share(), loop.time())
                 except InputLost as lost:
                     self.hold.lose(str(lost))
-                looked()
+                on_read()
                 await asyncio.sleep(LOOK_S)
-        except Exception as error:  # noqa: BLE001  # whatever it is, it is no longer known whether it is held
+        except Exception as error:  # noqa: BLE001  # after any error it is not known whether it is held
             self.hold.lose(str(error) or type(error).__name__)
         finally:
-            if held is not None:
-                held.close()
+            if opened is not None:
+                opened.close()
         while True:
-            looked()
+            on_read()
             await asyncio.sleep(LOOK_S)
 
 
 def make_hold(config: OperatorConfig, link: CommandLink) -> HoldWatch | None:
-    """Make the watch on the hold; None if nothing must be held. The flight opens a device."""
+    """Make the watch on the hold; None if nothing must be held.
+
+    A device is opened by the watch, a channel comes by ``link``.
+    """
     if not config.hold:
         return None
     number = config.channel

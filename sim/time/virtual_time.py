@@ -1,10 +1,9 @@
 """Virtual time: an asyncio event loop with datagram endpoints and stream connections in memory.
 
-Application code runs on it unchanged: nothing ever waits, time jumps to the next scheduled
-callback, and ``create_datagram_endpoint`` and ``create_connection`` connect endpoints by address
-inside the process. What is written to a stream arrives in the loop's next turn. A run is
-bit-identical to the next one, and 60 s of flight take a fraction of a second. No threads and no
-real sockets in this mode.
+Application code runs on it unchanged. Time jumps to the next scheduled callback instead of waiting
+for it, and ``create_datagram_endpoint`` and ``create_connection`` connect endpoints by address
+inside the process. Data that is sent arrives in the loop's next turn. Two runs are identical to the
+bit, and 60 s of flight take a fraction of a second. There are no threads and no real sockets.
 """
 
 import asyncio
@@ -21,32 +20,41 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 Address: TypeAlias = tuple[str, int]
-Hear: TypeAlias = Callable[[Address, Address, bytes], None]
+"""Host and port."""
+OnSent: TypeAlias = Callable[[Address, Address, bytes], None]
+"""Function that takes data as they are sent: source, target, data."""
+Tap: TypeAlias = Callable[[float, Address, Address, bytes], None]
+"""The same with the virtual time before them [s]."""
+
+FREE_PORTS = range(61000, 65536)
+"""Ports of endpoints that bind to port 0: above those that Linux assigns itself (32768 to 60999),
+and above every port that listens by default."""
 
 
 class MemoryStream(asyncio.Transport):
     """One end of a connection. It never has to wait, so nothing is ever buffered."""
 
     def __init__(
-        self, loop: asyncio.AbstractEventLoop, hear: Hear, local: Address, remote: Address
+        self, loop: asyncio.AbstractEventLoop, on_sent: OnSent, local: Address, remote: Address
     ) -> None:
-        """``hear(source, target, data)`` sees what leaves this end."""
+        """``on_sent`` is called with all data that leave this end."""
         super().__init__({"sockname": local, "peername": remote})
         self._loop = loop
-        self._hear = hear
-        self._way = (local, remote)
+        self._on_sent = on_sent
+        self._local, self._remote = local, remote
         self._protocol: Any = asyncio.Protocol()
         self._closing = False
         self.other: MemoryStream | None = None
+        """Other end of the connection."""
 
     def write(self, data: Any) -> None:
         """Send bytes; nothing happens on a closed connection."""
         if not self._closing and self.other is not None:
-            self._hear(*self._way, bytes(data))
+            self._on_sent(self._local, self._remote, bytes(data))
             self._loop.call_soon(self.other.receive, bytes(data))
 
     def receive(self, data: bytes) -> None:
-        """Take what the other end has sent."""
+        """Take the bytes that the other end has sent."""
         if not self._closing:
             self._protocol.data_received(data)
 
@@ -59,19 +67,19 @@ class MemoryStream(asyncio.Transport):
                 self._loop.call_soon(self.other.close)
 
     def abort(self) -> None:
-        """Close at once: nothing waits to leave."""
+        """Close at once: as nothing is buffered, the same as :meth:`close`."""
         self.close()
 
     def get_write_buffer_size(self) -> int:
-        """Nothing waits."""
+        """Return 0, as nothing is buffered."""
         return 0
 
     def is_closing(self) -> bool:
-        """True once it is closed."""
+        """Whether it is closed."""
         return self._closing
 
     def set_protocol(self, protocol: asyncio.BaseProtocol) -> None:
-        """Whoever takes what arrives."""
+        """Have ``protocol`` take the data that arrive."""
         self._protocol = protocol
 
 
@@ -81,7 +89,7 @@ class Listener:
     def __init__(
         self, protocol_factory: Callable[[], asyncio.BaseProtocol], forget: Callable[[], Any]
     ) -> None:
-        """``forget`` takes it off the network."""
+        """``forget`` removes it from the network."""
         self.protocol_factory = protocol_factory
         self._forget = forget
 
@@ -92,15 +100,15 @@ class Listener:
 
 def connect_ends(
     loop: asyncio.AbstractEventLoop,
-    hear: Hear,
+    on_sent: OnSent,
     client: asyncio.BaseProtocol,
     client_address: Address,
     server: asyncio.BaseProtocol,
     server_address: Address,
 ) -> tuple[MemoryStream, asyncio.BaseProtocol]:
-    """Two ends that know each other; returns the client's."""
-    here = MemoryStream(loop, hear, client_address, server_address)
-    there = MemoryStream(loop, hear, server_address, client_address)
+    """Connect ``client`` and ``server`` by a stream; return the client's end and protocol."""
+    here = MemoryStream(loop, on_sent, client_address, server_address)
+    there = MemoryStream(loop, on_sent, server_address, client_address)
     here.other, there.other = there, here
     for end, protocol in ((here, client), (there, server)):
         end.set_protocol(protocol)
@@ -108,22 +116,18 @@ def connect_ends(
     return here, client
 
 
-FREE_PORTS = range(61000, 65536)
-"""Whoever asks for any port gets one of these: above those of Linux, as above every port that
-listens by default."""
-
-Tap: TypeAlias = Callable[[float, Address, Address, bytes], None]
-
-
 class SimulationStuck(RuntimeError):
-    """Every task waits and nothing is scheduled: a deadlock, found for free."""
+    """Deadlock: every task waits and nothing is scheduled."""
 
 
 class _Clock(selectors.BaseSelector):
-    """A selector that watches nothing: instead of waiting for the next timer, time jumps to it."""
+    """Selector of the loop that watches no file: instead of waiting for the next timer, time jumps
+    to it.
+    """
 
     def __init__(self) -> None:
         self.now_s = 0.0
+        """Virtual time [s]."""
         self._map: dict[int, selectors.SelectorKey] = {}
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
@@ -137,6 +141,11 @@ class _Clock(selectors.BaseSelector):
         return self._map.pop(fileobj if isinstance(fileobj, int) else fileobj.fileno())
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        """Advance time to the next timer, ``timeout`` [s] from now; no file is ever ready.
+
+        Raises:
+            SimulationStuck: there is no timer.
+        """
         if timeout is None:
             raise SimulationStuck(
                 "the simulation is stuck: every task waits and nothing is scheduled"
@@ -157,7 +166,8 @@ class _Endpoint(asyncio.DatagramTransport):
         self.local = local
         self.remote = remote
         self.context = copy_context()
-        """Context of the opener: arriving data are taken there, as by a socket's reader."""
+        """Context variables at the opening: the protocol takes arriving data in these, as with a
+        real socket."""
         self.protocol: asyncio.DatagramProtocol | None = None
         self._closing = False
 
@@ -169,6 +179,7 @@ class _Endpoint(asyncio.DatagramTransport):
             self._loop.carry(self.local, (target[0], target[1]), bytes(data))
 
     def join(self, group: str) -> None:
+        """Receive the datagrams to the multicast address ``group``, too."""
         self._loop.groups.setdefault((group, self.local[1]), []).append(self)
 
     def close(self) -> None:
@@ -191,6 +202,7 @@ class _Endpoint(asyncio.DatagramTransport):
         return self._closing
 
     def receive(self, data: bytes, source: Address) -> None:
+        """Take a datagram; a connected endpoint takes those of its remote address only."""
         if (
             not self._closing
             and self.protocol is not None
@@ -200,7 +212,9 @@ class _Endpoint(asyncio.DatagramTransport):
 
 
 class _Socket:
-    """Socket of an endpoint for application code: it sends, always with room, and joins groups."""
+    """Socket of an endpoint for application code: it sends without ever blocking, and joins
+    multicast groups.
+    """
 
     def __init__(self, endpoint: _Endpoint) -> None:
         self._endpoint = endpoint
@@ -215,15 +229,15 @@ class _Socket:
         self._endpoint.sendto(data, target)
 
     def setsockopt(self, level: int, option: int, value: bytes) -> None:
-        """Join a group: its address, then that of an interface.
+        """Join a multicast group by an ``ip_mreq``: 4 bytes of its address, 4 of an interface's.
 
-        An interface alone is where to send: all are one.
+        The address of an interface alone selects the one to send by; here there is only one.
         """
         if len(value) == 8:
             self._endpoint.join(".".join(map(str, value[:4])))
 
     def close(self) -> None:
-        """The endpoint stays: this was but a handle on it."""
+        """Do nothing: the endpoint stays open without its socket."""
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
@@ -236,9 +250,13 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         super().__init__(self._clock)
         self._clock_resolution = ROUNDING_S  # timers less apart are due in the same turn
         self.endpoints: dict[Address, _Endpoint] = {}
+        """Newest open endpoint of each address."""
         self.groups: dict[Address, list[_Endpoint]] = {}
+        """Members of each multicast group, by its address and port."""
         self.listeners: dict[Address, Listener] = {}
+        """Servers that take connections, by address."""
         self.tap: Tap | None = None
+        """Called with everything that is sent; None for nothing."""
         self._next_port = FREE_PORTS.start
 
     def time(self) -> float:
@@ -255,7 +273,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         reuse_port: bool | None = None,
         **_: Any,
     ) -> tuple[asyncio.DatagramTransport, asyncio.DatagramProtocol]:
-        """An endpoint of the in-memory network; port 0 picks a free one.
+        """Open an endpoint of the in-memory network; port 0 takes a free one.
 
         Raises:
             OSError: the address is in use.
@@ -273,28 +291,28 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     async def create_connection(  # type: ignore[override]  # the in-memory network needs only these
         self, protocol_factory: Callable[[], asyncio.BaseProtocol], host: str, port: int, **_: Any
     ) -> tuple[asyncio.Transport, asyncio.BaseProtocol]:
-        """A stream to whoever listens at ``host``:``port``.
+        """Open a stream to the server that listens at ``host``:``port``.
 
         Raises:
-            ConnectionRefusedError: nobody does.
+            ConnectionRefusedError: none listens there.
         """
         listener = self.listeners.get((host, port))
         if listener is None:
             raise ConnectionRefusedError(errno.ECONNREFUSED, f"nobody listens at {host}:{port}")
         local = self._bind(None)
 
-        def hear(source: Address, target: Address, data: bytes) -> None:
+        def on_sent(source: Address, target: Address, data: bytes) -> None:
             if self.tap is not None:
                 self.tap(self.time(), source, target, data)
 
         return connect_ends(
-            self, hear, protocol_factory(), local, listener.protocol_factory(), (host, port)
+            self, on_sent, protocol_factory(), local, listener.protocol_factory(), (host, port)
         )
 
     async def create_server(  # type: ignore[override]  # the in-memory network needs only these
         self, protocol_factory: Callable[[], asyncio.BaseProtocol], host: str, port: int, **_: Any
     ) -> Listener:
-        """Take the streams that are opened to ``host``:``port``.
+        """Listen for streams that are opened to ``host``:``port``.
 
         Raises:
             OSError: the address is in use.
@@ -306,12 +324,13 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return listener
 
     def _bind(self, address: Address | None) -> Address:
+        """Return ``address`` with a free port in the place of 0; None is any port of loopback."""
         host, port = address or ("127.0.0.1", 0)
-        return host, port or self._free_port(host)
+        return host, port or self._find_free_port(host)
 
-    def _free_port(self, host: str) -> int:
-        """The next one in turn, so that what is on its way to a port that was closed meets nobody
-        new there.
+    def _find_free_port(self, host: str) -> int:
+        """Return the next free port in turn: data under way to a port that was closed must not
+        reach a new endpoint.
         """
         for _ in FREE_PORTS:
             port = self._next_port
@@ -321,9 +340,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         raise OSError(errno.EADDRINUSE, f"every port of {host} is in use")
 
     def carry(self, source: Address, target: Address, data: bytes) -> None:
-        """Bring one datagram to ``target`` in the next turn of the loop.
+        """Deliver one datagram to ``target`` in the next turn of the loop.
 
-        Lost where nobody listens, as in UDP.
+        Without an endpoint there it is lost, as in UDP.
         """
         if self.tap is not None:
             self.tap(self.time(), source, target, data)
@@ -340,7 +359,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 def in_virtual_time(
     work: Callable[P, Coroutine[Any, Any, T]], loop: Callable[[], VirtualTimeLoop] | None = None
 ) -> Callable[P, T]:
-    """``work`` as a plain function: each call runs on a loop of its own, which ``loop`` makes."""
+    """Return ``work`` as a plain function: each call runs on a new loop, made by ``loop``."""
 
     @wraps(work)
     def run(*args: P.args, **options: P.kwargs) -> T:
