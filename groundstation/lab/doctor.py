@@ -48,9 +48,9 @@ from links.mavlink.protocol import (
     PX4,
     AutopilotParameter,
     Handshake,
-    ReadAll,
-    Write,
-    is_same,
+    ReadParameters,
+    WriteParameter,
+    is_same_float32,
 )
 from links.rf import Board, RfLinkConfig, describe_change, describe_pulses, find_settings
 
@@ -320,7 +320,7 @@ class MavlinkVisit:
 
     async def read(self, names: Iterable[str]) -> dict[str, Setting]:
         """Those of the parameters ``names`` that it has; raises LinkError."""
-        reads = ReadAll(self._connection.autopilot(), names)
+        reads = ReadParameters(self._connection.autopilot(), names)
         await self._connection.run_handshake(Handshake([reads]))
         return {name: Setting(*found) for name, found in reads.found.items()}
 
@@ -333,7 +333,7 @@ class MavlinkVisit:
             ValueError: such a parameter can't have this value.
         """
         autopilot, value = self._connection.autopilot(), float(parameter.value)
-        write = Write(autopilot, AutopilotParameter(parameter.name, value, parameter.kind))
+        write = WriteParameter(autopilot, AutopilotParameter(parameter.name, value, parameter.kind))
         if await self._is_armed():
             raise LinkRejected(notice("doctor.armed"))
         self._refuse_two()
@@ -342,7 +342,7 @@ class MavlinkVisit:
         if parameter.name not in found:
             raise LinkLost(notice("doctor.not_read_back", name=parameter.name))
         now = found[parameter.name]
-        if not (isinstance(now.value, float) and is_same(now.value, value)):
+        if not (isinstance(now.value, float) and is_same_float32(now.value, value)):
             raise LinkRejected(
                 notice(
                     "doctor.reads_back",

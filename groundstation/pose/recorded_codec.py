@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import minimal
 
 from groundstation.core.messages import notice
 from groundstation.pose.sources import POSE_MESSAGES
-from links.mavlink.protocol import MavlinkCodec, Message, frame_end, is_autopilot
+from links.mavlink.protocol import MavlinkCodec, Message, find_frame_end, is_autopilot
 
 _STAMP = struct.Struct(">Q")
 """Time stamp of a record [µs since 1970]."""
@@ -90,7 +90,7 @@ class TlogReader:
         lost = False
         while start < size:
             begin = start + _STAMP.size
-            end = frame_end(data, begin) if begin < size else size + 1
+            end = find_frame_end(data, begin) if begin < size else size + 1
             if end > size and not lost:
                 codec.dropped["truncated"] += 1
                 self._used += size - start

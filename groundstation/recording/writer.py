@@ -35,7 +35,7 @@ from groundstation.recording.records import (
     WireRecord,
 )
 from groundstation.runtime import __version__
-from links.mavlink.protocol import MOST_SENDERS, frame_end
+from links.mavlink.protocol import MOST_SENDERS, find_frame_end
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -149,13 +149,13 @@ class TlogCutter:
         """
         stamp = (stamp_ns // 1000).to_bytes(8, "big")
         unfinished = self._unfinished.pop(peer, b"")
-        if data and frame_end(data, 0) == len(data) and (peer is not None or not unfinished):
+        if data and find_frame_end(data, 0) == len(data) and (peer is not None or not unfinished):
             return stamp + data
         data = unfinished + data
         found = bytearray()
         start, size = 0, len(data)
         while start < size:
-            end = frame_end(data, start)
+            end = find_frame_end(data, start)
             if end > size:
                 break
             if end:

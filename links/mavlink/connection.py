@@ -19,16 +19,16 @@ from links.mavlink.handshake_runner import HandshakeRunner
 from links.mavlink.protocol import (
     MOST_SENDERS,
     AutopilotAddress,
+    AutopilotTexts,
     HeartbeatMonitor,
     MavCommand,
     MavlinkCodec,
     MavlinkLinkConfig,
     Message,
     OtherTraffic,
+    RoundTrip,
     TargetSenders,
     Timesync,
-    Trip,
-    Words,
     choose_streams,
     is_autopilot,
 )
@@ -80,7 +80,8 @@ class MavlinkConnection:
         """
         self._config = config
         self._target = (config.target_system, config.target_component)
-        self.codec, self.words = MavlinkCodec(config.system_id, config.component_id), Words()
+        self.codec = MavlinkCodec(config.system_id, config.component_id)
+        self.words = AutopilotTexts()
         self.others = OtherTraffic(config)
         """Senders other than the vehicle."""
         self.other_addresses: tuple[str, ...] = ()
@@ -149,7 +150,7 @@ class MavlinkConnection:
         return self._trouble or self.words.newest
 
     @property
-    def clock(self) -> Trip | None:
+    def clock(self) -> RoundTrip | None:
         """The autopilot's clock against ours; None until it has answered."""
         return self.timesync.best
 

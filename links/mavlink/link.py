@@ -40,7 +40,7 @@ from links.mavlink.protocol import (
     SLOW_BAUD,
     SLOW_HZ,
     SLOW_QUESTION_S,
-    STALE_NEWS_S,
+    STALE_HEARTBEAT_S,
     AskMode,
     AutopilotAddress,
     Handshake,
@@ -52,12 +52,12 @@ from links.mavlink.protocol import (
     ReadVersion,
     Uplink,
     Vitals,
-    arming,
     attitude_of,
-    disarming,
-    fitness,
-    landing,
-    landing_disarmed,
+    make_arming,
+    make_checks,
+    make_disarming,
+    make_landing,
+    make_landing_disarmed,
 )
 from links.text import link_notice
 
@@ -345,7 +345,7 @@ class MavlinkLink:
         self._examined = Examination(version.firmware)
         self.connection.note_examined()
         try:
-            await self._ask(fitness(autopilot))
+            await self._ask(make_checks(autopilot))
         except LinkRejected as error:
             self._examined = Examination(version.firmware, unfit=str(error))
 
@@ -369,7 +369,7 @@ class MavlinkLink:
 
         if self._busy or not _over(self._killing):
             raise LinkMisuse(f"arm() {self._busy or 'while the motors are being killed'}")
-        handshake = self._under_way = arming(
+        handshake = self._under_way = make_arming(
             self.connection.autopilot(), self._config.ardupilot_mode
         )
         self.connection.begin_arming()
@@ -431,7 +431,7 @@ class MavlinkLink:
         if armed.obeys_s is None:
             return
         if self._under_way is None and self._landing is None:
-            armed.taken = self._vitals.foreign(armed.obeys_s + STALE_NEWS_S)
+            armed.taken = self._vitals.foreign(armed.obeys_s + STALE_HEARTBEAT_S)
         if armed.taken or self.connection.state == "connected":
             armed.obeys_s = None
             self._transmitter.stop()
@@ -496,7 +496,7 @@ class MavlinkLink:
             await run_step(connection, AskMode(connection.autopilot()))
             armed.taken = self._vitals.foreign(asked_s)
             if not armed.taken:
-                await run_step(connection, landing(connection.autopilot()))
+                await run_step(connection, make_landing(connection.autopilot()))
                 armed.lands_by_itself = True
         except LinkError:
             return  # the bring-down by rates goes on to its end
@@ -533,11 +533,11 @@ class MavlinkLink:
         """
         autopilot = self.connection.autopilot()
         try:
-            await self._ask(disarming(autopilot))
+            await self._ask(make_disarming(autopilot))
         except LinkRejected:
             if autopilot.kind != ARDUPILOT:
                 raise
-            await self._ask(landing_disarmed(autopilot))
+            await self._ask(make_landing_disarmed(autopilot))
         self.connection.believe_armed(False)
         self._transmitter.stop()
 

@@ -9,7 +9,14 @@ says what each means, and what it should be.
 import math
 from collections.abc import Mapping
 
-from links.mavlink.protocol import PX4, WHOLE_BITS, MavParamType, Message, decode, encode
+from links.mavlink.protocol import (
+    INTEGER_BITS,
+    PX4,
+    MavParamType,
+    Message,
+    decode_parameter,
+    encode_parameter,
+)
 
 PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
     # What the simulated one does.
@@ -92,7 +99,7 @@ class Parameters:
         self._table = dict(table)
         for name, value in changes.items():
             kind = self._table[name][1]
-            encode(autopilot, value, kind)
+            encode_parameter(autopilot, value, kind)
             self._table[name] = (value, kind)
 
     def __getitem__(self, name: str) -> float:
@@ -122,14 +129,14 @@ class Parameters:
         if name not in self._table:
             return []
         kind = self._table[name][1]
-        value = decode(self._autopilot, request.param_value, kind)
+        value = decode_parameter(self._autopilot, request.param_value, kind)
         if math.isfinite(value) and (self._autopilot != PX4 or request.param_type == kind):
             self._table[name] = (_fitting(value, kind), kind)
         return [self._make_value_message(name, dialect)]
 
     def _make_value_message(self, name: str, dialect: Message) -> Message:
         value, kind = self._table[name]
-        number = encode(self._autopilot, value, kind)
+        number = encode_parameter(self._autopilot, value, kind)
         index = list(self._table).index(name)
         return dialect.MAVLink_param_value_message(
             name.encode("ascii"), number, kind, len(self._table), index
@@ -140,8 +147,8 @@ def _fitting(value: float, kind: int) -> float:
     """Return ``value`` as a parameter of ``kind`` (MAV_PARAM_TYPE) holds it: whole, in its
     range.
     """
-    if kind not in WHOLE_BITS:
+    if kind not in INTEGER_BITS:
         return value
-    bits, signed = WHOLE_BITS[kind]
+    bits, signed = INTEGER_BITS[kind]
     low = -(1 << bits - 1) if signed else 0
     return float(min(max(int(value), low), low + (1 << bits) - 1))

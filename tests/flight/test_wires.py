@@ -19,7 +19,7 @@ from groundstation.flight import Flight, about, make_flight
 from groundstation.pose import TlogReader
 from groundstation.recording import FlightLog
 from links.io import parse_address
-from links.mavlink.protocol import frame_end
+from links.mavlink.protocol import find_frame_end
 from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import free_address, in_real_time, running
@@ -51,7 +51,7 @@ class Relay(asyncio.DatagramProtocol):
     def feed(self, data: bytes) -> None:
         """Pass on the whole frames; each must begin where the last one ended."""
         self.rest += data
-        while self.rest and (end := frame_end(self.rest, 0)) <= len(self.rest):
+        while self.rest and (end := find_frame_end(self.rest, 0)) <= len(self.rest):
             assert end, "what the link writes is frame after frame"
             # Who speaks to an autopilot that hasn't started isn't heard.
             if self.autopilot is not None:

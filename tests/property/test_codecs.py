@@ -19,7 +19,7 @@ from groundstation.pose.sources.vicon_codec import (
     euler_xyz_from_quaternion,
     quaternion_from_euler_xyz,
 )
-from links.mavlink.protocol import MavlinkCodec, Words
+from links.mavlink.protocol import AutopilotTexts, MavlinkCodec
 from links.rf import CrsfLinkConfig, DsmLinkConfig
 from links.rf.codec import RfCodec
 from sim.autopilots import AUTOPILOTS, SimulatedAutopilot
@@ -86,7 +86,7 @@ def test_whole_frames_are_all_found_between_garbage(real: list[bytes], garbage: 
 def test_no_message_makes_a_pose_decoder_or_the_words_raise(
     datagrams: list[bytes], now_s: float
 ) -> None:
-    codec, words = MavlinkCodec(245, 190), Words()
+    codec, words = MavlinkCodec(245, 190), AutopilotTexts()
     decoders = (OdometryDecoder(0.0), LocalPositionDecoder(0.0))
     for data in datagrams:
         for message in codec.feed(data):

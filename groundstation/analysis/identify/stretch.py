@@ -18,7 +18,13 @@ from groundstation.core.messages import Pose, notice
 from groundstation.core.mission import State
 from groundstation.recording import Recording
 from groundstation.settings import Config, FlightConfig, read_flown_config
-from links.mavlink.protocol import LONGEST_S, NEWEST, MavlinkCodec, Trip, attitude_of
+from links.mavlink.protocol import (
+    LONGEST_TRAVEL_S,
+    TRIPS_KEPT,
+    MavlinkCodec,
+    RoundTrip,
+    attitude_of,
+)
 
 Column = NDArray[np.float64]
 
@@ -148,7 +154,7 @@ class _OwnAttitude:
     def __init__(self) -> None:
         self.latency = PoseLatency(math.inf)
         self._codecs: dict[int, MavlinkCodec] = {}
-        self._trips: deque[Trip] = deque(maxlen=NEWEST)
+        self._trips: deque[RoundTrip] = deque(maxlen=TRIPS_KEPT)
 
     def find_lateness(self) -> tuple[float, float] | None:
         """See :attr:`FlightStretch.late_s`: the way there takes any part of a round trip."""
@@ -169,8 +175,10 @@ class _OwnAttitude:
         for message in self._codecs[wire].feed(data, peer):
             if message.get_type() == "TIMESYNC" and message.tc1 > 0:
                 trip_s = max(time_s - 1e-9 * message.ts1, 0.0)
-                if trip_s <= LONGEST_S:  # it answers us
-                    self._trips.append(Trip(trip_s, 1e-9 * message.tc1 - (time_s - 0.5 * trip_s)))
+                if trip_s <= LONGEST_TRAVEL_S:  # it answers us
+                    self._trips.append(
+                        RoundTrip(trip_s, 1e-9 * message.tc1 - (time_s - 0.5 * trip_s))
+                    )
                 continue
             told = attitude_of(message, time_s, min(self._trips, default=None))
             if told is not None:

@@ -16,7 +16,7 @@ from groundstation.pose.sources.datagram import AtAddress, DatagramSource
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.mavlink_codec import PoseDecoder, VisionReader, decoder_for
 from links.mavlink import MavlinkLink
-from links.mavlink.protocol import Message, Trip
+from links.mavlink.protocol import Message, RoundTrip
 
 
 class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
@@ -56,7 +56,7 @@ class MavlinkPoseSource:
         self._decoder: PoseDecoder | None = None
         self._deliver: Callable[[Pose], None] | None = None
         self._unsubscribe: Callable[[], None] | None = None
-        self._trip: Trip | None = None
+        self._trip: RoundTrip | None = None
 
     @property
     def status(self) -> PoseStatus:

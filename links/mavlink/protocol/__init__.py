@@ -1,10 +1,10 @@
-"""MAVLink sans-IO: codec, signing, clocks, status, parameters, an autopilot's procedures."""
+"""MAVLink sans-IO: codec, signing, clocks, status, parameters, hand-shakes with an autopilot."""
 
 from links.mavlink.protocol.autopilot_state import (
-    STALE_NEWS_S,
+    STALE_HEARTBEAT_S,
+    AutopilotTexts,
     HeartbeatMonitor,
     Vitals,
-    Words,
     is_autopilot,
 )
 from links.mavlink.protocol.codec import (
@@ -24,15 +24,15 @@ from links.mavlink.protocol.codec import (
     MavResult,
     MavSeverity,
     Message,
-    frame_end,
+    find_frame_end,
     load_dialect,
 )
 from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
 from links.mavlink.protocol.odometry_codec import Odometry, encode_odometry, encode_origin
 from links.mavlink.protocol.procedures import (
+    INTEGER_BITS,
     MULTIROTORS,
     STREAM_S,
-    WHOLE_BITS,
     AskMode,
     AutopilotAddress,
     AutopilotParameter,
@@ -40,30 +40,30 @@ from links.mavlink.protocol.procedures import (
     HandshakeStep,
     Kill,
     MavParamType,
-    ReadAll,
+    ReadParameters,
     ReadVersion,
-    Write,
-    arming,
+    WriteParameter,
     choose_streams,
-    decode,
-    disarming,
-    encode,
-    fitness,
-    is_same,
-    landing,
-    landing_disarmed,
+    decode_parameter,
+    encode_parameter,
+    is_same_float32,
+    make_arming,
+    make_checks,
+    make_disarming,
+    make_landing,
+    make_landing_disarmed,
 )
 from links.mavlink.protocol.senders import OtherTraffic, TargetSenders
 from links.mavlink.protocol.signing import LAST_STAMP, TICKS_PER_S, Signer
 from links.mavlink.protocol.timesync import (
     ATTITUDE_HZ,
     ATTITUDES,
-    LONGEST_S,
-    NEWEST,
+    LONGEST_TRAVEL_S,
     SLOW_BAUD,
     SLOW_HZ,
+    TRIPS_KEPT,
+    RoundTrip,
     Timesync,
-    Trip,
     attitude_of,
 )
 from links.mavlink.protocol.uplink import QUESTION_S, SLOW_QUESTION_S, Uplink

@@ -163,7 +163,7 @@ class StatusText(msgspec.Struct):
         return printable(text.strip() if self.is_whole else text.strip() + GAP)
 
 
-class Words:
+class AutopilotTexts:
     """Newest texts of an autopilot (STATUSTEXT); parts are joined by sender and id."""
 
     def __init__(self) -> None:
@@ -198,7 +198,7 @@ class Words:
         return "; ".join(f"“{text}”" for text in reversed(newest))
 
 
-STALE_NEWS_S = 0.5
+STALE_HEARTBEAT_S = 0.5
 """A disarmed HEARTBEAT within this time after arming is ignored [s]: it may have left before."""
 
 
@@ -262,5 +262,5 @@ class HeartbeatMonitor:
         if heartbeat.base_mode & ARMED:
             if self._armed_s is None:
                 self._armed_s = now_s
-        elif self._armed_s is not None and now_s - self._armed_s > STALE_NEWS_S:
+        elif self._armed_s is not None and now_s - self._armed_s > STALE_HEARTBEAT_S:
             self._armed_s = None

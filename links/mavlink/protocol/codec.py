@@ -168,8 +168,8 @@ def load_dialect() -> Any:
     return ardupilotmega
 
 
-def frame_end(data: bytes, start: int) -> int:
-    """Where the frame that begins at ``start`` ends.
+def find_frame_end(data: bytes, start: int) -> int:
+    """Return the index after the frame that begins at ``start``.
 
     0 where no frame can begin there; more than ``len(data)`` where its end has not arrived.
     """
@@ -222,7 +222,7 @@ class MavlinkCodec:
         """
         unfinished = self._unfinished.pop(source, b"")
         if unfinished and source is not None and self._begins_with_frame(data):
-            is_whole = frame_end(unfinished, 0) == len(unfinished)
+            is_whole = find_frame_end(unfinished, 0) == len(unfinished)
             self.dropped["unknown" if is_whole else "truncated"] += 1
             unfinished = b""
         messages, rest = self._read(unfinished + data, used=used)
@@ -239,7 +239,7 @@ class MavlinkCodec:
 
     def _begins_with_frame(self, data: bytes) -> bool:
         """Whether a whole frame with a right checksum is at the beginning of ``data``."""
-        end = frame_end(data, 0) if data else 0
+        end = find_frame_end(data, 0) if data else 0
         if not 0 < end <= len(data):
             return False
         message = self._decode_frame(data[:end])
@@ -250,7 +250,7 @@ class MavlinkCodec:
         messages: list[Message] = []
         start, size = 0, len(data)
         while start < size:
-            end = frame_end(data, start)
+            end = find_frame_end(data, start)
             if end > size:
                 break
             if not end:
@@ -276,7 +276,7 @@ class MavlinkCodec:
         return messages, data[start:]
 
     def decode(self, frame: bytes) -> tuple[Message | None, str]:
-        """The message in one whole frame (see :func:`frame_end`), or None and the counted
+        """The message in one whole frame (see :func:`find_frame_end`), or None and the counted
         reason.
         """
         message = self._decode_frame(frame)

@@ -43,7 +43,7 @@ from itertools import islice
 from typing import NamedTuple, Protocol
 
 from links.core import DISARM_S, LinkError, LinkLost, LinkRejected
-from links.mavlink.protocol.autopilot_state import ESTIMATE, ESTIMATE_HZ, Words
+from links.mavlink.protocol.autopilot_state import ESTIMATE, ESTIMATE_HZ, AutopilotTexts
 from links.mavlink.protocol.codec import (
     ARDUPILOT,
     ARMED,
@@ -62,7 +62,7 @@ class AutopilotAddress(NamedTuple):
 
     codec: MavlinkCodec
     """Packs the requests."""
-    words: Words
+    words: AutopilotTexts
     """Its latest status texts."""
     system: int
     """Its MAVLink system."""
@@ -458,7 +458,7 @@ class MavParamType(IntEnum):
     REAL32 = 9
 
 
-WHOLE_BITS: dict[int, tuple[int, bool]] = {
+INTEGER_BITS: dict[int, tuple[int, bool]] = {
     MavParamType.UINT8: (8, False),
     MavParamType.INT8: (8, True),
     MavParamType.UINT16: (16, False),
@@ -480,13 +480,13 @@ class AutopilotParameter(NamedTuple):
     """MAV_PARAM_TYPE."""
 
 
-def decode(autopilot: int, number: float, kind: int) -> float:
-    """The value of ``kind`` that an ``autopilot`` (HEARTBEAT.autopilot) says by the float
-    ``number``.
+def decode_parameter(autopilot: int, number: float, kind: int) -> float:
+    """Return the value of a parameter of ``kind`` (MAV_PARAM_TYPE) from the float ``number`` of an
+    ``autopilot``'s PARAM_VALUE (HEARTBEAT.autopilot).
     """
-    if autopilot != PX4 or kind not in WHOLE_BITS:
+    if autopilot != PX4 or kind not in INTEGER_BITS:
         return number
-    bits, signed = WHOLE_BITS[kind]
+    bits, signed = INTEGER_BITS[kind]
     return float(int.from_bytes(struct.pack("<f", number)[: bits // 8], "little", signed=signed))
 
 
@@ -495,21 +495,22 @@ def read_parameter(autopilot: int, message: Message) -> AutopilotParameter:
 
     NaN where it is no number.
     """
-    value = decode(autopilot, message.param_value, message.param_type)
+    value = decode_parameter(autopilot, message.param_value, message.param_type)
     return AutopilotParameter(message.param_id, value, message.param_type)
 
 
-def encode(autopilot: int, value: float, kind: int) -> float:
-    """Float that means ``value`` of ``kind`` in a PARAM_SET to an ``autopilot``.
+def encode_parameter(autopilot: int, value: float, kind: int) -> float:
+    """Return the float for ``value`` of ``kind`` (MAV_PARAM_TYPE) in a PARAM_SET to an
+    ``autopilot`` (HEARTBEAT.autopilot).
 
     Raises:
         ValueError: such a parameter can't have this value.
     """
     if not math.isfinite(value):
         raise ValueError(link_notice("parameter.no_value", found=value))
-    if kind not in WHOLE_BITS:
+    if kind not in INTEGER_BITS:
         return value
-    bits, signed = WHOLE_BITS[kind]
+    bits, signed = INTEGER_BITS[kind]
     low = -(1 << bits - 1) if signed else 0
     if value != int(value) or not low <= value < low + (1 << bits):
         high = low + (1 << bits) - 1
@@ -521,8 +522,8 @@ def encode(autopilot: int, value: float, kind: int) -> float:
     return number
 
 
-class ReadAll:
-    """Ask for parameters by name; those that it never tells of it does not have."""
+class ReadParameters:
+    """Read parameters by name; the autopilot has none of those that it never reports."""
 
     failure: LinkError | None = None
 
@@ -570,8 +571,8 @@ class ReadAll:
             self._asked_s.pop(parameter.name, None)
 
 
-class Write(Repeated):
-    """Set one parameter until the autopilot tells that it has the value."""
+class WriteParameter(Repeated):
+    """Set one parameter, until the autopilot reports the value."""
 
     def __init__(self, autopilot: AutopilotAddress, parameter: AutopilotParameter) -> None:
         """Its kind must be what the autopilot told.
@@ -579,7 +580,7 @@ class Write(Repeated):
         Raises:
             ValueError: such a parameter can't have this value.
         """
-        number = encode(autopilot.kind, parameter.value, parameter.kind)
+        number = encode_parameter(autopilot.kind, parameter.value, parameter.kind)
         codec, system, component = autopilot.codec, autopilot.system, autopilot.component
         super().__init__(
             f"set its parameter {parameter.name} to {parameter.value:g}",
@@ -596,7 +597,7 @@ class Write(Repeated):
         if message.get_type() != "PARAM_VALUE" or message.param_id != wanted.name or not self._sent:
             return
         got = read_parameter(self._autopilot.kind, message).value
-        if is_same(got, wanted.value):
+        if is_same_float32(got, wanted.value):
             self.done = True
         else:
             self.failure = LinkRejected(
@@ -649,8 +650,8 @@ class ParameterMust(Repeated):
                 )
 
 
-def is_same(a: float, b: float) -> bool:
-    """Equal as 32-bit floats."""
+def is_same_float32(a: float, b: float) -> bool:
+    """Whether both are equal as 32-bit floats, as parameters travel."""
     return struct.pack("<f", a) == struct.pack("<f", b)
 
 
@@ -682,8 +683,8 @@ class GuidedOption(IntFlag):
     """The thrust field is a thrust, no climb rate."""
 
 
-def fitness(autopilot: AutopilotAddress) -> Handshake:
-    """Return the checks before arming that can be made without arming.
+def make_checks(autopilot: AutopilotAddress) -> Handshake:
+    """Make the checks before arming that can be made without arming.
 
     Raises:
         LinkRejected: the autopilot is neither PX4 nor ArduPilot, or the vehicle no multirotor.
@@ -691,8 +692,8 @@ def fitness(autopilot: AutopilotAddress) -> Handshake:
     return Handshake(_musts(autopilot))
 
 
-def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
-    """Into the mode that follows our set-points, then motors on.
+def make_arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
+    """Make the hand-shake into the mode that follows our set-points, then motors on.
 
     The caller streams set-points throughout.
 
@@ -716,7 +717,7 @@ def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
 
 
 def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
-    """Return the steps that every arming requires; raises LinkRejected, see :func:`arming`."""
+    """Return the steps that every arming requires; raises LinkRejected, see :func:`make_arming`."""
     if autopilot.kind not in (PX4, ARDUPILOT):
         raise LinkRejected(
             link_notice("autopilot.unknown_kind", system=autopilot.system, kind=autopilot.kind_name)
@@ -741,9 +742,11 @@ def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
     ]
 
 
-def disarming(autopilot: AutopilotAddress) -> Handshake:
-    """Motors off, with patience until the autopilot believes that it stands."""
-    # ArduPilot that refuses goes on refusing: mode LAND is its way (see landing_disarmed).
+def make_disarming(autopilot: AutopilotAddress) -> Handshake:
+    """Make the hand-shake that stops the motors on the floor; it is repeated until the autopilot
+    has detected the landing.
+    """
+    # ArduPilot that refuses goes on refusing: mode LAND is its way (:func:`make_landing_disarmed`).
     patience_s = 0.0 if autopilot.kind == ARDUPILOT else PATIENCE_S
     hint = link_notice("hint.disarm")
     return Handshake(
@@ -755,13 +758,13 @@ def disarming(autopilot: AutopilotAddress) -> Handshake:
     )
 
 
-def landing_disarmed(autopilot: AutopilotAddress) -> Handshake:
-    """ArduPilot's own way from standing on the ground to motors off: mode LAND."""
+def make_landing_disarmed(autopilot: AutopilotAddress) -> Handshake:
+    """Make the hand-shake that stops ArduPilot's motors on the floor: mode LAND."""
     return Handshake([_enter_land(autopilot, "hint.land_disarmed"), Disarmed(DISARM_S)])
 
 
-def landing(autopilot: AutopilotAddress) -> Handshake:
-    """Into the mode that lands by the autopilot's own estimate, in the air.
+def make_landing(autopilot: AutopilotAddress) -> Handshake:
+    """Make the hand-shake into the mode that lands by the autopilot's own estimate, in the air.
 
     Asked for while the bring-down is sent.
 

@@ -15,14 +15,14 @@ from typing import NamedTuple
 from links.core import UNIT_TOLERANCE, Attitude, from_euler_zyx
 from links.mavlink.protocol.codec import Message
 
-NEWEST = 16
+TRIPS_KEPT = 16
 """Number of round trips among which the shortest counts [-]. Chosen: 16 s of heartbeats."""
-LONGEST_S = 1.0
+LONGEST_TRAVEL_S = 1.0
 """Longest travel time of a message [s]: a later answer is ignored, and an older stamp is of another
 clock than TIMESYNC's."""
 
 
-class Trip(NamedTuple):
+class RoundTrip(NamedTuple):
     """One question and its answer."""
 
     rtt_s: float
@@ -35,9 +35,9 @@ class Timesync:
     """Difference of the autopilot's clock from ours, by our questions and their answers."""
 
     def __init__(self) -> None:
-        self._trips: deque[Trip] = deque(maxlen=NEWEST)
+        self._trips: deque[RoundTrip] = deque(maxlen=TRIPS_KEPT)
         self._asked_ns = 0
-        self.best: Trip | None = None
+        self.best: RoundTrip | None = None
         """The shortest of the newest trips; None before the first answer."""
 
     def ask(self, now_s: float) -> int:
@@ -51,16 +51,20 @@ class Timesync:
         Return whether it is to our newest question.
         """
         rtt_s = now_s - ours_ns * 1e-9
-        if ours_ns != self._asked_ns or theirs_ns <= 0 or not 0.0 <= rtt_s + 1e-9 <= LONGEST_S:
+        if (
+            ours_ns != self._asked_ns
+            or theirs_ns <= 0
+            or not 0.0 <= rtt_s + 1e-9 <= LONGEST_TRAVEL_S
+        ):
             return False
         self._asked_ns += 1  # answered once
         rtt_s = max(rtt_s, 0.0)
-        self._trips.append(Trip(rtt_s, theirs_ns * 1e-9 - (now_s - 0.5 * rtt_s)))
+        self._trips.append(RoundTrip(rtt_s, theirs_ns * 1e-9 - (now_s - 0.5 * rtt_s)))
         self.best = min(self._trips)
         return True
 
     @property
-    def newest(self) -> Trip | None:
+    def newest(self) -> RoundTrip | None:
         """The newest trip; None before the first answer."""
         return self._trips[-1] if self._trips else None
 
@@ -78,7 +82,7 @@ EARLY_S = 0.1
 Chosen."""
 
 
-def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attitude | None:
+def attitude_of(message: Message, arrival_s: float, clock: RoundTrip | None) -> Attitude | None:
     """Return the attitude in ``message``; None where it has none.
 
     It arrived at ``arrival_s`` [s, our clock]. ``clock`` is the autopilot's against ours. Without
@@ -101,6 +105,6 @@ def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attit
     time_s = arrival_s
     if clock is not None:
         stamp_s = message.time_boot_ms * 1e-3 - clock.offset_s
-        if -EARLY_S < arrival_s - stamp_s < LONGEST_S:
+        if -EARLY_S < arrival_s - stamp_s < LONGEST_TRAVEL_S:
             time_s = stamp_s
     return Attitude(time_s, q, rates)

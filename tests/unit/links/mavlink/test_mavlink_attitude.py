@@ -11,7 +11,7 @@ from groundstation.core.geometry import so3
 from groundstation.pose import TlogReader
 from links.core import Attitude
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol import PX4, Message, Trip, attitude_of, load_dialect
+from links.mavlink.protocol import PX4, Message, RoundTrip, attitude_of, load_dialect
 from sim.autopilots import AutopilotPeer, Px4Autopilot, SimulatedAutopilot
 from sim.autopilots.dialects import ArduPilotAutopilot
 from tests.airframe_double import Brick
@@ -23,7 +23,7 @@ ATTITUDE_HZ = 50.0
 
 GOLDEN = Path(__file__).parents[3] / "golden"
 DIALECT = load_dialect()
-CLOCK = Trip(0.004, 100.0)
+CLOCK = RoundTrip(0.004, 100.0)
 RATES = (0.1, -0.2, 0.3)
 
 
@@ -59,7 +59,7 @@ def test_both_messages_tell_the_same() -> None:
     ],
 )
 def test_its_time_is_its_stamp_where_the_clock_is_known_and_else_its_arrival(
-    arrival_s: float, clock: Trip | None, time_s: float
+    arrival_s: float, clock: RoundTrip | None, time_s: float
 ) -> None:
     told = attitude_of(quaternion(), arrival_s, clock)
     assert told is not None and told.time_s == pytest.approx(time_s)

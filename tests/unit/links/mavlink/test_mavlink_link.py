@@ -19,7 +19,7 @@ from links.mavlink.protocol.config import LOCAL_PORTS
 from tests.loops import Scene, in_virtual_time, on_stage
 
 # By their numbers: a limit that the test took from the code would bear out any value.
-STALE_NEWS_S = 0.5
+STALE_HEARTBEAT_S = 0.5
 
 HERE = ("127.0.0.1", 14540)
 D = MavlinkCodec(1, 1).dialect
@@ -131,7 +131,7 @@ async def test_a_heartbeat_of_what_is_no_autopilot_leaves_an_armed_vehicle_armed
 ) -> None:
     autopilot.armed = True
     await link.arm(lambda: command(0.0))
-    await asyncio.sleep(STALE_NEWS_S + 1.0)
+    await asyncio.sleep(STALE_HEARTBEAT_S + 1.0)
     # A companion, a gimbal, a camera with the autopilot's own numbers, which never arm.
     for kind in (18, 26, 30):
         autopilot.say(D.MAVLink_heartbeat_message(kind, INVALID, 0, 0, 4, 3))

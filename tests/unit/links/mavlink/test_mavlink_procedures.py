@@ -12,27 +12,27 @@ from hypothesis import given, strategies as st
 from links.core import LinkError, LinkLost, LinkRejected
 from links.mavlink.protocol import (
     ARDUPILOT,
+    INTEGER_BITS,
     PX4,
-    WHOLE_BITS,
     AskMode,
     AutopilotAddress,
     AutopilotParameter,
+    AutopilotTexts,
     Handshake,
     HandshakeStep,
     Kill,
     MavCommand,
     MavlinkCodec,
     MavParamType,
-    ReadAll,
+    ReadParameters,
     ReadVersion,
-    Words,
-    Write,
-    arming,
-    decode,
-    disarming,
-    encode,
-    landing,
-    landing_disarmed,
+    WriteParameter,
+    decode_parameter,
+    encode_parameter,
+    make_arming,
+    make_disarming,
+    make_landing,
+    make_landing_disarmed,
 )
 from links.mavlink.protocol.procedures import Wait, silence, stream
 from tests.unit.links.mavlink.test_mavlink_link import D, accept, ack
@@ -47,7 +47,7 @@ class Scene:
         self, kind: int, make: Callable[[AutopilotAddress], HandshakeStep], answer: Answer
     ) -> None:
         self.ours, self.theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
-        self.words = Words()
+        self.words = AutopilotTexts()
         self.handshake = make(AutopilotAddress(self.ours, self.words, 1, 1, kind))
         self.answer = answer
         self.asked: list[tuple[float, Any]] = []
@@ -112,7 +112,7 @@ def test_ardupilot_is_asked_for_guided_once_its_thrust_means_thrust(
     mode: str, number: float
 ) -> None:
     answer = ardupilot_with(GUID_OPTIONS=8.0, ATC_ANGLE_BOOST=0.0)
-    scene = Scene(ARDUPILOT, lambda autopilot: arming(autopilot, mode), answer).run()
+    scene = Scene(ARDUPILOT, lambda autopilot: make_arming(autopilot, mode), answer).run()
     assert scene.handshake.done
     assert [getattr(m, "param_id", getattr(m, "command", None)) for _, m in scene.asked] == [
         "GUID_OPTIONS", "ATC_ANGLE_BOOST", MavCommand.DO_SET_MODE, MavCommand.ARM_DISARM
@@ -124,7 +124,7 @@ def test_ardupilot_is_asked_for_guided_once_its_thrust_means_thrust(
 
 def test_what_is_given_up_while_ardupilots_rotors_stand_has_been_ordered() -> None:
     answer = ardupilot_with(GUID_OPTIONS=8.0, ATC_ANGLE_BOOST=0.0)
-    scene = Scene(ARDUPILOT, arming, answer)
+    scene = Scene(ARDUPILOT, make_arming, answer)
     ordered = []
     while not scene.handshake.done:
         scene.run(0.02)
@@ -147,7 +147,7 @@ def test_what_is_given_up_while_ardupilots_rotors_stand_has_been_ordered() -> No
 def test_ardupilot_that_would_misunderstand_our_thrust_is_not_armed(
     parameters: dict[str, float], says: tuple[str, ...]
 ) -> None:
-    scene = Scene(ARDUPILOT, arming, ardupilot_with(**parameters)).run()
+    scene = Scene(ARDUPILOT, make_arming, ardupilot_with(**parameters)).run()
     assert isinstance(scene.handshake.failure, LinkRejected)
     assert all(words in str(scene.handshake.failure) for words in says)
     assert scene.commands == []
@@ -164,12 +164,12 @@ def test_ardupilot_that_would_misunderstand_our_thrust_is_not_armed(
 )
 def test_a_vehicle_that_is_no_multirotor_is_not_armed(vehicle: int, name: str) -> None:
     with pytest.raises(LinkRejected, match=f"no multirotor .{name}"):
-        arming(address(PX4, vehicle))
+        make_arming(address(PX4, vehicle))
 
 
 def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> None:
     words = "Arming denied: resolve health failures first\t"
-    scene = Scene(PX4, arming, refuse(MavCommand.ARM_DISARM, 2, words=words)).run()
+    scene = Scene(PX4, make_arming, refuse(MavCommand.ARM_DISARM, 2, words=words)).run()
     failure = scene.handshake.failure
     assert scene.commands == [MavCommand.DO_SET_MODE, MavCommand.ARM_DISARM]
     assert isinstance(failure, LinkRejected)
@@ -178,7 +178,7 @@ def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> N
 
 
 def test_words_that_come_shortly_after_the_refusal_are_quoted() -> None:
-    scene = Scene(PX4, arming, refuse(MavCommand.ARM_DISARM, 2))
+    scene = Scene(PX4, make_arming, refuse(MavCommand.ARM_DISARM, 2))
     scene.run(1.3)
     assert scene.commands == [MavCommand.DO_SET_MODE, MavCommand.ARM_DISARM]
     assert scene.handshake.failure is None
@@ -187,9 +187,11 @@ def test_words_that_come_shortly_after_the_refusal_are_quoted() -> None:
     assert "“Preflight Fail: no attitude”" in str(scene.handshake.failure)
 
 
-def heard(*parts: tuple[int, int, bytes], component: int = 1, words: Words | None = None) -> Words:
+def heard(
+    *parts: tuple[int, int, bytes], component: int = 1, words: AutopilotTexts | None = None
+) -> AutopilotTexts:
     """Words after ``parts`` (STATUSTEXT.id, chunk_seq, text) of ``component`` have come."""
-    words = Words() if words is None else words
+    words = AutopilotTexts() if words is None else words
     codec = MavlinkCodec(1, component)
     for number, part, text in parts:
         (message,) = codec.feed(codec.pack(D.MAVLink_statustext_message(2, text, number, part)))
@@ -247,7 +249,7 @@ def test_pieces_are_joined_by_their_sender_and_number_also_with_others_between()
 
 def test_a_lost_request_or_answer_is_made_up_for() -> None:
     lost = [True, True, False, True, False]
-    scene = Scene(PX4, arming, lambda request: [] if lost.pop(0) else accept(request)).run()
+    scene = Scene(PX4, make_arming, lambda request: [] if lost.pop(0) else accept(request)).run()
     assert scene.handshake.done
     assert scene.commands == [MavCommand.DO_SET_MODE] * 3 + [MavCommand.ARM_DISARM] * 2
     assert [m.confirmation for _, m in scene.asked] == [0, 1, 2, 0, 1]
@@ -268,13 +270,13 @@ def test_motors_are_ordered_off_until_we_ourselves_are_answered(result: int) -> 
 
 
 def test_an_answer_to_another_ground_station_is_not_ours() -> None:
-    scene = Scene(PX4, arming, lambda request: [ack(request.command, 0, 255)]).run()
+    scene = Scene(PX4, make_arming, lambda request: [ack(request.command, 0, 255)]).run()
     assert isinstance(scene.handshake.failure, LinkLost)
     assert "no answer to the request to enter OFFBOARD" in str(scene.handshake.failure)
 
 
 def test_an_answer_before_the_question_is_not_one() -> None:
-    scene = Scene(PX4, disarming, lambda request: [])
+    scene = Scene(PX4, make_disarming, lambda request: [])
     scene.take_message(ack(MavCommand.ARM_DISARM))
     assert not scene.handshake.done
     assert not scene.run(0.1).handshake.done
@@ -282,7 +284,7 @@ def test_an_answer_before_the_question_is_not_one() -> None:
 
 def test_disarming_waits_until_the_autopilot_believes_that_it_stands() -> None:
     refused = refuse(MavCommand.ARM_DISARM, 1, 1, 0, words="Disarming denied: not landed")
-    scene = Scene(PX4, disarming, refused).run()
+    scene = Scene(PX4, make_disarming, refused).run()
     assert scene.handshake.done
     assert [(m.param1, m.param2) for _, m in scene.asked] == [(0.0, 0.0)] * 3
 
@@ -292,7 +294,7 @@ def heartbeat(*, armed: bool) -> Any:
 
 
 def test_ardupilot_lands_to_disarm_and_its_heartbeat_ends_that() -> None:
-    scene = Scene(ARDUPILOT, landing_disarmed, accept).run(1.0)
+    scene = Scene(ARDUPILOT, make_landing_disarmed, accept).run(1.0)
     assert (scene.asked[0][1].param1, scene.asked[0][1].param2) == (1.0, 9.0)
     scene.take_message(heartbeat(armed=True))
     assert not scene.run(1.0).handshake.done
@@ -340,7 +342,7 @@ Make = Callable[[AutopilotAddress], Any]
 
 
 def address(kind: int, vehicle: int = 2) -> AutopilotAddress:
-    return AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, kind, vehicle)
+    return AutopilotAddress(MavlinkCodec(245, 190), AutopilotTexts(), 1, 1, kind, vehicle)
 
 
 def answered(make: Make, kind: int, result: int | None) -> Scene:
@@ -357,26 +359,26 @@ def every(period_s: float, count: int, from_s: float = 0.0) -> list[float]:
     ("make", "kind", "result", "asked_s", "over_s", "failure"),
     [
         # Nobody answers: half a second and six times, unless it must go faster or does not matter.
-        (arming, PX4, None, every(0.5, 6, 1.2), 4.2, LinkLost),
-        (arming, ARDUPILOT, None, every(0.5, 6, 1.2), 4.2, LinkLost),
-        (disarming, PX4, None, every(0.5, 6), 3.0, LinkLost),
+        (make_arming, PX4, None, every(0.5, 6, 1.2), 4.2, LinkLost),
+        (make_arming, ARDUPILOT, None, every(0.5, 6, 1.2), 4.2, LinkLost),
+        (make_disarming, PX4, None, every(0.5, 6), 3.0, LinkLost),
         (ReadVersion, PX4, None, every(0.5, 3), 1.5, None),
         (AskMode, PX4, None, every(0.1, 15), 1.5, LinkLost),
         (Kill, PX4, None, every(0.05, 100), 5.0, LinkLost),
-        (lambda autopilot: ReadAll(autopilot, ["A"]), PX4, None, every(0.5, 6), 3.0, None),
+        (lambda autopilot: ReadParameters(autopilot, ["A"]), PX4, None, every(0.5, 6), 3.0, None),
         # A refusal is final once the autopilot had 0.3 s for its words ...
-        (disarming, PX4, DENIED, [0.0], 0.3, LinkRejected),
-        (disarming, ARDUPILOT, TEMPORARILY_REJECTED, [0.0], 0.3, LinkRejected),
+        (make_disarming, PX4, DENIED, [0.0], 0.3, LinkRejected),
+        (make_disarming, ARDUPILOT, TEMPORARILY_REJECTED, [0.0], 0.3, LinkRejected),
         (Kill, PX4, DENIED, every(0.05, 100), 5.0, LinkRejected),
         # ... but one that may pass is asked again every second, for 4 s.
-        (disarming, PX4, TEMPORARILY_REJECTED, every(1.0, 5), 4.3, LinkRejected),
+        (make_disarming, PX4, TEMPORARILY_REJECTED, every(1.0, 5), 4.3, LinkRejected),
         # What is in progress is left alone for 3 s.
-        (disarming, PX4, IN_PROGRESS, every(3.0, 4), math.inf, None),
+        (make_disarming, PX4, IN_PROGRESS, every(3.0, 4), math.inf, None),
         # Accepted: mode and arming at once; ArduCopter's rotors then take 2.5 s. A kill counts
         # twice.
-        (arming, PX4, 0, [1.2, 1.2], 1.2, None),
+        (make_arming, PX4, 0, [1.2, 1.2], 1.2, None),
         (Kill, PX4, 0, every(0.05, 2), 0.05, None),
-        (landing_disarmed, ARDUPILOT, 0, [0.0], 10.0, LinkRejected),
+        (make_landing_disarmed, ARDUPILOT, 0, [0.0], 10.0, LinkRejected),
         (lambda _: Wait(0.25), PX4, 0, [], 0.25, None),
     ],
 )
@@ -394,7 +396,7 @@ def test_a_request_is_repeated_and_given_up_at_these_times(
     assert [at_s for at_s, _ in scene.asked] == pytest.approx(asked_s, rel=0.04, abs=2.0 * STEP_S)
     assert end_s == pytest.approx(over_s, rel=0.04, abs=2.0 * STEP_S)
     assert type(scene.handshake.failure) is (type(None) if failure is None else failure)
-    if make is not arming:
+    if make is not make_arming:
         counts = [m.confirmation for _, m in scene.asked if m.get_type() == "COMMAND_LONG"]
         assert counts == list(range(len(counts))), "repetitions are numbered"
 
@@ -402,12 +404,12 @@ def test_a_request_is_repeated_and_given_up_at_these_times(
 @pytest.mark.parametrize(
     ("make", "kind", "requests"),
     [
-        (arming, PX4, [(176, 1.0, 6.0, 0.0), (400, 1.0, 0.0, 0.0)]),
-        (disarming, PX4, [(400, 0.0, 0.0, 0.0)]),
+        (make_arming, PX4, [(176, 1.0, 6.0, 0.0), (400, 1.0, 0.0, 0.0)]),
+        (make_disarming, PX4, [(400, 0.0, 0.0, 0.0)]),
         (Kill, PX4, [(400, 0.0, 21196.0, 0.0)] * 2),
-        (landing, PX4, [(176, 1.0, 4.0, 6.0)]),
-        (landing, ARDUPILOT, [(176, 1.0, 9.0, 0.0)]),
-        (landing_disarmed, ARDUPILOT, [(176, 1.0, 9.0, 0.0)]),
+        (make_landing, PX4, [(176, 1.0, 4.0, 6.0)]),
+        (make_landing, ARDUPILOT, [(176, 1.0, 9.0, 0.0)]),
+        (make_landing_disarmed, ARDUPILOT, [(176, 1.0, 9.0, 0.0)]),
     ],
 )
 def test_an_autopilot_is_asked_for_these_commands(
@@ -428,14 +430,14 @@ def test_every_multirotor_of_both_firmwares_may_be_armed(
     assert autopilot.name == name
     if kind == 8:
         with pytest.raises(LinkRejected, match="no PX4 and no ArduPilot"):
-            arming(autopilot)
+            make_arming(autopilot)
     else:
-        assert not arming(autopilot).done
+        assert not make_arming(autopilot).done
 
 
 def test_of_many_parameters_eight_wait_at_once_and_those_that_were_asked_less_come_first() -> None:
     names = [f"P{n}" for n in range(12)]
-    reads, theirs = ReadAll(address(PX4), names), MavlinkCodec(1, 1)
+    reads, theirs = ReadParameters(address(PX4), names), MavlinkCodec(1, 1)
     asked = [
         [one.param_id for frame in reads.poll(at_s) for one in theirs.feed(frame)]
         for at_s in (0.0, 0.4, 0.5)
@@ -508,43 +510,47 @@ REAL32 = MavParamType.REAL32
     ],
 )
 def test_a_value_has_these_bytes(autopilot: int, value: float, kind: int, wire: str) -> None:
-    number = encode(autopilot, value, kind)
+    number = encode_parameter(autopilot, value, kind)
     if not math.isnan(number):  # a NaN's bits need not survive the way through a double
         assert struct.pack("<f", number).hex() == wire
     (read,) = struct.unpack("<f", bytes.fromhex(wire))
-    assert decode(autopilot, read, kind) == value
+    assert decode_parameter(autopilot, read, kind) == value
 
 
 @given(
     st.sampled_from([PX4, ARDUPILOT]),
-    st.sampled_from(sorted(WHOLE_BITS)),
+    st.sampled_from(sorted(INTEGER_BITS)),
     st.integers(-(2**24), 2**24),
 )
 def test_every_whole_number_comes_back_or_is_refused(
     autopilot: int, kind: int, number: int
 ) -> None:
-    bits, signed = WHOLE_BITS[kind]
+    bits, signed = INTEGER_BITS[kind]
     low = -(1 << bits - 1) if signed else 0
     if low <= number < low + (1 << bits):
         if autopilot == PX4 and number < 0 and bits == 32:
             return  # some are NaNs with a payload: see the table
-        assert decode(autopilot, encode(autopilot, number, kind), kind) == number
+        assert (
+            decode_parameter(autopilot, encode_parameter(autopilot, number, kind), kind) == number
+        )
     else:
         with pytest.raises(ValueError, match="expected a whole number"):
-            encode(autopilot, number, kind)
+            encode_parameter(autopilot, number, kind)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 0.5])
 def test_what_a_whole_number_cannot_be_is_refused(value: float) -> None:
     with pytest.raises(ValueError, match=r"is no value|whole number"):
-        encode(PX4, value, INT32)
+        encode_parameter(PX4, value, INT32)
 
 
 NAMES = [f"P{n}" for n in range(20)]
 
 
 def value(autopilot: int, name: str, number: float, kind: int = REAL32) -> Any:
-    return D.MAVLink_param_value_message(name.encode(), encode(autopilot, number, kind), kind, 9, 0)
+    return D.MAVLink_param_value_message(
+        name.encode(), encode_parameter(autopilot, number, kind), kind, 9, 0
+    )
 
 
 def test_many_are_read_and_those_that_it_does_not_have_are_given_up() -> None:
@@ -555,10 +561,10 @@ def test_many_are_read_and_those_that_it_does_not_have_are_given_up() -> None:
         name = request.param_id
         return [value(ARDUPILOT, name, has[name])] if not next(lost, False) and name in has else []
 
-    reads: list[ReadAll] = []
+    reads: list[ReadParameters] = []
 
-    def read(autopilot: AutopilotAddress) -> ReadAll:
-        reads.append(ReadAll(autopilot, NAMES))
+    def read(autopilot: AutopilotAddress) -> ReadParameters:
+        reads.append(ReadParameters(autopilot, NAMES))
         return reads[0]
 
     scene = Scene(ARDUPILOT, read, answer).run()
@@ -569,7 +575,9 @@ def test_many_are_read_and_those_that_it_does_not_have_are_given_up() -> None:
 
 
 def write(kind: int, parameter: AutopilotParameter, told: Any) -> Scene:
-    return Scene(kind, lambda autopilot: Write(autopilot, parameter), lambda _: [told]).run()
+    return Scene(
+        kind, lambda autopilot: WriteParameter(autopilot, parameter), lambda _: [told]
+    ).run()
 
 
 def test_a_value_is_set_until_it_is_told_back() -> None:

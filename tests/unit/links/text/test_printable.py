@@ -11,7 +11,7 @@ import pytest
 from groundstation.config import ConfigError
 from groundstation.machine import NonBlockingWriter
 from groundstation.runtime import entry
-from links.mavlink.protocol import MavlinkCodec, Words
+from links.mavlink.protocol import AutopilotTexts, MavlinkCodec
 from links.text import printable
 
 HOSTILE = {
@@ -46,7 +46,7 @@ def test_letters_of_every_script_stay() -> None:
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
 def test_an_autopilots_words_are_letters_from_the_wire_on(text: str) -> None:
-    autopilot, station, words = MavlinkCodec(1, 1), MavlinkCodec(245, 190), Words()
+    autopilot, station, words = MavlinkCodec(1, 1), MavlinkCodec(245, 190), AutopilotTexts()
     made = autopilot.dialect.MAVLink_statustext_message(3, text.encode())
     for message in station.feed(autopilot.pack(made)):
         words.take_message(message)
