@@ -29,10 +29,8 @@ OLD_S = 0.5
 Chosen."""
 NO_CHANNEL = (0, 0xFFFF)
 """Values of RC_CHANNELS for a channel that does not exist (MAVLink common message 65)."""
-LOW_US = 1000
-"""Pulse of a channel at the low end of its travel [µs], position 0."""
-TRAVEL_US = 1000
-"""Difference of the pulses at both ends [µs]."""
+TRAVEL_US = (1000, 2000)
+"""Pulses of a channel at both ends of its travel [µs]."""
 
 
 class Input(Protocol):
@@ -189,7 +187,8 @@ class ChannelInput:
             raise InputLost(notice("hold.no_receiver"))
         if self._pulse_us in NO_CHANNEL:
             raise InputLost(notice("hold.no_channel"))
-        return (self._pulse_us - LOW_US) / TRAVEL_US
+        low, high = TRAVEL_US
+        return (self._pulse_us - low) / (high - low)
 
     def close(self) -> None:
         """Do nothing: the connection is the link's."""

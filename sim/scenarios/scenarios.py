@@ -272,9 +272,7 @@ accuracy where the configuration is right; with less the flight rings."""
 
 
 def _gale(name: str, wind: gale.GaleWind) -> Scenario:
-    """Return the scenario of the wind tunnel at one setting of its fans. In the tunnel's axes x is
-    north, y is west and z is up.
-    """
+    """Return the tunnel's scenario for one setting of its fans. Its x is north, y west and z up."""
     initial_m_s = wind.speed_m_s + wind.gust_m_s * math.sin(gale.GUST_PHASE)
     lean, thrust_share = gale.trim(initial_m_s)
     (x, y, z), (i, j, k), kg = gale.course(0.0)[0], gale.VEHICLE.rest_n, gale.VEHICLE.mass_kg

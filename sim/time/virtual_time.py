@@ -24,7 +24,7 @@ Address: TypeAlias = tuple[str, int]
 OnSent: TypeAlias = Callable[[Address, Address, bytes], None]
 """Function that takes data as they are sent: source, target, data."""
 Tap: TypeAlias = Callable[[float, Address, Address, bytes], None]
-"""The same with the virtual time before them [s]."""
+"""Function that takes data as they are sent: virtual time [s], source, target, data."""
 
 FREE_PORTS = range(61000, 65536)
 """Ports of endpoints that bind to port 0: above those that Linux assigns itself (32768 to 60999),

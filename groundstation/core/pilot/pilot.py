@@ -281,11 +281,9 @@ class Pilot:
         Needs a pose and a trajectory.
         """
         state = self.state
-        pose, descent = state.newest_pose, state.descent
-        assert pose is not None and self._followed is not None, (
-            "a command needs a pose and a trajectory"
-        )
-        trajectory, start_s = self._followed
+        pose, descent, followed = state.newest_pose, state.descent, self._followed
+        assert pose is not None and followed is not None, "a command needs pose and trajectory"
+        trajectory, start_s = followed
         acting_s = time_s + self._vehicle.acting_delay_s
         estimate = state.estimator.predict(acting_s)
         flight_time = acting_s - start_s

@@ -152,8 +152,8 @@ def _make_roughness_matrix(order: int) -> Array:
     return products
 
 
-class _Leg(NamedTuple):
-    """Polynomials of one leg, in its share x in 0..1."""
+class _LegPolynomials(NamedTuple):
+    """Polynomials of one leg, in the share x in 0..1 of it that is flown."""
 
     start_s: float
     rate: float
@@ -184,7 +184,7 @@ class Spline:
         self.joints_s = [float(t - times_s[0]) for t in times_s]
         self.duration_s = self.joints_s[-1]
         self._legs = [
-            _Leg(start, 1.0 / (end - start), *(tuple(axis) for axis in leg.T.tolist()))
+            _LegPolynomials(start, 1.0 / (end - start), *(tuple(axis) for axis in leg.T.tolist()))
             for (start, end), leg in zip(pairwise(self.joints_s), coefficients, strict=True)
         ]
         self._start = rest_there(self._moving(0.0))
@@ -207,7 +207,7 @@ class Spline:
             return self._end
         return self._moving(time_s)
 
-    def _find_leg(self, time_s: float) -> tuple[_Leg, float]:
+    def _find_leg(self, time_s: float) -> tuple[_LegPolynomials, float]:
         """Return the leg at ``time_s`` [s], and the share of it that is flown by then [-]."""
         leg = self._legs[max(0, min(bisect_right(self.joints_s, time_s), len(self._legs)) - 1)]
         return leg, (time_s - leg.start_s) * leg.rate
