@@ -7,8 +7,8 @@ its own time:
     world, config = prepare(SCENARIOS["paper"], [])
     result = fly(world, config, seed=0, duration_s=20.0)
 
-- ``SCENARIOS``: the scenarios by name, each a ``Scenario``: what is true, and what the controller
-  is told.
+- ``SCENARIOS``: the scenarios by name, each a ``Scenario``: the truth, and the configuration of a
+  flight in it.
 - ``prepare``: the truth and the configuration of a scenario after overrides, such as
   ``"vehicle.mass_kg=0.9"``.
 - ``prepare_own``: the same for a user's configuration file.
