@@ -54,7 +54,7 @@ EXCITATION_DELAY_S = 0.25
 """Time without tones after the first climb [s]: the law settles first. Chosen."""
 SPARSE_S = 0.07
 """Mean interval of poses above which calm gains are used [s]: between poses errors grow without
-correction. Chosen: more than that of the slowest poses that may take off (20 Hz)."""
+correction. Chosen; poses that may take off are at most 0.05 s apart."""
 GROUND_EFFECT_SHARE = 0.95
 """Least hover thrust that is taken over at lift-off, as a share of the weight [-]: where less
 lifts, ground effect carries the vehicle. Chosen."""
