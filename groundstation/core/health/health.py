@@ -422,7 +422,7 @@ class PositionTests:
         self._interval_s = mean_s + INTERVAL_SHARE * (dt_s - mean_s)
         if self._settled_s > SETTLE_S and dt_s <= OUTAGE_INTERVALS * mean_s:
             self._lateral.add((sx - mx, sy - my), (ux, uy), (mx - ux, my - uy), dt_s)
-            self._height.add((sz - mz,), (uz,), (mz - uz,), dt_s)
+            self._height.add((sz - mz, 0.0), (uz, 0.0), (mz - uz, 0.0), dt_s)
 
     def look(self, noise_m: float) -> tuple[Alarm, Alarm]:
         """Return the alarms of the lateral position and of the height, of all windows that end

@@ -26,14 +26,11 @@ and the law reacts to that. docs/explanation/trust.md has the derivation.
 """
 
 import math
+import operator
 from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
-
-import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from groundstation.core.estimation import HIGHLY_SIGNIFICANT, SIGNIFICANT
 from groundstation.core.messages import ROUNDING_S
@@ -101,7 +98,6 @@ LATE_BETTER = 4.0
 .1, and 1 where the latency is off by 50 ms."""
 
 Pair = tuple[float, float]
-Array = NDArray[np.float64]
 
 
 class HighPass:
@@ -137,10 +133,8 @@ TONES_LEAST = 2.0
 STEADY_TONE = 1.5
 """Mean square of the power of a steady tone over the square of its mean [-]: that of sin²."""
 RIDGE = 1e-10
-"""Excitation below which nothing was excited [m² s or rad² s]."""
-RIDGES = RIDGE * np.eye(2)
-"""Excitation that is added to both signals' products, so that these have an inverse [m² s or rad²
-s]."""
+"""Excitation below which nothing was excited [m² s or rad² s]. It is added to the squares of both
+signals, so that the matrix of their products has an inverse."""
 DIAGONAL = math.sqrt(0.5)
 
 
@@ -185,38 +179,110 @@ NO_ALARM = Alarm(0.0, 0.0, False)
 """Result without evidence."""
 
 
-SIGNALS = ("u", "v", "e")
-"""Signals of each axis, in the order of the matrices."""
-
-
-def _directions(*along: Sequence[float]) -> Array:
-    """Make the matrices from u, v and e of all axes to those along one direction, and to e across
-    it in the last row.
-
-    Shape (directions, signals + 1, signals x axes).
-    """
-    axes = len(along[0])
-    matrices = np.zeros((len(along), len(SIGNALS) + 1, len(SIGNALS) * axes))
-    for matrix, direction in zip(matrices, along, strict=True):
-        for signal in range(len(SIGNALS)):
-            matrix[signal, signal * axes : (signal + 1) * axes] = direction
-        if axes == 2:
-            matrix[-1, -axes:] = -direction[1], direction[0]
-    return matrices
-
-
-LINE = _directions((1.0,))
-PLANE = _directions((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-DIAGONAL, DIAGONAL))
+LINE = ((1.0, 0.0),)
+"""Direction of a signal with one axis; its second component is 0."""
+PLANE = ((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-DIAGONAL, DIAGONAL))
 """Directions of a plane that are evaluated: no direction is farther than 22.5 degrees from one of
-them."""
+them. Every other one is an axis."""
 
 
-LIMITS = np.array([1.0 - LEAST_RESPONSE, MOST_CROSS_RESPONSE])
-"""Limits of |D_u|, along and across [-]: a response, 1 + D_u along, may be as much too large as too
-small."""
-ADJUGATE = np.array([[1.0, -1.0], [-1.0, 1.0]])
-"""Signs of the adjugate of a symmetric matrix of two rows, which is that matrix with both its axes
-turned around."""
+class Products(NamedTuple):
+    """Integrals of products of the signals along one direction, and of e across it, x.
+
+    In m² s or rad² s.
+    """
+
+    uu: float = 0.0
+    uv: float = 0.0
+    vv: float = 0.0
+    ue: float = 0.0
+    ve: float = 0.0
+    ee: float = 0.0
+    ux: float = 0.0
+    vx: float = 0.0
+    xx: float = 0.0
+    v4: float = 0.0
+    """Fourth power of v, by means over blocks [m⁴ s or rad⁴ s]."""
+
+    def add(self, block: "Products") -> "Products":
+        """Return the integrals until the end of ``block``."""
+        return Products(*map(operator.add, self, block))
+
+    def since(self, then: "Products") -> "Products":
+        """Return the integrals over the time since ``then``."""
+        return Products(*map(operator.sub, self, then))
+
+
+class Sample(NamedTuple):
+    """Filtered signals, one value an axis, and the time for which they stand."""
+
+    dt_s: float
+    u: Pair
+    v: Pair
+    e: Pair
+
+
+def integrate_products(samples: Iterable[Sample], direction: Pair, block_s: float) -> Products:
+    """Return the integrals over ``samples`` of one block of ``block_s`` [s]."""
+    a, b = direction
+    uu = uv = vv = ue = ve = ee = ux = vx = xx = 0.0
+    for dt_s, (u_x, u_y), (v_x, v_y), (e_x, e_y) in samples:
+        u, v, e, x = a * u_x + b * u_y, a * v_x + b * v_y, a * e_x + b * e_y, a * e_y - b * e_x
+        uu, uv, vv = uu + dt_s * u * u, uv + dt_s * u * v, vv + dt_s * v * v
+        ue, ve, ee = ue + dt_s * u * e, ve + dt_s * v * e, ee + dt_s * e * e
+        ux, vx, xx = ux + dt_s * u * x, vx + dt_s * v * x, xx + dt_s * x * x
+    return Products(uu, uv, vv, ue, ve, ee, ux, vx, xx, vv * vv / block_s)
+
+
+class Integrals(NamedTuple):
+    """Integrals of the signals from the beginning until one instant."""
+
+    time_s: float
+    u2: float
+    """Square of the tones along all axes [m² s or rad² s]."""
+    v2: float
+    """Square of the law's own motion along all axes [m² s or rad² s]."""
+    u4: float
+    """Fourth power of the tones, by means over blocks [m⁴ s or rad⁴ s]."""
+    along: tuple[Products, ...]
+    """One of each direction."""
+
+
+class Regression(NamedTuple):
+    """Regression of e, and of e across, on u and v along one direction."""
+
+    along_u: float
+    """D_u of e [-]."""
+    along_v: float
+    """D_v of e [-]."""
+    across_u: float
+    """D_u of e across [-]."""
+    residual: float
+    """Integral of the square of what is left of e [m² s or rad² s]."""
+    residual_across: float
+    """The same of e across."""
+    variance_u: float
+    """Variance of D_u over the density of the residual [1 / (m² s) or 1 / (rad² s)]."""
+    variance_v: float
+    """The same of D_v."""
+
+
+def regress(products: Products) -> Regression:
+    """Regress e and e across on u and v."""
+    uv, ue, ve, ux, vx = products.uv, products.ue, products.ve, products.ux, products.vx
+    uu, vv = products.uu + RIDGE, products.vv + RIDGE
+    determinant = uu * vv - uv * uv
+    along_u, along_v = (vv * ue - uv * ve) / determinant, (uu * ve - uv * ue) / determinant
+    across_u, across_v = (vv * ux - uv * vx) / determinant, (uu * vx - uv * ux) / determinant
+    return Regression(
+        along_u,
+        along_v,
+        across_u,
+        products.ee - along_u * ue - along_v * ve,
+        products.xx - across_u * ux - across_v * vx,
+        vv / determinant,
+        uu / determinant,
+    )
 
 
 class Response:
@@ -225,7 +291,7 @@ class Response:
     """
 
     def __init__(
-        self, directions: Array, memory_s: float, least: float, own_motion: OwnMotion
+        self, directions: tuple[Pair, ...], memory_s: float, least: float, own_motion: OwnMotion
     ) -> None:
         """Begin without a sample.
 
@@ -237,19 +303,18 @@ class Response:
         """
         self._directions, self._own = directions, own_motion
         self._memory_s, self._least = memory_s, least
-        self._samples: list[tuple[float, ...]] = []
-        """Samples since the last look: interval [s], then the filtered signals."""
-        count, rows, _ = directions.shape
+        self._samples = list[Sample]()
+        """Samples since the last look."""
         self._time_s = 0.0
         self._kept = deque(
-            [_Integrals(0.0, np.zeros((count, rows, rows)), np.zeros(count), 0.0)],
+            [Integrals(0.0, 0.0, 0.0, 0.0, tuple(Products() for _ in directions))],
             maxlen=BLOCKS[-1] + 1,
         )
         """Integrals until the end of each of the last blocks."""
 
-    def add(self, e: Sequence[float], u: Sequence[float], v: Sequence[float], dt_s: float) -> None:
+    def add(self, e: Pair, u: Pair, v: Pair, dt_s: float) -> None:
         """Take one sample of the filtered signals, one value an axis."""
-        self._samples.append((dt_s, *u, *v, *e))
+        self._samples.append(Sample(dt_s, u, v, e))
         self._time_s += dt_s
 
     def look(self, noise: float) -> Alarm:
@@ -259,175 +324,150 @@ class Response:
 
         ``noise`` is the white noise of e, 1 sigma per axis.
         """
-        kept, own = self._kept, self._own
-        begun = [kept[-blocks] for blocks in BLOCKS if blocks <= len(kept)]
+        begun = [self._kept[-blocks] for blocks in BLOCKS if blocks <= len(self._kept)]
         self._close_block()
-        shortest_s = FEWEST_SAMPLES * own.memory_s - ROUNDING_S
-        begun = [each for each in begun if self._time_s - each.time_s >= shortest_s]
-        if not begun:
+        alarms = [self._judge(then, noise) for then in begun if self._has_moved(then)]
+        if not alarms:
             return NO_ALARM
-        now = kept[-1]
-        time_s = np.array([now.time_s - each.time_s for each in begun])[:, None]
-        along = now.products - np.array([each.products for each in begun])
-        # Every other direction is an axis.
-        powers = along[:, ::2].diagonal(axis1=2, axis2=3).sum(axis=1) / time_s
-        tones2, own2, least = powers[:, 0], powers[:, 1], TONES_LEAST * self._least
-        if tones2.max() < least * least and own2.max() < own.least * own.least:
-            return NO_ALARM
-        found = _regress(along)
-        # Where less than half of the tones' motion is measured at all, no error of the model of v
-        # is the cause: it would be measured, too.
-        measured2, tones_along2 = along[..., :3, :3].sum(axis=(-2, -1)), along[..., 0, 0]
-        moves = measured2 >= LEAST_RESPONSE * LEAST_RESPONSE * tones_along2
-        model2 = np.where(moves, MODEL_ERROR * MODEL_ERROR * own2[:, None], 0.0)[..., None]
-        # Tones at one end of a window are few samples. Of a steady tone all its time counts.
-        u4 = now.u4 - np.array([[each.u4] for each in begun])
-        sounded_s = np.clip(
-            STEADY_TONE * _burst_s(tones2[:, None] * time_s, u4),
-            FEWEST_SAMPLES * self._memory_s,
-            time_s,
-        )
-        tones, is_known = self._judge_tones(along, found, sounded_s, noise, model2)
-        moved_s = time_s
-        if math.isfinite(own.burst_s):
-            # A gust at the end of a calm window is few samples.
-            v4 = now.v4 - np.array([each.v4 for each in begun])
-            moved_s = np.clip(_burst_s(along[..., 1, 1], v4), own.burst_s, time_s)
-        own_excess = self._judge_own(along, found, time_s, moved_s, noise)
-        return Alarm(float(tones.max()), float(own_excess.max()), bool(is_known.all(axis=1).any()))
+        tones, owns, known = zip(*alarms, strict=True)
+        return Alarm(max(tones), max(owns), any(known))
 
     def _close_block(self) -> None:
         """Add the samples since the last look to the integrals."""
-        last = self._kept[-1]
-        if not self._samples:
-            self._kept.append(msgspec.structs.replace(last, time_s=self._time_s))
+        last, samples = self._kept[-1], self._samples
+        if not samples:
+            self._kept.append(last._replace(time_s=self._time_s))
             return
-        samples, self._samples = np.array(self._samples), []
-        signals = self._directions @ samples[:, 1:].T
-        block = (signals * samples[:, 0]) @ signals.transpose(0, 2, 1)
         block_s = self._time_s - last.time_s
+        block = [integrate_products(samples, each, block_s) for each in self._directions]
+        # Every other direction is an axis.
+        u2, v2 = sum(axis.uu for axis in block[::2]), sum(axis.vv for axis in block[::2])
+        along = tuple(before.add(each) for before, each in zip(last.along, block, strict=True))
         self._kept.append(
-            _Integrals(
-                self._time_s,
-                last.products + block,
-                last.v4 + block[:, 1, 1] ** 2 / block_s,
-                last.u4 + block[::2, 0, 0].sum() ** 2 / block_s,
-            )
+            Integrals(self._time_s, last.u2 + u2, last.v2 + v2, last.u4 + u2 * u2 / block_s, along)
         )
+        self._samples = []
+
+    def _has_moved(self, then: Integrals) -> bool:
+        """Whether the window since ``then`` is long enough, and the motion in it large enough, to
+        be evaluated.
+        """
+        now, own = self._kept[-1], self._own
+        time_s = now.time_s - then.time_s
+        if time_s < FEWEST_SAMPLES * own.memory_s - ROUNDING_S:
+            return False
+        least = TONES_LEAST * self._least
+        is_excited = now.u2 - then.u2 >= least * least * time_s
+        return is_excited or now.v2 - then.v2 >= own.least * own.least * time_s
+
+    def _judge(self, then: Integrals, noise: float) -> Alarm:
+        """Return the largest alarms of all directions in the window since ``then``; known where all
+        of them are.
+        """
+        now, own = self._kept[-1], self._own
+        time_s, own2 = now.time_s - then.time_s, (now.v2 - then.v2) / (now.time_s - then.time_s)
+        # Tones at one end of a window are few samples. Of a steady tone all its time counts.
+        burst_s = STEADY_TONE * _burst_s(now.u2 - then.u2, now.u4 - then.u4)
+        sounded_s = min(max(burst_s, FEWEST_SAMPLES * self._memory_s), time_s)
+        tones, owns, is_known = 0.0, 0.0, True
+        for until, before in zip(now.along, then.along, strict=True):
+            products = until.since(before)
+            found = regress(products)
+            excess, knows = self._judge_tones(products, found, sounded_s, noise, own2)
+            tones, is_known = max(tones, excess), is_known and knows
+            # A gust at the end of a calm window is few samples.
+            moved_s = min(max(_burst_s(products.vv, products.v4), own.burst_s), time_s)
+            owns = max(owns, self._judge_own(products, found, time_s, moved_s, noise))
+        return Alarm(tones, owns, is_known)
 
     def _judge_tones(
-        self, along: Array, found: "_Regression", sounded_s: Array, noise: float, model2: Array
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the excess of the responses to the tones [-], and where the poses are known to
-        respond.
+        self, products: Products, found: Regression, sounded_s: float, noise: float, own2: float
+    ) -> tuple[float, bool]:
+        """Return the excess of the response to the tones along one direction [-], and whether the
+        poses are known to respond.
 
-        ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4,
-        4); ``model2``: mean square by which the model of v is wrong, shape (windows, directions,
-        1).
+        ``sounded_s``: time for which the tones were there [s]; ``own2``: mean square of the law's
+        own motion [m² or rad²].
         """
-        rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / sounded_s)
-        is_excited = rms >= TONES_LEAST * self._least
-        if not is_excited.any():
-            return np.zeros_like(rms), is_excited
-        errors = self._find_errors(found, 0, sounded_s, self._memory_s, noise, model2)
-        commanded = along[..., 0, 0] + along[..., 0, 1]
-        alone = along[..., 0, 2:] / np.maximum(commanded, RIDGE)[..., None]
-        beyond = np.minimum(np.abs(found.slopes[..., 0, :]), np.abs(alone)) - LIMITS
-        # Otherwise v has undone the tones.
-        counts = (errors <= MOST_ERROR) & (is_excited & (commanded > 0.0))[..., None]
-        excess = np.where(counts, np.maximum(beyond, 0.0) / (HIGHLY_SIGNIFICANT * errors), 0.0).max(
-            axis=-1
+        commanded = products.uu + products.uv
+        least2 = (TONES_LEAST * self._least) ** 2
+        # Where none is commanded, v has undone the tones.
+        if products.uu < least2 * sounded_s or commanded <= 0.0:
+            return 0.0, False
+        # Where less than half of the tones' motion is measured at all, no error of the model of v
+        # is the cause: it would be measured, too.
+        crossed = products.uv + products.ue + products.ve
+        measured2 = products.uu + products.vv + products.ee + 2.0 * crossed
+        moves = measured2 >= LEAST_RESPONSE * LEAST_RESPONSE * products.uu
+        model2 = MODEL_ERROR * MODEL_ERROR * own2 if moves else 0.0
+        along, across = (
+            self._error(residual, found.variance_u, sounded_s, self._memory_s, noise, model2)
+            for residual in (found.residual, found.residual_across)
         )
-        return excess, counts[..., 0] & (beyond[..., 0] <= 0.0)
+        beyond = min(abs(found.along_u), abs(products.ue) / commanded) - (1.0 - LEAST_RESPONSE)
+        crossed = min(abs(found.across_u), abs(products.ux) / commanded) - MOST_CROSS_RESPONSE
+        excess = max(
+            beyond / along if along <= MOST_ERROR else 0.0,
+            crossed / across if across <= MOST_ERROR else 0.0,
+            0.0,
+        )
+        return excess / HIGHLY_SIGNIFICANT, along <= MOST_ERROR and beyond <= 0.0
 
     def _judge_own(
-        self, along: Array, found: "_Regression", time_s: Array, moved_s: Array, noise: float
-    ) -> Array:
-        """Return the excess of the responses to the law's own motion [-].
+        self, products: Products, found: Regression, time_s: float, moved_s: float, noise: float
+    ) -> float:
+        """Return the excess of the response to the law's own motion along one direction [-].
 
         Wind makes no response below 0, except by noise. Poses that respond to the tones are neither
         frozen nor mirrored: something else cancels the motion.
         """
         own = self._own
-        rms = np.sqrt(np.maximum(along[..., 1, 1], RIDGE) / time_s)
-        least = np.maximum(LEAST_RESPONSE - own.cancelled / rms, LEAST_OWN_RESPONSE)
-        below = least - 1.0 - found.slopes[..., 1, 0]
-        counts = (rms >= own.least) & (below > 0.0)
-        if not counts.any():
-            return np.zeros_like(rms)
-        errors = self._find_errors(found, 1, moved_s, own.memory_s, noise)[..., 0]
-        tone_errors = self._find_errors(found, 0, time_s, self._memory_s, noise)[..., 0]
-        responds = 1.0 + found.slopes[..., 0, 0] >= LEAST_RESPONSE + CONFIRMING_ERRORS * tone_errors
-        counts &= (errors <= MOST_OWN_ERROR) & ~responds
-        return np.where(counts, below / (SIGNIFICANT * errors), 0.0)
+        rms = math.sqrt(max(products.vv, RIDGE) / time_s)
+        least = max(LEAST_RESPONSE - own.cancelled / rms, LEAST_OWN_RESPONSE)
+        below = least - 1.0 - found.along_v
+        if rms < own.least or below <= 0.0:
+            return 0.0
+        error = self._error(found.residual, found.variance_v, moved_s, own.memory_s, noise)
+        tone_error = self._error(found.residual, found.variance_u, time_s, self._memory_s, noise)
+        responds = 1.0 + found.along_u >= LEAST_RESPONSE + CONFIRMING_ERRORS * tone_error
+        return 0.0 if responds or error > MOST_OWN_ERROR else below / (SIGNIFICANT * error)
 
-    def _find_errors(
+    def _error(
         self,
-        found: "_Regression",
-        signal: int,
-        time_s: Array,
+        residual: float,
+        variance: float,
+        time_s: float,
         memory_s: float,
         noise: float,
-        model2: Array | float = 0.0,
-    ) -> Array:
-        """Return the standard errors of the responses to u (``signal`` 0) or v (1).
+        model2: float = 0.0,
+    ) -> float:
+        """Return the standard error of a response [-].
 
-        Shape (windows, directions, 2).
-
-        ``model2``: mean square by which the model of the other signal is wrong.
+        Args:
+            residual: integral of the square of what the regression leaves [m² s or rad² s].
+            variance: variance of the response over the density of that residual.
+            time_s: time for which the signal was there [s].
+            memory_s: correlation time of the residual [s].
+            noise: white noise of e, 1 sigma per axis [m or rad].
+            model2: mean square by which the model of the other signal is wrong [m² or rad²].
         """
         # Few samples know little of their own scatter: the assumed residual is a prior worth some
         # samples, and the interval is wider, as by Student's distribution.
-        window_s, noise2 = time_s[..., None], noise * noise
-        prior = PRIOR_SAMPLES * memory_s * self._least * self._least + window_s * model2
-        freedom = window_s / memory_s - 2.0
-        beside_noise = (np.maximum(found.residual - window_s * noise2, 0.0) + prior) / freedom
-        variance = (beside_noise + noise2 * NOISE_MEMORY_S) * found.inverse[
-            ..., signal, signal, None
-        ]
-        return (1.0 + 4.0 / freedom) * np.sqrt(variance)
+        noise2 = noise * noise
+        prior = PRIOR_SAMPLES * memory_s * self._least * self._least + time_s * model2
+        freedom = time_s / memory_s - 2.0
+        beside_noise = (max(residual - time_s * noise2, 0.0) + prior) / freedom
+        return (1.0 + 4.0 / freedom) * math.sqrt(
+            (beside_noise + noise2 * NOISE_MEMORY_S) * variance
+        )
 
 
-class _Integrals(msgspec.Struct, frozen=True, gc=False):
-    """Integrals of the signals from the beginning until one instant."""
-
-    time_s: float
-    products: Array
-    """Products of u, v, e and e across, for each direction."""
-    v4: Array
-    """Fourth power of v for each direction, by means over blocks."""
-    u4: float
-    """Fourth power of |u|, by means over blocks."""
-
-
-def _burst_s(power: Array, power2: Array) -> Array:
+def _burst_s(power: float, power2: float) -> float:
     """Return the time for which a signal x is there [s]: (∫x²)²/∫x⁴.
 
     ``power`` is ∫x², ``power2`` ∫x⁴ by means over blocks.
     """
-    return power**2 / np.maximum(power2, RIDGE * RIDGE)
-
-
-class _Regression(msgspec.Struct, frozen=True, gc=False):
-    """Regression of e and e across on u and v, for each window and direction."""
-
-    slopes: Array
-    """D_u and D_v, of e and of e across; shape (windows, directions, 2, 2)."""
-    inverse: Array
-    """Inverse of the integrals of the products of u and v, of the same shape."""
-    residual: Array
-    """Integrals of the squares of what is left of e and of e across; shape (windows, directions,
-    2)."""
-
-
-def _regress(along: Array) -> _Regression:
-    """Regress e and e across on u and v; ``along`` as in :meth:`Response._judge_tones`."""
-    squares, products = along[..., :2, :2] + RIDGES, along[..., :2, 2:]
-    determinant = squares[..., 0, 0] * squares[..., 1, 1] - squares[..., 0, 1] ** 2
-    inverse = ADJUGATE * squares[..., ::-1, ::-1] / determinant[..., None, None]
-    slopes = inverse @ products
-    residual = along.diagonal(axis1=-2, axis2=-1)[..., 2:] - (slopes * products).sum(axis=-2)
-    return _Regression(slopes, inverse, residual)
+    return power * power / max(power2, RIDGE * RIDGE)
 
 
 class LatenessMonitor:
