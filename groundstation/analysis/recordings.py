@@ -109,12 +109,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
             with suppress(OSError):  # not there, or some of its files are whole
                 target.rmdir()
         raise
-    print(f"{target}: {written}{_short_of(recording)}")
+    print(f"{target}: {written}{recording.remark}")
     return Exit.DONE
-
-
-def _short_of(recording: Recording) -> str:
-    return "" if recording.whole else f"; the recording {recording.trouble}"
 
 
 def _export(recording: Recording, form: str, topics: list[str], target: Path) -> tuple[int, str]:
@@ -219,11 +215,9 @@ def logs_command(folder: Path, *, as_json: bool) -> Exit:
 
 def describe_recording(path: Path, folder: Path) -> dict[str, Any]:
     """Describe one file for the list of ``folder``."""
-    facts: dict[str, Any] = {
-        "file": str(path.relative_to(folder)),
-        "size_bytes": path.stat().st_size,
-    }
+    facts: dict[str, Any] = {"file": str(path.relative_to(folder)), "size_bytes": 0}
     try:
+        facts["size_bytes"] = path.stat().st_size
         about, headline, whole = quick_headline(path)
     except NoRecording as error:
         return {**facts, "error": str(error)}
@@ -376,7 +370,7 @@ class FlightData:
             if self.rms_cm is None
             else f"RMS error {self.rms_cm:.2f} cm against {self.error_against}"
         )
-        short = _short_of(self._recording)  # known by now: the figures are read to its end
+        short = self._recording.remark  # known by now: the figures are read to its end
         return (
             f"<{type(self).__name__} of {self.path.name}, "
             f"{self.about.get('controller', 'no controller')}: {rms}{short}>"

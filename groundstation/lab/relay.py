@@ -9,8 +9,9 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from groundstation.core.messages import notice
 from groundstation.pose.sources import cannot_listen, join
-from links.io import Datagrams, format_address, parse_address
+from links.io import Datagrams, format_address, is_loopback, parse_address
 
 SENDERS = 4
 """Number of senders that are told apart: each has a port of its own on the way out, so that a core
@@ -34,12 +35,19 @@ class Relay(asyncio.DatagramProtocol):
         ``group`` is a multicast address to join, on the ``interface`` with this address of ours.
 
         Raises:
-            ValueError: an address is none.
+            ValueError: an address is none, a target is not on this machine, or the relay would hear
+                its own copies there.
         """
         self._listen = listen
         self._group, self._interface = group, interface
         self._local = parse_address(listen)
         self._targets = [parse_address(target) for target in targets]
+        host, port = self._local
+        for name, (to, at) in zip(targets, self._targets, strict=True):
+            if not is_loopback(to):  # the sockets on the way out are bound to the loopback address
+                raise ValueError(notice("fleet.relay_away", target=name))
+            if not group and at == port and host in (to, "0.0.0.0"):  # noqa: S104
+                raise ValueError(notice("fleet.relay_loop", target=name))
         self._in: asyncio.DatagramTransport | None = None
         self._outs: list[Datagrams] = []
         self._ports: dict[tuple[Any, ...], int] = {}
@@ -121,7 +129,10 @@ async def run_relay(relay: Relay, say: Callable[[str], None], *, until_eof: bool
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, told.set)
     if until_eof:
-        loop.add_reader(0, lambda: None if os.read(0, 4096) else told.set())
+        try:
+            loop.add_reader(0, lambda: None if os.read(0, 4096) else told.set())
+        except PermissionError:  # a file or /dev/null, which nobody has to wait for
+            told.set()
     say(relay.title())
     try:
         await told.wait()

@@ -48,10 +48,10 @@ def folder_of(config: RecordingConfig) -> Path:
 def list_flights(folder: Path) -> list[Path]:
     """Return every recording in ``folder``, by name.
 
-    Each simulated flight has a folder of its own in it.
+    Each simulated flight has a folder of its own in it. A link to a file that is gone is none.
     """
     found = sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))
-    return [path for path in found if not path.is_dir()]
+    return [path for path in found if path.is_file()]
 
 
 def make_folder(config: RecordingConfig) -> Path:
@@ -89,7 +89,8 @@ def free_name(folder: Path, stamp: str, vehicle: str) -> Path:
 
 def list_recordings(folder: Path) -> list[Path]:
     """Return the recordings in ``folder``, oldest first."""
-    return sorted(path for path in folder.glob("*.mcap") if RECORDING.fullmatch(path.name))
+    found = sorted(folder.glob("*.mcap"))
+    return [path for path in found if RECORDING.fullmatch(path.name) and path.is_file()]
 
 
 def is_being_written(path: Path) -> bool:

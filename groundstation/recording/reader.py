@@ -76,6 +76,8 @@ class Recording:
             OSError: it can't be read.
         """
         self.path = path
+        if path.is_fifo():  # opening one waits for its writer, and it can't be read twice
+            raise NoRecording(notice("recording.pipe", path=path))
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise NoRecording(notice("recording.no_mcap", path=path))
@@ -114,6 +116,11 @@ class Recording:
         if self.damaged_at is not None:
             return f"is damaged at byte {self.damaged_at}: the rest is not read"
         return "" if self.whole else "was cut off"
+
+    @property
+    def remark(self) -> str:
+        """The trouble, to end a sentence about what the recording holds; empty without any."""
+        return f"; the recording {self.trouble}" if self.trouble else ""
 
     def headline(self) -> FlightHeadline:
         """The figures of the flight: as written at its end, or else counted up to the damage."""

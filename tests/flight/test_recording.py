@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, strategies as st
 from mcap.reader import make_reader
 
+from groundstation.__main__ import main as groundstation_main
 from groundstation.analysis import export_command
 from groundstation.analysis.recordings import SUFFIXES
 from groundstation.config import ConfigError, from_dict
@@ -210,15 +211,33 @@ def test_a_recording_that_was_cut_off_is_made_whole(
     assert made == Counter((entry.topic, entry.data) for entry in Recording(cut).entries())
 
 
-@pytest.mark.parametrize("form", ["csv", "mcap", "npz"])
-def test_an_export_of_which_nothing_can_be_read_is_refused(form: str, tmp_path: Path) -> None:
-    data = bytearray(recorded()[0].read_bytes())
+def damage(path: Path, data: bytes) -> int:
+    """Write the recording ``data`` to ``path``, its first messages damaged; return where."""
     at, chunk = 8, 6  # behind MCAP's magic bytes; the first record that holds messages
     while data[at] != chunk:
         at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
-    data[at + 100] ^= 0xFF
-    damaged = tmp_path / "damaged.mcap"
-    damaged.write_bytes(data)
+    path.write_bytes(data[: at + 100] + bytes([data[at + 100] ^ 0xFF]) + data[at + 101 :])
+    return at
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        ("identify", "holds no flight: there are no commands in it"),
+        ("report", "holds no command, so there is nothing to report"),
+    ],
+)
+def test_a_flight_of_which_too_little_can_be_read_is_not_told_as_none(
+    command: str, says: str, tmp_path: Path
+) -> None:
+    at = damage(bad := tmp_path / "bad.mcap", recorded()[0].read_bytes())
+    told = run_here(groundstation_main, command, bad).stderr
+    assert f"{says}; the recording is damaged at byte {at}: the rest is not read" in told
+
+
+@pytest.mark.parametrize("form", ["csv", "mcap", "npz"])
+def test_an_export_of_which_nothing_can_be_read_is_refused(form: str, tmp_path: Path) -> None:
+    at = damage(damaged := tmp_path / "damaged.mcap", recorded()[0].read_bytes())
     with pytest.raises(ConfigError, match=rf"^LOG: nothing .* is damaged at byte {at}"):
         export_command(damaged, form, [], target := tmp_path / f"made{SUFFIXES[form]}")
     assert not target.exists()

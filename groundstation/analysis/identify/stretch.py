@@ -94,15 +94,21 @@ def read_stretch(path: Path) -> FlightStretch:
     vehicle = _OwnAttitude()
     sent, seen = _read_messages(recording, vehicle)
     if not len(sent) or not len(seen):
+        what = "poses" if len(sent) else "commands"
         raise StretchTooShort(
-            notice("identify.no_flight", path=path, what="poses" if len(sent) else "commands")
+            notice("identify.no_flight", path=path, what=what, remark=recording.remark)
         )
     chosen = seen[find_stretch(sent[:, 0], seen)]
     length_s = float(chosen[-1, 0] - chosen[0, 0]) if len(chosen) else 0.0
     if length_s < LEAST_S:
-        raise StretchTooShort(
-            notice("identify.short", path=path, length_s=length_s, least_s=LEAST_S)
+        says = notice(
+            "identify.short",
+            path=path,
+            length_s=length_s,
+            least_s=LEAST_S,
+            remark=recording.remark,
         )
+        raise StretchTooShort(says)
     try:
         config = read_flown_config(recording.about, path).config
     except ConfigError as error:

@@ -177,7 +177,7 @@ def read_columns(path: Path) -> FlightColumns:
     tables = tabulate(entries, (*_PARTS, _TRUTH))
     count = min(len(tables[part].get("time_s", ())) for part in _PARTS)  # the last may be cut off
     if not count:
-        raise NoCommand(notice("report.no_command", path=path).text)
+        raise NoCommand(notice("report.no_command", path=path, remark=recording.remark).text)
     time_s = tables["/command"]["time_s"][:count]
     for name, (topic, key) in SCALARS.items():
         flown.scalars[name] = _at_commands(tables[topic], key, time_s)

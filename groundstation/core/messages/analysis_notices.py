@@ -37,6 +37,9 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
         "recording.folder", "{path} is a folder; expected a recording, such as {example}"
     ),
     NoticeTemplate("recording.no_mcap", "{path} is no MCAP file"),
+    NoticeTemplate(
+        "recording.pipe", "{path} is a pipe, which can't be read twice", "write it to a file first"
+    ),
     NoticeTemplate("recording.damaged", "{path} is damaged at byte {at}, before its flight begins"),
     NoticeTemplate(
         "recording.nothing", "nothing that was asked for can be read: the recording {trouble}"
@@ -53,18 +56,20 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "report.no_command",
-        "{path} holds no command: nothing was flown, so there is nothing to report",
+        "{path} holds no command, so there is nothing to report{remark}",
     ),
     # Identification of a vehicle.
     NoticeTemplate(
         "identify.nothing_to_write", "nothing to write: thrust, lags and delay are {why}"
     ),
     NoticeTemplate("identify.no_vehicle", "what was identified is no vehicle: {why}"),
-    NoticeTemplate("identify.no_flight", "{path} holds no flight: there are no {what} in it"),
+    NoticeTemplate(
+        "identify.no_flight", "{path} holds no flight: there are no {what} in it{remark}"
+    ),
     NoticeTemplate(
         "identify.short",
         "{path} holds {length_s:.1f} s of unbroken flight on its trajectory, and {least_s:g} s "
-        "are the least",
+        "are the least{remark}",
         "fly trajectory.kind = 'excitation'",
     ),
     NoticeTemplate(

@@ -112,6 +112,16 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("stop_all.nothing", "nothing flies here"),
     # Fleets.
+    NoticeTemplate(
+        "fleet.relay_away",
+        "{target} is not on this machine, and copies go by its loopback addresses alone",
+        "name a core here, such as 127.0.0.1:51101",
+    ),
+    NoticeTemplate(
+        "fleet.relay_loop",
+        "the relay listens at {target} itself, and would hear its own copies for ever",
+        "give each core a port of its own",
+    ),
     NoticeTemplate("fleet.no_relay", "the relay did not begin: nothing was started"),
     NoticeTemplate(
         "fleet.relay_ended",

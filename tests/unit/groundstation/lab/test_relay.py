@@ -11,6 +11,7 @@ from groundstation.lab.relay import SENDERS
 from groundstation.pose.sources import JsonConfig, send_by
 from groundstation.pose.sources.json_codec import encode, json_pose
 from links.io import parse_address
+from tests.e2e.stations import program, run_command
 from tests.loops import BOTH_LOOPS, Inbox, Run, free_address, in_real_time, in_virtual_time
 
 
@@ -139,3 +140,31 @@ async def test_a_port_that_is_taken_is_named() -> None:
     finally:
         ear.transport.close()
         await asyncio.sleep(0)
+
+
+@pytest.mark.parametrize(
+    ("listen", "target", "says"),
+    [
+        ("127.0.0.1:51001", "127.0.0.1:51001", "hear its own copies for ever: give each core a p"),
+        ("0.0.0.0:51001", "127.0.0.1:51001", "hear its own copies for ever: give each core a port"),
+        (
+            "127.0.0.1:51001",
+            "192.0.2.7:51101",
+            "is not on this machine, .*: name a core here, such",
+        ),
+    ],
+)
+def test_a_target_that_no_copy_reaches_or_comes_back_from_is_refused(
+    listen: str, target: str, says: str
+) -> None:
+    with pytest.raises(ValueError, match=says):
+        Relay(listen, ["127.0.0.1:51101", target])
+    Relay(listen, ["127.0.0.1:51101", "127.0.0.2:51101"])
+
+
+@pytest.mark.real_time
+def test_a_relay_ends_with_a_standard_input_that_nobody_can_wait_for() -> None:
+    words = ("fleet", "relay", in_real_time(free_address)(), "--to", "127.0.0.1:51101")
+    done = run_command(program("groundstation", *words, "--until-eof"))
+    assert "relay: 0 datagrams handed on to 1 cores, from nobody" in done.stdout
+    assert (done.returncode, done.stderr) == (0, "")

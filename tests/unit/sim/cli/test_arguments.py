@@ -1,6 +1,7 @@
 """Arguments that can't be meant are refused in a sentence, before anything starts."""
 
 import json
+import os
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable
@@ -17,6 +18,8 @@ from groundstation.__main__ import (
 )
 from groundstation.config import ArgumentError, ConfigError, load
 from groundstation.interfaces.cli import commands as flying
+from groundstation.machine import RecordingConfig, tidy
+from groundstation.recording import NoRecording, Recording
 from groundstation.recording.records import MAGIC
 from groundstation.runtime import Groups, build_parser
 from groundstation.settings import Config
@@ -203,6 +206,20 @@ def test_a_recording_of_a_few_bytes_is_listed_as_none(
     assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path)])) == 0
     says = "short.mcap  is no recording of a flight, or was cut off before it began"
     assert says in capsys.readouterr().out
+
+
+def test_a_link_to_a_file_that_is_gone_and_a_pipe_are_no_recordings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone, pipe, short = (tmp_path / f"20260101-12000{second}-mqx.mcap" for second in range(3))
+    gone.symlink_to("gone")
+    os.mkfifo(pipe)
+    short.write_bytes(MAGIC + b"\x01")
+    assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path), "--json"])) == 0
+    assert [row["file"] for row in json.loads(capsys.readouterr().out)["flights"]] == [short.name]
+    assert tidy(RecordingConfig(folder=str(tmp_path), keep_days=1.0), 2e9) == []
+    with pytest.raises(NoRecording, match=r"is a pipe, .*: write it to a file first"):
+        Recording(pipe)
 
 
 def test_a_folder_that_the_configuration_names_may_come_with_the_first_recording(
