@@ -243,7 +243,7 @@ TUNE: Arguments = {
 }  # fmt: skip
 BENCH: Arguments = {
     "what": {
-        "nargs": "*", "choices": ("links",), "metavar": "WHAT", "help": "links: how commands keep "
+        "nargs": "?", "choices": ("links",), "metavar": "WHAT", "help": "links: how commands keep "
         "time (default)",
     },
     "--seconds": {"type": seconds, "default": 30.0, "metavar": "S",

@@ -8,6 +8,7 @@ that a user would write. Used in virtual time by ``groundstation-sim fly`` and i
 
 import asyncio
 import math
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -236,7 +237,7 @@ class Stage:
         loop, plant = asyncio.get_running_loop(), self.plant
 
         def take() -> None:
-            if not sys.stdin.readline():
+            if not os.read(sys.stdin.fileno(), 4096):  # a line of a terminal, or a part of one
                 loop.remove_reader(sys.stdin.fileno())
                 return
             print("the hand carries it", flush=True)

@@ -1,6 +1,7 @@
 """Prompts: the operator's confirmation that the motors may start."""
 
 import asyncio
+import os
 import sys
 
 from groundstation.config import ConfigError
@@ -43,18 +44,22 @@ async def confirm_arming(config: Config, arm: str | None) -> bool:
 async def line_from_terminal(prompt: str) -> str:
     """Read one line from the terminal without blocking the event loop.
 
-    Empty at the end of the input.
+    Empty at the end of the input. A terminal hands over a part of a line at Ctrl-D: waiting for the
+    rest would stop the station and its signals.
     """
-    loop = asyncio.get_running_loop()
-    line: asyncio.Future[str] = loop.create_future()
+    loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
+    line: asyncio.Future[bytes] = loop.create_future()
+    typed = bytearray()
 
     def read() -> None:
-        if not line.done():
-            line.set_result(sys.stdin.readline())
+        part = os.read(terminal, 4096)
+        typed.extend(part)
+        if not line.done() and (not part or b"\n" in part):
+            line.set_result(bytes(typed))
 
     print(prompt, end="", flush=True)
-    loop.add_reader(sys.stdin.fileno(), read)
+    loop.add_reader(terminal, read)
     try:
-        return await line
+        return (await line).decode(errors="replace")
     finally:
-        loop.remove_reader(sys.stdin.fileno())
+        loop.remove_reader(terminal)

@@ -3,7 +3,9 @@
 import asyncio
 import math
 import os
+import pty
 import random
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ from groundstation.flight.preflight import (
     entry_of,
     examine_trajectory,
     hash_sections,
+    line_from_terminal,
     proof_path,
     read_proof,
     save_proof,
@@ -530,3 +533,32 @@ def test_nobody_is_armed_unasked_before_a_second_autopilot_would_be_heard(
         assert runner.run(confirm_arming(told, told.vehicle.name))
         assert runner.get_loop().time() - begun_s == pytest.approx(waits_s)
     assert LISTEN_S > 1.0, "autopilots send one heartbeat a second"
+
+
+@pytest.mark.real_time
+def test_a_part_of_a_line_at_the_terminal_does_not_stop_the_station(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ours, theirs = pty.openpty()
+
+    async def ask() -> tuple[float, str]:
+        loop = asyncio.get_running_loop()
+        begun_s = loop.time()
+        asked = asyncio.ensure_future(line_from_terminal("name? "))
+        os.write(ours, b"mq\x04")  # Ctrl-D hands over what is typed so far
+        await asyncio.sleep(0.1)
+        stood_s = loop.time() - begun_s
+        os.write(ours, b"x\n")
+        return stood_s, await asked
+
+    # What blocks is told of, and not waited for.
+    before = signal.signal(signal.SIGALRM, lambda *_: os.write(ours, b"\n"))
+    signal.alarm(4)
+    with os.fdopen(theirs) as terminal:
+        monkeypatch.setattr("sys.stdin", terminal)
+        stood_s, line = asyncio.run(ask())
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+    os.close(ours)
+    assert stood_s < 2.0
+    assert line == "mqx\n"

@@ -5,6 +5,7 @@ import os
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,19 @@ def test_help_lists_few_commands_in_groups(groups: Groups, names: int, most: int
     assert len(groups) == names and len(listed) <= most
     shown = build_parser("program", "", groups).format_help()
     assert all(f"\n  {name} " in shown for name in listed)
+
+
+@pytest.mark.parametrize(
+    ("parser", "groups"), [(flying_parser, FLYING), (simulating_parser, SIMULATING)]
+)
+def test_a_command_without_words_misses_only_what_it_requires(
+    parser: Callable[[], ArgumentParser], groups: Groups, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in (name for group in groups.values() for name in group):
+        with suppress(SystemExit):
+            parser().parse_args(name.split())
+            continue
+        assert "error: the following arguments are required: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
