@@ -382,7 +382,7 @@ def test_no_key_that_is_read_is_retired() -> None:
     ] == []
 
 
-SENTENCE = config_notice("file.missing", path="lab.toml")
+SENTENCE = config_notice("file.exists", path="lab.toml")
 
 RAISED = (
     errors.ConfigError("vehicle.mass_kg", "too light", "lab.toml"),
