@@ -214,6 +214,33 @@ def test_law_and_estimator_begin_without_a_step(
     assert start.smooth, start
 
 
+@pytest.mark.parametrize(("scenario", "lightest_kg"), [("paper", 0.056), ("quad1kg", 0.7)])
+def test_the_lightest_vehicle_that_may_fly_begins_without_a_step(
+    scenario: str, lightest_kg: float
+) -> None:
+    start, fault = start_of(scenario, f"sim.mass_kg={lightest_kg}")
+    assert not fault
+    assert start.smooth, start
+    assert max(start.climb) < 0.1, "its hover thrust was measured"
+
+
+@pytest.mark.parametrize(
+    ("scenario", "light_kg", "until_s"), [("paper", 0.06, 5.5), ("quad1kg", 0.75, 5.46)]
+)
+def test_a_light_vehicle_without_poses_just_off_the_floor_does_not_rise(
+    scenario: str, light_kg: float, until_s: float
+) -> None:
+    """It comes down on the model, which must not take all that it weighs less for ground effect."""
+
+    def lost_off_the_floor(ours: TrackedBody, at_s: float) -> TrackedBody | None:
+        return ours if at_s < until_s else None
+
+    flown = spool_up(scenario, f"sim.mass_kg={light_kg}", picture=lost_off_the_floor)
+    assert [one.state for one in flown.mission.states][-2:] == ["descent", "aborted"]
+    assert flown.highest_m < 0.3
+    assert flown.fastest_m_s < 1.0
+
+
 OWN = ("sim.own_estimate=true",)
 
 

@@ -56,8 +56,8 @@ SPARSE_S = 0.07
 """Mean interval of poses above which calm gains are used [s]: between poses errors grow without
 correction. Chosen; poses that may take off are at most 0.05 s apart."""
 GROUND_EFFECT_SHARE = 0.95
-"""Least hover thrust that is taken over at lift-off, as a share of the weight [-]: where less
-lifts, ground effect carries the vehicle. Chosen."""
+"""Thrust that hovers just off the floor, as a share of that far above it [-]: ground effect carries
+the rest. Chosen."""
 LAST_COMMAND_S = 0.5
 """Duration of the last command where commands are too late [s]: the autopilot is requested to land
 meanwhile. Chosen."""
@@ -226,16 +226,19 @@ class Pilot:
         """
         self._switch("lift", time_s, hover_share, climb_m_s)
         state = self.state
-        hover_share = max(hover_share, GROUND_EFFECT_SHARE)
-        disturbance = state.estimator.lift_off(climb_m_s, hover_share)
+        # A vehicle below its weight may be light, or in stronger ground effect. Limits allow for
+        # the latter; the model, by which it comes down without poses, would let a light one rise.
+        most = max(hover_share, GROUND_EFFECT_SHARE)
+        hovers = min(hover_share / GROUND_EFFECT_SHARE, most)
+        disturbance = state.estimator.lift_off(climb_m_s, hovers)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         state.is_released = self._is_climbing = True
         # A vehicle that leans against a horizontal disturbance needs more thrust to hover.
         north, east, _ = disturbance
-        hover_n = hover_share * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
+        hover_n = most * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
         state.trust_from_here(disturbance)
-        state.health.lift_off(hover_share, climb_m_s)
+        state.health.lift_off(most, climb_m_s)
         motion = state.estimator.predict(time_s + self._vehicle.acting_delay_s).motion
         self._limits.first_climb.lift_off(time_s, hover_n, motion.position[2])
         return Reference(motion.position, motion.velocity, yaw_rad=heading(motion.attitude))
