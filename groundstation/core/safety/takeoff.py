@@ -186,6 +186,39 @@ class StandingPoses:
         return None
 
 
+class SpringingLegs:
+    """Position of a vehicle that stands on springing legs or on a soft floor, as a line over its
+    thrust: thrust relieves them, and they lift it long before it flies.
+    """
+
+    def __init__(self) -> None:
+        self._count, self._thrust_n, self._down_m = 0, 0.0, 0.0
+        """Number of poses, and the means of thrust and position."""
+        self._square_n2 = self._product_nm = 0.0
+        """Sums of the thrust's squares, and of its products with the position, from these means."""
+
+    def add(self, thrust_n: float, down_m: float) -> None:
+        """Take the position ``down_m`` [m, NED] of a standing vehicle that gives ``thrust_n``
+        [N].
+        """
+        self._count += 1
+        more_n, lower_m = thrust_n - self._thrust_n, down_m - self._down_m
+        self._thrust_n += more_n / self._count
+        self._down_m += lower_m / self._count
+        self._square_n2 += more_n * (thrust_n - self._thrust_n)
+        self._product_nm += more_n * (down_m - self._down_m)
+
+    @property
+    def rise_m_per_n(self) -> float:
+        """Rise for thrust [m/N]; below 0 where noise or wander lets it sink."""
+        return -self._product_nm / self._square_n2 if self._square_n2 > 0.0 else 0.0
+
+    @property
+    def unrelieved_down_m(self) -> float:
+        """Position without thrust [m, NED]."""
+        return self._down_m + self.rise_m_per_n * self._thrust_n
+
+
 class PredictedClimbs:
     """Climbs by the commands so far, one for each hover thrust of ``SHARES``.
 
@@ -199,8 +232,8 @@ class PredictedClimbs:
 
         Configured weight [N], time constant of the thrust [s], g [m/s²].
         """
-        self.time_s, self.gravity = begun_s, gravity
-        self._weight, self._lag = weight_n, lag_s
+        self.time_s, self.gravity, self.weight_n = begun_s, gravity, weight_n
+        self._lag = lag_s
         self.heights_m, self.speeds_m_s = [0.0] * len(SHARES), [0.0] * len(SHARES)
         """Height above the floor and climb speed for each share, at ``time_s``."""
         self._thrust: float | None = None
@@ -229,7 +262,7 @@ class PredictedClimbs:
             before = target if self._thrust is None else self._thrust
             keep = math.exp(-h / self._lag) if self._lag > 0.0 else 0.0
             self._thrust = target + (before - target) * keep
-            lift = 0.5 * (before + self._thrust) / self._weight
+            lift = 0.5 * (before + self._thrust) / self.weight_n
             for k, share in enumerate(SHARES):
                 a, v = g * (lift / share - 1.0), self.speeds_m_s[k]
                 height = self.heights_m[k] + h * (v + 0.5 * h * a)
@@ -271,11 +304,18 @@ class LiftOff:
     Times are on the event loop's clock [s], heights are above the place at rest [m].
     """
 
-    def __init__(self, standing: StandingPoses, climbs: PredictedClimbs, noise_m: float) -> None:
+    def __init__(
+        self,
+        standing: StandingPoses,
+        legs: SpringingLegs,
+        climbs: PredictedClimbs,
+        noise_m: float,
+    ) -> None:
         """Begin with the vehicle at rest.
 
         Args:
             standing: its poses at rest.
+            legs: how thrust so far has lifted it there.
             climbs: what the commands so far predict.
             noise_m: white noise of its poses, 1σ [m].
         """
@@ -293,6 +333,10 @@ class LiftOff:
         self._rest_m_s = 0.0 if at_rest.velocity_ned is None else -at_rest.velocity_ned[2]
         self._wander_m2_s = max(wander.height_m2_s, LEAST_WANDER_M2_S)
         self._noise_m2 = max(noise_m, LEAST_NOISE_M) ** 2
+        self._legs_m_per_n = self._find_legs(legs, wander)
+        """Rise by springing legs for thrust [m/N]."""
+        if self._legs_m_per_n > 0.0:
+            self._floor = legs.unrelieved_down_m
         self._height_m = self._chance_m = 0.0
         """Height of the newest pose, and what noise and wander explain of it, 1σ [m]."""
         self._moved = self._chance = 0.0
@@ -301,6 +345,21 @@ class LiftOff:
         self._found: deque[tuple[float, float]] = deque()
         """Instants [s] and hover shares [-] of the poses of ``AGREE_S``."""
         self._jumps = self._light_poses = 0
+
+    def _find_legs(self, legs: SpringingLegs, wander: StandingWander) -> float:
+        """Return how far ``legs`` lift the vehicle for thrust [m/N]; 0 without springing ones.
+
+        They count if they have lifted it by more than noise and wander explain when thrust is
+        ``SURE_SHARE``.
+        """
+        sure_n = SURE_SHARE * self._climbs.weight_n
+        rise_m = legs.rise_m_per_n * sure_n
+        # Two poses differ by their noise, too. The wander of 1 s: a spool-up takes about so long.
+        wander_m2 = max(wander.height_m2_s - 2.0 * self._noise_m2 / WANDER_S, 0.0)
+        chance_m = math.sqrt(self._noise_m2 + wander_m2)
+        if self.has_velocity or rise_m <= MOVING * chance_m:
+            return 0.0
+        return min(rise_m, LEG_TRAVEL_M) / sure_n
 
     def add_pose(self, pose: Pose) -> None:
         """Take one more pose."""
@@ -330,7 +389,8 @@ class LiftOff:
 
     def _measure(self, pose: Pose) -> None:
         """Take height and motion of ``pose``."""
-        self._height_m = self._floor - pose.position_ned[2]
+        legs_m = self._legs_m_per_n * self._climbs.thrust_n
+        self._height_m = self._floor - pose.position_ned[2] - legs_m
         elapsed_s = pose.time_s - self._begun_s
         self._chance_m = math.sqrt(self._noise_m2 + self._wander_m2_s * elapsed_s)
         self._moved, self._chance = self._height_m, self._chance_m
@@ -584,6 +644,7 @@ class SpoolUp:
         """Number of the newest poses that show the vehicle off the floor, before thrust may lift
         it."""
         self._climbs = PredictedClimbs(self._newest.time_s, weight_n, vehicle.thrust_lag_s, gravity)
+        self._legs = SpringingLegs()
         self._lift: LiftOff | None = None
         """Lift-off as the poses show it; None before thrust can lift the vehicle."""
         self._moved_s: float | None = None
@@ -605,12 +666,13 @@ class SpoolUp:
         if self._lift is None and pose.time_s < self._spool.sure_s:
             standing.add(pose)
             if moved:
-                self.place_ned = standing.place_ned
+                self.place_ned, self._legs = standing.place_ned, SpringingLegs()
             self._risen_poses = self._risen_poses + 1 if self._has_risen(pose) else 0
             self._climbs.advance(pose.time_s)
+            self._legs.add(self._climbs.thrust_n, pose.position_ned[2])
             return
         if self._lift is None:
-            self._lift = LiftOff(standing, self._climbs, self._noise)
+            self._lift = LiftOff(standing, self._legs, self._climbs, self._noise)
         self._lift.add_pose(pose)
 
     def _has_risen(self, pose: Pose) -> bool:

@@ -13,7 +13,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.messages import Ask, Pose
 from groundstation.core.mission import Interrupts
 from groundstation.core.safety import Spool, SpoolUp, StandingPoses, Touchdown, limit_n
-from groundstation.core.safety.takeoff import LiftOff, PredictedClimbs
+from groundstation.core.safety.takeoff import LiftOff, PredictedClimbs, SpringingLegs
 from groundstation.core.vehicle import Vehicle
 from groundstation.settings import Config
 
@@ -40,10 +40,12 @@ def spooled(
     delay_s: float = 0.0,
     has_speed: bool = False,
     noise_m: float = 0.0003,
+    legs_m: float = 0.0,
 ) -> Spooled:
     """Spool up a vehicle that hovers at a share of its told weight.
 
-    Its poses wander by ``wander_m`` in 2 s, 1σ [m]. Its commands come after ``delay_s`` [s].
+    Its poses wander by ``wander_m`` in 2 s, 1σ [m]. Its commands come after ``delay_s`` [s]. Its
+    legs yield by ``legs_m`` under its weight [m].
     """
     draw, lag_s = random.Random(seed), 0.05
     vehicle = Vehicle(
@@ -83,8 +85,9 @@ def spooled(
         thrust += (told.pop(0) - thrust) * (1.0 - math.exp(-STEP_S / lag_s))
         speed += STEP_S * G * (thrust / hover_share - 1.0)
         height += STEP_S * speed
-        if height <= 0.0:
-            height, speed = 0.0, max(speed, 0.0)
+        standing_m = legs_m * min(thrust / hover_share, 1.0)
+        if height <= standing_m:
+            height, speed = standing_m, max(speed, 0.0)
     raise AssertionError("it neither flies nor ends")
 
 
@@ -298,6 +301,21 @@ def test_the_lightest_vehicle_that_may_fly_is_not_too_light() -> None:
     assert not any(one.fault for one in seen)
 
 
+@pytest.mark.parametrize("legs_m", [0.003, 0.006, 0.015])
+@pytest.mark.parametrize("hover_share", [0.75, 0.9, 1.0])
+def test_springing_legs_neither_keep_a_vehicle_on_the_floor_nor_count_as_its_climb(
+    hover_share: float, legs_m: float
+) -> None:
+    """Thrust relieves them, so they lift the vehicle while it still stands on them."""
+    seen = [
+        spooled(seed, hover_share=hover_share, wander_m=0.0, legs_m=legs_m) for seed in range(10)
+    ]
+    assert not any(one.fault for one in seen)
+    assert all(abs(one.hover_share - hover_share) < 0.05 for one in seen)
+    assert all(abs(one.climb_off_m_s) < 0.15 for one in seen)
+    assert all(one.height_m - legs_m < 0.1 for one in seen)
+
+
 @pytest.mark.tried(1)  # 50 of 200 seeds
 @pytest.mark.parametrize("first", range(0, 200, 50))
 def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
@@ -312,7 +330,7 @@ def lift_off(at_rest: Pose, thrust_n: float) -> LiftOff:
     found, climbs = StandingPoses(), PredictedClimbs(0.0, 1.0, 0.0, G)
     found.add(at_rest)
     climbs.add_command(0.0, thrust_n)
-    return LiftOff(found, climbs, 0.0003)
+    return LiftOff(found, SpringingLegs(), climbs, 0.0003)
 
 
 @pytest.mark.parametrize("hover_share", [0.8, 1.0, 1.2])
