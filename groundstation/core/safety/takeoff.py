@@ -368,7 +368,8 @@ class LiftOff:
             return
         climbs.advance(pose.time_s)
         if pose.reset_count != self._resets:  # the source has moved its origin, not the vehicle
-            self._resets, self._floor = pose.reset_count, pose.position_ned[2] + self._height_m
+            self._resets = pose.reset_count
+            self._floor = pose.position_ned[2] + self._height_m + self._legs_m
             if pose.velocity_ned is not None:
                 self._rest_m_s = -pose.velocity_ned[2] - self._moved
             return
@@ -387,10 +388,14 @@ class LiftOff:
         has_jumped = self._height_m > climbs.heights_m[0] + FITS_M + chance_m
         self._jumps = self._jumps + 1 if has_jumped else 0
 
+    @property
+    def _legs_m(self) -> float:
+        """Height by springing legs [m]."""
+        return self._legs_m_per_n * self._climbs.thrust_n
+
     def _measure(self, pose: Pose) -> None:
         """Take height and motion of ``pose``."""
-        legs_m = self._legs_m_per_n * self._climbs.thrust_n
-        self._height_m = self._floor - pose.position_ned[2] - legs_m
+        self._height_m = self._floor - pose.position_ned[2] - self._legs_m
         elapsed_s = pose.time_s - self._begun_s
         self._chance_m = math.sqrt(self._noise_m2 + self._wander_m2_s * elapsed_s)
         self._moved, self._chance = self._height_m, self._chance_m

@@ -369,6 +369,27 @@ def test_an_estimate_that_moves_its_origin_up_has_not_lifted_the_vehicle() -> No
     assert not lift.is_flying
 
 
+def test_a_source_that_moves_its_origin_keeps_the_climb_of_a_vehicle_on_springing_legs() -> None:
+    """They have risen by 5 mm for each newton of thrust, and 1.2 N lift the vehicle of 1 N."""
+    shares = []
+    for moved_m in (0.0, 0.7):
+        standing, legs = StandingPoses(), SpringingLegs()
+        climbs = PredictedClimbs(0.0, 1.0, 0.0, G)
+        standing.add(Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), LEVEL))
+        for thrust_n in (0.0, 0.3, 0.6):
+            legs.add(thrust_n, -0.005 * thrust_n)
+        climbs.add_command(0.0, 1.2)
+        lift = LiftOff(standing, legs, climbs, 0.0003)
+        for k in range(1, 21):
+            time_s, later_m = 0.02 * k, moved_m * (k >= 10)
+            place = (0.0, 0.0, -0.006 - 0.1 * G * time_s**2 - later_m)
+            resets = int(later_m > 0.0)
+            lift.add_pose(Pose(k, time_s, time_s, place, LEVEL, reset_count=resets))
+        shares.append(lift.hover_share)
+    assert shares[0] == pytest.approx(1.0, abs=0.002)
+    assert shares[1] == pytest.approx(shares[0], abs=0.01)  # the motion at the reset is unknown
+
+
 def test_an_estimate_whose_speed_is_reset_on_the_floor_does_not_move() -> None:
     lift = climbing(20, thrust_n=1.1, acceleration_m_s2=0.0)  # the vehicle is heavier than told
     for k in range(21, 46):
