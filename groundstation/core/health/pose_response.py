@@ -187,9 +187,8 @@ them. Every other one is an axis."""
 
 
 class Products(NamedTuple):
-    """Integrals of products of the signals along one direction, and of e across it, x.
-
-    In m² s or rad² s.
+    """Integrals of products of the signals u, v, e along one direction, and x, which is e across it
+    [m² s or rad² s].
     """
 
     uu: float = 0.0
@@ -213,16 +212,20 @@ class Products(NamedTuple):
         return Products(*map(operator.sub, self, then))
 
 
-class Sample(NamedTuple):
-    """Filtered signals, one value an axis, and the time for which they stand."""
+class SignalSample(NamedTuple):
+    """Filtered signals of one pose, one value an axis."""
 
     dt_s: float
+    """Time since the pose before [s]."""
     u: Pair
     v: Pair
     e: Pair
+    """Commanded by the tones, commanded beyond that, and measured beyond both [m or rad]."""
 
 
-def integrate_products(samples: Iterable[Sample], direction: Pair, block_s: float) -> Products:
+def integrate_products(
+    samples: Iterable[SignalSample], direction: Pair, block_s: float
+) -> Products:
     """Return the integrals over ``samples`` of one block of ``block_s`` [s]."""
     a, b = direction
     uu = uv = vv = ue = ve = ee = ux = vx = xx = 0.0
@@ -260,11 +263,11 @@ class Regression(NamedTuple):
     residual: float
     """Integral of the square of what is left of e [m² s or rad² s]."""
     residual_across: float
-    """The same of e across."""
+    """Integral of the square of what is left of e across [m² s or rad² s]."""
     variance_u: float
     """Variance of D_u over the density of the residual [1 / (m² s) or 1 / (rad² s)]."""
     variance_v: float
-    """The same of D_v."""
+    """Variance of D_v over that density."""
 
 
 def regress(products: Products) -> Regression:
@@ -303,7 +306,7 @@ class Response:
         """
         self._directions, self._own = directions, own_motion
         self._memory_s, self._least = memory_s, least
-        self._samples = list[Sample]()
+        self._samples = list[SignalSample]()
         """Samples since the last look."""
         self._time_s = 0.0
         self._kept = deque(
@@ -314,7 +317,7 @@ class Response:
 
     def add(self, e: Pair, u: Pair, v: Pair, dt_s: float) -> None:
         """Take one sample of the filtered signals, one value an axis."""
-        self._samples.append(Sample(dt_s, u, v, e))
+        self._samples.append(SignalSample(dt_s, u, v, e))
         self._time_s += dt_s
 
     def look(self, noise: float) -> Alarm:
