@@ -151,8 +151,6 @@ SERVE: Arguments = {
     },
     "--floor": {"action": "store_true", "help": "it stands on the floor, instead of being held "
     "in the air"},
-    "--fleet": {"type": path, "metavar": "FLEET.toml", "help": "a vehicle for each of this fleet "
-    "file"},
     "--config": {
         "type": path, "metavar": "FILE.toml",
         "help":
@@ -385,9 +383,11 @@ MOVED = {
 _BENCH = "`bench` measures links alone"
 GONE = {
     "fly --view": "`groundstation view DIR/flight.mcap` shows the flight that `--out DIR` wrote",
-    "mission --real-time": "`groundstation-sim serve --fleet FLEET.toml` and `groundstation fleet "
-    "FLEET.toml` fly in real time; `groundstation report` shows the lateness of each vehicle's "
-    "commands",
+    "serve --fleet": "`serve --config FLEET.toml` plays the fleet that `groundstation fleet "
+    "--rehearse FLEET.toml` flies",
+    "mission --real-time": "`groundstation-sim serve --config FLEET.toml` and `groundstation fleet "
+    "--rehearse FLEET.toml` fly in real time; `groundstation report` shows how late each vehicle's "
+    "commands were",
     "serve --wrong": "`--set sim.tracker_yaw_deg=5` turns the tracker's north; sim.pose_latency_s, "
     "sim.mass_kg and sim.thrust_gain are told alike",
     "serve --param": "`groundstation doctor --fix NAME=VALUE` sets a parameter of what is served",

@@ -46,7 +46,6 @@ from sim.runs import (
     fly_fleet,
     fly_mission,
     from_floor,
-    place_fleet,
     serve as serve_stage,
     serve_fleet,
     simulate,
@@ -57,7 +56,6 @@ from sim.scenarios import (
     choose_scenario,
     find_scenario,
     make_configured_world,
-    override_world,
     place_others,
     prepare,
     split_overrides,
@@ -475,16 +473,11 @@ def _format(value: float | None, unit: str) -> str:
 
 def serve(args: argparse.Namespace) -> Exit:
     """Run the simulated side in real time."""
-    one_vehicle = {"--carried": args.carried}
-    is_fleet = args.config is not None and "vehicles" in read_toml(args.config)
-    if args.fleet is not None:
-        _refuse_beside("--fleet", {"--config": args.config, **one_vehicle, **_told_by_file(args)})
-    elif args.config is not None:
-        _refuse_beside("--config", {**_told_by_file(args), **(one_vehicle if is_fleet else {})})
+    if args.config is not None:
+        _ensure_told_by_file(args)
     scenario, args.link = choose_scenario(args.scenario, args.autopilot, args.link)
-    for option in ("config", "fleet"):
-        if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
-            raise ConfigError(f"--{option}", notice("sim.one_betaflight"))
+    if args.autopilot == BETAFLIGHT and args.config is not None:
+        raise ConfigError("--config", notice("sim.one_betaflight"))
     common: dict[str, Any] = {
         "seed": args.seed,
         "duration_s": args.duration,
@@ -492,43 +485,33 @@ def serve(args: argparse.Namespace) -> Exit:
     }
     if args.carried and args.config is None:
         raise ConfigError("--carried", notice("serve.needs_config"))
-    if args.fleet is not None:
-        truth, told = split_overrides(args.overrides, None)
-        labs = [member.lab for member in read_fleet(args.fleet, told).members]
-        worlds = place_fleet(override_world(scenario.world, truth), labs)
-        return asyncio.run(serve_fleet(str(args.fleet), worlds, labs, **common))
     if args.config is not None:
-        return _serve_room(args, scenario.world, common, is_fleet=is_fleet)
+        return _serve_room(args, scenario.world, common)
     world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
     if args.floor:
         world, config = from_floor(world, config, None)
     return asyncio.run(serve_stage(scenario.name, world, config, **common))
 
 
-def _told_by_file(args: argparse.Namespace) -> dict[str, Any]:
-    """Options that a file of the vehicle, or of a fleet, has instead."""
-    source = args.source if args.source != "vicon" else None
-    return {"--floor": args.floor, "--link": args.link, "--source": source}
-
-
-def _refuse_beside(file: str, options: dict[str, Any]) -> None:
-    """Refuse ``options`` that would have no effect beside the option ``file``.
+def _ensure_told_by_file(args: argparse.Namespace) -> None:
+    """Refuse options that would have no effect beside ``--config``: its file tells them.
 
     Raises:
         ConfigError: one of them is given.
     """
-    for option, value in options.items():
+    source = args.source if args.source != "vicon" else None
+    for option, value in {"--floor": args.floor, "--link": args.link, "--source": source}.items():
         if value:
-            raise ConfigError(option, notice("serve.beside", file=file))
+            raise ConfigError(option, notice("serve.beside"))
 
 
-def _serve_room(
-    args: argparse.Namespace, air: World, common: dict[str, Any], *, is_fleet: bool
-) -> Exit:
+def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> Exit:
     """Run the simulated side for ``--rehearse`` of a configuration, or of a fleet file."""
     served = f"{args.config} for --rehearse"
     truth, told = split_overrides(args.overrides, None)
-    if is_fleet:
+    if "vehicles" in read_toml(args.config):
+        if args.carried:
+            raise ConfigError("--carried", notice("serve.needs_config"))
         labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
         return asyncio.run(
             serve_fleet(

@@ -12,7 +12,7 @@ from sim.runs.flight import (
     from_floor,
 )
 from sim.runs.referee import BACK_M, CRASH_M, Effort, FlightVerdict, sought
-from sim.runs.server import place_fleet, serve, serve_fleet
+from sim.runs.server import serve, serve_fleet
 from sim.runs.simulation import (
     DURATION_S,
     RECORDING,

@@ -12,8 +12,6 @@ import tempfile
 from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
 
-import msgspec
-
 from groundstation.config import ConfigError, refuse_value
 from groundstation.core.geometry import Vec3
 from groundstation.machine import ApiError, own_directory, wait_at_most
@@ -216,21 +214,6 @@ async def serve_fleet(
                 flush=True,
             )
     return Exit.DONE
-
-
-def place_fleet(world: World, labs: Sequence[Config]) -> list[World]:
-    """Return ``world`` for each vehicle of a fleet, which starts below its trajectory's
-    beginning.
-    """
-    worlds = []
-    for lab in labs:
-        start = lab.trajectory.build().position_at(0.0)
-        one = world
-        if lab.flight.start == "floor":
-            start = (start[0], start[1], lab.flight.floor_z_m)
-            one = msgspec.structs.replace(world, start_thrust=0.0)
-        worlds.append(msgspec.structs.replace(one, start_ned=start, floor_z_m=lab.flight.floor_z_m))
-    return worlds
 
 
 def _describe_wires(config: Config) -> list[str]:

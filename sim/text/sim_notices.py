@@ -56,7 +56,7 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     # serve: the other side of a ground station.
     NoticeTemplate(
-        "serve.beside", "it has no effect beside {file}, whose file has it", "leave one of both out"
+        "serve.beside", "it has no effect beside --config: its file has it", "leave one of both out"
     ),
     NoticeTemplate(
         "serve.linux_only",

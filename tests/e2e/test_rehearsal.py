@@ -118,7 +118,7 @@ def test_what_the_other_side_plays_is_what_the_station_looks_for(tmp_path: Path)
         (["--gcs"], "unrecognized arguments: --gcs"),
         (["--floor"], "--floor: it has no effect beside --config"),
         (["--source", "natnet"], "--source: it has no effect beside --config"),
-        (["--fleet", "fleet.toml"], "--config: it has no effect beside --fleet"),
+        (["--fleet", "fleet.toml"], "`serve --config FLEET.toml` plays the fleet"),
     ],
 )
 def test_what_can_not_be_rehearsed_is_a_sentence(

@@ -68,15 +68,17 @@ def until(log: Path, pattern: str) -> None:
 
 
 @contextmanager
-def fleet(
-    folder: Path, *armed: str, names: Sequence[str] = ("ant", "bee")
+def rehearsal(
+    folder: Path, *options: str, names: Sequence[str] = ("ant", "bee")
 ) -> Iterator[tuple["subprocess.Popen[str]", Path]]:
     """A simulated fleet, and the station that flies it: its process, and its log."""
     file, log = fleet_file(folder, names), folder / "log"
-    arm = (word for name in armed for word in ("--arm", name))
-    words = program("groundstation", "fleet", file, *arm)
-    with serving("--fleet", file, "--duration", "110"), started(words, log) as station:
-        yield station, log
+    words = program("groundstation", "fleet", "--rehearse", file, *options)
+    with pytest.MonkeyPatch.context() as patched:
+        for place in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
+            patched.setenv(place, str(folder))
+        with serving("--config", file, "--duration", "110"), started(words, log) as station:
+            yield station, log
 
 
 @contextmanager
@@ -89,23 +91,23 @@ def started(words: Sequence[str], log: Path) -> Iterator["subprocess.Popen[str]"
         yield station
 
 
-def test_a_killed_core_takes_nothing_with_it_and_a_signal_lands_the_other(tmp_path: Path) -> None:
-    with fleet(tmp_path, "ant", "bee") as (station, log):
+def test_a_killed_core_takes_nothing_with_it_and_a_signal_lands_the_other(short_path: Path) -> None:
+    with rehearsal(short_path, "--arm", "rehearsal") as (station, log):
         for name in ("ant", "bee"):
             until(log, rf"{name} +\| .* tracking: ")
-        os.kill(core_of(station.pid, "ant"), signal.SIGKILL)
+        os.kill(core_of(station.pid, "rehearsal-ant"), signal.SIGKILL)
         until(log, r"ant: WARNING: its core has died \(SIGKILL\)")
         time.sleep(1.0)  # the other flies on meanwhile
         assert not re.search(r"bee +\| .* (landing|descent|aborted): ", log.read_text("utf-8"))
         station.send_signal(signal.SIGTERM)
-        until(log, "SIGTERM: passed on to bee\n")
+        until(log, "SIGTERM: passed on to rehearsal-bee\n")
         until(log, r"bee +\| .* landed: landed and disarmed")
         assert station.wait(60) == 1  # one of them has died
         text = log.read_text("utf-8")
         assert "bee: its core has ended (0)" in text
-        assert re.search(r"relay \| relay: \d+ datagrams handed on to 2 cores", text)
+        assert re.search(r"relay +\| relay: \d+ datagrams handed on to 2 cores", text)
         assert "relay has ended" not in text
-        assert not (tmp_path / "bee.sock").exists()
+        assert not list(short_path.rglob("rehearsal-bee.sock"))
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -122,9 +124,9 @@ def test_a_fleet_that_is_ended_while_its_cores_start_ends_well(
     assert code == 0 and text.count("its core has ended") == 2 and "died" not in text, text
 
 
-def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) -> None:
+def test_cores_and_relay_end_with_a_supervisor_that_is_killed(short_path: Path) -> None:
     """In the air each lands by the same signal: it is that of a terminal that closes."""
-    with fleet(tmp_path) as (station, log):
+    with rehearsal(short_path) as (station, log):
         for name in ("ant", "bee"):
             until(log, rf"{name} +\| .* ready, and waiting on the ground")
         children = children_of(station.pid)
@@ -132,7 +134,7 @@ def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) ->
         station.kill()
         station.wait(60)
         wait_until(lambda: not any(Path(f"/proc/{child}").exists() for child in children))
-    assert not list(tmp_path.glob("*.sock"))
+    assert not list(short_path.rglob("*.sock"))
 
 
 def test_where_a_core_does_not_get_ready_the_others_tell_who_it_is(tmp_path: Path) -> None:

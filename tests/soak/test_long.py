@@ -12,7 +12,7 @@ from groundstation import load
 from links.mavlink.protocol import MavlinkCodec
 from sim.runs import fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from tests.e2e.test_vehicles import fleet, until
+from tests.e2e.test_vehicles import rehearsal, until
 from tests.flight.flights import campaign_of, flown
 from tests.growth import look, looks_within
 from tests.known import known
@@ -107,17 +107,17 @@ def test_frames_and_commands_keep_time_beside_the_least_that_this_machine_allows
         assert facts["latency_ratios"][rate]["p99"] < 3.0
 
 
-def test_ten_vehicles_fly_in_real_time_and_each_command_leaves_in_time(tmp_path: Path) -> None:
+def test_ten_vehicles_fly_in_real_time_and_each_command_leaves_in_time(short_path: Path) -> None:
     """On two cores that have nothing else to do, with poses at 50 Hz."""
     names = [f"quad{number}" for number in range(10)]
-    with fleet(tmp_path, *names, names=names) as (station, log):
+    with rehearsal(short_path, "--arm", "rehearsal", names=names) as (station, log):
         for name in names:
             until(log, rf"{name} +\| .* tracking: ")
         time.sleep(20.0)
         station.terminate()
         assert station.wait(60) == 0, log.read_text("utf-8")
     for name in names:
-        (path,) = (tmp_path / "flights").glob(f"*-{name}.mcap")
+        (path,) = short_path.rglob(f"*-rehearsal-{name}.mcap")
         late_s = load(path).columns.scalars["lateness_s"]
         assert len(late_s) > 1000
         assert float(np.quantile(late_s, 0.99)) < 0.005
