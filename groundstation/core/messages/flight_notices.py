@@ -216,7 +216,7 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "takeoff.tips",
             "the vehicle tips: {tilt_deg:.0f}° from its attitude at rest, limit {limit_deg:g}°",
-            "look at what holds or pushes it, and at its poses",
+            "check propellers and motors, what holds or pushes it, and its poses",
         ),
         NoticeTemplate(
             "takeoff.slides",
@@ -232,13 +232,13 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
             "takeoff.too_light",
             "the vehicle leaves the floor by {percent:.0f} % of its configured weight, or less",
             "correct vehicle.mass_kg, vehicle.hover_thrust or vehicle.thrust_max_n: it is lighter, "
-            "or has more thrust, than they say",
+            "or has more thrust, than they say, or it stands on a soft floor",
         ),
         NoticeTemplate(
             "takeoff.no_motion",
             "no lift-off: is this the right body, is the mass right? Thrust went to "
-            "{thrust_n:.3g} N, {percent:.0f} % of the configured weight, and the poses did not "
-            "move",
+            "{thrust_n:.3g} N, {percent:.0f} % of the configured weight, and the newest pose, "
+            "{age_ms:.0f} ms old, shows no motion",
             "check the object's name, the unit of its positions, vehicle.mass_kg, battery and "
             "propellers, that nothing holds the vehicle, and behind a radio that link.map.arm "
             "starts the motors; one that needs more thrust needs a larger takeoff.thrust_limit",

@@ -238,7 +238,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "pose.height_behind",
             "the height just off the floor is less than the thrust explains",
-            "check the object's name and the floor's height",
+            "check the object's name, the floor's height, and that nothing holds the vehicle",
         ),
         NoticeTemplate(
             "pose.autopilot_disagrees",

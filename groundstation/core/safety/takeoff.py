@@ -739,8 +739,10 @@ class SpoolUp:
         if self._risen_poses >= JUMPS or (lift is not None and lift.is_too_light):
             return notice("takeoff.too_light", percent=to_percent(SURE_SHARE))
         if not self._is_moving and now_s >= spool.near_s + WATCHED_S:
-            percent = to_percent(spool.most_n / self._weight)
-            return notice("takeoff.no_motion", thrust_n=spool.most_n, percent=percent)
+            percent, age_ms = to_percent(spool.most_n / self._weight), to_ms(now_s - pose.time_s)
+            return notice(
+                "takeoff.no_motion", thrust_n=spool.most_n, percent=percent, age_ms=age_ms
+            )
         if (
             lift is not None
             and self._moved_s is not None
