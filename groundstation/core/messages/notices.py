@@ -223,7 +223,8 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "pose.position_mirrored",
             "the position moves against, or not with, the commanded accelerations",
-            "check pose.world and pose.body with `groundstation carry`",
+            "check pose.world and pose.body with `groundstation carry`, and that nothing holds the "
+            "vehicle",
         ),
         NoticeTemplate(
             "pose.stopped_dead",
