@@ -241,6 +241,17 @@ def test_a_light_vehicle_without_poses_just_off_the_floor_does_not_rise(
     assert flown.fastest_m_s < 1.0
 
 
+def put_down(ours: TrackedBody, at_s: float) -> TrackedBody:
+    x, y, z = ours.position_ned
+    return ours._replace(position_ned=(x, y, z - 0.5 * max(1.0 - at_s, 0.0)))
+
+
+def test_a_vehicle_that_somebody_has_put_down_seconds_ago_takes_off() -> None:
+    """Its poses until then are no measure of how they wander at rest."""
+    flown = spool_up("paper", picture=put_down)
+    assert [one.state for one in flown.mission.states][-2:] == ["hold", "aborted"]
+
+
 OWN = ("sim.own_estimate=true",)
 
 

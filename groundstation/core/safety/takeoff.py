@@ -126,7 +126,7 @@ class StandingPoses:
     @property
     def wander(self) -> StandingWander:
         """Random walks of the measurements at rest; all 0 before the second pose that counts."""
-        spans = list(self._spans)
+        spans = self._find_spans_at_rest()
         pairs = [
             (a, b) for a, b in zip(spans, spans[1:], strict=False) if a.reset_count == b.reset_count
         ]
@@ -138,6 +138,23 @@ class StandingPoses:
         axes = zip(*(subtract(b.position_ned, a.position_ned) for a, b in pairs), strict=True)
         north, east, down = (sum(step**2 for step in steps) / elapsed for steps in axes)
         return StandingWander(max(north, east), down)
+
+    def _find_spans_at_rest(self) -> list[Pose]:
+        """Return the poses ``WANDER_S`` apart since somebody has moved the vehicle.
+
+        That step is longer than all later ones explain; at least two of them must tell.
+        """
+        spans = list(self._spans)
+        steps_m = [
+            math.dist(a.position_ned, b.position_ned) if a.reset_count == b.reset_count else 0.0
+            for a, b in zip(spans, spans[1:], strict=False)
+        ]
+        for k in range(len(steps_m) - 3, -1, -1):
+            later_m = steps_m[k + 1 :]
+            usual_m = math.sqrt(sum(step_m**2 for step_m in later_m) / len(later_m))
+            if steps_m[k] > STEP_M + SIGNIFICANT * usual_m:
+                return spans[k + 1 :]
+        return spans
 
     def find_leap(
         self, before: Pose, pose: Pose, light_s: float, noise_m: float

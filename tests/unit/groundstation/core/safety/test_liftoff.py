@@ -140,6 +140,17 @@ def test_the_wander_at_rest_is_the_growth_of_the_variance(
     assert tuple(poses.wander) == pytest.approx(wander)
 
 
+def test_a_vehicle_that_was_put_down_seconds_ago_has_not_wandered_by_it() -> None:
+    """Somebody carries it for 0.7 m within the first second of four."""
+    found = StandingPoses()
+    for k in range(201):
+        time_s, number = 0.02 * k, k // 25
+        carried_m = 0.7 * min(time_s, 1.0)
+        place = (carried_m, 0.001 * (number % 2), carried_m)
+        found.add(Pose(k, time_s, time_s, place, LEVEL))
+    assert tuple(found.wander) == pytest.approx((2.0 * 1e-6, 0.0))
+
+
 @pytest.mark.parametrize(
     ("roll_deg", "aside_m", "light_s", "wander_m", "says"),
     [
