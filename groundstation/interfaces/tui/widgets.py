@@ -17,6 +17,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
+from textual.events import Key
 from textual.reactive import reactive
 from textual.screen import ModalScreen
 from textual.theme import Theme
@@ -404,6 +405,29 @@ class Dialog(ModalScreen[T]):
         self.dismiss(None)
 
 
+class Line(Input):
+    """A line that acts on its keys in the order in which they were pressed.
+
+    Textual hands a key that edits up to the app, and a letter that came at once with it, over a
+    slow connection, overtakes it there: "1.5", Backspace, "2" became "1.5".
+    """
+
+    EDITS: ClassVar[dict[str, str]] = {
+        key: binding.action
+        for binding in Input.BINDINGS
+        if isinstance(binding, Binding)
+        for key in binding.key.split(",")
+    }
+    """Key that edits or submits the line → its action."""
+
+    async def on_key(self, event: Key) -> None:
+        """Run the action of a key that edits before the next key is read."""
+        if action := self.EDITS.get(event.key):
+            event.prevent_default()
+            event.stop()
+            await self.run_action(action)
+
+
 class Typed(Dialog[str]):
     """Asks for a line, which ``wanted`` must equal where it is given."""
 
@@ -416,7 +440,7 @@ class Typed(Dialog[str]):
 
     def answers(self) -> ComposeResult:
         """One line."""
-        yield Input(self._value)
+        yield Line(self._value)
         yield Static(Content("Enter: do it   Escape: leave"), id="says")
 
     def on_input_submitted(self, event: Input.Submitted) -> None:

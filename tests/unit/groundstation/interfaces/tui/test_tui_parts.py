@@ -1,11 +1,14 @@
 """The pieces of the screen that are pure functions, and what a fleet view knows of each vehicle."""
 
+import asyncio
 import math
 from contextlib import suppress
 
 import msgspec
 import pytest
+from textual.app import App
 from textual.css.query import NoMatches
+from textual.events import Key
 
 from groundstation.core.messages import Ask, Notice, Snapshot
 from groundstation.core.mission import State
@@ -32,6 +35,7 @@ from groundstation.interfaces.tui.model import (
     possible,
 )
 from groundstation.interfaces.tui.pages import ControlPage, FlyPage, LinksPage, Page, PageFrame
+from groundstation.interfaces.tui.widgets import THEMES, Typed
 from links.text import printable
 from tests.sample_flight import sample
 
@@ -300,3 +304,29 @@ def test_a_page_that_has_not_all_its_parts_yet_is_not_the_end_of_the_screen(
     picture.newest = None
     with suppress(NoMatches):
         page(orders=True).draw(frame)
+
+
+@pytest.mark.parametrize(
+    ("keys", "typed"),
+    [
+        (["1", ".", "5", "backspace", "2", "enter"], "1.2"),
+        (["x", "home", "m", "q", "enter"], "mqx"),
+        (["x", "ctrl+u", "a", "enter", "b"], "a"),
+    ],
+)
+def test_keys_that_come_at_once_act_in_their_order(keys: list[str], typed: str) -> None:
+    answers: list[str | None] = []
+
+    async def answer() -> None:
+        app = App[None]()
+        app.register_theme(THEMES[0])
+        app.theme = THEMES[0].name
+        async with app.run_test() as pilot:
+            await app.push_screen(Typed("gain", "k2"), answers.append)
+            await pilot.pause()
+            for key in keys:  # as a driver hands them on
+                app.post_message(Key(key, key if len(key) == 1 else None))
+            await pilot.pause()
+
+    asyncio.run(answer())
+    assert answers == [typed]
