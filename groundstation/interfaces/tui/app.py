@@ -635,14 +635,7 @@ class Dashboard(App[None]):
             return self._feed.where()
         if self._read_only:
             return str(notice("screen.read_only"))
-        holder = self.picture.holder
-        if holder.yours:
-            return str(notice("control.yours"))
-        return str(
-            notice("control.held", client=holder.holder)
-            if holder.holder
-            else notice("screen.control_free")
-        )
+        return self.picture.describe_holder()
 
     # ---- what goes out
 

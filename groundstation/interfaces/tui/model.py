@@ -377,6 +377,18 @@ class Picture:
         """Choose the most important fact of now."""
         return headline(self.newest, now_s - self.arrived_s, self.trouble)
 
+    def describe_holder(self) -> str:
+        """Say who holds control; empty while no ground station answers."""
+        if self.trouble:
+            return ""
+        if self.holder.yours:
+            return str(notice("control.yours"))
+        return str(
+            notice("control.held", client=self.holder.holder)
+            if self.holder.holder
+            else notice("screen.control_free")
+        )
+
     def _begin_anew(self) -> None:
         """Another flight, or another time of it."""
         self.flown.clear()

@@ -197,9 +197,12 @@ def test_events_are_kept_once_each_however_often_they_are_told() -> None:
 
 def test_who_holds_control_is_not_known_while_nobody_is_there() -> None:
     picture = Picture(0.0)
+    picture.take(Control(None, yours=False), 0.0)
+    assert picture.describe_holder() == "control is free: c takes it"
     picture.take(Control("tui 7", yours=True), 0.0)
     picture.take(FeedTrouble("gone"), 0.0)
     assert picture.holder == Control(None, yours=False)
+    assert picture.describe_holder() == ""
 
 
 def test_another_ground_station_or_another_flight_of_one_begins_with_empty_plots() -> None:
