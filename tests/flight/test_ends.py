@@ -70,6 +70,7 @@ NO_ESTIMATE = "the autopilot sends but has no estimate of its position yet"
     ("script", "overrides", "options", "says"),
     [
         (nothing, (), {"confirm": refuse}, "did not confirm"),
+        (nothing, ("flight.floor_z_m=0.1",), {}, "the poses show the vehicle on its floor"),
         (land_at_once, (), {}, "changed my mind"),
         (see_nothing, (), {}, NO_POSE),
         (know_no_position, OWN_POSES, {}, NO_ESTIMATE),

@@ -133,6 +133,11 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         NoticeTemplate("fault.not_armed", "not armed: {failed}"),
         NoticeTemplate("fault.no_first_pose", "no pose within {wait_s:g} s: {why}"),
         NoticeTemplate(
+            "fault.not_in_air",
+            "flight.start is air, but the poses show the vehicle on its floor",
+            "start `groundstation-sim serve` anew, or take off: --set flight.start=floor",
+        ),
+        NoticeTemplate(
             "fault.controller_hangs",
             "the controller hangs: the link has brought the vehicle down without it",
         ),
