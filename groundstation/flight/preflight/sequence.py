@@ -114,8 +114,6 @@ class ArmingSequence:
                         )
                     )
             self._ensure_passed("fault.preflight")
-        elif controller.is_at_floor:
-            raise FlightEnded(notice("fault.not_in_air"))
         status = self._source.status
         ready = notice("mission.ready", rate_hz=status.rate_hz, latency_ms=to_ms(status.latency_s))
         controller.go(Event.CONNECTED, ready, loop.time())
@@ -123,6 +121,8 @@ class ArmingSequence:
         if from_floor:
             self._check(arming=True)
             self._ensure_passed("fault.not_armed")
+        elif controller.is_at_floor:
+            raise FlightEnded(notice("fault.not_in_air"))
         self.checks = ()
         self._surroundings.leave()
         self._controller.witness.arm()
