@@ -40,6 +40,7 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
         "file.log_unwritten",
         "cannot write {path}, which the ground station behind the dashboard needs: {why}",
     ),
+    NoticeTemplate("file.too_large", "larger than {most_mb:g} MB, or endless"),
     NoticeTemplate("file.not_utf8", "not UTF-8 text (byte {at})", "save it as UTF-8"),
     NoticeTemplate("file.ending", "expected a name that ends in {ending}, got {found!r}"),
     NoticeTemplate("file.unusable", "cannot use {path}: {why}"),

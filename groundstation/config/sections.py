@@ -13,6 +13,7 @@ from msgspec import inspect as mi
 from groundstation.config.config_notices import config_notice
 from groundstation.config.errors import ConfigError, KeyPath, Problem, refuse_io
 from groundstation.config.schema import default_of, find_struct, inspect_struct, suggest
+from groundstation.config.toml_text import read_text
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
@@ -115,7 +116,7 @@ def _read_section(
 
 def _read_text(file: Path, path: KeyPath) -> str:
     try:
-        return file.read_bytes().decode("utf-8-sig")
+        return read_text(file)
     except OSError as error:
         raise Problem(path, config_notice("file.unread", path=file, why=error.strerror)) from None
     except UnicodeDecodeError as error:

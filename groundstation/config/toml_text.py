@@ -15,8 +15,26 @@ from groundstation.config.schema import field_descriptions
 DIGITS = 4
 """Number of digits of a result that is written into a configuration [-]: no vehicle is known better
 than 0.5 %."""
+LARGEST_MB = 64
+"""Largest file that is read [MB]: a trajectory of a whole day at 10 rows a second. A device such as
+/dev/zero never ends."""
 DEEPEST = 16
 """Deepest nesting of tables and arrays [-]; ours need 5."""
+
+
+def read_text(path: Path) -> str:
+    """Read the file ``path``, which must be UTF-8.
+
+    Raises:
+        OSError: it can't be read.
+        ValueError: it is no UTF-8 (UnicodeDecodeError), or larger than ``LARGEST_MB``.
+    """
+    most = LARGEST_MB * 1_000_000
+    with path.open("rb") as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ValueError(config_notice("file.too_large", most_mb=LARGEST_MB))
+    return data.decode("utf-8-sig")
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -50,7 +68,7 @@ def read_toml(path: Path) -> dict[str, Any]:
             not TOML.
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_text(path)
         if not text.strip() and path.is_file():
             raise ValueError(config_notice("file.empty"))
         return parse_toml(text)

@@ -24,6 +24,7 @@ from groundstation.core.messages import (
     Sentence,
     Severity,
     Snapshot,
+    SourceError,
     Subscriber,
     Tick,
     TickRecord,
@@ -254,7 +255,11 @@ class Flight:
         except LinkError as error:
             controller.go(Event.ABORT, notice("fault.link", why=error.says), self._now())
         except BaseException as error:
-            why = notice("fault.stopped", name=type(error).__name__, text=error)
+            why = (
+                notice("fault.source", why=error)
+                if isinstance(error, SourceError)
+                else notice("fault.stopped", name=type(error).__name__, text=error)
+            )
             controller.go(Event.ABORT, why, self._now())
             if not (self._controller.is_dismissed and isinstance(error, asyncio.CancelledError)):
                 raise

@@ -3,6 +3,7 @@ drops counted.
 """
 
 import asyncio
+import ipaddress
 import os
 import signal
 from collections import Counter
@@ -40,6 +41,8 @@ class Relay(asyncio.DatagramProtocol):
         """
         self._listen = listen
         self._group, self._interface = group, interface
+        if group and not ipaddress.ip_address(group).is_multicast:
+            raise ValueError(notice("keys.multicast", key="--group", found=group))
         self._local = parse_address(listen)
         self._targets = [parse_address(target) for target in targets]
         host, port = self._local

@@ -143,7 +143,8 @@ class Terminal:
         self._do("paste-buffer", "-r")
 
     def wait_for(self, *rows: str) -> str:
-        wait_until(lambda: all(row in self.screen() for row in rows), self.screen)
+        # tmux tells no blanks at the end of a line.
+        wait_until(lambda: all(row.rstrip() in self.screen() for row in rows), self.screen)
         return self.screen()
 
     def screen(self) -> str:

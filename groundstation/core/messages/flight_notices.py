@@ -127,6 +127,7 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
             "check mass_kg, thrust_max_n, battery and propellers",
         ),
         NoticeTemplate("fault.link", "{why}"),
+        NoticeTemplate("fault.source", "{why}"),
         # Why a flight ends early.
         NoticeTemplate("fault.stopped", "stopped by {name}: {text}"),
         NoticeTemplate("fault.preflight", "pre-flight checks failed: {failed}"),

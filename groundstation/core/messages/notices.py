@@ -117,7 +117,8 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         NoticeTemplate(
             "link.bad_crc",
             "{count} of {total} MAVLink frames ({percent:.1f} %, limit 1 %) had a wrong checksum",
-            "check baud rate, wiring and signal",
+            "on a serial port check baud rate, wiring and signal; on a network find out what else "
+            "sends to this port",
         ),
         NoticeTemplate(
             "link.unsigned",

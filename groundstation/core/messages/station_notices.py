@@ -71,6 +71,11 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
         "the login was refused, {why}",
         "check the user's name and password",
     ),
+    NoticeTemplate(
+        "mqtt.refused",
+        "nothing listens there",
+        "start the broker, or check its host and port",
+    ),
     NoticeTemplate("mqtt.broker_failed", "the broker {broker}: {why}"),
     NoticeTemplate("mqtt.publishing", "publishing to {broker}"),
     *as_warnings(

@@ -137,6 +137,8 @@ def describe_error(error: Exception) -> str:
     code = getattr(error, "rc", None)
     if isinstance(code, ReasonCode) and code.getName() in LOGIN_REFUSED:
         return notice("mqtt.login_refused", why=why).text
+    if isinstance(error.__context__, ConnectionRefusedError):
+        return notice("mqtt.refused").text
     return why or "the connection was lost"
 
 

@@ -242,6 +242,8 @@ def test_a_file_may_say_nothing_or_begin_as_notepad_writes_it_and_one_that_is_mi
     assert str(caught.value) == f"{path}: cannot read the configuration: No such file or directory"
     with pytest.raises(ConfigError, match="Is a directory"):
         load(tmp_path, Root)
+    with pytest.raises(ConfigError, match="/dev/zero: larger than 64 MB, or endless"):
+        load(Path("/dev/zero"), Root)
     path.write_text("# all as it is by default\n")
     assert load(path, Root) == Root()
     path.write_bytes(b"\xef\xbb\xbfwait = 3")

@@ -160,6 +160,8 @@ def test_a_target_that_no_copy_reaches_or_comes_back_from_is_refused(
     with pytest.raises(ValueError, match=says):
         Relay(listen, ["127.0.0.1:51101", target])
     Relay(listen, ["127.0.0.1:51101", "127.0.0.2:51101"])
+    with pytest.raises(ValueError, match="--group: expected a multicast"):
+        Relay(listen, ["127.0.0.1:51101"], group="1.2.3.4")
 
 
 @pytest.mark.real_time
