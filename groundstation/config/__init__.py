@@ -28,6 +28,7 @@ from groundstation.config.schema import (
     keys_of,
     strip_metadata,
     structs,
+    suggest,
     texts_of,
 )
 from groundstation.config.sections import (

@@ -14,6 +14,7 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     # Values of keys and arguments.
     NoticeTemplate("value.choice", "expected one of {choices}, got {found!r}"),
     NoticeTemplate("value.choices", "expected some of {choices}, got {found!r}"),
+    NoticeTemplate("value.path", "expected a path, got ''"),
     NoticeTemplate("value.form", "expected {form}, got {found!r}"),
     NoticeTemplate(
         "value.seconds", "expected seconds, more than {above:g} and at most {most:g}, got {found!r}"
@@ -100,6 +101,7 @@ CONFIG_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "config.depth", "no configuration: its tables or arrays are nested more than {most} deep"
     ),
+    NoticeTemplate("config.digits", "line {line}: a number of more than {most:,} digits"),
     NoticeTemplate("config.not_toml", "not valid TOML: {why}"),
     NoticeTemplate(
         "config.two_sources", "preset and file exclude each other; a file may name a preset itself"

@@ -1,5 +1,7 @@
 """TOML: text into tables, and a configuration back into text, each key with its note."""
 
+import re
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,6 +49,11 @@ def parse_toml(text: str) -> dict[str, Any]:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(config_notice("config.not_toml", why=error)) from None
+    except ValueError:  # int() refuses more digits, and tomllib does not say where they are
+        most = sys.get_int_max_str_digits()
+        long = re.search(rf"\d[\d_]{{{most},}}", text)
+        line = text.count("\n", 0, long.start() if long else 0) + 1
+        raise ValueError(config_notice("config.digits", line=line, most=most)) from None
     except RecursionError:
         raise ValueError(config_notice("config.depth", most=DEEPEST)) from None
     inside: list[Any] = [data]

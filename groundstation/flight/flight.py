@@ -31,7 +31,7 @@ from groundstation.core.messages import (
     find_pose_drops,
     notice,
 )
-from groundstation.core.mission import ALARMING, EVENT_OF, ON_GROUND, Event, State
+from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.core.pilot import Monitors, Pilot
 from groundstation.core.safety import LiveGains
 from groundstation.flight.command_loop import CommandLoop, FrameLateness
@@ -167,7 +167,8 @@ class Flight:
         self._publish(RequestRecord(now, request.ask, why))
         if not self._controller.mission.allows(event):
             helps = request.ask is Ask.GOTO and self._controller.mission.allows(Event.HOLD)
-            name = "mission.hold_first" if helps else "mission.not_possible"
+            over = "mission.over" if self.state in FINAL else "mission.not_possible"
+            name = "mission.hold_first" if helps else over
             refusal = notice(name, ask=request.ask, state=self.state)
             self.say(notice("mission.refused_asker", refusal=refusal, why=why) if why else refusal)
             return Reply.of(False, refusal)

@@ -31,7 +31,7 @@ from groundstation.core.messages import (
     Verdict,
     notice,
 )
-from groundstation.flight.preflight import explain_drops
+from groundstation.flight.preflight import FEW_HZ, explain_drops
 from groundstation.lab.pose_stream import (
     MOVES,
     WINDOW_S,
@@ -121,7 +121,7 @@ REFRESH_S = 0.25
 def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit:
     """Watch until ``seconds`` [s] have passed, or Ctrl-C.
 
-    Returns 0 where poses came, 1 where none did, 3 without any.
+    Returns 0 where poses come, 1 where none or too few do, 3 without a source.
 
     Raises:
         ConfigError: the poses need another link.
@@ -170,7 +170,11 @@ async def listen(
         if ears.connection is not None and (conflict := ears.connection.conflict):
             status = msgspec.structs.replace(status, advice=conflict)
         fault = _find_stamp_fault(status, config.pose)
-        return watcher.summarize(loop.time(), status, ears.names(), stamp_fault=fault)
+        seen = watcher.summarize(loop.time(), status, ears.names(), stamp_fault=fault)
+        if seen.advice or not 0.0 < seen.rate_hz < FEW_HZ:
+            return seen
+        low = notice("check.pose_rate_low", rate_hz=seen.rate_hz, nominal="", limit_hz=FEW_HZ)
+        return msgspec.structs.replace(seen, advice=low.text)
 
     with _interrupt(loop) as stopped:
         async with open_ears(config, watcher.pose, tell=tell) as ears:

@@ -271,7 +271,7 @@ CODES: dict[str, dict[int, str]] = {
     },
     "check": {
         0: "ready to fly",
-        1: "a check fails, or (`--watch`) no poses",
+        1: "a check fails, or (`--watch`) no poses, or too few",
         3: "(`--watch`) no such source",
     },
     "carry": {
@@ -485,6 +485,10 @@ def path(text: str) -> "Path":
     """Read an argument that is a file or a folder."""
     from pathlib import Path
 
+    if not text:  # Path("") is the present folder
+        from groundstation.config import config_notice
+
+        raise argparse.ArgumentTypeError(str(config_notice("value.path")))
     return Path(text)
 
 

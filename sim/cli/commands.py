@@ -354,7 +354,7 @@ def fly(args: argparse.Namespace) -> Exit:
         else summary(run.facts, args.out, paper=_is_papers(args, run)),
         flush=True,
     )
-    return Exit.DONE if run.completed else Exit.FAILED
+    return Exit.DONE if run.completed and run.is_whole else Exit.FAILED
 
 
 def _is_papers(args: argparse.Namespace, run: Run) -> bool:

@@ -51,8 +51,12 @@ class Run(FlightData):
     recording.
     """
 
-    def __init__(self, path: Path | None, facts: dict[str, Any], result: Result) -> None:
+    def __init__(
+        self, path: Path | None, facts: dict[str, Any], result: Result, *, is_whole: bool = True
+    ) -> None:
         """``path`` is the recording; None without one."""
+        self.is_whole = is_whole
+        """Whether the recording has all of the flight: not where the disk was full."""
         self.facts = facts
         """Figures that ``groundstation-sim fly --json`` prints."""
         self.result = result
@@ -182,7 +186,8 @@ def simulate(
             facts = _state_facts(plan, result)
     if folder is not None:
         folder.close(facts)
-    run = Run(path / RECORDING if record else None, facts, result)
+    is_whole = folder is None or folder.is_whole
+    run = Run(path / RECORDING if record else None, facts, result, is_whole=is_whole)
     if out is None and record:
         weakref.finalize(run, _remove, path)
     return run
@@ -406,7 +411,9 @@ class RunFolder:
                 (path / name).unlink(missing_ok=True)
             # Times of the recording begin at 0, not at the wall clock: the same flight gives the
             # same bytes.
-            self._log = FlightLog(path / RECORDING, header, epoch_ns=0, tell=_warn)
+            self._log = FlightLog(path / RECORDING, header, epoch_ns=0, tell=self._warn)
+        self.is_whole = True
+        """Whether all that was given is written so far."""
         self._world = world
         self._last_s = 0.0
         self._state = "idle"
@@ -438,8 +445,8 @@ class RunFolder:
         try:
             write_whole(summary, json.dumps(result, indent=2) + "\n")
         except OSError as error:
-            _warn(notice("recording.no_file", path=summary, why=error.strerror))
+            self._warn(notice("recording.no_file", path=summary, why=error.strerror))
 
-
-def _warn(sentence: Sentence) -> None:
-    print(sentence, file=sys.stderr)
+    def _warn(self, sentence: Sentence) -> None:
+        self.is_whole = False
+        print(sentence, file=sys.stderr)

@@ -204,6 +204,10 @@ SIM_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "dev.forced", "needs --kind honest: a doubt is forced upon flights whose poses are true"
     ),
+    NoticeTemplate(
+        "dev.fault",
+        "no fault of docs/reference/fault-table.md is called {found!r}{nearest}",
+    ),
     NoticeTemplate("dev.state", "{fault} is not flown there"),
 )
 

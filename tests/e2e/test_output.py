@@ -121,6 +121,15 @@ def test_what_a_full_disk_does_not_hold_is_not_begun(words: str, tmp_path: Path)
     assert [file.name for file in tmp_path.iterdir()] == ["poses.txt"]
 
 
+def test_a_simulated_flight_whose_recording_is_cut_off_has_failed(tmp_path: Path) -> None:
+    limit = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (99999, 99999))"
+    command = ["groundstation-sim", "fly", "--duration", "5", "--out", str(tmp_path / "run")]
+    begin = "runpy.run_module('sim', run_name='__main__')"
+    done = run_command([sys.executable, "-B", "-c", f"{limit}; sys.argv = {command!r}; {begin}"])
+    assert "recording has ended, the flight goes on" in done.stderr
+    assert done.returncode == 1
+
+
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
 def test_a_program_that_is_started_without_standard_streams_flies_and_records(
     closed: str, tmp_path: Path

@@ -58,6 +58,8 @@ def test_a_crash_exits_1_and_says_why() -> None:
         ("fly hurricane", "expected one of"),
         ("fly --set sim.mass=3", "sim.mass: unknown key; did you mean mass_kg?"),
         ("fly --set nonsense", "--set"),
+        ("dev faults --fault yawflip", "is called 'yawflip'; did you mean yaw flip?"),
+        ("fly --config=", "argument --config: expected a path, got ''"),
         ("dev check-vectors absent.json", "cannot read absent.json: No such file"),
         ("fly --out /dev/null/nowhere", "cannot write"),
         ("dev firmware --write absent.md", "cannot read absent.md: No such file"),

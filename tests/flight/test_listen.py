@@ -93,6 +93,13 @@ def test_a_tracker_whose_north_lies_east_of_ours_shows_a_turned_room() -> None:
     assert seen.roll_pitch_yaw_deg == pytest.approx((0.0, 0.0, -90.0), abs=1.0)
 
 
+def test_too_few_poses_are_no_good_source() -> None:
+    seen, _ = watched("vicon", "sim.pose_loss=0.94")
+    assert not seen.ok
+    assert 0.0 < seen.rate_hz < 20.0
+    assert "at least 20 are needed" in seen.advice
+
+
 def test_silence_is_told_with_what_to_look_at() -> None:
     seen, _ = watched("vicon", "pose.listen=127.0.0.1:51001", told=("pose.listen=127.0.0.1:51077",))
     assert not seen.ok

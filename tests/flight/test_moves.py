@@ -79,6 +79,9 @@ def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> No
         assert flight.state is State.HOLD
         assert math.dist(flight.snapshot().position_ned, (2.0, 2.0, 0.0)) > 1.0
         flight.land("the test")
+        while flight.state is not State.LANDED:
+            await asyncio.sleep(0.1)
+        assert "landed: this flight has ended: a daemon gets ready" in goto(flight, NEAR).says
 
     done = flown(script)
     states = "moving hold landing disarming landed"

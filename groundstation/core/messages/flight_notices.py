@@ -37,6 +37,11 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("mission.killed", "motors off: {why}"),
     NoticeTemplate("mission.not_possible", "{ask} is not possible while {state}"),
     NoticeTemplate(
+        "mission.over",
+        "{ask} is not possible while {state}: this flight has ended",
+        "a daemon gets ready for the next one by itself; otherwise run `groundstation fly` again",
+    ),
+    NoticeTemplate(
         "mission.hold_first", "{ask} is not possible while {state}", "request hold first"
     ),
     NoticeTemplate("mission.refused_asker", "{refusal} ({why})"),

@@ -12,6 +12,7 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "check.pose_rate_low",
         "{rate_hz:.0f} poses a second{nominal}: at least {limit_hz:g} are needed",
+        "set a higher rate in the tracker, or mend what drops them",
     ),
     NoticeTemplate("check.pose_age", "the newest pose is {age_ms:.0f} ms old"),
     NoticeTemplate("check.pose_age_why", "the newest pose is {age_ms:.0f} ms old; {why}"),

@@ -3,6 +3,7 @@ arming sequence.
 """
 
 from groundstation.flight.preflight.checks import (
+    FEW_HZ,
     Checks,
     SurroundingsChecks,
     describe_checks,

@@ -684,9 +684,8 @@ class Dashboard(App[None]):
         elif not self.picture.holder.yours:
             self._say(Reply.of(False, notice("screen.take_first")))
         elif not possible(order, newest.state):
-            self._say(
-                Reply.of(False, notice("mission.not_possible", ask=order.ask, state=newest.state))
-            )
+            name = "mission.over" if newest.state in FINAL else "mission.not_possible"
+            self._say(Reply.of(False, notice(name, ask=order.ask, state=newest.state)))
         elif order.ask is Ask.ARM:
             says = str(notice("screen.arm", vehicle=newest.vehicle))
             typed = await self.push_screen_wait(

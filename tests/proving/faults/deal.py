@@ -11,7 +11,7 @@ from functools import partial
 import msgspec
 from msgspec.structs import replace
 
-from groundstation.config import ConfigError, refuse_io
+from groundstation.config import ConfigError, refuse_io, suggest
 from groundstation.runtime import Exit
 from sim.cli import ProgressBar, typed_command
 from sim.runs.pool import Workers
@@ -91,6 +91,9 @@ def faults(args: argparse.Namespace) -> Exit:
     choices.append(("--forced", args.forced or None, doubts))
     for option, given, known in choices:
         if given is not None and given not in known:
+            if option == "--fault":
+                nearest = suggest(given, known)
+                raise ConfigError(option, notice("dev.fault", found=given, nearest=nearest))
             raise ConfigError(option, notice("value.choice", choices=known, found=given))
     if args.forced and kinds != {Kind.HONEST}:
         raise ConfigError("--forced", notice("dev.forced"))

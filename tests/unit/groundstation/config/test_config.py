@@ -217,6 +217,7 @@ def test_an_override_of_a_sections_kind_keeps_the_keys_of_the_file_that_fit() ->
 
 UNREADABLE: list[tuple[bytes, str]] = [
     (b"[vehicle]\nmass_kg = = 3\n", "not valid TOML: Invalid value (at line 2, column 11)"),
+    (b"wait = 3\ncount = " + 5000 * b"1", "line 2: a number of more than 4,300 digits"),
     (b"\n", "empty: what wrote it may not have finished"),
     (b"name = '\xff'", "not UTF-8 text (byte 8): save it as UTF-8"),
 ]
