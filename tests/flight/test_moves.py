@@ -11,7 +11,7 @@ import pytest
 from groundstation.analysis.replay import replay_facts
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Ask, Reply, Request, Waypoint
-from groundstation.core.mission import State
+from groundstation.core.mission import FINAL, State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
@@ -79,7 +79,7 @@ def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> No
         assert flight.state is State.HOLD
         assert math.dist(flight.snapshot().position_ned, (2.0, 2.0, 0.0)) > 1.0
         flight.land("the test")
-        while flight.state is not State.LANDED:
+        while flight.state not in FINAL:
             await asyncio.sleep(0.1)
         assert "landed: this flight has ended: a daemon gets ready" in goto(flight, NEAR).says
 
