@@ -97,8 +97,8 @@ class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 LabAxes: TypeAlias = Annotated[
     World,
     msgspec.Meta(
-        description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as "
-        "north."
+        description="Axes of the lab frame: where x, y and z point; `nwu` is the usual z-up "
+        "frame and `nue` a y-up one, x taken as north. `groundstation carry` finds them."
     ),
 ]
 """World axes of a tracker, as a key of its configuration."""
