@@ -307,6 +307,9 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
     if out.exists():
         raise ConfigError("--out", notice("file.exists", path=out))
     mapping = load_mapping(map_name)
+    for path in paths:
+        if path.is_char_device():  # /dev/zero never ends
+            raise ConfigError("FILE", notice("import.device"), str(path))
     flight = read_flight(mapping, paths, body)
     with refuse_io("--out", "file.unwritten", out):
         try:

@@ -105,6 +105,7 @@ ANALYSIS_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "import.cut_off", "it is packed by gzip, and its end is missing", "copy it here anew"
     ),
+    NoticeTemplate("import.device", "it is a device, not a file"),
     NoticeTemplate("import.no_ulog", "it does not begin with ULog"),
     NoticeTemplate(
         "import.no_version",

@@ -315,10 +315,13 @@ position = ["x", "y", "z"]
 """
 
 
-def refusal(folder: Path, data: bytes) -> str:
-    """Why a file is not imported by ``MAPPING``."""
+def refusal(folder: Path, data: bytes | Path) -> str:
+    """Why a file, or the bytes of one, is not imported by ``MAPPING``."""
     run, mapping = folder / "run.csv", write(folder, "map.toml", MAPPING)
-    run.write_bytes(data)
+    if isinstance(data, Path):
+        run = data
+    else:
+        run.write_bytes(data)
     with pytest.raises(ConfigError) as refused:
         import_command([run], str(mapping), folder / "out.mcap")
     assert not (folder / "out.mcap").exists()
@@ -332,14 +335,15 @@ DATES = "t,x,y,z\n" + "".join(f"2026-03-05T10:00:0{n},1,1,1\n" for n in range(5)
 @pytest.mark.parametrize(
     ("data", "says"),
     [
+        (Path("/dev/zero"), "/dev/zero: FILE: it is a device, not a file"),
         (BLANK, "or damaged: empty"),
         (LATIN, "not UTF-8 text (byte 16): save it as UTF-8"),
         (DATES.encode(), "no number in column t of run.csv: check the columns"),
     ],
-    ids=["empty", "latin-1", "dates"],
+    ids=["endless", "empty", "latin-1", "dates"],
 )
 def test_a_file_that_can_not_be_imported_says_why_and_what_to_do(
-    data: bytes, says: str, tmp_path: Path
+    data: bytes | Path, says: str, tmp_path: Path
 ) -> None:
     assert says in refusal(tmp_path, data)
 
