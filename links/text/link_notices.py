@@ -62,7 +62,7 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "address.taken",
         "another program holds this port, and `ss -lunp` names it: end it, or give another "
-        "address of this machine",
+        "address of this machine; or two keys of the configuration have the same address",
     ),
     NoticeTemplate(
         "address.unknown_host",

@@ -81,7 +81,7 @@ def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> No
         flight.land("the test")
         while flight.state not in FINAL:
             await asyncio.sleep(0.1)
-        assert "landed: this flight has ended: a daemon gets ready" in goto(flight, NEAR).says
+        assert "after the end of a flight (landed): a daemon gets ready" in goto(flight, NEAR).says
 
     done = flown(script)
     states = "moving hold landing disarming landed"

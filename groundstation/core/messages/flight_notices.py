@@ -38,7 +38,7 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("mission.not_possible", "{ask} is not possible while {state}"),
     NoticeTemplate(
         "mission.over",
-        "{ask} is not possible while {state}: this flight has ended",
+        "{ask} is not possible after the end of a flight ({state})",
         "a daemon gets ready for the next one by itself; otherwise run `groundstation fly` again",
     ),
     NoticeTemplate(
