@@ -288,15 +288,18 @@ def number_rows(snapshot: Snapshot) -> list[Spans]:
     important first.
     """
     roll, pitch, yaw = (math.degrees(angle) for angle in euler_zyx(snapshot.attitude))
+    seen = snapshot.pose_id >= 0  # before the first pose place and attitude are zeros
     return [
         [("            north     east   height", LABEL)],
-        row("position", f"{_place(snapshot.position_ned, snapshot.floor_z_m)} m"),
-        row("reference", f"{_place(snapshot.reference_ned, snapshot.floor_z_m)} m"),
+        row("position", f"{_place(snapshot.position_ned, snapshot.floor_z_m)} m" if seen else "-"),
+        row(
+            "reference", f"{_place(snapshot.reference_ned, snapshot.floor_z_m)} m" if seen else "-"
+        ),
         row(
             "error",
             f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}",
         ),
-        row("attitude", f"roll {roll:+.1f} pitch {pitch:+.1f} yaw {yaw:+.1f}°"),
+        row("attitude", f"roll {roll:+.1f} pitch {pitch:+.1f} yaw {yaw:+.1f}°" if seen else "-"),
         _thrust(snapshot),
         _certificate(snapshot),
         _pose(snapshot),

@@ -94,6 +94,7 @@ def test_heights_are_up_from_the_floor_and_errors_in_centimetres() -> None:
     assert "error     12.3 cm" in text
     text = "\n".join(plain(number_rows(changed(position_ned=(1.0, -2.0, 1.0), floor_z_m=1.0))))
     assert "position   +1.000   -2.000   +0.000 m" in text
+    assert {"position  -", "attitude  -"} <= set(plain(number_rows(changed(pose_id=-1))))
 
 
 def test_a_command_at_its_limit_carries_a_mark() -> None:
