@@ -230,6 +230,15 @@ def test_a_vehicle_that_swings_is_brought_down_though_no_limit_is_passed_for_lon
     assert swung(41.0, 0.9) is None
 
 
+@pytest.mark.parametrize(("share", "lands"), [(0.2, False), (0.4, True)])
+def test_time_beyond_the_angle_of_an_oscillation_is_forgotten_within_a_second(
+    share: float, lands: bool
+) -> None:
+    leans = [41.0 if i % 20 < 20 * share else 0.0 for i in range(250)]
+    ticks = (shown(PERIOD_S * i, attitude=leaning(lean)) for i, lean in enumerate(leans))
+    assert any(findings(ticks)) is lands
+
+
 def test_frames_that_are_late_again_and_again_land() -> None:
     found = first({}, period_s=2.6 * PERIOD_S)
     assert found is not None
