@@ -202,6 +202,8 @@ class FlightLog:
         self._count = HeadlineCounter()
         self._encoder = msgspec.json.Encoder()
         self._flushed_s = 0.0
+        self._has_end = False
+        """Whether the flight has said how it ended."""
         self._writer = begin_mcap(self._file, f"groundstation {__version__}", about_texts(about))
         self._channels = {
             form[0]: add_channel(self._writer, form) for form in describe_channels(CHANNELS)
@@ -261,8 +263,12 @@ class FlightLog:
         Whoever knows the truth tells the error by it [m].
         """
         with suppress(ValueError):
+            headline = self._count.headline()
+            reason = headline.reason
+            if not self._has_end:
+                reason = notice("recording.no_end", reason=reason).text
             headline = msgspec.structs.replace(
-                self._count.headline(), true_rms_m=true_rms_m, true_max_m=true_max_m
+                headline, reason=reason, true_rms_m=true_rms_m, true_max_m=true_max_m
             )
             self._writer.add_metadata("result", _texts(msgspec.to_builtins(headline)))
             self._writer.finish()
@@ -288,6 +294,7 @@ class FlightLog:
                     self._cutters[wire] = TlogCutter(), TlogCutter()
             case EndRecord(_, state, reason):
                 self._count.end_flight(state, reason)
+                self._has_end = True
 
     def _frames(self, record: ReceivedRecord | SentRecord) -> None:
         if self._tlog is None:

@@ -228,6 +228,8 @@ def test_the_recorder_is_deaf_to_what_a_terminal_sends(tmp_path: Path) -> None:
 
     asyncio.run(talk(tmp_path, script))
     assert times(the_recording(tmp_path), "/mission") == [1.0]
+    says = Recording(the_recording(tmp_path)).headline().reason
+    assert says == "still here, when the ground station died"
 
 
 def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit() -> None:

@@ -78,6 +78,7 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("mqtt.broker_failed", "the broker {broker}: {why}"),
     NoticeTemplate("mqtt.publishing", "publishing to {broker}"),
+    NoticeTemplate("recording.no_end", "{reason}, when the ground station died"),
     *as_warnings(
         # The recorder. A flight goes on without it.
         NoticeTemplate(
